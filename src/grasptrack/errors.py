@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every error that the library raises on purpose: one root, and each keeps the values that caused it."""
+
+from __future__ import annotations
+
+
+class GraspTrackError(Exception):
+    """Root of all errors of this package.
+
+    Args:
+        message: one line that says what was wrong and what would be right.
+        **values: the values behind it, kept in `values` for programs that react to them.
+    """
+
+    def __init__(self, message: str, **values: object) -> None:
+        super().__init__(message)
+        self.values = values
+
+
+# --- what a user can put right -------------------------------------------------------------------
+
+
+class InputError(GraspTrackError):
+    """Something handed in cannot be used: exit status 2 on the command line."""
+
+
+class SourceError(InputError):
+    """A source of images, or one of its images, is missing, unreadable or of another size."""
+
+
+class ContourError(InputError):
+    """Points that are no contour: fewer than 8, not finite, or without area."""
+
+
+class GraspError(InputError):
+    """Contacts that are no grasp on this object: too few, repeated, or not on its outline."""
+
+
+class StrategyError(InputError):
+    """An unknown strategy, or a grasp that the strategy cannot carry."""
+
+
+# --- what an image did not allow -----------------------------------------------------------------
+
+
+class ObservationError(GraspTrackError):
+    """No object could be made out in an image."""
+
+
+class TransferError(GraspTrackError):
+    """A grasp could not be carried over; the message is the reason."""
+
+
+class AxesError(TransferError):
+    """The silhouette has no distinct inertia axes (Section III-B)."""
+
+
+class ParallelLineError(TransferError):
+    """The grasp line runs along I_min and never meets it: d_1 and d_2 are infinite."""
+
+
+class AmbiguousError(TransferError):
+    """More than one alignment fits equally well and they put the grasp in different places."""
+
+
+class PeaksError(TransferError):
+    """Fewer than four usable curvature peaks, or no well-conditioned four among them (Section IV-C)."""
+
+
+class ConditioningError(TransferError):
+    """A homography that is badly conditioned, mirrors the object or sends part of it to infinity."""
+
+
+class ClippedError(TransferError):
+    """The object is cut by the image border and the strategy needs it whole."""
+
+
+class CrossingError(TransferError):
+    """The transferred grasp line does not meet the outline where the contacts should be."""

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Homographies of the plane: estimate, apply, compose, judge (Section III-C, eqs. 1 and 2)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack.errors import ConditioningError
+
+Floats = NDArray[np.float64]
+
+MAX_SHEAR = 8.0
+"""Largest ratio of the two local magnifications that a believable view of a flat object shows (82 degrees of tilt)."""
+
+
+def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
+    """Eq. (2): points (N, 2) of one view carried to the other by H (3, 3).
+
+    Raises:
+        ConditioningError: a point lies on or behind the line that H sends to infinity.
+    """
+    h = np.asarray(H, dtype=np.float64)
+    p = np.asarray(points, dtype=np.float64)
+    w = p @ h[2, :2] + h[2, 2]  # lambda_i of eq. (2)
+    if not (w > 1e-9).all() and not (w < -1e-9).all():
+        raise ConditioningError("the homography sends part of the object to infinity", homography=h.tolist())
+    out: Floats = (p @ h[:2, :2].T + h[:2, 2]) / w[..., None]
+    return out
+
+
+def jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]:
+    """The four derivatives dx'/dx, dx'/dy, dy'/dx, dy'/dy of eq. (2) at one point."""
+    (a, b, c), (d, e, f), (g, h, i) = H.tolist()
+    w = g * x + h * y + i
+    u, v = (a * x + b * y + c) / w, (d * x + e * y + f) / w
+    return (a - g * u) / w, (b - h * u) / w, (d - g * v) / w, (e - h * v) / w
+
+
+def similarity(scale: float, angle: float, source: tuple[float, float], target: tuple[float, float]) -> Floats:
+    """The similarity (3, 3) that turns by `angle` rad, scales, and takes the point `source` to `target`."""
+    c, s = scale * math.cos(angle), scale * math.sin(angle)
+    return np.array(
+        [
+            [c, -s, target[0] - c * source[0] + s * source[1]],
+            [s, c, target[1] - s * source[0] - c * source[1]],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def check_plausible(H: Floats, points: Floats) -> None:
+    """Refuse a homography that no view of a flat object could give.
+
+    Args:
+        H: (3, 3) reference to current.
+        points: (N, 2) a few points that span the object in the reference.
+
+    Raises:
+        ConditioningError: not finite, mirrors the object, sends part of it to infinity, or flattens it beyond MAX_SHEAR.
+    """
+    if not np.isfinite(H).all():
+        raise ConditioningError("the homography is not finite")
+    apply_homography(H, points)
+    for x, y in points.tolist():
+        a, b, c, d = jacobian(H, x, y)
+        det = a * d - b * c
+        if det <= 0.0:
+            raise ConditioningError("the homography mirrors the object", determinant=det)
+        frobenius = a * a + b * b + c * c + d * d
+        # singular values s1 >= s2 obey s1^2 + s2^2 = frobenius and s1 s2 = det
+        s1 = math.sqrt(0.5 * (frobenius + math.sqrt(max(frobenius * frobenius - 4 * det * det, 0.0))))
+        if s1 * s1 / det > MAX_SHEAR:
+            raise ConditioningError("the homography is badly conditioned: it flattens the object to a line", ratio=s1 * s1 / det)
+
+
+def normalised(H: Floats) -> Floats:
+    """H with its last entry 1, the form in which homographies are given out."""
+    out: Floats = H / H[2, 2]
+    return out

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the tracker says of one frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.analysis import GraspAnalysis
+from grasptrack.contour import View
+
+Status = Literal["searching", "tracked", "unstable", "lost"]
+
+
+@dataclass(frozen=True, slots=True)
+class TrackResult:
+    """One frame's answer.
+
+    Attributes:
+        frame: index of the update, from 0.
+        time: s, or None where the source has no times.
+        status: searching (no object or no stable grasp yet), tracked (located, believed, stable), unstable (located and
+            believed, but the analysis refuses it), lost (not found, or not believed: no contacts).
+        reason: empty when tracked, else a short sentence.
+        strategy: the transfer that gave the contacts; empty when none did.
+        grasp_id: number of the grasp, from 1; None before there is one.
+        contacts: (k, 2) px in the order of the grasp; None unless tracked or unstable.
+        seen: (k,) 0 to 1, how much of the outline at each contact was observed; None with the contacts.
+        analysis: the grasp's analysis; None with the contacts.
+        confidence: 0 to 1.
+        homography: (3, 3) H_current_reference where the transfer gives one.
+        covariance: (k, 2, 2) px^2 of the contacts where it is known.
+        view: the outline that was observed, for drawing; None when nothing was.
+        latency_ms: time that the update took.
+    """
+
+    frame: int
+    time: float | None
+    status: Status
+    reason: str
+    strategy: str = ""
+    grasp_id: int | None = None
+    contacts: NDArray[np.float64] | None = None
+    seen: NDArray[np.float64] | None = None
+    analysis: GraspAnalysis | None = None
+    confidence: float = 0.0
+    homography: NDArray[np.float64] | None = None
+    covariance: NDArray[np.float64] | None = None
+    view: View | None = None
+    latency_ms: float = math.nan
+
+    @property
+    def located(self) -> bool:
+        """Whether contacts are given."""
+        return self.contacts is not None
