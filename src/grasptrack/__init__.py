@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Choose a grasp on a flat object once, then find the same physical contacts in every image that follows.
+
+Three depths: `GraspTracker` for a sequence; `synthesize`, `transfer` and `analyze` for one step; every part of a step
+in its own module. Names are imported when they are first used, so that `import grasptrack` itself costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from grasptrack.analysis import GraspAnalysis, analyze
+    from grasptrack.contour import Contour, View
+    from grasptrack.errors import (
+        AmbiguousError,
+        AxesError,
+        ClippedError,
+        ConditioningError,
+        ContourError,
+        CrossingError,
+        GraspError,
+        GraspTrackError,
+        InputError,
+        ObservationError,
+        ParallelLineError,
+        PeaksError,
+        SourceError,
+        StrategyError,
+        TransferError,
+    )
+    from grasptrack.grasp import Grasp
+    from grasptrack.io.sources import Frame, open_source
+    from grasptrack.result import TrackResult
+    from grasptrack.synthesis import synthesize
+    from grasptrack.tracker import GraspTracker
+    from grasptrack.transfer import Transfer, transfer
+
+    __version__: str
+
+_HOME = {
+    "analysis": ("GraspAnalysis", "analyze"),
+    "contour": ("Contour", "View"),
+    "errors": (
+        "AmbiguousError",
+        "AxesError",
+        "ClippedError",
+        "ConditioningError",
+        "ContourError",
+        "CrossingError",
+        "GraspError",
+        "GraspTrackError",
+        "InputError",
+        "ObservationError",
+        "ParallelLineError",
+        "PeaksError",
+        "SourceError",
+        "StrategyError",
+        "TransferError",
+    ),
+    "grasp": ("Grasp",),
+    "io.sources": ("Frame", "open_source"),
+    "result": ("TrackResult",),
+    "synthesis": ("synthesize",),
+    "tracker": ("GraspTracker",),
+    "transfer": ("Transfer", "transfer"),
+}
+_MODULE = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [
+    "AmbiguousError",
+    "AxesError",
+    "ClippedError",
+    "ConditioningError",
+    "Contour",
+    "ContourError",
+    "CrossingError",
+    "Frame",
+    "Grasp",
+    "GraspAnalysis",
+    "GraspError",
+    "GraspTrackError",
+    "GraspTracker",
+    "InputError",
+    "ObservationError",
+    "ParallelLineError",
+    "PeaksError",
+    "SourceError",
+    "StrategyError",
+    "TrackResult",
+    "Transfer",
+    "TransferError",
+    "View",
+    "__version__",
+    "analyze",
+    "open_source",
+    "synthesize",
+    "transfer",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: object = version("grasptrack")
+    elif name in _MODULE:
+        value = getattr(import_module(f"grasptrack.{_MODULE[name]}"), name)
+    else:
+        raise AttributeError(f"module 'grasptrack' has no attribute '{name}'")
+    # Importing the subpackage grasptrack.transfer binds it here under its own name; it is callable and answers as the
+    # function does, so that `grasptrack.transfer(...)` means one thing whatever was imported before.
+    if name != "transfer":
+        globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

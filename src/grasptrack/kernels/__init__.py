@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The arithmetic of every frame: compiled where it could be compiled, NumPy elsewhere, of the same names.
+
+`BACKEND` is "native" or "numpy". GRASPTRACK_BACKEND=numpy in the environment asks for NumPy. What each kernel computes
+is said in `grasptrack.kernels.reference`.
+"""
+
+import os
+import warnings
+from typing import Literal
+
+BACKEND: Literal["native", "numpy"]
+
+try:
+    if os.environ.get("GRASPTRACK_BACKEND") == "numpy":
+        raise ImportError
+    # The compiled functions themselves, not wrappers: a call costs a third of a microsecond.
+    from grasptrack._native import (
+        arc_length,
+        blend_normals,
+        contact_frames,
+        crossings,
+        curvature,
+        edge_search,
+        force_closure,
+        homography_4,
+        inertia,
+        locate,
+        nearest_crossings,
+        point_at,
+        resample,
+    )
+
+    BACKEND = "native"
+except ImportError as error:
+    from grasptrack.kernels.reference import (
+        arc_length,
+        blend_normals,
+        contact_frames,
+        crossings,
+        curvature,
+        edge_search,
+        force_closure,
+        homography_4,
+        inertia,
+        locate,
+        nearest_crossings,
+        point_at,
+        resample,
+    )
+
+    BACKEND = "numpy"
+    if str(error):
+        warnings.warn(
+            f"compiled kernels are missing: NumPy takes their place, which is slow ({error})",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+
+__all__ = [
+    "BACKEND",
+    "arc_length",
+    "blend_normals",
+    "contact_frames",
+    "crossings",
+    "curvature",
+    "edge_search",
+    "force_closure",
+    "homography_4",
+    "inertia",
+    "locate",
+    "nearest_crossings",
+    "point_at",
+    "resample",
+]

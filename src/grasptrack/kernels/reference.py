@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""NumPy definition of every kernel: what the compiled ones must equal, and what runs where nothing was compiled.
+
+Throughout, `points` is float64 (N, 2) px, a concatenation of closed contours whose first point is not repeated, and
+`offsets` int64 (C + 1,) says that contour c is ``points[offsets[c]:offsets[c + 1]]``. With t = (tx, ty) the tangent
+along a contour's direction, (ty, -tx) points out of the material and (-ty, tx) into it, for outer contours and holes. A
+position on a contour of n points is a vertex index plus the fraction of the segment that follows, in [0, n).
+"""
+
+from grasptrack.kernels.reference_contact import contact_frames
+from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvature, resample
+from grasptrack.kernels.reference_edges import edge_search
+from grasptrack.kernels.reference_homography import homography_4
+from grasptrack.kernels.reference_inertia import inertia
+from grasptrack.kernels.reference_lines import crossings, nearest_crossings
+from grasptrack.kernels.reference_places import locate, point_at
+from grasptrack.kernels.reference_wrench import force_closure
+
+__all__ = [
+    "arc_length",
+    "blend_normals",
+    "contact_frames",
+    "crossings",
+    "curvature",
+    "edge_search",
+    "force_closure",
+    "homography_4",
+    "inertia",
+    "locate",
+    "nearest_crossings",
+    "point_at",
+    "resample",
+]

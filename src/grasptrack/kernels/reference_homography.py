@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The homography of four points (eq. (1))."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# Twice the area of a triangle of points whose rms distance from their mean is 1: below this, three are in a row.
+IN_A_ROW = 1e-10
+
+
+def _normalised(points: Floats) -> tuple[Floats, Floats]:
+    """(4, 3) points about their mean at rms distance 1, and the (3, 3) transform that made them."""
+    mean = points.mean(axis=0)
+    centred = points - mean
+    size = np.sqrt((centred * centred).sum() / 4)
+    if not size > 0 or not np.isfinite(size):
+        raise ValueError("four points that coincide, or are not finite, fix no homography")
+    transform = np.array([[1 / size, 0, -mean[0] / size], [0, 1 / size, -mean[1] / size], [0, 0, 1]])
+    return np.column_stack([centred / size, np.ones(4)]), transform
+
+
+def _weights(p: Floats) -> Floats:
+    """lambda with lambda_0 p_0 + lambda_1 p_1 + lambda_2 p_2 proportional to p_3."""
+    crosses = [np.cross(p[1], p[2]), np.cross(p[2], p[0]), np.cross(p[0], p[1])]
+    weights = np.array([float(c @ p[3]) for c in crosses])
+    if min(abs(weights).min(), abs(float(crosses[0] @ p[0]))) <= IN_A_ROW:
+        raise ValueError("three of the four points are in a row")
+    return weights
+
+
+def homography_4(source: Floats, target: Floats) -> Floats:
+    """The homography that maps four points exactly to four others.
+
+    Both sets are normalised first; then H = sum_i (mu_i / lambda_i) q_i (p_j x p_k)^T, where lambda and mu express the
+    fourth point in the other three.
+
+    Args:
+        source: (4, 2) px.
+        target: (4, 2) px.
+
+    Returns:
+        (3, 3) with H[2, 2] = 1, or of unit Frobenius norm where H[2, 2] is below 1e-12 of the norm.
+
+    Raises:
+        ValueError: three points in a row in either set, or points that are not finite.
+    """
+    p, S = _normalised(source)
+    q, T = _normalised(target)
+    ratio = _weights(q) / _weights(p)
+    H = np.zeros((3, 3))
+    for i in range(3):
+        H += ratio[i] * np.outer(q[i], np.cross(p[(i + 1) % 3], p[(i + 2) % 3]))
+    back = np.array([[1 / T[0, 0], 0, -T[0, 2] / T[0, 0]], [0, 1 / T[0, 0], -T[1, 2] / T[0, 0]], [0, 0, 1]])
+    H = back @ H @ S
+    norm = np.sqrt((H * H).sum())
+    return np.asarray(H / (H[2, 2] if abs(H[2, 2]) > 1e-12 * norm else norm))
