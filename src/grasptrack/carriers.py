@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A strategy at work on images: how it gets its outline, and how its transfer is applied to it (Figs. 3 and 6)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.contour import View
+from grasptrack.errors import TransferError
+from grasptrack.grasp import Grasp
+from grasptrack.observation.images import Grey
+from grasptrack.observation.snake import Snake
+from grasptrack.transfer import Transfer, TransferStrategy, rrp, strategy_named
+
+Floats = NDArray[np.float64]
+
+
+class Carried(NamedTuple):
+    """A transfer in an image, not yet believed.
+
+    Attributes:
+        strategy: its name.
+        transfer: always with a homography.
+        view: the outline that it was made on.
+    """
+
+    strategy: str
+    transfer: Transfer
+    view: View
+
+
+class Carrier(Protocol):
+    """One strategy with what it remembers of the reference."""
+
+    name: str
+    needs_silhouette: bool
+
+    def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
+        """Transfer the grasp to an image.
+
+        Raises:
+            TransferError: with the reason.
+        """
+        ...
+
+
+class SilhouetteCarrier:
+    """Grasp line and homography: the outline is segmented anew in every image.
+
+    Raises:
+        TransferError: the reference cannot be described this way.
+    """
+
+    needs_silhouette = True
+
+    def __init__(self, name: str, grasp: Grasp, reference: View) -> None:
+        self.name = name
+        self._strategy: TransferStrategy = strategy_named(name)
+        self._description: Any = self._strategy.describe(grasp, reference)
+
+    def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
+        """See Carrier."""
+        if view is None:
+            raise TransferError("the object was not found in this image")
+        return Carried(self.name, self._strategy.apply(self._description, view, prior), view)
+
+
+class SnakeCarrier:
+    """RRP: a snake follows the outline as a whole, and the contacts are places on it (Section IV-A).
+
+    Args:
+        grasp, reference, grey: the grasp, its outline and the image of both.
+        shape: the snake's shape space: "similarity" as in the paper, or "affine".
+    """
+
+    name = "rrp"
+    needs_silhouette = False
+
+    def __init__(self, grasp: Grasp, reference: View, grey: Grey, shape: str) -> None:
+        self._snake = Snake(reference, grey, shape=shape)
+        self._description = rrp.describe(grasp, self._snake.template)
+        self._contacts = grasp.contacts
+
+    def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
+        """See Carrier; the view is not looked at."""
+        if prior is not None:
+            self._snake.reseed(prior)
+        fit = self._snake.update(grey)
+        if not fit.ok:
+            raise TransferError(fit.reason)
+        moved = rrp.apply(self._description, fit.view).grasp
+        covariance = fit.covariance(self._contacts)
+        return Carried(self.name, Transfer(moved, fit.homography, covariance, fit.residual), fit.view)

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any image that users have, as the one grey image that everything looks at."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import InputError, SourceError
+
+Grey = NDArray[np.uint8]
+
+MIN_SIDE = 32
+"""px; a smaller image holds no outline that could be followed."""
+
+
+def to_grey(image: NDArray[Any]) -> Grey:
+    """(H, W) uint8 of a grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4) image of 8 or 16 bits; alpha is dropped.
+
+    Raises:
+        SourceError: another type or shape, or a side under 32 px.
+    """
+    array = np.asarray(image)
+    if array.ndim == 3 and array.shape[2] == 1:
+        array = array[:, :, 0]
+    if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] not in (3, 4)):
+        raise SourceError(f"an image is an array (H, W), (H, W, 3) or (H, W, 4), not {array.shape}", shape=array.shape)
+    if min(array.shape[:2]) < MIN_SIDE:
+        raise SourceError(
+            f"the image is {array.shape[1]}x{array.shape[0]} px; at least {MIN_SIDE}x{MIN_SIDE} are needed", shape=array.shape
+        )
+    if array.dtype == np.uint16:
+        array = (array >> 8).astype(np.uint8)
+    elif array.dtype == np.bool_:
+        array = array.astype(np.uint8) * 255
+    elif array.dtype != np.uint8:
+        raise SourceError(f"an image has 8 or 16 bit unsigned values, not {array.dtype}", dtype=str(array.dtype))
+    if array.ndim == 3:
+        code = cv2.COLOR_BGR2GRAY if array.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
+        array = cv2.cvtColor(np.ascontiguousarray(array), code)
+    return np.ascontiguousarray(array)
+
+
+def to_mask(mask: NDArray[Any], shape: tuple[int, int], what: str) -> Grey:
+    """(H, W) uint8 of 0 and 255 from any mask of the image's size, nonzero being set.
+
+    Raises:
+        InputError: not the image's size.
+    """
+    array = np.asarray(mask)
+    if array.ndim == 3:
+        array = array[:, :, :3].any(axis=2)
+    if array.shape != shape:
+        raise InputError(
+            f"the {what} is {array.shape[-1]}x{array.shape[0]} px, but the images are {shape[1]}x{shape[0]}", shape=array.shape
+        )
+    return np.where(array != 0, np.uint8(255), np.uint8(0))
+
+
+def as_scene(mask: Grey) -> Grey:
+    """A mask as an image of a white object on black, its stairs softened: everything that reads images reads it too."""
+    return np.asarray(cv2.GaussianBlur(mask, (5, 5), 1.0), dtype=np.uint8)

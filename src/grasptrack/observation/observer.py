@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The outline of one object from frame to frame: near where it is expected first, anywhere when it is not there."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import Contour, View
+from grasptrack.errors import ContourError, ObservationError
+from grasptrack.observation.images import Grey
+from grasptrack.observation.outline import localise
+from grasptrack.observation.segmentation import Candidate, candidates, silhouettes
+from grasptrack.observation.silhouettes import Silhouette
+
+Floats = NDArray[np.float64]
+
+MARGIN = 0.3
+"""The window round the expected outline is larger than it by this fraction of its size on each side, ..."""
+MIN_MARGIN = 24
+"""... and by so many px at least."""
+LEARNING = 0.2
+"""Share of a new frame in the learned grey levels, which follow slow changes of light."""
+MAX_GROWTH = 2.5
+"""An area that differs from the expected one by more than this factor is another object's."""
+
+
+class Observer:
+    """Finds outlines that may be the object's. Which one is believed is not decided here.
+
+    Args:
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+    """
+
+    def __init__(self, hidden: Grey | None = None) -> None:
+        self.hidden = hidden
+        self.polarity = 1
+        self._inside = self._outside = math.nan
+        self._holes = 0
+
+    def first(self, grey: Grey, masked: bool, object_at: tuple[float, float] | None = None) -> list[Candidate]:
+        """Objects of the first image, the most outstanding first.
+
+        Args:
+            grey: (H, W), an image or a softened mask.
+            masked: it is a mask, in which objects are white and nothing else is meant.
+            object_at: (x, y) px that the object covers.
+
+        Raises:
+            ObservationError: none.
+        """
+        return candidates(grey, object_at, self.hidden, (-1,) if masked else (1, -1))
+
+    def choose(self, candidate: Candidate) -> None:
+        """From now on it is this object that is looked for."""
+        self.polarity = candidate.polarity
+        self._inside, self._outside = candidate.inside, candidate.outside
+        self._holes = len(candidate.view.contours) - 1
+
+    def near(self, grey: Grey, expected: Floats, centres: Floats) -> View | None:
+        """The outline in a window round the expected one, or None.
+
+        Args:
+            grey: (H, W).
+            expected: (m, 2) px, points of the outer contour as predicted.
+            centres: (holes, 2) px, the reference's holes as predicted.
+        """
+        (x0, y0), (x1, y1) = expected.min(axis=0).tolist(), expected.max(axis=0).tolist()
+        margin = max(MIN_MARGIN, MARGIN * math.sqrt((x1 - x0) * (y1 - y0)))
+        height, width = grey.shape
+        left, top = max(0, math.floor(x0 - margin)), max(0, math.floor(y0 - margin))
+        right, bottom = min(width, math.ceil(x1 + margin) + 1), min(height, math.ceil(y1 + margin) + 1)
+        if right - left < 8 or bottom - top < 8 or math.isnan(self._inside):
+            return None
+        window = grey[top:bottom, left:right]
+        soft = np.asarray(cv2.GaussianBlur(window, (3, 3), 0), dtype=np.uint8)
+        hidden = None if self.hidden is None else self.hidden[top:bottom, left:right]
+        area, x, y = _area_and_centre(expected)
+        level = 0.5 * (self._inside + self._outside)
+        shapes = silhouettes(
+            soft, level, self.polarity, hidden, least=max(area / MAX_GROWTH, 30.0), origin=(left, top), holes=self._holes > 0
+        )
+        best = _most_alike(shapes, area, x, y)
+        if best is None or _cut_by_window(best, (left, top, right, bottom), (width, height)):
+            return None
+        return self._localised(grey, best, centres)
+
+    def anywhere(self, grey: Grey) -> list[View]:
+        """Outlines in the whole image that may be the object's, the most outstanding first."""
+        try:
+            found = candidates(grey, None, self.hidden, (self.polarity,))
+        except ObservationError:
+            return []
+        return [self._with_holes(c.view) for c in found]
+
+    def _localised(self, grey: Grey, shape: Silhouette, centres: Floats) -> View | None:
+        try:
+            edge = localise(grey, shape.outer, hole=False, polarity=self.polarity, hidden=self.hidden)
+        except ContourError:
+            return None
+        holes: list[Contour] = []
+        for chain in _nearest(shape.holes, centres):
+            try:
+                holes.append(localise(grey, chain, hole=True, polarity=self.polarity, hidden=self.hidden).contour)
+            except ContourError:
+                return None
+        return View([edge.contour, *holes])
+
+    def believe(self, grey: Grey, view: View) -> None:
+        """Learn the grey levels of an outline that the verdict accepted."""
+        outer = view.outer
+        if outer.strength is None:
+            return
+        step = max(1, len(outer) // 64)
+        points = np.ascontiguousarray(outer.points[::step])
+        normals = np.ascontiguousarray(kernels.blend_normals(outer.points)[::step])
+        edges = kernels.edge_search(grey, points, normals, 4.0, self.polarity)
+        edges = edges[~np.isnan(edges[:, 0])]
+        if len(edges) < 8:
+            return
+        inside, outside = np.median(edges[:, 2:], axis=0).tolist()
+        if math.isnan(self._inside) or (outside - inside) * self.polarity <= 0:
+            return
+        self._inside += LEARNING * (inside - self._inside)
+        self._outside += LEARNING * (outside - self._outside)
+
+    def _with_holes(self, view: View) -> View:
+        """At most as many holes as the reference has: what is printed on an object comes and goes with a threshold."""
+        return view if len(view.contours) <= self._holes + 1 else View(view.contours[: self._holes + 1])
+
+
+def _area_and_centre(points: Floats) -> tuple[float, float, float]:
+    offsets = np.array([0, len(points)], dtype=np.int64)
+    area, x, y, *_ = kernels.inertia(np.ascontiguousarray(points), offsets)
+    return abs(area), x, y
+
+
+def _most_alike(shapes: list[Silhouette], area: float, x: float, y: float) -> Silhouette | None:
+    """The silhouette nearest to the expected area and place."""
+    best, lowest = None, math.inf
+    for shape in shapes:
+        if not 1.0 / MAX_GROWTH < shape.area / area < MAX_GROWTH:
+            continue
+        bx, by, bw, bh = shape.box
+        distance = math.hypot(bx + 0.5 * bw - x, by + 0.5 * bh - y) / math.sqrt(area)
+        cost = abs(math.log(shape.area / area)) + distance
+        if cost < lowest:
+            best, lowest = shape, cost
+    return best
+
+
+def _cut_by_window(shape: Silhouette, window: tuple[int, int, int, int], image: tuple[int, int]) -> bool:
+    """Whether the silhouette reaches a side of the window that is not the image's own border."""
+    left, top, right, bottom = window
+    x, y, w, h = shape.box
+    return (
+        (x <= left and left > 0)
+        or (y <= top and top > 0)
+        or (x + w >= right and right < image[0])
+        or (y + h >= bottom and bottom < image[1])
+    )
+
+
+def _nearest(holes: tuple[NDArray[np.int32], ...], centres: Floats) -> list[NDArray[np.int32]]:
+    """For each expected centre the hole nearest to it, none twice, in the order of the centres."""
+    left = list(holes)
+    chosen = []
+    for x, y in centres.tolist():
+        if not left:
+            break
+        middle = [chain.mean(axis=0) for chain in left]
+        nearest = min(range(len(left)), key=lambda i: (middle[i][0] - x) ** 2 + (middle[i][1] - y) ** 2)
+        chosen.append(left.pop(nearest))
+    return chosen

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Does the image bear out a motion: edges where the reference outline, carried along by it, says that they are."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import Bools, View
+from grasptrack.observation.images import Grey
+
+Floats = NDArray[np.float64]
+
+SAMPLES = 96
+"""Points of the reference outline that are looked for in every image."""
+PER_CONTACT = 5
+"""More of them under each finger."""
+MIN_STRENGTH = 2.0
+"""Grey levels per px below which nothing counts as an edge."""
+RELATIVE_STRENGTH = 0.3
+"""An edge counts when it is so strong relative to the reference's, exposure and blur of the whole image allowed for."""
+
+
+class Support(NamedTuple):
+    """What was found along the carried outline.
+
+    Attributes:
+        share: of the samples inside the image, how many have their edge within reach.
+        visible: of all samples, how many lie inside the image.
+        rms: px, of the edges' offsets from the carried outline; of what was found.
+        spread: px, 90 % of those offsets are smaller.
+        reach: px on either side in which edges were searched.
+        seen: (k,) share of the samples under each finger that have their edge within reach.
+        size: px, square root of the object's area as carried along.
+    """
+
+    share: float
+    visible: float
+    rms: float
+    spread: float
+    reach: float
+    seen: Floats
+    size: float
+
+
+class OutlineSamples:
+    """Points along a reference outline, with their normals and edge strengths.
+
+    Args:
+        view: the reference outline.
+        grey: the image it came from.
+        contacts: (k, 2) px on the outline.
+        width: px, of a finger.
+        polarity: +1 object darker than its surroundings, -1 lighter, 0 either.
+    """
+
+    def __init__(self, view: View, grey: Grey, contacts: Floats, width: float, polarity: int) -> None:
+        total = sum(c.length for c in view.contours)
+        places = [
+            np.column_stack([np.full(n, float(i)), np.interp(np.arange(n) * (c.length / n), c.arc_length, np.arange(len(c) + 1.0))])
+            for i, c in enumerate(view.contours)
+            if (n := max(4, round(SAMPLES * c.length / total)))
+        ]
+        for contour, position, _ in kernels.locate(view.points, view.offsets, contacts).tolist():
+            c = view.contours[int(contour)]
+            here = float(np.interp(position, np.arange(len(c) + 1.0), c.arc_length))
+            s = np.mod(here + width * np.linspace(-0.5, 0.5, PER_CONTACT), c.length)
+            places.append(np.column_stack([np.full(PER_CONTACT, contour), np.interp(s, c.arc_length, np.arange(len(c) + 1.0))]))
+        where = np.ascontiguousarray(np.concatenate(places))
+        where[:, 1] = np.mod(where[:, 1], [len(view.contours[int(i)]) for i in where[:, 0]])
+        points = kernels.point_at(view.points, view.offsets, where)
+        frames = kernels.contact_frames(view.points, view.offsets, where, 6.0)
+        edges = kernels.edge_search(grey, points, np.ascontiguousarray(-frames[:, :2]), 4.0, polarity)
+        strength = np.abs(edges[:, 1])
+        # where the reference itself shows no edge, none can be asked for
+        strong = ~np.isnan(edges[:, 0]) & (strength >= MIN_STRENGTH)
+        strong &= strength >= RELATIVE_STRENGTH * (float(np.median(strength[strong])) if strong.any() else 0.0)
+        outline = np.arange(len(where)) < len(where) - PER_CONTACT * len(contacts)
+        keep = strong | ~outline
+        self.points: Floats = np.ascontiguousarray(points[keep])
+        self.normals: Floats = np.ascontiguousarray(-frames[keep, :2])
+        self.strength: Floats = np.where(strong, strength, np.inf)[keep]
+        self.outline: Bools = outline[keep]
+        self.polarity = polarity
+        self.contacts = len(contacts)
+        self.area = kernels.inertia(view.points, view.offsets)[0]
+        self.share = float(strong[outline].mean())
+
+    def support(self, grey: Grey, H: Floats) -> Support:
+        """Look for the outline in an image under H (3, 3), reference to current."""
+        h = H / H[2, 2]
+        x, y = self.points[:, 0], self.points[:, 1]
+        w = h[2, 0] * x + h[2, 1] * y + 1.0
+        u, v = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / w, (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / w
+        a, b = (h[0, 0] - h[2, 0] * u) / w, (h[0, 1] - h[2, 1] * u) / w
+        c, d = (h[1, 0] - h[2, 0] * v) / w, (h[1, 1] - h[2, 1] * v) / w
+        size = math.sqrt(self.area * float(np.mean(np.abs(a * d - b * c))))
+        reach = float(np.clip(0.02 * size, 3.0, 12.0))
+        # normals go by the inverse transpose of the Jacobian, up to scale
+        nx, ny = d * self.normals[:, 0] - c * self.normals[:, 1], a * self.normals[:, 1] - b * self.normals[:, 0]
+        norm = np.hypot(nx, ny)
+        points, normals = np.column_stack([u, v]), np.column_stack([nx / norm, ny / norm])
+        edges = kernels.edge_search(grey, points, normals, reach + 2.0, self.polarity)
+        inside = (u >= 1.0) & (v >= 1.0) & (u <= grey.shape[1] - 2.0) & (v <= grey.shape[0] - 2.0)
+        offset, strength = np.abs(edges[:, 0]), np.abs(edges[:, 1])
+        found = inside & (offset <= reach) & (strength >= MIN_STRENGTH)
+        if found.any():
+            gain = float(np.median((strength / self.strength)[found]))
+            found &= strength >= RELATIVE_STRENGTH * gain * np.where(np.isinf(self.strength), 0.0, self.strength)
+        asked = inside & self.outline
+        hits = offset[found & self.outline]
+        return Support(
+            float(found[asked].mean()) if asked.any() else 0.0,
+            float(inside[self.outline].mean()),
+            float(np.sqrt(np.mean(hits * hits))) if len(hits) else math.inf,
+            float(np.quantile(hits, 0.9)) if len(hits) else math.inf,
+            reach,
+            found[~self.outline].reshape(self.contacts, PER_CONTACT).mean(axis=1),
+            size,
+        )

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reference view: the grasp as it was chosen, and all that is kept of the image it was chosen in."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.analysis import FINGER_WIDTH, GraspAnalysis, analyze
+from grasptrack.carriers import Carrier, SilhouetteCarrier, SnakeCarrier
+from grasptrack.contour import View
+from grasptrack.errors import TransferError
+from grasptrack.grasp import Grasp
+from grasptrack.observation.images import Grey
+from grasptrack.observation.support import OutlineSamples
+from grasptrack.projective import apply_homography, jacobian
+
+Floats = NDArray[np.float64]
+
+AUTO = "auto"
+
+
+class Reference:
+    """A grasp in the view in which it was chosen; every later view is registered to this one, so nothing drifts.
+
+    Args:
+        grasp: the contacts, on the outline.
+        view: the outline.
+        grey: the image.
+        strategy: "auto" or the name of one.
+        polarity: +1 object darker than its surroundings, -1 lighter.
+        friction: Coulomb coefficient.
+
+    Raises:
+        TransferError: no strategy asked for can describe this grasp on this outline; the message is the reason.
+    """
+
+    def __init__(self, grasp: Grasp, view: View, grey: Grey, strategy: str, polarity: int, friction: float) -> None:
+        self.grasp = grasp
+        self.view = view
+        self.friction = friction
+        area, *self.centre = kernels.inertia(view.points, view.offsets)[:3]
+        self.width = FINGER_WIDTH * math.sqrt(area)
+        self.analysis = analyze(grasp, view, friction, self.width, "reference")
+        self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity)
+        self.carriers = _carriers(strategy, grasp, view, grey)
+        self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // 64)])
+        self._holes = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
+
+    def expected(self, H: Floats) -> tuple[Floats, Floats]:
+        """Points of the outer contour and centres of the holes as a homography carries them."""
+        return apply_homography(H, self._outline), apply_homography(H, self._holes)
+
+    def carried_back(self, contacts: Floats, H: Floats) -> GraspAnalysis:
+        """Analysis of contacts of a current view in the reference: perspective bends friction cones.
+
+        Raises:
+            GraspError: a contact is not on the reference outline.
+        """
+        back = apply_homography(np.linalg.inv(H), contacts)
+        return analyze(Grasp.of(back), self.view, self.friction, self.width, "reference")
+
+    def corrected(self, H: Floats, view: View) -> Floats:
+        """A predicted homography moved and scaled so that the outline's centroid and area are those observed."""
+        if view.is_clipped or self.view.is_clipped:
+            return H
+        area, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
+        moved = apply_homography(H, self._outline)
+        wanted, u, v, *_ = kernels.inertia(np.ascontiguousarray(moved), np.array([0, len(moved)], dtype=np.int64))
+        s = math.sqrt(area / abs(wanted))
+        return np.array([[s, 0.0, x - s * u], [0.0, s, y - s * v], [0.0, 0.0, 1.0]]) @ H
+
+    def angle(self, H: Floats) -> float:
+        """rad by which a homography turns the object at its centroid."""
+        a, b, c, d = jacobian(H, self.centre[0], self.centre[1])
+        return math.atan2(c - b, a + d)
+
+
+def _carriers(strategy: str, grasp: Grasp, view: View, grey: Grey) -> list[Carrier]:
+    """The strategies to use, in the order in which they are asked.
+
+    Section III: a homography holds for all 6 DoF but needs four peaks of curvature; the grasp line holds for 4 DoF and
+    needs two fingers, distinct axes and the whole object; RRP needs nothing but an outline that the snake can hold.
+    """
+    names = ("homography", "grasp-line", "rrp") if strategy == AUTO else (strategy,)
+    carriers: list[Carrier] = []
+    reasons: list[str] = []
+    for name in names:
+        if name == "grasp-line" and len(grasp) != 2 and strategy == AUTO:
+            continue
+        try:
+            if name == "rrp":
+                carriers.append(SnakeCarrier(grasp, view, grey, "affine" if strategy == AUTO else "similarity"))
+            else:
+                carriers.append(SilhouetteCarrier(name, grasp, view))
+        except TransferError as error:
+            reasons.append(str(error))
+    if not carriers:
+        raise TransferError(reasons[0], reasons=reasons)
+    return carriers

@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The grasp tracking procedure of Fig. 3: synthesise once, then contour, transfer, analysis, verdict for each image."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack.analysis import DEFAULT_FRICTION, ON_OUTLINE, check_friction
+from grasptrack.carriers import Carried
+from grasptrack.contour import View
+from grasptrack.errors import AmbiguousError, ConditioningError, GraspError, ObservationError, SourceError, StrategyError, TransferError
+from grasptrack.grasp import Grasp
+from grasptrack.motion import Motion
+from grasptrack.observation.images import Grey, as_scene, to_grey, to_mask
+from grasptrack.observation.observer import Observer
+from grasptrack.observation.segmentation import Candidate, grow
+from grasptrack.observation.support import Support
+from grasptrack.reference import AUTO, Reference
+from grasptrack.result import TrackResult
+from grasptrack.synthesis import synthesize
+from grasptrack.transfer import STRATEGIES
+from grasptrack.transfer.alignment import align, alignments, as_similarity
+from grasptrack.verdict import Verdict, judge, lost, refuse
+
+Floats = NDArray[np.float64]
+
+ANYWHERE = 4
+"""Objects in the whole image that are tried after a loss."""
+
+
+class _Believed(NamedTuple):
+    carried: Carried
+    homography: Floats
+    support: Support
+
+
+class GraspTracker:
+    """Chooses a grasp in the first view and finds the same physical contacts in every image that follows.
+
+    Args:
+        fingers: number of contacts to synthesise, 2 or 3.
+        strategy: "auto", "rrp", "grasp-line" or "homography".
+        friction: Coulomb coefficient for synthesis and analysis.
+        grasp: (k, 2) px contacts in the first image, in place of synthesis; they choose the object.
+        object_at: (x, y) px of the object in the first image.
+        ignore: (H, W) nonzero where nothing belongs to the scene.
+        resynthesize: choose a new grasp, with a new grasp_id, when the analysis refuses the present one.
+
+    Raises:
+        StrategyError: unknown strategy, or more fingers than it can carry.
+        GraspError: contacts that are none, or fewer than two fingers.
+        InputError: friction not positive.
+    """
+
+    def __init__(
+        self,
+        *,
+        fingers: int = 2,
+        strategy: str = AUTO,
+        friction: float = DEFAULT_FRICTION,
+        grasp: ArrayLike | None = None,
+        object_at: tuple[float, float] | None = None,
+        ignore: NDArray[Any] | None = None,
+        resynthesize: bool = False,
+    ) -> None:
+        if strategy not in (AUTO, *STRATEGIES):
+            raise StrategyError(f'unknown strategy "{strategy}"; choose from {", ".join((AUTO, *STRATEGIES))}')
+        check_friction(friction)
+        self._given = None if grasp is None else Grasp(grasp)
+        fingers = fingers if self._given is None else len(self._given)
+        if fingers < 2:
+            raise GraspError(f"a grasp has at least 2 fingers, not {fingers}", fingers=fingers)
+        if strategy == "grasp-line" and fingers != 2:
+            raise StrategyError(f"grasp-line carries 2 fingers, not {fingers}; use rrp or homography", fingers=fingers)
+        if self._given is None and fingers > 3:
+            raise StrategyError(f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts", fingers=fingers)
+        self.fingers, self.strategy, self.friction = fingers, strategy, friction
+        self._object_at, self._ignore, self._resynthesize = object_at, ignore, resynthesize
+        self._frame = -1
+        self._grasp_id = 0
+        self._shape: tuple[int, ...] | None = None
+        self._reference: Reference | None = None
+        self._observer = Observer()
+        self._motion = Motion()
+        self._reasons: list[str] = []
+
+    # --- Fig. 3 ----------------------------------------------------------------------------------
+
+    def update(self, image: NDArray[Any], time: float | None = None, mask: NDArray[Any] | None = None) -> TrackResult:
+        """Look at the next image.
+
+        Args:
+            image: 8 or 16 bit, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
+            time: s.
+            mask: (H, W) the user's segmentation of this image, nonzero on the object; it takes the image's place.
+
+        Raises:
+            SourceError: an image of another size than the first, or one that cannot be used.
+            GraspError: given contacts that are not on an object.
+            InputError: a mask of another size than the image.
+        """
+        started = clock.perf_counter()
+        grey = self._prepare(image, mask)
+        self._frame += 1
+        self._reasons = []
+        if self._reference is None:
+            result = self._begin(grey, masked=mask is not None)  # grasp synthesis, once
+        else:
+            result = self._follow(grey, self._reference)
+        latency = 1e3 * (clock.perf_counter() - started)
+        return TrackResult(frame=self._frame, time=time, latency_ms=latency, **result)
+
+    def _begin(self, grey: Grey, *, masked: bool) -> dict[str, Any]:
+        """Choose the object and a grasp on it."""
+        try:
+            found = self._observer.first(grey, masked, self._object_at)
+        except ObservationError as error:
+            return {"status": "searching", "reason": str(error)}
+        candidate = found[0] if self._given is None else self._holding(found, self._given)
+        grasps = self._grasps(candidate.view)
+        if not grasps:
+            reason = f"no stable grasp with {self.fingers} fingers and friction {self.friction:g} on this object"
+            return {"status": "searching", "reason": reason, "view": candidate.view}
+        for grasp in grasps:
+            try:
+                reference = Reference(grasp, candidate.view, grey, self.strategy, candidate.polarity, self.friction)
+            except TransferError as error:
+                self._reasons.append(str(error))
+                continue
+            return self._start(reference, candidate)
+        reason = f"no grasp that {self.strategy} can carry: {self._reasons[0]}"
+        return {"status": "searching", "reason": reason, "view": candidate.view}
+
+    def _start(self, reference: Reference, candidate: Candidate) -> dict[str, Any]:
+        self._reference = reference
+        self._grasp_id += 1
+        self._motion = Motion()
+        self._observer.choose(candidate)
+        grasp, analysis = reference.grasp, reference.analysis
+        return {
+            "status": "tracked" if analysis.stable else "unstable",
+            "reason": analysis.reason,
+            "strategy": reference.carriers[0].name,
+            "grasp_id": self._grasp_id,
+            "contacts": grasp.contacts,
+            "seen": np.ones(len(grasp)),
+            "analysis": analysis,
+            "confidence": 1.0,
+            "homography": np.eye(3),
+            "view": candidate.view,
+        }
+
+    def _follow(self, grey: Grey, reference: Reference) -> dict[str, Any]:
+        """Contour, transfer, analysis, accept or refuse."""
+        found = None
+        for view, prior in self._hypotheses(grey, reference):
+            found = self._transfer(grey, reference, view, prior)
+            if found is not None:
+                break
+        if found is None:
+            return self._refused(lost(self._reasons[0] if self._reasons else "the object was not found in this image"))
+        contacts = found.carried.transfer.grasp.contacts
+        try:
+            analysis = reference.carried_back(contacts, found.homography)
+        except (GraspError, ConditioningError) as error:
+            return self._refused(lost(str(error)))
+        verdict = judge(found.support, analysis, found.carried.transfer.covariance)
+        if not verdict.believed:
+            return self._refused(verdict)
+        return self._accepted(grey, found, verdict, analysis)
+
+    # --- the blocks ------------------------------------------------------------------------------
+
+    def _hypotheses(self, grey: Grey, reference: Reference) -> Iterator[tuple[View | None, Floats | None]]:
+        """Outlines with the motion they suggest, the likeliest first; each costs more than the one before."""
+        predicted = self._motion.predict()
+        if not any(c.needs_silhouette for c in reference.carriers):
+            yield None, None if self._motion.missed == 0 else predicted
+        else:
+            try:
+                view = self._observer.near(grey, *reference.expected(predicted))
+            except ConditioningError:
+                view = None
+            if view is not None:
+                yield view, reference.corrected(predicted, view)
+                yield from self._aligned(reference, view, predicted)
+        for view in self._observer.anywhere(grey)[:ANYWHERE]:
+            yield from self._aligned(reference, view, predicted)
+
+    def _aligned(self, reference: Reference, view: View, predicted: Floats) -> Iterator[tuple[View, Floats]]:
+        """The view with the similarity that lays the reference outline on it."""
+        first, second = reference.view.outer, view.outer
+        if reference.view.is_clipped or view.is_clipped:
+            self._reasons.append("the image border cuts the object where it was found again")
+            return
+        try:
+            if self._motion.remembered:
+                alignment = align(first, second, reference.angle(predicted))
+            else:
+                alike = alignments(first, second)
+                if len(alike) != 1:
+                    raise AmbiguousError("found again, but its outline fits itself in more than one way: ambiguous")
+                alignment = alike[0]
+            yield view, as_similarity(alignment, first, second)
+        except TransferError as error:
+            self._reasons.append(str(error))
+
+    def _transfer(self, grey: Grey, reference: Reference, view: View | None, prior: Floats | None) -> _Believed | None:
+        """The best transfer that the image bears out, or None with the reasons noted."""
+        best: _Believed | None = None
+        for carrier in reference.carriers:
+            if best is not None and not carrier.needs_silhouette:
+                break  # RRP is asked when no silhouette served
+            try:
+                carried = carrier.carry(grey, view, prior)
+                H = carried.transfer.homography
+                assert H is not None
+                support = reference.samples.support(grey, H)
+            except TransferError as error:
+                self._reasons.append(str(error))
+                continue
+            refusal = refuse(support, carried.transfer.covariance)
+            if refusal:
+                self._reasons.append(refusal)
+            elif best is None or support.rms < best.support.rms:
+                best = _Believed(carried, H, support)
+        return best
+
+    def _accepted(self, grey: Grey, found: _Believed, verdict: Verdict, analysis: Any) -> dict[str, Any]:
+        self._motion.found(found.homography)
+        self._observer.believe(grey, found.carried.view)
+        answer = {
+            "status": verdict.status,
+            "reason": verdict.reason,
+            "strategy": found.carried.strategy,
+            "grasp_id": self._grasp_id,
+            "contacts": found.carried.transfer.grasp.contacts,
+            "seen": found.support.seen,
+            "analysis": analysis,
+            "confidence": verdict.confidence,
+            "homography": found.homography,
+            "covariance": found.carried.transfer.covariance,
+            "view": found.carried.view,
+        }
+        if verdict.status == "unstable" and self._resynthesize:
+            self._reference = None
+            self._given = None
+        return answer
+
+    def _refused(self, verdict: Verdict) -> dict[str, Any]:
+        self._motion.lost()
+        return {"status": verdict.status, "reason": verdict.reason, "grasp_id": self._grasp_id}
+
+    # --- the first view --------------------------------------------------------------------------
+
+    def _prepare(self, image: NDArray[Any], mask: NDArray[Any] | None) -> Grey:
+        grey = to_grey(image)
+        if self._shape is None:
+            self._shape = grey.shape
+            if self._ignore is not None:
+                self._observer = Observer(grow(to_mask(self._ignore, grey.shape, "ignore mask")))
+        if grey.shape != self._shape:
+            raise SourceError(
+                f"image {self._frame + 1} is {grey.shape[1]}x{grey.shape[0]} px, but the first was "
+                f"{self._shape[1]}x{self._shape[0]}; all must have one size",
+                shape=grey.shape,
+            )
+        return grey if mask is None else as_scene(to_mask(mask, grey.shape, "mask"))
+
+    def _grasps(self, view: View) -> list[Grasp]:
+        if self._given is not None:
+            return [self._given.snapped(view)]
+        return synthesize(view, self.fingers, self.friction)
+
+    def _holding(self, found: list[Candidate], grasp: Grasp) -> Candidate:
+        """The object whose outline is nearest to all given contacts."""
+        distance, index = min((float(grasp.on(c.view)[:, 2].max()), i) for i, c in enumerate(found))
+        limit = ON_OUTLINE * math.sqrt(found[index].view.outer.area)
+        if distance > limit:
+            raise GraspError(
+                f"a contact is {distance:.1f} px from the nearest object's outline; at most {limit:.1f} px are allowed",
+                distance=distance,
+            )
+        return found[index]

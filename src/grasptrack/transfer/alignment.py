@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which part of one outline is which part of another: the similarity and the cyclic shift that bring them together.
+
+Contours do not start at corresponding points by themselves, and eq. (3) has to know where to search.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import Contour
+from grasptrack.errors import AmbiguousError
+from grasptrack.projective import similarity
+
+Floats = NDArray[np.float64]
+
+GRID = 64
+"""Points at which the outlines are compared."""
+TIE = 0.02
+"""Alignments whose rms distances differ by less than this fraction of sqrt(area) fit alike."""
+NEARER = 0.5
+"""Among alignments that fit alike one is taken when it moves the outline less than this share of what the next does."""
+
+
+class Alignment(NamedTuple):
+    """One way to lay the first outline on the second.
+
+    Attributes:
+        shift: arc length in the second outline of the first one's first point, in lengths of the outline.
+        angle: rad of the turn, from x to y.
+        residual: px rms between the outlines under the best similarity.
+    """
+
+    shift: float
+    angle: float
+    residual: float
+
+
+def alignments(first: Contour, second: Contour) -> list[Alignment]:
+    """All alignments that fit as well as the best one, the best first: more than one where the outline has symmetries."""
+    c = kernels.align_outlines(first.points, second.points, GRID)
+    fit = np.hypot(c[:, 0], c[:, 1])
+    # the outline's rms radius, close enough, turns the dimensionless residual into px
+    radius = second.length / (2.0 * math.pi)
+    residual = radius * np.sqrt(np.maximum(1.0 - fit * fit, 0.0))
+    limit = float(residual.min()) + TIE * math.sqrt(second.area)
+    peaks = np.flatnonzero((residual <= limit) & (fit >= np.roll(fit, 1)) & (fit > np.roll(fit, -1)))
+    found = [Alignment(k / GRID, math.atan2(c[k, 1], c[k, 0]), float(residual[k])) for k in peaks.tolist()]
+    return sorted(found, key=lambda a: a.residual)
+
+
+def align(first: Contour, second: Contour, expected_angle: float = 0.0) -> Alignment:
+    """The alignment of two views: the best, or among those that fit alike the one with the smallest turn.
+
+    Args:
+        expected_angle: rad; turns are measured from it.
+
+    Raises:
+        AmbiguousError: several fit alike and none turns clearly less than the others.
+    """
+    found = alignments(first, second)
+    if not found:
+        raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
+    if len(found) == 1:
+        return found[0]
+    turns = sorted((abs(math.sin(0.5 * (a.angle - expected_angle))), i) for i, a in enumerate(found))
+    if turns[0][0] > NEARER * turns[1][0]:
+        raise AmbiguousError("the outline fits itself in more than one way and the motion does not tell which is meant")
+    return found[turns[0][1]]
+
+
+def as_similarity(alignment: Alignment, first: Contour, second: Contour) -> Floats:
+    """(3, 3) the similarity of an alignment, from the first outline to the second."""
+    area1, x1, y1, *_ = kernels.inertia(first.points, first.offsets)
+    area2, x2, y2, *_ = kernels.inertia(second.points, second.offsets)
+    return similarity(math.sqrt(area2 / area1), alignment.angle, (x1, y1), (x2, y2))
