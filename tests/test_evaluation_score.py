@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scores over sequences, and tables of homographies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grasptrack.errors import InputError
+from grasptrack.evaluation.homographies import read_homographies, write_homographies
+from grasptrack.evaluation.score import Score, accept_limit
+from grasptrack.projective import apply_homography
+from grasptrack.result import Status, TrackResult
+
+CONTACTS = np.array([[100.0, 100.0], [180.0, 120.0]])
+MOVE = np.array([[1.01, -0.02, 6.0], [0.03, 0.98, -4.0], [1e-5, -2e-5, 1.0]])
+
+
+def result(frame: int, status: Status, contacts: np.ndarray | None, reason: str = "", grasp: int = 1) -> TrackResult:
+    return TrackResult(frame, None, status, reason, grasp_id=grasp, contacts=contacts, latency_ms=1.0 + frame)
+
+
+def powers(count: int) -> list[np.ndarray]:
+    return [np.linalg.matrix_power(MOVE, i) for i in range(count)]
+
+
+def test_truth_is_the_first_contacts_moved_by_the_homographies() -> None:
+    score = Score("auto")
+    moved = powers(4)
+    score.add(result(0, "tracked", CONTACTS), moved[0], 10000.0)
+    score.add(result(1, "tracked", apply_homography(moved[1], CONTACTS)), moved[1], 10000.0)
+    off = apply_homography(moved[2], CONTACTS) + np.array([[0.0, 5.0], [0.0, 1.0]])
+    score.add(result(2, "unstable", off, "slips"), moved[2], 10000.0)
+    score.add(result(3, "lost", None, "covered"), moved[3], 10000.0)
+    assert score.located == 0.75
+    assert score.share("tracked") == 0.5
+    assert score.error_percentile(100) == pytest.approx(5.0)
+    assert score.false_accepts == 1  # 5 px against a limit of 4 px
+    assert score.reasons() == [("covered", 1)]
+    assert score.row()["reason"] == "covered"
+    assert score.latency_percentile(50) == 2.5
+
+
+def test_a_grasp_that_starts_late_is_measured_from_its_own_first_frame() -> None:
+    score = Score("auto")
+    moved = powers(4)
+    score.add(result(0, "searching", None, "no object"), moved[0], 10000.0)
+    score.add(result(1, "tracked", CONTACTS), moved[1], 10000.0)
+    expected = apply_homography(moved[3] @ np.linalg.inv(moved[1]), CONTACTS)
+    scored = score.add(result(3, "tracked", expected), moved[3], 10000.0)
+    assert scored.distances == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+def test_a_new_grasp_gets_a_new_truth_and_frames_without_homography_none() -> None:
+    score = Score("auto")
+    score.add(result(0, "tracked", CONTACTS), np.eye(3), 10000.0)
+    assert score.add(result(1, "tracked", CONTACTS), None, 10000.0).distances is None
+    renewed = score.add(result(2, "tracked", CONTACTS + 30.0, grasp=2), np.eye(3), 10000.0)
+    assert renewed.distances == pytest.approx([0.0, 0.0])
+    assert score.false_accepts == 0
+
+
+def test_the_limit_of_a_false_accept_grows_with_the_object() -> None:
+    assert accept_limit(100.0) == 3.0
+    assert accept_limit(40000.0) == pytest.approx(8.0)
+
+
+def test_homographies_come_back_to_the_last_digit(tmp_path: Path) -> None:
+    path = tmp_path / "truth.csv"
+    table = dict(enumerate(powers(3)))
+    write_homographies(path, table, {"visible": {1: "0.5"}})
+    read = read_homographies(path)
+    assert sorted(read) == [0, 1, 2]
+    assert all((read[i] == table[i]).all() for i in read)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "frame,h11\n0,1\n",
+        "frame,h11,h12,h13,h21,h22,h23,h31,h32,h33\n0,1,0,0,0,1,0,0,0,x\n",
+        "frame,h11,h12,h13,h21,h22,h23,h31,h32,h33\n0,1,0,0,1,0,0,0,0,1\n",
+    ],
+)
+def test_bad_tables_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"bad\.csv"):
+        read_homographies(path)
+
+
+def test_a_missing_table_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot read"):
+        read_homographies(tmp_path / "none.csv")
