@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+// The one place where kernels meet Python: arrays in, checks, arrays and tuples out.
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "arrays.hpp"
+#include "contact.hpp"
+#include "curvature.hpp"
+#include "edges.hpp"
+#include "homography.hpp"
+#include "inertia.hpp"
+#include "lines.hpp"
+#include "wrench.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace grasptrack;
+
+namespace {
+
+nb::object py_arc_length(const PointArray &points) {
+    const Points contour = contour_of(points);
+    Output out(contour.size + 1);
+    arc_length(contour, out.values());
+    return out.array();
+}
+
+nb::object py_curvature(const PointArray &points, double step) {
+    const Points contour = contour_of(points);
+    Output out(contour.size);
+    curvature(contour, step, out.values());
+    return out.array();
+}
+
+nb::object py_resample(const PointArray &points, std::int64_t count, double smooth) {
+    if (count < 1) throw std::invalid_argument("count must be at least 1, not " + std::to_string(count));
+    Output out(static_cast<std::size_t>(count), 2);
+    resample(contour_of(points), static_cast<std::size_t>(count), smooth, out.vectors());
+    return out.array();
+}
+
+nb::object py_blend_normals(const PointArray &points) {
+    const Points contour = contour_of(points);
+    Output out(contour.size, 2);
+    blend_normals(contour, out.vectors());
+    return out.array();
+}
+
+nb::tuple py_inertia(const PointArray &points, const IndexArray &offsets) {
+    const Inertia m = inertia(outline_of(points, offsets));
+    return nb::make_tuple(m.area, m.cx, m.cy, m.theta, m.major, m.minor, m.t30, m.t21, m.t12, m.t03);
+}
+
+nb::object py_crossings(const PointArray &points, const IndexArray &offsets, double x, double y, double ux, double uy) {
+    struct Row {
+        double contour, position, t;
+    };
+    std::vector<Row> rows;
+    for_each_crossing(outline_of(points, offsets), {{x, y}, {ux, uy}}, [&](std::size_t c, double position, double t) {
+        rows.push_back({static_cast<double>(c), position, t});
+    });
+    std::stable_sort(rows.begin(), rows.end(), [](const Row &a, const Row &b) { return a.t < b.t; });
+    Output out(rows.size(), 3);
+    double *v = out.values();
+    for (const Row &row : rows) *v++ = row.contour, *v++ = row.position, *v++ = row.t;
+    return out.array();
+}
+
+nb::tuple py_nearest_crossings(const PointArray &points, const IndexArray &offsets, double x, double y, double ux,
+                               double uy, double t1, double t2) {
+    Nearest a{t1}, b{t2};
+    for_each_crossing(outline_of(points, offsets), {{x, y}, {ux, uy}}, [&](std::size_t, double, double t) {
+        a.offer(t);
+        b.offer(t);
+    });
+    return nb::make_tuple(x + a.t * ux, y + a.t * uy, x + b.t * ux, y + b.t * uy);
+}
+
+nb::object py_locate(const PointArray &points, const IndexArray &offsets, const PointArray &queries) {
+    const Outline outline = outline_of(points, offsets);
+    const Points wanted = points_of(queries);
+    Output out(wanted.size, 3);
+    double *v = out.values();
+    for (std::size_t k = 0; k < wanted.size; ++k) {
+        const Located at = locate(outline, wanted[k]);
+        *v++ = at.contour, *v++ = at.position, *v++ = at.distance;
+    }
+    return out.array();
+}
+
+nb::object py_point_at(const PointArray &points, const IndexArray &offsets, const RowArray &places) {
+    const Outline outline = outline_of(points, offsets);
+    const std::size_t count = count_places(places);
+    Output out(count, 2);
+    for (std::size_t k = 0; k < count; ++k) out.vectors()[k] = place_of(outline, places, k).point();
+    return out.array();
+}
+
+nb::object py_contact_frames(const PointArray &points, const IndexArray &offsets, const RowArray &places,
+                             double width) {
+    if (!(width > 0 && std::isfinite(width)))
+        throw std::invalid_argument("width must be above 0, not " + number(width));
+    const Outline outline = outline_of(points, offsets);
+    const std::size_t count = count_places(places);
+    Output out(count, 4);
+    double *v = out.values();
+    for (std::size_t k = 0; k < count; ++k) {
+        const ContactFrame frame = contact_frame(place_of(outline, places, k), width);
+        *v++ = frame.nx, *v++ = frame.ny, *v++ = frame.flatness, *v++ = frame.used;
+    }
+    return out.array();
+}
+
+nb::object py_homography_4(const PointArray &source, const PointArray &target) {
+    if (source.shape(0) != 4 || target.shape(0) != 4) throw std::invalid_argument("four points are needed in each view");
+    Output out(3, 3);
+    homography_4(vectors(source), vectors(target), out.values());
+    return out.array();
+}
+
+template <typename Pixel>
+nb::object py_edge_search(const nb::ndarray<const Pixel, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu> &image,
+                          const PointArray &points, const PointArray &normals, double reach, int polarity) {
+    if (!(reach > 0 && reach <= 1000))
+        throw std::invalid_argument("reach must be above 0 and at most 1000 px, not " + number(reach));
+    const Points at = points_of(points);
+    if (normals.shape(0) != at.size)
+        throw std::invalid_argument(std::to_string(at.size) + " points but " + std::to_string(normals.shape(0)) +
+                                    " normals");
+    static_assert(sizeof(Edge) == 4 * sizeof(double));
+    Output out(at.size, 4);
+    const Image<Pixel> seen{image.data(), static_cast<std::ptrdiff_t>(image.shape(0)),
+                            static_cast<std::ptrdiff_t>(image.shape(1))};
+    edge_search(seen, at, vectors(normals), reach, polarity, reinterpret_cast<Edge *>(out.values()));
+    return out.array();
+}
+
+nb::tuple py_force_closure(const PointArray &contacts, const PointArray &normals, double cx, double cy, double rho,
+                           double friction) {
+    const std::size_t count = contacts.shape(0);
+    if (count < 2 || count > max_contacts || normals.shape(0) != count)
+        throw std::invalid_argument("force closure takes 2 to 8 contacts, each with its normal, not " +
+                                    std::to_string(count));
+    if (!(rho > 0 && friction >= 0))
+        throw std::invalid_argument("rho must be above 0 and friction at least 0, not " + number(rho) + " and " +
+                                    number(friction));
+    const Closure closure = force_closure(vectors(contacts), vectors(normals), count, {cx, cy}, rho, friction);
+    return nb::make_tuple(closure.epsilon, closure.friction_angle);
+}
+
+}  // namespace
+
+NB_MODULE(_native, m) {
+    m.doc() = "Compiled kernels; grasptrack.kernels.reference defines each of them.";
+    m.def("arc_length", &py_arc_length, "points"_a);
+    m.def("blend_normals", &py_blend_normals, "points"_a);
+    m.def("contact_frames", &py_contact_frames, "points"_a, "offsets"_a, "places"_a, "width"_a);
+    m.def("crossings", &py_crossings, "points"_a, "offsets"_a, "x"_a, "y"_a, "ux"_a, "uy"_a);
+    m.def("curvature", &py_curvature, "points"_a, "step"_a);
+    m.def("edge_search", &py_edge_search<std::uint8_t>, "image"_a.noconvert(), "points"_a, "normals"_a, "reach"_a,
+          "polarity"_a);
+    m.def("edge_search", &py_edge_search<float>, "image"_a.noconvert(), "points"_a, "normals"_a, "reach"_a,
+          "polarity"_a);
+    m.def("force_closure", &py_force_closure, "contacts"_a, "normals"_a, "cx"_a, "cy"_a, "rho"_a, "friction"_a);
+    m.def("homography_4", &py_homography_4, "source"_a, "target"_a);
+    m.def("inertia", &py_inertia, "points"_a, "offsets"_a);
+    m.def("locate", &py_locate, "points"_a, "offsets"_a, "queries"_a);
+    m.def("nearest_crossings", &py_nearest_crossings, "points"_a, "offsets"_a, "x"_a, "y"_a, "ux"_a, "uy"_a, "t1"_a,
+          "t2"_a);
+    m.def("point_at", &py_point_at, "points"_a, "offsets"_a, "places"_a);
+    m.def("resample", &py_resample, "points"_a, "count"_a, "smooth"_a);
+}
