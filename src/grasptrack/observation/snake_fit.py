@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One robust fit of a shape-space state to the edges of one image (Blake and Isard, Active Contours, chs. 6 and 10)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.observation.shape_space import ShapeSpace
+from grasptrack.observation.snake_template import NEAR, Grey, Template
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+BORDER = 2.0
+"""px from the image border within which a sample counts as outside: its edge could not be told from the border."""
+SEEN = 1.75
+"""px from the fitted curve within which an edge supports it."""
+FAINTEST = 0.2
+"""Share of the template's strength, and of its contrast doubled, that an edge must have: motion blur takes the rest."""
+TUKEY = 4.685
+BEND = 0.05
+"""Share of the object's size by which shear and perspective may plausibly bend it where nothing is seen."""
+FLOOR = 0.1
+"""px. No measured edge is believed to be better than this."""
+
+
+LENIENT = 0.6
+"""px, least scale of Tukey's weights: a side that tilt has moved by 2 px pulls as well, it is not left behind."""
+ELSEWHERE = 3.0 * NEAR
+"""px from the fitted curve to which an unsupported stretch is looked for."""
+
+
+class Rows(NamedTuple):
+    """A curve and the linear measurement along its normals.
+
+    Attributes:
+        points: (m, 2) px; normals: (m, 2) unit.
+        A: (m, dof), n^T W: px along the normal per unit of the state.
+        edges: (m, 4) of the edge search.
+        gap: (m,) px from the curve to the edge along the normal, the template's own bias taken off; 0 where `used` is not.
+        used: (m,) an edge of the right kind was found.
+    """
+
+    points: Floats
+    normals: Floats
+    A: Floats
+    edges: Floats
+    gap: Floats
+    used: Bools
+
+
+def search(template: Template, space: ShapeSpace, local: Floats, state: Floats, image: Grey, reach: float) -> Rows:
+    """Edges along the normals of the curve at a state.
+
+    Args:
+        template: what to search for.
+        space: shape space of the whole outline.
+        local: (m, 2) the searched points about the space's centre, in units of rho.
+        state: (dof,) px.
+        image: (H, W) grey.
+        reach: px on either side.
+    """
+    M = space.linear(state)
+    points = local @ (space.rho * M.T)
+    points += space.centre + state[:2]
+    (a, b), (c, d) = M.tolist()
+    normals = template.normals @ np.array(((d, -b), (-c, a)))  # the cofactors carry normals
+    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
+    normals /= length[:, None]
+    edges = kernels.edge_search(image, points, normals, reach, template.polarity)
+    gap = edges[:, 0] - template.bias * ((a * d - b * c) / length)
+    used = edges[:, 1] * template.sign >= FAINTEST * template.strength
+    gap[~used] = 0.0
+    nx, ny = normals[:, 0], normals[:, 1]
+    x, y = local[:, 0], local[:, 1]
+    A = np.empty((len(local), space.dof))
+    A[:, :2] = normals
+    if space.dof == 4:
+        A[:, 2] = nx * x + ny * y
+        A[:, 3] = ny * x - nx * y
+    else:
+        A[:, 2], A[:, 3], A[:, 4], A[:, 5] = nx * x, ny * y, ny * x, nx * y
+    return Rows(points, normals, A, edges, gap, used)
+
+
+def solve(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> tuple[Floats, Floats, Floats]:
+    """Step of the state that explains the gaps, by iteratively reweighted least squares with Tukey's weights.
+
+    Args:
+        rows: the measurements.
+        prior: (dof, dof) information on the step, 1/px^2; zeros for none.
+        mean: (dof,) px, the step that the prior expects.
+        rounds: reweightings.
+
+    Returns:
+        step (dof,), its information (dof, dof) from the edges alone, and the weights (m,) in 0..1.
+
+    Raises:
+        numpy.linalg.LinAlgError: too few edges to fix the step.
+    """
+    A, z = rows.A, rows.gap
+    used = rows.used.astype(np.float64)
+    count = int(used.sum())
+    if count < A.shape[1]:
+        raise np.linalg.LinAlgError("fewer edges than degrees of freedom")
+    step, pull = mean, prior @ mean
+    for _ in range(rounds):
+        r = np.abs(z - A @ step)
+        # of those used: the others, at the end, do not shift the middle
+        middle = np.partition(np.where(rows.used, r, np.inf), count // 2)[count // 2]
+        scale = max(1.4826 * float(middle), LENIENT)
+        w = 1.0 - np.square(r * (1.0 / (TUKEY * scale)))
+        w = np.square(np.maximum(w, 0.0, out=w), out=w) * used
+        Aw = A * (w * (1.0 / (scale * scale)))[:, None]
+        information = Aw.T @ A
+        step = np.linalg.solve(information + prior, Aw.T @ z + pull)
+    return step, information, w
+
+
+class Match(NamedTuple):
+    """How a converged curve agrees with the image.
+
+    Attributes:
+        elsewhere: share of the visible samples that are not supported, but in rows of them lie on an edge beside the
+            curve: the outline has moved as the shape space cannot, or something covers it along there.
+        state: (dof,) px; noise: (dof, dof) px^2 of it as far as the image's noise goes, for the filter.
+        bias: (8,) what a homography's 8 parameters (see `columns`) would still change: the template's state first, then
+            what the shape space cannot follow.
+        covariance: (8, 8) px^2 of those parameters.
+        misfit: px, rms distance over the outline that they would move it.
+        spread: px, largest standard deviation of a point of the outline.
+        residual: px rms of the supported samples; common: px, rms of what neighbouring residuals still share.
+        seen: (m,) supported samples; visible: (m,) samples inside the image.
+    """
+
+    state: Floats
+    noise: Floats
+    bias: Floats
+    covariance: Floats
+    misfit: float
+    spread: float
+    residual: float
+    common: float
+    seen: Bools
+    visible: Bools
+    elsewhere: float = 0.0
+
+    @property
+    def support(self) -> float:
+        """Share of the samples inside the image that are supported."""
+        inside = int(self.visible.sum())
+        return float(self.seen.sum()) / inside if inside else 0.0
+
+
+def columns(M: Floats, local: Floats) -> Floats:
+    """(m, 2, 8): how the 8 parameters of a homography move the points of a view, all in px.
+
+    Translation, rotation and scale, then the two shears of an affine map, then the two bends of perspective.
+
+    Args:
+        M: (2, 2) linear part of the view.
+        local: (m, 2) template points about the centroid, in units of rho.
+    """
+    x, y = local[:, 0], local[:, 1]
+    field = np.zeros((len(local), 2, 8))
+    field[:, 0, 0] = field[:, 1, 1] = 1.0
+    field[:, 0, 2], field[:, 1, 2] = x, y
+    field[:, 0, 3], field[:, 1, 3] = -y, x
+    field[:, 0, 4], field[:, 1, 4] = x, -y
+    field[:, 0, 5], field[:, 1, 5] = y, x
+    field[:, 0, 6], field[:, 1, 6] = x * x, x * y
+    field[:, 0, 7], field[:, 1, 7] = x * y, y * y
+    return np.asarray(M @ field)
+
+
+def judge(
+    template: Template, space: ShapeSpace, local: Floats, rows: Rows, state: Floats, shape: tuple[int, ...]
+) -> Match:
+    """Which samples an edge like the template's supports, how well the state is known, and what it leaves unexplained.
+
+    A shape space that fits all that is seen may still be wrong where nothing is seen: whatever a homography could have
+    done there besides counts as unknown, up to BEND of the object's size.
+    """
+    height, width = shape[:2]
+    points, edges, gap = rows.points, rows.edges, rows.gap
+    x, y = points[:, 0], points[:, 1]
+    visible = (x >= BORDER) & (y >= BORDER) & (x <= width - 1 - BORDER) & (y <= height - 1 - BORDER)
+    contrast = template.contrast
+    like = np.abs(edges[:, 3] - edges[:, 2]) >= 2.0 * FAINTEST * contrast
+    like &= np.abs(edges[:, 2] - template.inside) <= 0.35 * contrast + 12.0
+    like &= rows.used & visible
+    seen = like & (np.abs(gap) <= SEEN)
+    if int(seen.sum()) <= 8:
+        nothing = np.full((8, 8), math.inf)
+        noise = np.full((len(state), len(state)), math.inf)
+        return Match(state, noise, np.zeros(8), nothing, math.inf, math.inf, math.inf, math.inf, seen, visible)
+    field = columns(space.linear(state), local)
+    F = np.einsum("ij,ijk->ik", rows.normals, field)
+    prior = np.zeros(8)
+    prior[4:] = 1.0 / (BEND * space.rho) ** 2
+    w = like.astype(np.float64)
+    bias, variance, common = np.zeros(8), 1.0, 0.0
+    for _ in range(2):
+        r = gap - F @ bias
+        w = like * np.square(np.maximum(1.0 - np.square(r / NEAR), 0.0))
+        Fw = F * w[:, None]
+        N = Fw.T @ F
+        bias = np.linalg.solve(N + np.diag(variance * prior), Fw.T @ gap)
+    r = np.where(seen, gap - F @ bias, 0.0)
+    variance = max(float(r @ r) / max(int(seen.sum()) - 8, 1), FLOOR * FLOOR)
+    follow = np.roll(seen, -1)
+    common = max(float(r @ np.roll(r, -1)) / max(int((seen & follow).sum()), 1), 0.0)
+    # residuals that go together count once: the variance of a mean of an AR(1) series
+    alike = min(common / variance, 0.8)
+    variance *= (1.0 + alike) / (1.0 - alike)
+    covariance = np.linalg.inv(N / variance + np.diag(prior + 1e-9))
+    A = rows.A[seen]
+    noise = np.linalg.inv(A.T @ A / variance + 1e-9 * np.eye(A.shape[1]))
+    moved = field @ bias
+    spread = np.einsum("ijk,kl,ijl->i", field, covariance, field, optimize=True)
+    g = gap[seen]
+    return Match(
+        state,
+        noise,
+        bias,
+        covariance,
+        math.sqrt(float(np.einsum("ij,ij->", moved, moved)) / len(moved)),
+        math.sqrt(float(spread.max())),
+        math.sqrt(float(g @ g) / len(g)),
+        math.sqrt(common),
+        seen,
+        visible,
+    )
+
+
+def fit(
+    template: Template, space: ShapeSpace, local: Floats, image: Grey, start: Floats, spread: Floats, reach: float
+) -> Match | None:
+    """The state whose curve lies on the edges, searched from `start` with a reach that shrinks to NEAR.
+
+    Args:
+        template, space, local: as for `search`.
+        image: (H, W) grey.
+        start: (dof,) px, predicted.
+        spread: (dof, dof) px^2, covariance of the prediction: it holds what wrong edges would pull, and does not enter
+            the answer, so that the answer does not lag.
+        reach: px of the first search.
+
+    Returns:
+        The match, or None where too few edges were found or the fit ran away.
+    """
+    prior = np.linalg.inv(spread)
+    state = start
+    reaches = [reach] if reach <= 2 * NEAR else [reach, max(reach / 3.0, 1.5 * NEAR)]
+    try:
+        for r in reaches:
+            rows = search(template, space, local, state, image, r)
+            step, _, _ = solve(rows, prior, start - state, 4)
+            state = state + step
+        free = np.zeros_like(prior)
+        for _ in range(4):
+            rows = search(template, space, local, state, image, NEAR)
+            step, _, _ = solve(rows, free, np.zeros_like(state), 3)
+            moved = float(np.abs(step).max())
+            if not moved < 3.0 * NEAR:
+                return None
+            state = state + step
+            if moved < 0.25:
+                break
+        rows = rows._replace(gap=np.where(rows.used, rows.gap - rows.A @ step, 0.0))
+        match = judge(template, space, local, rows, state, image.shape)
+    except np.linalg.LinAlgError:
+        return None
+    if match.support > 0.92:
+        return match
+    rows = search(template, space, local, state, image, ELSEWHERE)
+    stray = rows.used & match.visible & ~match.seen
+    level = np.abs(np.diff(rows.gap, append=rows.gap[0])) < 1.0
+    in_row = stray & np.roll(stray, -1) & level
+    return match._replace(elsewhere=float(in_row.sum()) / max(int(match.visible.sum()), 1))

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""RRP coordinates: contacts by their place among the reference points of a tracked outline (Sections III-A and IV-A).
+
+Nothing is measured here: point i of one outline is taken to be the same physical point as point i of the other, as it
+is when a snake (`grasptrack.observation.snake`) moves the outline as a whole.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import Outline
+from grasptrack.errors import StrategyError
+from grasptrack.grasp import Grasp
+from grasptrack.transfer.base import Transfer
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+INTERPOLATED = 6
+"""Points of the outline per segment between reference points, as in Table IV: p = 6 ref + interp."""
+# Adding and taking away this number rounds to a multiple of 2**-32. Places are kept on that grid, so that the rounding
+# of one transfer cannot move the next: there and back ends on the very same floats.
+_ROUND = 1.5 * 2.0**20
+
+
+class RRPDescription:
+    """RRP coordinates (c, ref, interp) of any number of contacts.
+
+    Args:
+        places: (k, >= 2) contour index, position p (point index plus the fraction of the side that follows).
+        offsets: (C + 1,) first point of each contour of the outline: what another outline must have in common.
+        quality: of the grasp, carried along.
+        interpolated: points per segment between reference points; a reference point is every so many-th point.
+
+    Raises:
+        StrategyError: `interpolated` below 1.
+    """
+
+    __slots__ = ("interpolated", "offsets", "places", "quality")
+
+    def __init__(
+        self, places: Floats, offsets: Ints, quality: float = math.nan, interpolated: int = INTERPOLATED
+    ) -> None:
+        if interpolated < 1:
+            raise StrategyError(
+                f"a segment between reference points has at least 1 point, not {interpolated}",
+                interpolated=interpolated,
+            )
+        self.places = places
+        self.offsets = offsets
+        self.quality = quality
+        self.interpolated = interpolated
+
+    @property
+    def contour(self) -> Ints:
+        """(k,) c: index of the contour in the view."""
+        return self.places[:, 0].astype(np.int64)
+
+    @property
+    def reference(self) -> Ints:
+        """(k,) ref: index of the reference point, p // interpolated."""
+        return (self.places[:, 1] // self.interpolated).astype(np.int64)
+
+    @property
+    def interpolation(self) -> Floats:
+        """(k,) interp: p - interpolated * ref, real, in [0, interpolated)."""
+        return np.asarray(self.places[:, 1] % self.interpolated)
+
+    def paper(self) -> list[tuple[int, int, int]]:
+        """(c, ref, interp) of each contact as the paper prints them: the nearest point of the outline."""
+        counts = np.diff(self.offsets)
+        rows = []
+        for c, p in self.places[:, :2].tolist():
+            nearest = round(p) % int(counts[int(c)])
+            rows.append((int(c), nearest // self.interpolated, nearest % self.interpolated))
+        return rows
+
+    def __repr__(self) -> str:
+        return "RRP(" + " ".join(f"({c}, {r}, {i})" for c, r, i in self.paper()) + ")"
+
+
+def describe(grasp: Grasp, view: Outline, interpolated: int = INTERPOLATED) -> RRPDescription:
+    """RRP coordinates of a grasp, each contact at the place of the outline nearest to it.
+
+    Args:
+        grasp: any number of contacts, on the outline; one beside it is described by the nearest point of the outline.
+        view: the outline in whose points they are expressed.
+        interpolated: points per segment between reference points; it changes how places are printed, not where.
+    """
+    places = kernels.locate(view.points, view.offsets, grasp.contacts)
+    places += _ROUND
+    places -= _ROUND
+    return RRPDescription(places, view.offsets, grasp.quality, interpolated)
+
+
+def apply(description: RRPDescription, view: Outline, prior: Floats | None = None) -> Transfer:
+    """The grasp with those RRP coordinates on another outline (Fig. 7).
+
+    Args:
+        description: from `describe`.
+        view: an outline with as many points on each contour, point i the same physical point.
+        prior: not needed; part of the strategies' protocol.
+
+    Raises:
+        StrategyError: the outlines differ in their number of contours or points.
+    """
+    offsets = description.offsets
+    if offsets is not view.offsets and offsets.tobytes() != view.offsets.tobytes():
+        raise StrategyError(
+            "RRP needs outlines whose points correspond one to one, not contours of "
+            f"{_counts(offsets)} and {_counts(view.offsets)} points",
+            reference=offsets.tolist(),
+            current=view.offsets.tolist(),
+        )
+    contacts = kernels.point_at(view.points, offsets, description.places)
+    return Transfer(Grasp.of(contacts, description.quality), None, None, math.nan)
+
+
+def _counts(offsets: Ints) -> str:
+    return "+".join(str(n) for n in np.diff(offsets).tolist())
