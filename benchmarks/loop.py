@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole loop, grey image to result, on a rendered scene: time, error, growth with pixels, memory in a long run."""
+
+from __future__ import annotations
+
+import common
+
+# isort: split
+import argparse
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from grasptrack import GraspTracker
+from grasptrack.evaluation.demo import STRATEGIES
+from grasptrack.evaluation.errors import contact_distances
+from grasptrack.evaluation.score import Score, accept_limit
+from grasptrack.projective import apply_homography
+from grasptrack.simulation import SceneFrame, demo_scene
+from peers import peers
+
+SIZES = ((640, 480), (1280, 960))
+MEDIAN_MS, P99_MS = 2.0, 4.0
+
+
+def run_strategy(frames: list[SceneFrame], strategy: str) -> tuple[Score, list[float]]:
+    """The score of one strategy, and s of every update after the first, which also synthesises."""
+    tracker, score, taken = GraspTracker(strategy=strategy), Score(strategy), []
+    for frame in frames:
+        start = time.perf_counter()
+        result = tracker.update(frame.image, time=frame.time)
+        taken.append(time.perf_counter() - start)
+        score.add(result, frame.H_current_reference, frame.area)
+    return score, taken[1:]
+
+
+def run_peers(frames: list[SceneFrame], contacts: np.ndarray) -> list[list[object]]:
+    """Time and contact error of the OpenCV alternatives on the same frames."""
+    mask = np.zeros(frames[0].image.shape, np.uint8)
+    cv2.fillPoly(mask, [np.rint(p).astype(np.int32) for p in frames[0].outline[:1]], 255)
+    rows = []
+    for name, peer in peers(mask).items():
+        errors, taken, wrong, missing = [], [], 0, 0
+        for frame in frames:
+            start = time.perf_counter()
+            H = peer(frame.image)
+            taken.append(time.perf_counter() - start)
+            if H is None:
+                missing += 1
+                continue
+            off = contact_distances(apply_homography(H, contacts), frame.contacts(contacts))
+            wrong += bool(off.max() > accept_limit(frame.area))
+            errors.extend(off)
+        row = [name, *common.percentiles(taken[1:]), "", 100.0 * (1.0 - missing / len(frames))]
+        rows.append([*row, *(np.percentile(errors, [50, 95, 100]) if errors else [np.nan] * 3), wrong])
+    return rows
+
+
+def resident_mb() -> float:
+    """Memory of this process in MB."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) / 1024.0
+    return float("nan")
+
+
+def memory_growth(frames: list[SceneFrame], strategy: str, long: int) -> list[object]:
+    """MB after 200 and after `long` updates; the frames go to and fro."""
+    tracker = GraspTracker(strategy=strategy)
+    order = [*frames, *frames[-2:0:-1]]
+    early = 0.0
+    for i in range(long):
+        tracker.update(order[i % len(order)].image, time=i / 30.0)
+        if i == 199:
+            early = resident_mb()
+    late = resident_mb()
+    return [strategy, early, late, late - early]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=120)
+    parser.add_argument("--repeat", type=int, default=3, help="runs of each strategy; times of all are pooled")
+    parser.add_argument("--long", type=int, default=2000, help="updates of the memory run; 0 leaves it out")
+    args = parser.parse_args()
+    common.heading(f"Whole loop on the demonstration's scene, {args.frames} grey frames: ms and px")
+    head = ["method", "median ms", "p99 ms", "met", "located %", "error median", "95 %", "max px", "wrong"]
+    medians: dict[str, list[float]] = {}
+    for width, height in SIZES:
+        frames = list(demo_scene(args.frames, width=width, height=height, colour=False))
+        rows: list[list[object]] = []
+        contacts = None
+        for strategy in STRATEGIES:
+            runs = [run_strategy(frames, strategy) for _ in range(args.repeat)]
+            score, (median, p99) = runs[0][0], common.percentiles([s for _, taken in runs for s in taken])
+            growth = (width * height) / (SIZES[0][0] * SIZES[0][1])
+            met = "yes" if median <= MEDIAN_MS * growth and p99 <= P99_MS * growth else "NO"
+            errors = [score.error_percentile(p) for p in (50, 95, 100)]
+            rows.append([strategy, median, p99, met, 100.0 * score.located, *errors, score.false_accepts])
+            medians.setdefault(strategy, []).append(median)
+            if contacts is None:
+                first = GraspTracker(strategy=strategy).update(frames[0].image)
+                contacts = first.contacts
+        if contacts is not None:
+            rows += run_peers(frames, contacts)
+        print(f"{width}x{height}")
+        common.table(head, rows)
+    print("Growth for 4 times the pixels (at most 4)")
+    common.table(["strategy", "ratio"], [[name, m[1] / m[0]] for name, m in medians.items()])
+    if args.long:
+        frames = list(demo_scene(args.frames, colour=False))
+        print(f"Memory: MB after 200 and after {args.long} updates")
+        rows = [memory_growth(frames, strategy, args.long) for strategy in STRATEGIES]
+        common.table(["strategy", "after 200", f"after {args.long}", "growth"], rows)
+
+
+if __name__ == "__main__":
+    main()

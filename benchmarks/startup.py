@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How long a user waits before anything happens: `import grasptrack` and `grasptrack --help`."""
+
+from __future__ import annotations
+
+import common
+
+# isort: split
+import argparse
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+
+def medians(command: list[str], runs: int) -> tuple[float, float]:
+    """Median and largest s of a command that succeeds."""
+    taken = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        subprocess.run(command, check=True, capture_output=True)
+        taken.append(time.perf_counter() - start)
+    return float(np.median(taken)), max(taken)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=11)
+    runs = parser.parse_args().runs
+    common.heading("Start: seconds, median and largest")
+    script = Path(sys.executable).with_name("grasptrack")
+    shown = [str(script)] if script.exists() else [sys.executable, "-m", "grasptrack.cli.main"]
+    bare, _ = medians([sys.executable, "-c", "pass"], runs)
+    rows: list[list[object]] = [["python -c pass", bare, bare, "", ""]]
+    for name, command, target in (
+        ("import grasptrack", [sys.executable, "-c", "import grasptrack"], 0.3),
+        ("import grasptrack, GraspTracker", [sys.executable, "-c", "from grasptrack import GraspTracker"], None),
+        ("grasptrack --help", [*shown, "--help"], 0.5),
+    ):
+        median, worst = medians(command, runs)
+        rows.append([name, median, worst, target or "", "" if target is None else "yes" if median < target else "NO"])
+    common.table(["what", "median", "largest", "target", "met"], rows)
+
+
+if __name__ == "__main__":
+    main()
