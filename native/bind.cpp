@@ -12,6 +12,7 @@
 #include "homography.hpp"
 #include "inertia.hpp"
 #include "lines.hpp"
+#include "matching.hpp"
 #include "wrench.hpp"
 
 namespace nb = nanobind;
@@ -150,15 +151,68 @@ nb::tuple py_force_closure(const PointArray &contacts, const PointArray &normals
     return nb::make_tuple(closure.epsilon, closure.friction_angle);
 }
 
+void check_arc(const ValueArray &values, const ValueArray &arc) {
+    if (values.shape(0) < 1 || arc.shape(0) != values.shape(0) + 1)
+        throw std::invalid_argument("arc needs one entry more than the contour has points");
+}
+
+nb::object py_curvature_peaks(const ValueArray &values, const ValueArray &arc, double separation, double prominence) {
+    check_arc(values, arc);
+    const auto peaks = curvature_peaks(values.data(), arc.data(), static_cast<std::int64_t>(values.shape(0)),
+                                       separation, prominence);
+    nb::list out;
+    for (auto i : peaks) out.append(i);
+    static PyObject *const array = nb::object(nb::module_::import_("numpy").attr("array")).release().ptr();
+    return nb::handle(array)(out, nb::str("int64"));
+}
+
+nb::tuple py_best_quadrilateral(const PointArray &points, const ValueArray &weights) {
+    if (weights.shape(0) != points.shape(0)) throw std::invalid_argument("each point needs its weight");
+    const auto q = best_quadrilateral(points.data(), weights.data(), static_cast<int>(points.shape(0)));
+    return nb::make_tuple(q.index[0], q.index[1], q.index[2], q.index[3], q.triangle);
+}
+
+nb::object py_align_outlines(const PointArray &points1, const PointArray &points2, std::int64_t count) {
+    if (count < 3) throw std::invalid_argument("count must be at least 3, not " + std::to_string(count));
+    const auto n = static_cast<std::size_t>(count);
+    std::vector<Vec> a(n), b(n);
+    resample(contour_of(points1), n, 0.0, a.data());
+    resample(contour_of(points2), n, 0.0, b.data());
+    auto *za = reinterpret_cast<double *>(a.data()), *zb = reinterpret_cast<double *>(b.data());
+    centre_and_normalise(za, count);
+    centre_and_normalise(zb, count);
+    Output out(n, 2);
+    cyclic_correlation(za, zb, count, out.values());
+    return out.array();
+}
+
+nb::object py_match_curvature(const ValueArray &v1, const ValueArray &arc1, const IndexArray &indices,
+                              const ValueArray &v2, const ValueArray &arc2, const ValueArray &centres, double kappa,
+                              double reach, int radius, double step) {
+    check_arc(v1, arc1);
+    check_arc(v2, arc2);
+    const auto n1 = static_cast<std::int64_t>(v1.shape(0)), m = static_cast<std::int64_t>(indices.shape(0));
+    if (centres.shape(0) != indices.shape(0)) throw std::invalid_argument("each index needs its centre");
+    for (std::int64_t row = 0; row < m; ++row)
+        if (indices.data()[row] < 0 || indices.data()[row] >= n1) throw std::invalid_argument("index out of range");
+    Output out(static_cast<std::size_t>(m), 2);
+    match_curvature(v1.data(), arc1.data(), n1, indices.data(), m, v2.data(), arc2.data(),
+                    static_cast<std::int64_t>(v2.shape(0)), centres.data(), kappa, reach, radius, step, out.values());
+    return out.array();
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
     m.doc() = "Compiled kernels; grasptrack.kernels.reference defines each of them.";
+    m.def("align_outlines", &py_align_outlines, "points1"_a, "points2"_a, "count"_a);
     m.def("arc_length", &py_arc_length, "points"_a);
+    m.def("best_quadrilateral", &py_best_quadrilateral, "points"_a, "weights"_a);
     m.def("blend_normals", &py_blend_normals, "points"_a);
     m.def("contact_frames", &py_contact_frames, "points"_a, "offsets"_a, "places"_a, "width"_a);
     m.def("crossings", &py_crossings, "points"_a, "offsets"_a, "x"_a, "y"_a, "ux"_a, "uy"_a);
     m.def("curvature", &py_curvature, "points"_a, "step"_a);
+    m.def("curvature_peaks", &py_curvature_peaks, "curvature"_a, "arc"_a, "separation"_a, "prominence"_a);
     m.def("edge_search", &py_edge_search<std::uint8_t>, "image"_a.noconvert(), "points"_a, "normals"_a, "reach"_a,
           "polarity"_a);
     m.def("edge_search", &py_edge_search<float>, "image"_a.noconvert(), "points"_a, "normals"_a, "reach"_a,
@@ -167,6 +221,8 @@ NB_MODULE(_native, m) {
     m.def("homography_4", &py_homography_4, "source"_a, "target"_a);
     m.def("inertia", &py_inertia, "points"_a, "offsets"_a);
     m.def("locate", &py_locate, "points"_a, "offsets"_a, "queries"_a);
+    m.def("match_curvature", &py_match_curvature, "v1"_a, "arc1"_a, "indices"_a, "v2"_a, "arc2"_a, "centres"_a,
+          "kappa"_a, "reach"_a, "radius"_a, "step"_a);
     m.def("nearest_crossings", &py_nearest_crossings, "points"_a, "offsets"_a, "x"_a, "y"_a, "ux"_a, "uy"_a, "t1"_a,
           "t2"_a);
     m.def("point_at", &py_point_at, "points"_a, "offsets"_a, "places"_a);

@@ -11,7 +11,7 @@
 namespace grasptrack {
 
 constexpr double spacing = 0.5;  // px between samples
-constexpr double window = 2.0;   // px on either side of the edge whose gradients count
+constexpr double window = 3.0;   // px on either side of the edge whose gradients count, ever less outward
 constexpr double away = 1.5;     // px from the edge where its two sides begin
 constexpr std::ptrdiff_t min_samples = 7;
 
@@ -40,84 +40,92 @@ struct Edge {
     double inside = std::numeric_limits<double>::quiet_NaN(), outside = std::numeric_limits<double>::quiet_NaN();
 };
 
-// Samples v at start + spacing * i, i in [0, count).
+// Samples along a normal, spacing px apart: sample j in [first, last] is v[j], j = 0 at the point itself.
 struct Profile {
     const double *v;
-    std::ptrdiff_t count;
-    double start;
+    std::ptrdiff_t first, last;
 
-    double at(std::ptrdiff_t i) const { return start + spacing * static_cast<double>(i); }
-    double slope(std::ptrdiff_t i) const { return (v[i + 1] - v[i - 1]) / (2 * spacing); }
-    double gradient(std::ptrdiff_t i, double sign) const {
-        if (i < 0 || i + 1 >= count) return 0.0;
-        return std::max(sign * (v[i + 1] - v[i]), 0.0) / spacing;
+    static double at(std::ptrdiff_t j) { return spacing * static_cast<double>(j); }
+    double slope(std::ptrdiff_t j) const { return (v[j + 1] - v[j - 1]) / (2 * spacing); }
+
+    // Index of the strongest slope as asked for; `first` where there is none, or where it is at an end, so that the edge
+    // may lie beyond.
+    std::ptrdiff_t peak(int polarity) const {
+        double best = 0;
+        std::ptrdiff_t peak = first;
+        for (std::ptrdiff_t j = first + 1; j < last; ++j) {
+            const double g = slope(j);
+            const double score = polarity == 0 ? std::fabs(g) : (polarity > 0 ? g : -g);
+            if (score > best) best = score, peak = j;
+        }
+        return peak == first + 1 || peak == last - 1 ? first : peak;
     }
 
-    // Where the window's centroid of the gradients of one sign is its own centre: the edge, near `peak`.
+    // Where gradients of one sign balance under the weight u (1 - u^2), u = (x - centre) / window: near `peak`, by
+    // Newton's steps. A weight that fades out does not feel where the samples lie.
     double centre(double sign, double peak) const {
         double centre = peak;
         for (int round = 0; round < 3; ++round) {
-            const double low = centre - window, high = centre + window;
-            const auto first = static_cast<std::ptrdiff_t>(std::floor((low - start) / spacing));
-            const auto last = static_cast<std::ptrdiff_t>(std::floor((high - start) / spacing));
-            double mass = 0, moment = 0;
-            for (std::ptrdiff_t i = first; i <= last; ++i) {
-                const double left = std::max(at(i), low), right = std::min(at(i) + spacing, high);
-                const double part = gradient(i, sign) * (right - left);
-                mass += part;
-                moment += part * ((left + right) / 2 - centre);
+            const auto low = static_cast<std::ptrdiff_t>(std::floor((centre - window) / spacing));
+            const auto high = static_cast<std::ptrdiff_t>(std::floor((centre + window) / spacing));
+            double mass = 0, moment = 0, rate = 0;
+            for (std::ptrdiff_t j = std::max(low, first); j <= std::min(high, last - 1); ++j) {
+                const double u = (at(j) + spacing / 2 - centre) / window, weight = 1 - u * u;
+                if (weight <= 0) continue;
+                const double gradient = std::max(sign * (v[j + 1] - v[j]), 0.0);
+                mass += weight * gradient;
+                moment += weight * u * gradient;
+                rate += (1 - 3 * u * u) * gradient;
             }
-            const double mean = moment / mass;
-            // The centroid follows the window at this rate; the step is Newton's on centroid - centre.
-            const double rate =
-                ((window - mean) * gradient(last, sign) + (window + mean) * gradient(first, sign)) / mass;
-            centre += mean / std::max(1.0 - rate, 0.2);
-            centre = std::min(std::max(centre, peak - 1.0), peak + 1.0);
+            centre += window * moment / std::max(rate, 0.2 * mass);
+            centre = std::min(std::max(centre, peak - 1), peak + 1);
         }
         return centre;
     }
 
-    Edge strongest(int polarity) const {
-        double best = 0, strength = 0;
-        std::ptrdiff_t peak = -1;
-        for (std::ptrdiff_t i = 1; i + 1 < count; ++i) {
-            const double g = slope(i);
-            const double score = polarity == 0 ? std::fabs(g) : (polarity > 0 ? g : -g);
-            if (score > best) best = score, strength = g, peak = i;
-        }
-        // At the end of the profile the edge may lie beyond.
-        if (peak <= 1 || peak == count - 2) return {};
-        const double offset = centre(strength > 0 ? 1.0 : -1.0, at(peak));
+    Edge edge(double offset, double strength) const {
         double inside = 0, outside = 0;
         std::ptrdiff_t n_inside = 0, n_outside = 0;
-        for (std::ptrdiff_t i = 0; i < count; ++i) {
-            if (at(i) <= offset - away) inside += v[i], ++n_inside;
-            if (at(i) >= offset + away) outside += v[i], ++n_outside;
+        for (std::ptrdiff_t j = first; j <= last; ++j) {
+            if (at(j) <= offset - away) inside += v[j], ++n_inside;
+            if (at(j) >= offset + away) outside += v[j], ++n_outside;
         }
-        return {offset, strength, n_inside > 0 ? inside / static_cast<double>(n_inside) : v[0],
-                n_outside > 0 ? outside / static_cast<double>(n_outside) : v[count - 1]};
+        return {offset, strength, n_inside > 0 ? inside / static_cast<double>(n_inside) : v[first],
+                n_outside > 0 ? outside / static_cast<double>(n_outside) : v[last]};
     }
 };
 
 template <typename Pixel>
 void edge_search(const Image<Pixel> &image, Points points, const Vec *normals, double reach, int polarity, Edge *out) {
     const auto half = static_cast<std::ptrdiff_t>(reach / spacing + 1e-9);
-    std::vector<double> samples(static_cast<std::size_t>(2 * half + 1));
+    // Beyond its reach an edge is not looked for, but the window of one found near the end needs its samples.
+    constexpr auto margin = static_cast<std::ptrdiff_t>((window + 1) / spacing) + 1;
+    std::vector<double> samples(static_cast<std::size_t>(2 * (half + margin) + 1));
+    double *v = samples.data() + half + margin;
     for (std::size_t k = 0; k < points.size; ++k) {
-        std::ptrdiff_t count = 0, first = -half;
-        for (std::ptrdiff_t j = -half; j <= half; ++j) {
-            const double along = spacing * static_cast<double>(j);
-            const Vec p = points[k] + along * normals[k];
-            // The image is convex, so that what lies in it is one run.
-            if (!image.holds(p)) {
-                if (count > 0) break;
-                continue;
+        const auto take = [&](std::ptrdiff_t j) {
+            const Vec p = points[k] + Profile::at(j) * normals[k];
+            if (!image.holds(p)) return false;
+            v[j] = image.sample(p);
+            return true;
+        };
+        out[k] = Edge{};
+        // The image is convex, so that what lies in it is one run.
+        Profile profile{v, -half, half};
+        while (profile.first <= half && !take(profile.first)) ++profile.first;
+        for (std::ptrdiff_t j = profile.first + 1; j <= half; ++j)
+            if (!take(j)) {
+                profile.last = j - 1;
+                break;
             }
-            if (count == 0) first = j;
-            samples[static_cast<std::size_t>(count++)] = image.sample(p);
-        }
-        const Profile profile{samples.data(), count, spacing * static_cast<double>(first)};
-        out[k] = count < min_samples ? Edge{} : profile.strongest(polarity);
+        if (profile.last - profile.first + 1 < min_samples) continue;
+        const std::ptrdiff_t peak = profile.peak(polarity);
+        if (peak == profile.first) continue;
+        const double strength = profile.slope(peak);
+        Profile wide = profile;
+        while (wide.first > peak - margin && take(wide.first - 1)) --wide.first;
+        while (wide.last < peak + margin && take(wide.last + 1)) ++wide.last;
+        out[k] = profile.edge(wide.centre(strength > 0 ? 1.0 : -1.0, Profile::at(peak)), strength);
     }
 }
 

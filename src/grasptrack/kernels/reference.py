@@ -13,20 +13,30 @@ from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_homography import homography_4
 from grasptrack.kernels.reference_inertia import inertia
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
+from grasptrack.kernels.reference_matching import (
+    align_outlines,
+    best_quadrilateral,
+    curvature_peaks,
+    match_curvature,
+)
 from grasptrack.kernels.reference_places import locate, point_at
 from grasptrack.kernels.reference_wrench import force_closure
 
 __all__ = [
+    "align_outlines",
     "arc_length",
+    "best_quadrilateral",
     "blend_normals",
     "contact_frames",
     "crossings",
     "curvature",
+    "curvature_peaks",
     "edge_search",
     "force_closure",
     "homography_4",
     "inertia",
     "locate",
+    "match_curvature",
     "nearest_crossings",
     "point_at",
     "resample",

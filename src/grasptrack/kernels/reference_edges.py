@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,9 +10,10 @@ Floats = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.float32]
 
 SPACING = 0.5  # px between samples
-WINDOW = 2.0  # px on either side of the edge whose gradients count
+WINDOW = 3.0  # px on either side of the edge whose gradients count, ever less outward
 AWAY = 1.5  # px from the edge where its two sides begin
 MIN_SAMPLES = 7
+MARGIN = int((WINDOW + 1) / SPACING) + 1  # samples that the window of an edge may need beyond it
 
 
 def _profile(image: Image, x: float, y: float, nx: float, ny: float, half: int) -> Floats:
@@ -34,31 +33,21 @@ def _profile(image: Image, x: float, y: float, nx: float, ny: float, half: int) 
     return out
 
 
-def _window(gradient: Floats, start: float, centre: float) -> tuple[float, float, float, float]:
-    """Mass and first moment about `centre` of stepwise gradients in a window, and the gradients at its ends."""
-    left = start + SPACING * np.arange(len(gradient))
-    low = np.maximum(left, centre - WINDOW)
-    high = np.minimum(left + SPACING, centre + WINDOW)
-    span = np.maximum(high - low, 0.0)
-    mass = float((gradient * span).sum())
-    moment = float((gradient * span * ((low + high) / 2 - centre)).sum())
-    ends = []
-    for end in (centre - WINDOW, centre + WINDOW):
-        i = math.floor((end - start) / SPACING)
-        ends.append(float(gradient[i]) if 0 <= i < len(gradient) else 0.0)
-    return mass, moment, ends[0], ends[1]
-
-
 def _centre(profile: Floats, start: float, sign: float, peak: float) -> float:
-    """Where the window's centroid of the gradients of one sign is its own centre: the edge, near `peak`."""
-    gradient = np.maximum(sign * np.diff(profile), 0.0) / SPACING
+    """Where gradients of one sign balance under the weight u (1 - u^2), u = (x - centre) / WINDOW, near `peak`.
+
+    By Newton's steps. A weight that fades out does not feel where the samples lie.
+    """
+    gradient = np.maximum(sign * np.diff(profile), 0.0)
+    along = start + SPACING * (np.arange(len(gradient)) + 0.5)
     centre = peak
     for _ in range(3):
-        mass, moment, before, after = _window(gradient, start, centre)
-        mean = moment / mass
-        # The centroid follows the window at this rate; the step is Newton's on centroid - centre.
-        rate = ((WINDOW - mean) * after + (WINDOW + mean) * before) / mass
-        centre += mean / max(1.0 - rate, 0.2)
+        u = (along - centre) / WINDOW
+        weight = np.maximum(1 - u * u, 0.0)
+        mass = float((weight * gradient).sum())
+        moment = float((weight * u * gradient).sum())
+        rate = float(((1 - 3 * u * u) * gradient)[weight > 0].sum())
+        centre += WINDOW * moment / max(rate, 0.2 * mass)
         centre = min(max(centre, peak - 1.0), peak + 1.0)
     return centre
 
@@ -89,21 +78,22 @@ def edge_search(image: Image, points: Floats, normals: Floats, reach: float, pol
     half = int(reach / SPACING + 1e-9)
     out = np.tile([np.nan, 0.0, np.nan, np.nan], (len(points), 1))
     for row, (x, y), (nx, ny) in zip(out, points, normals, strict=True):
-        profile = _profile(image, x, y, nx, ny, half)
-        valid = np.flatnonzero(np.isfinite(profile))
-        if len(valid) < MIN_SAMPLES:
+        # Beyond its reach an edge is not looked for, but the window of one found near the end needs its samples.
+        samples = _profile(image, x, y, nx, ny, half + MARGIN)
+        valid = np.flatnonzero(np.isfinite(samples))
+        within = valid[(valid >= MARGIN) & (valid <= 2 * half + MARGIN)]
+        if len(within) < MIN_SAMPLES:
             continue
-        first, last = int(valid[0]), int(valid[-1])
-        profile = profile[first : last + 1]
-        start = SPACING * (first - half)
+        profile, along = samples[within], SPACING * (within - half - MARGIN)
         slope = (profile[2:] - profile[:-2]) / (2 * SPACING)
         score = np.abs(slope) if polarity == 0 else slope * (1 if polarity > 0 else -1)
         peak = int(np.argmax(score))
         if not score[peak] > 0 or peak in (0, len(score) - 1):
             continue
+        at = int(within[peak + 1])
+        wide = valid[(valid >= at - MARGIN) & (valid <= at + MARGIN)]
         sign = 1.0 if slope[peak] > 0 else -1.0
-        offset = _centre(profile, start, sign, start + SPACING * (peak + 1))
-        along = start + SPACING * np.arange(len(profile))
+        offset = _centre(samples[wide], SPACING * (int(wide[0]) - half - MARGIN), sign, float(along[peak + 1]))
         inside, outside = profile[along <= offset - AWAY], profile[along >= offset + AWAY]
         row[:] = (
             offset,

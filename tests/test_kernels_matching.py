@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled matching kernels equal their definition."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from outlines import blobs, frame_motions, stars
+
+from grasptrack import kernels
+from grasptrack.kernels import reference
+from grasptrack.projective import apply_homography
+
+pytestmark = pytest.mark.skipif(kernels.BACKEND != "native", reason="no compiled kernels here")
+FEW = settings(max_examples=40, deadline=None)
+
+
+def vectors(points):
+    arc = reference.arc_length(points)
+    return reference.curvature(points, 0.012 * arc[-1]) * arc[-1], arc
+
+
+@FEW
+@given(st.one_of(stars(), blobs()), st.floats(0.0, 8.0))
+def test_peaks(points, prominence):
+    v, arc = vectors(points)
+    v[5:9] = np.nan
+    found = kernels.curvature_peaks(v, arc, 0.03 * arc[-1], prominence)
+    assert found.tolist() == reference.curvature_peaks(v, arc, 0.03 * arc[-1], prominence).tolist()
+    assert found.dtype == np.int64
+    assert not set(found.tolist()) & set(range(4, 10))
+
+
+@FEW
+@given(st.integers(0, 8), st.integers(0, 1000))
+def test_quadrilateral(count, seed):
+    rng = np.random.default_rng(seed)
+    points, weights = rng.uniform(0, 100, (count, 2)), rng.uniform(1, 5, count)
+    found, wanted = kernels.best_quadrilateral(points, weights), reference.best_quadrilateral(points, weights)
+    assert found[:4] == wanted[:4]
+    assert found[4] == pytest.approx(wanted[4])
+
+
+@FEW
+@given(blobs(), stars(count=211))
+def test_alignment(first, second):
+    np.testing.assert_allclose(
+        kernels.align_outlines(first, second, 64), reference.align_outlines(first, second, 64), atol=1e-12
+    )
+
+
+@FEW
+@given(st.one_of(stars(), blobs()), frame_motions(), st.integers(0, 299), st.booleans())
+def test_eq_3(points, H, start, gap):
+    moved = np.roll(apply_homography(H, points), start, axis=0)
+    (v1, arc1), (v2, arc2) = vectors(points), vectors(np.ascontiguousarray(moved))
+    if gap:
+        v2[20:40] = np.nan
+    peaks = np.argsort(-np.abs(v1))[:4].astype(np.int64)
+    kappa = arc2[-1] / arc1[-1]
+    centres = kappa * arc1[peaks] + 3.0
+    arguments = (v1, arc1, peaks, v2, arc2, centres, kappa, 0.04 * arc1[-1], 12, 0.0025 * arc1[-1])
+    found, wanted = kernels.match_curvature(*arguments), reference.match_curvature(*arguments)
+    np.testing.assert_allclose(found[:, 1], wanted[:, 1], rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(found[:, 0], wanted[:, 0])
+
+
+def test_bad_arguments():
+    v, arc = np.ones(10), np.arange(10.0)
+    with pytest.raises(ValueError, match="arc"):
+        kernels.curvature_peaks(v, arc, 1.0, 1.0)
+    with pytest.raises(ValueError, match="weight"):
+        kernels.best_quadrilateral(np.zeros((4, 2)), np.ones(3))
+    with pytest.raises(ValueError, match="count"):
+        kernels.align_outlines(np.eye(2), np.eye(2), 2)

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's identities: a transfer is exact where its description is invariant (Sections III and IV)."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from outlines import BRACKET, blobs, dense, frame_motions, similarities, stars, turned
+
+from grasptrack.contour import Contour, View
+from grasptrack.errors import (
+    AmbiguousError,
+    AxesError,
+    ClippedError,
+    ConditioningError,
+    ParallelLineError,
+    PeaksError,
+    StrategyError,
+    TransferError,
+)
+from grasptrack.grasp import Grasp
+from grasptrack.projective import apply_homography
+from grasptrack.synthesis import synthesize
+from grasptrack.transfer import STRATEGIES, grasp_line, homography, transfer
+
+FEW = settings(max_examples=40, deadline=None)
+
+
+def some_grasp(contour: Contour) -> Grasp:
+    """Two contacts, somewhere on the outline, not along its long axis."""
+    found = synthesize(contour, friction=1.0, top=1)
+    assume(found)
+    return found[0]
+
+
+def close(contacts, expected, contour):
+    assert np.abs(contacts - expected).max() <= 1e-6 * np.sqrt(contour.area)
+
+
+@FEW
+@given(st.one_of(stars(), blobs()), similarities())
+def test_grasp_line_is_exact_under_similarities(points, S):
+    reference = Contour(points)
+    grasp, current = some_grasp(reference), Contour(apply_homography(S, points))
+    try:
+        moved = transfer(grasp, reference, current, "grasp-line")
+    except (AxesError, ParallelLineError, AmbiguousError):
+        assume(False)
+    close(moved.grasp.contacts, apply_homography(S, grasp.contacts), current)
+    np.testing.assert_allclose(apply_homography(moved.homography, points), current.points, atol=1e-6)
+
+
+@FEW
+@given(stars(), similarities())
+def test_grasp_line_coordinates_are_unchanged_by_a_transfer(points, S):
+    """Table IV; the printed alpha_m does not depend on which way the axes were found to point."""
+    reference, current = Contour(points), Contour(apply_homography(S, points))
+    try:
+        before = grasp_line.describe(some_grasp(reference), reference)
+        moved = grasp_line.apply(before, current).grasp
+        after = grasp_line.describe(moved, current)
+    except (AxesError, ParallelLineError, AmbiguousError):
+        assume(False)
+    np.testing.assert_allclose(after[:4], before[:4], atol=1e-7)
+    assert before.paper()[0] == pytest.approx(before.d_c / np.sqrt(reference.area))
+
+
+@FEW
+@given(st.one_of(stars(), blobs()), similarities())
+def test_rrp_is_exact_under_similarities_and_reversible(points, S):
+    reference, current = Contour(points), Contour(apply_homography(S, points))
+    grasp = some_grasp(reference)
+    there = transfer(grasp, reference, current, "rrp").grasp
+    close(there.contacts, apply_homography(S, grasp.contacts), current)
+    back = transfer(there, current, reference, "rrp").grasp
+    close(back.contacts, grasp.contacts, reference)
+    again = transfer(back, reference, current, "rrp").grasp
+    assert (again.contacts == there.contacts).all()
+
+
+@FEW
+@given(stars(), frame_motions())
+def test_homography_is_exact_where_samples_correspond(points, H):
+    reference, current = Contour(points), Contour(apply_homography(H, points))
+    grasp = some_grasp(reference)
+    try:
+        moved = transfer(grasp, reference, current, "homography")
+    except PeaksError as error:
+        assert "peaks" in str(error) or "row" in str(error)
+        assume(False)
+    close(moved.grasp.contacts, apply_homography(H, grasp.contacts), current)
+    np.testing.assert_allclose(apply_homography(moved.homography, points), current.points, atol=1e-4)
+
+
+@FEW
+@given(stars(), frame_motions(), st.integers(0, 299), st.booleans())
+def test_transfers_do_not_depend_on_first_point_or_direction(points, H, start, reverse):
+    reference, current = Contour(points), Contour(apply_homography(H, points))
+    grasp = some_grasp(reference)
+    for strategy in ("grasp-line", "homography"):
+        try:
+            expected = transfer(grasp, reference, current, strategy).grasp.contacts
+        except TransferError:
+            continue
+        found = transfer(grasp, turned(reference, 17, False), turned(current, start, reverse), strategy).grasp.contacts
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_homography_follows_a_prior_far_away_and_a_clipped_outline():
+    reference = Contour(dense(BRACKET, 600))
+    grasp = synthesize(reference)[0]
+    H = np.array([[0.5, -0.8, 400.0], [0.9, 0.6, -20.0], [3e-4, -2e-4, 1.0]])
+    points = apply_homography(H, reference.points)
+    near = H.copy()
+    near[:2, 2] += 4.0
+    expected = apply_homography(H, grasp.contacts)
+    moved = transfer(grasp, reference, Contour(points), "homography", prior=near)
+    np.testing.assert_allclose(moved.grasp.contacts, expected, atol=1e-3)
+    # cut half-way between two peaks, far from both
+    peaks = np.sort(homography.describe(grasp, reference).peaks)
+    gaps = np.diff(np.append(peaks, peaks[0] + len(points)))
+    middle = int(peaks[gaps.argmax()] + gaps.max() // 2) % len(points)
+    cut = Contour(points, clipped=np.arange(len(points)) == middle)
+    moved = transfer(grasp, reference, cut, "homography", prior=near).grasp.contacts
+    np.testing.assert_allclose(moved, expected, atol=1e-3)
+    with pytest.raises(ClippedError):
+        transfer(grasp, reference, cut, "homography")
+
+
+def test_three_contacts_move_along_their_normals_onto_the_outline():
+    reference = Contour(dense(BRACKET, 600))
+    contacts = Grasp(reference.points[[40, 200, 420]])
+    H = np.array([[1.02, 0.03, 5.0], [-0.02, 0.99, -3.0], [2e-5, 1e-5, 1.0]])
+    current = Contour(apply_homography(H, reference.points))
+    moved = transfer(contacts, reference, current, "homography").grasp
+    np.testing.assert_allclose(moved.contacts, apply_homography(H, contacts.contacts), atol=1e-5)
+    assert moved.on(current)[:, 2].max() < 1e-6
+    with pytest.raises(StrategyError, match="two fingers, not 3"):
+        transfer(contacts, reference, current, "grasp-line")
+
+
+def square(n=50):
+    return Contour(dense([[0, 0], [100, 0], [100, 100], [0, 100]], 4 * n))
+
+
+def rectangle():
+    return Contour(dense([[0, 0], [200, 0], [200, 100], [0, 100]], 300))
+
+
+def test_every_refusal_has_its_reason():
+    t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    disc = Contour(100 * np.column_stack([np.cos(t), np.sin(t)]))
+    across = Grasp([[0, 30], [100, 30]])
+    with pytest.raises(AxesError, match="no distinct inertia axes"):
+        transfer(across, square(), square(), "grasp-line")
+    with pytest.raises(PeaksError, match="0 peaks"):
+        transfer(Grasp([[-100, 0], [100, 0]]), disc, disc, "homography")
+    with pytest.raises(ParallelLineError, match="never meets it"):
+        transfer(Grasp([[0, 40], [200, 40]]), rectangle(), rectangle(), "grasp-line")
+    with pytest.raises(AmbiguousError, match="half turn"):
+        transfer(Grasp([[40, 0], [40, 100]]), rectangle(), rectangle(), "grasp-line")
+    cut = Contour(rectangle().points, clipped=np.arange(len(rectangle())) < 9)
+    with pytest.raises(ClippedError, match="border"):
+        transfer(Grasp([[40, 0], [40, 100]]), rectangle(), cut, "grasp-line")
+    with pytest.raises(StrategyError, match=", ".join(STRATEGIES)):
+        transfer(across, square(), square(), "magic")
+    with pytest.raises(StrategyError, match="correspond"):
+        transfer(across, square(50), square(60), "rrp")
+    mirrored = Contour(dense(BRACKET * [-1.0, 1.0], 300))
+    with pytest.raises(TransferError):
+        transfer(Grasp(dense(BRACKET)[[10, 100]]), Contour(dense(BRACKET)), mirrored, "homography")
+
+
+def test_a_half_turn_is_settled_by_a_prior_or_by_a_grasp_that_maps_to_itself():
+    half_turn = np.array([[-1.0, 0, 200], [0, -1.0, 100], [0, 0, 1]])
+    grasp = Grasp([[40, 0], [40, 100]])
+    moved = transfer(grasp, rectangle(), rectangle(), "grasp-line", prior=half_turn)
+    np.testing.assert_allclose(moved.grasp.contacts, [[160, 100], [160, 0]], atol=1e-6)
+    middle = Grasp([[100, 0], [100, 100]])
+    moved = transfer(middle, rectangle(), rectangle(), "grasp-line").grasp.contacts
+    assert {tuple(np.round(p, 6)) for p in moved} == {(100.0, 0.0), (100.0, 100.0)}
+
+
+def test_holes_count_in_the_moments():
+    outer = Contour(dense(BRACKET))
+    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    hole = Contour(150 + 12 * np.column_stack([np.cos(t), np.sin(t)]), hole=True)
+    plain, holed = View([outer]), View([outer, hole])
+    grasp = synthesize(plain)[0]
+    a, b = grasp_line.describe(grasp, plain), grasp_line.describe(grasp, holed)
+    assert b.area == pytest.approx(a.area - hole.area)
+    assert a.d_c != b.d_c
+    assert transfer(grasp, holed, holed, "grasp-line").residual < 1e-9
+
+
+def test_a_homography_that_mirrors_or_flattens_is_implausible():
+    from grasptrack.projective import check_plausible
+
+    corners = np.array([[0.0, 0], [100, 0], [100, 100], [0, 100]])
+    check_plausible(np.eye(3), corners)
+    for H, reason in (
+        (np.diag([-1.0, 1.0, 1.0]), "mirrors"),
+        (np.diag([1.0, 0.05, 1.0]), "flattens"),
+        (np.array([[1.0, 0, 0], [0, 1, 0], [-0.02, 0, 1]]), "infinity"),
+        (np.full((3, 3), np.nan), "not finite"),
+    ):
+        with pytest.raises(ConditioningError, match=reason):
+            check_plausible(H, corners)
