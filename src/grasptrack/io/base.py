@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every source of images is: something that iterates over frames of one size, and closes."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import SourceError
+
+Image = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One image of a source.
+
+    Attributes:
+        index: number of the frame in the order of decoding, from 0.
+        time: s; None where the source has no times.
+        image: uint8, grey (H, W) or BGR (H, W, 3).
+        name: what to call it in a message: the file's name, or the source's name and the frame's number.
+    """
+
+    index: int
+    time: float | None
+    image: NDArray[np.uint8]
+    name: str
+
+
+class Source(ABC):
+    """Frames of one size, one at a time: memory does not grow with their number.
+
+    Args:
+        spec: what the user named.
+        fps: frames/s that give frame i the time i / fps s, in place of the source's own times; None leaves these.
+
+    Attributes:
+        kind: "folder", "glob", "image", "video" or "camera".
+        count: number of frames, or None where it is not known.
+        exact: whether `count` is certain; for some videos it is estimated from the duration.
+        fps: frames/s, or None.
+        names: the frames' file names where frames are files, else empty.
+
+    Raises:
+        SourceError: at the start when there is nothing to read, on the way when a frame cannot be read or changes size.
+    """
+
+    kind: str = ""
+
+    def __init__(self, spec: str, fps: float | None = None) -> None:
+        if fps is not None and not (0.0 < fps < math.inf):
+            raise SourceError(f"fps must be a positive number of frames/s, not {fps:g}", fps=fps)
+        self.spec = spec
+        self.count: int | None = None
+        self.exact = False
+        self.fps = fps
+        self.names: tuple[str, ...] = ()
+        self._period = None if fps is None else 1.0 / fps
+        self._running: Generator[tuple[Image, float | None, str], None, None] | None = None
+
+    @abstractmethod
+    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+        """Images, their own times and their names, in order; whatever it holds open is released when it is closed."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames from the first."""
+        self.close()
+        self._running = running = self._read()
+        size: tuple[int, ...] | None = None
+        with contextlib.closing(running):
+            for index, (image, time, name) in enumerate(running):
+                if size is None:
+                    size = image.shape[:2]
+                elif image.shape[:2] != size:
+                    raise SourceError(
+                        f"frame {index} ({name}) is {_size(image.shape)} px, but those before it are {_size(size)}: "
+                        "all frames must have one size",
+                        frame=index,
+                        shape=image.shape[:2],
+                        expected=size,
+                    )
+                yield Frame(index, time if self._period is None else index * self._period, image, name)
+
+    def close(self) -> None:
+        """Release what the source holds open; iterating again starts over."""
+        if self._running is not None:
+            self._running.close()
+            self._running = None
+
+    def __enter__(self) -> Source:
+        """The source itself; leaving closes it."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]}x{shape[0]}"

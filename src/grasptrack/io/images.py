@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Image files as a source: one, a folder of them, or those that a pattern names.
+
+Depth: 8-bit values stay as they are. Deeper images are scaled to 8 bits by one factor for the whole sequence, that of
+the smallest usual full scale (1 for fractions, else 255 for float images, 10, 12, 14 or 16 bits) that holds the first
+image's largest value, so that a dark 12-bit recording is not left with a dozen grey levels; what is brighter later on
+saturates, as in a camera. Alpha: what is transparent shows black. EXIF rotation is applied, as viewers do.
+"""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Generator, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import SourceError
+from grasptrack.io.base import Image, Source
+from grasptrack.io.whole import is_whole_image
+
+SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".pgm"})
+NAMED = "jpg, png, tif, bmp, pgm"
+_FULL_SCALES = {"u": (1023.0, 4095.0, 16383.0, 65535.0), "f": (1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0)}
+
+
+def natural_key(name: str) -> tuple[list[str | int], str]:
+    """Sorts img2 before img10."""
+    parts = re.split(r"([0-9]+)", name)
+    return [int(p) if i % 2 else p.casefold() for i, p in enumerate(parts)], name
+
+
+def is_image_file(path: Path) -> bool:
+    """Whether the name is that of an image; hidden files are not meant."""
+    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+
+
+def images_in(folder: Path) -> list[Path]:
+    """The images of a folder in natural order of names; other files are passed over.
+
+    Raises:
+        SourceError: none there, or the folder cannot be listed.
+    """
+    try:
+        found = [p for p in folder.iterdir() if is_image_file(p) and p.is_file()]
+    except OSError as error:
+        raise SourceError(f'folder "{folder}" cannot be read: {error.strerror}', path=str(folder)) from None
+    if not found:
+        raise SourceError(f'folder "{folder}" holds no image ({NAMED})', path=str(folder))
+    return sorted(found, key=lambda p: natural_key(p.name))
+
+
+def images_matching(pattern: str) -> list[Path]:
+    """The images that a pattern with *, ? or [] names, in natural order.
+
+    Raises:
+        SourceError: none.
+    """
+    found = [p for p in map(Path, glob.glob(pattern, recursive=True)) if is_image_file(p) and p.is_file()]  # noqa: PTH207
+    if not found:
+        raise SourceError(f'no image matches "{pattern}" ({NAMED})', pattern=pattern)
+    return sorted(found, key=lambda p: natural_key(p.as_posix()))
+
+
+def read_image(path: Path) -> Image:
+    """An image as its file has it: any depth, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
+
+    Raises:
+        SourceError: missing, truncated, or no image.
+    """
+    import cv2
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise SourceError(f'image "{path}" cannot be read: {error.strerror}', path=str(path)) from None
+    if not data:
+        raise SourceError(f'image "{path}" is empty', path=str(path))
+    if not is_whole_image(data):
+        raise SourceError(f'image "{path}" is truncated', path=str(path))
+    # IMREAD_UNCHANGED alone keeps alpha, and alone ignores EXIF rotation; no JPEG has alpha.
+    upright = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
+    flags = upright if data.startswith(b"\xff\xd8") else cv2.IMREAD_UNCHANGED
+    try:
+        image: Image | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        image = None
+    if image is None or image.size == 0:
+        raise SourceError(f'image "{path}" cannot be read: it is damaged, or no image', path=str(path))
+    return image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
+
+
+class EightBits:
+    """Images of any depth as uint8, grey (H, W) or BGR (H, W, 3), the scale being set by the first one."""
+
+    def __init__(self) -> None:
+        self._full: float | None = None
+
+    def __call__(self, image: Image) -> NDArray[np.uint8]:
+        """The image in 8 bits, (H, W) or (H, W, 3)."""
+        plain = image
+        if image.ndim == 3 and image.shape[2] == 4:
+            opaque = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
+            plain = image[:, :, :3]
+            if image[:, :, 3].min() < opaque:
+                plain = (plain * (image[:, :, 3:] / opaque)).astype(image.dtype)
+        if plain.dtype == np.uint8:
+            return np.ascontiguousarray(plain)
+        if plain.dtype == np.bool_:
+            return plain.astype(np.uint8) * np.uint8(255)
+        values = np.nan_to_num(plain.astype(np.float32), posinf=0.0, neginf=0.0)
+        if self._full is None:
+            peak = float(values.max(initial=0.0))
+            self._full = next((s for s in _FULL_SCALES["f" if plain.dtype.kind == "f" else "u"] if s >= peak), peak)
+        scaled: NDArray[np.uint8] = np.clip(values * (255.0 / self._full) + 0.5, 0.0, 255.0).astype(np.uint8)
+        return scaled
+
+
+class ImageSource(Source):
+    """Image files, in the order given."""
+
+    def __init__(self, spec: str, paths: Sequence[Path], kind: str, fps: float | None = None) -> None:
+        super().__init__(spec, fps)
+        self.kind = kind
+        self.count = len(paths)
+        self.exact = True
+        self.names = tuple(p.name for p in paths)
+        self._paths = tuple(paths)
+
+    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+        yield from read_all(self._paths)
+
+
+def read_all(paths: Iterable[Path]) -> Generator[tuple[Image, float | None, str], None, None]:
+    """The images of a sequence in 8 bits, without times."""
+    to_eight = EightBits()
+    for path in paths:
+        yield to_eight(read_image(path)), None, path.name

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""grasps.csv and run.json: one row for every frame, and what the run was and gave.
+
+Units in both files, for people: px for contacts (4 decimals), **degrees** for the margin, s for times, ms for latency,
+0 to 1 for seen and confidence. A cell is empty where there is no value. run.json repeats them under "units".
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from grasptrack.result import TrackResult
+
+UNITS = {
+    "time_s": "s",
+    "contacts": "px, the centre of the top-left pixel at (0, 0), x right, y down",
+    "seen": "0 to 1",
+    "margin": "degrees",
+    "confidence": "0 to 1",
+    "latency_ms": "ms",
+}
+
+
+def columns(fingers: int) -> list[str]:
+    """Names of the columns of grasps.csv for a number of contacts."""
+    numbers = range(1, fingers + 1)
+    return [
+        *("frame", "time_s", "status", "strategy", "grasp_id"),
+        *(f"{axis}{i}" for i in numbers for axis in "xy"),
+        *(f"seen{i}" for i in numbers),
+        *("margin", "confidence", "latency_ms", "reason"),
+    ]
+
+
+class GraspsCsv:
+    """Writes grasps.csv row by row; each row is on its way to the disk before the next frame is looked at.
+
+    Args:
+        path: the file, written over.
+        fingers: number of contacts, k.
+    """
+
+    def __init__(self, path: Path, fingers: int) -> None:
+        self._fingers = fingers
+        self._file = path.open("w", newline="", encoding="utf-8", buffering=1)
+        self._writer = csv.writer(self._file, lineterminator="\n")
+        self._writer.writerow(columns(fingers))
+
+    def write(self, result: TrackResult, index: int, time: float | None) -> None:
+        """Add the row of one frame.
+
+        Args:
+            result: the tracker's answer.
+            index: the frame's number in its source.
+            time: the frame's time, s.
+        """
+        contacts: list[float] = [] if result.contacts is None else result.contacts.ravel().tolist()
+        seen: list[float] = [] if result.seen is None else result.seen.tolist()
+        margin = None if result.analysis is None else math.degrees(result.analysis.margin)
+        self._writer.writerow(
+            [
+                index,
+                _cell(time, 6),
+                result.status,
+                result.strategy,
+                "" if result.grasp_id is None else result.grasp_id,
+                *_cells(contacts, 2 * self._fingers, 4),
+                *_cells(seen, self._fingers, 3),
+                _cell(margin, 4),
+                _cell(result.confidence, 4),
+                _cell(result.latency_ms, 4),
+                " ".join(result.reason.split()),
+            ]
+        )
+
+    def close(self) -> None:
+        """Close the file; may be called again."""
+        self._file.close()
+
+
+def _cell(value: float | None, decimals: int) -> str:
+    return "" if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
+
+
+def _cells(values: list[float], count: int, decimals: int) -> list[str]:
+    cells = [_cell(v, decimals) for v in values[:count]]
+    return cells + [""] * (count - len(cells))
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package and of what computes, decodes and encodes for it."""
+    found = {"grasptrack": _version("grasptrack"), "python": platform.python_version(), "numpy": _version("numpy")}
+    import cv2
+
+    return {**found, "opencv": cv2.__version__, "av": _version("av"), "platform": platform.platform()}
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write strict JSON: what is not finite becomes null. The file is complete at any moment or absent."""
+    partial = path.with_name(path.name + ".part")
+    partial.write_text(json.dumps(_strict(content), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    partial.replace(path)
+
+
+def _strict(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _strict(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_strict(v) for v in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):
+        return _strict(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any source of images from its name alone."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from grasptrack.errors import SourceError
+from grasptrack.io.base import Frame, Source
+from grasptrack.io.camera import CameraSource
+from grasptrack.io.images import ImageSource, images_in, images_matching, is_image_file
+from grasptrack.io.video_source import VideoSource
+
+__all__ = ["Frame", "Source", "open_source"]
+
+
+def open_source(spec: str | os.PathLike[str], fps: float | None = None) -> Source:
+    """Frames of a folder, a glob, a video file, a camera or one image, whichever the name turns out to be.
+
+    Folders and globs are read in natural order of names (jpg, png, tif, bmp, pgm; other files are passed over) and have
+    no times unless `fps` gives them. Deeper images come scaled to 8 bits by one factor for the sequence
+    (`grasptrack.io.images`), transparent parts black; grey stays (H, W), colour is BGR (H, W, 3).
+
+    Args:
+        spec: a path, a pattern with ``*``, ``?`` or ``[]``, or ``camera:0``.
+        fps: frames/s: frame i gets the time i / fps, in place of any times of the source's own.
+
+    Returns:
+        What iterates over `Frame`s and can be used in a ``with`` statement.
+
+    Raises:
+        SourceError: nothing there, or nothing that can be read; while iterating, a frame that cannot be read or is of
+            another size than the frames before it.
+    """
+    text = os.fspath(spec)
+    if not text:
+        raise SourceError("the source has no name: give a folder, a glob, a video file, camera:0 or an image")
+    if text.startswith("camera:"):
+        return CameraSource(text, fps)
+    path = Path(text)
+    if path.is_dir():
+        return ImageSource(text, images_in(path), "folder", fps)
+    if path.is_file():
+        return ImageSource(text, [path], "image", fps) if is_image_file(path) else VideoSource(path, fps)
+    if any(c in text for c in "*?["):
+        return ImageSource(text, images_matching(text), "glob", fps)
+    if path.exists():
+        raise SourceError(f'"{text}" is neither a file nor a folder', path=text)
+    raise SourceError(f'"{text}" does not exist: give a folder, a glob, a video file, camera:0 or an image', path=text)

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The same grasp in two views: the reference on the left, each strategy's answer on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hexadecimal
+
+if TYPE_CHECKING:
+    from grasptrack.contour import View
+
+Floats = NDArray[np.float64]
+
+_INK = "#1d232b"
+# Nested sizes: where strategies agree, none hides another.
+_MARKS = {"rrp": ("s", 15), "grasp-line": ("D", 9.5), "homography": ("o", 5.5)}
+_GRASP_RGB = STATUS_RGB["tracked"]
+_LEGEND: dict[str, Any] = {
+    "loc": "upper left",
+    "bbox_to_anchor": (0.0, -0.01),
+    "borderaxespad": 0.2,
+    "frameon": False,
+    "labelcolor": _INK,
+}
+
+
+def write_pair(
+    path: Path,
+    reference: tuple[NDArray[Any], View, Floats],
+    current: tuple[NDArray[Any], View],
+    transferred: Mapping[str, Floats],
+    refused: Mapping[str, str],
+    titles: tuple[str, str] = ("reference", "current"),
+) -> None:
+    """Write a picture of both views.
+
+    Args:
+        path: the picture.
+        reference: image, outline and contacts (k, 2) px of the reference view.
+        current: image and outline of the current view.
+        transferred: contacts (k, 2) px in the current view for each strategy that carried the grasp.
+        refused: the reason for each strategy that did not.
+        titles: what the views are called.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    image, view, contacts = reference
+    wide = sum(i.shape[1] / i.shape[0] for i in (image, current[0]))
+    tall = min(max(13.0 / wide, 3.0), 9.0)
+    figure = Figure(figsize=(13.4, tall), facecolor="white")
+    FigureCanvasAgg(figure)
+    widths = [i.shape[1] / i.shape[0] for i in (image, current[0])]
+    edges = {"left": 0.0, "right": 1.0, "bottom": 0.0, "top": 1.0, "wspace": 0.03}
+    left, right = figure.subplots(1, 2, width_ratios=widths, gridspec_kw=edges)
+    _show(left, image, view, titles[0])
+    _show(right, *current, titles[1])
+    _draw_grasp(left, contacts, hexadecimal(_GRASP_RGB), "o", 8.0)
+    for i, at in enumerate(contacts):
+        _number(left, i + 1, at, contacts.mean(axis=0))
+    handles = []
+    for name, found in transferred.items():
+        colour, (mark, size) = hexadecimal(STRATEGY_RGB[name]), _MARKS[name]
+        _draw_grasp(right, found, colour, mark, size)
+        handles.append(Line2D([], [], color=colour, marker=mark, ms=min(size, 10.0), mec="white", lw=2, label=name))
+    if transferred:
+        best = list(transferred.values())[-1]
+        for i, at in enumerate(best):
+            _number(right, i + 1, at, best.mean(axis=0))
+    left.legend(
+        handles=[Line2D([], [], color=hexadecimal(_GRASP_RGB), marker="o", ms=8, mec="white", lw=2, label="the grasp")],
+        **_LEGEND,
+    )
+    for name, reason in refused.items():
+        handles.append(Line2D([], [], lw=0, label="\n".join(wrap(f"{name} refused: {reason}", 88))))
+    right.legend(handles=handles, **_LEGEND)
+    figure.savefig(path, dpi=110, bbox_inches="tight", pad_inches=0.2)
+
+
+def _show(axes: Any, image: NDArray[Any], view: View, title: str) -> None:
+    if image.ndim == 2:
+        axes.imshow(image, cmap="gray", vmin=0, vmax=255)
+    else:
+        axes.imshow(image[:, :, ::-1])
+    for contour in view.contours:
+        closed = np.vstack([contour.points, contour.points[:1]])
+        axes.plot(closed[:, 0], closed[:, 1], color="#0c0e12", lw=2.6)
+        axes.plot(closed[:, 0], closed[:, 1], color="white", lw=1.0)
+    # Fixed here, so that a contact beyond the border does not shrink the image.
+    axes.set_xlim(-0.5, image.shape[1] - 0.5)
+    axes.set_ylim(image.shape[0] - 0.5, -0.5)
+    axes.set_title(title, fontsize=12, color=_INK, loc="left")
+    axes.set_axis_off()
+
+
+def _draw_grasp(axes: Any, contacts: Floats, colour: str, mark: str, size: float) -> None:
+    middle = contacts.mean(axis=0)
+    for spoke in [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]:
+        axes.plot(spoke[:, 0], spoke[:, 1], color=colour, lw=1.8)
+    axes.plot(contacts[:, 0], contacts[:, 1], mark, color=colour, ms=size, mec="white", mew=1.2, zorder=3)
+
+
+def _number(axes: Any, number: int, at: Floats, middle: Floats) -> None:
+    away = (at - middle) / max(float(np.linalg.norm(at - middle)), 1e-9)
+    axes.annotate(
+        str(number),
+        at,
+        xytext=(24 * away[0], -24 * away[1]),
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        fontsize=9,
+        fontweight="bold",
+        color="white",
+        bbox={"boxstyle": "circle,pad=0.25", "fc": "#0c0e12", "ec": "none"},
+        annotation_clip=True,
+        zorder=2.5,
+    )

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colours and type, shared by all pictures.
+
+Colours are Okabe and Ito's, which colour-blind people can tell apart, in RGB; a status is never told by colour alone.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Colour = tuple[int, int, int]
+Picture = NDArray[np.uint8]
+
+STATUS_RGB: dict[str, Colour] = {
+    "tracked": (0, 168, 120),
+    "unstable": (240, 170, 20),
+    "lost": (222, 84, 24),
+    "searching": (150, 156, 164),
+}
+STRATEGY_RGB: dict[str, Colour] = {
+    "rrp": (230, 159, 0),
+    "grasp-line": (204, 121, 167),
+    "homography": (0, 114, 178),
+}
+INK_RGB: Colour = (236, 239, 243)
+MUTED_RGB: Colour = (152, 161, 173)
+PANEL_RGB: Colour = (22, 26, 33)
+RULE_RGB: Colour = (58, 65, 76)
+
+
+def bgr(colour: Colour) -> Colour:
+    """A colour as OpenCV wants it."""
+    return colour[2], colour[1], colour[0]
+
+
+def hexadecimal(colour: Colour) -> str:
+    """A colour as matplotlib wants it."""
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def text_width(text: str, size: int, bold: bool = False) -> int:
+    """Width in px of a line of text of a given size in px."""
+    return int(_rendered(text, size, bold)[0].shape[1])
+
+
+def put_text(picture: Picture, text: str, x: int, baseline: int, size: int, colour: Colour, bold: bool = False) -> None:
+    """Write a line of text from x on a baseline y, in place; what falls outside the picture is cut off.
+
+    OpenCV's stroke fonts are hard to read at this size, so the typeface is the one that comes with matplotlib.
+    """
+    if not text:
+        return
+    alpha, descent = _rendered(text, size, bold)
+    top = baseline + descent - alpha.shape[0]
+    blend(picture, alpha, x, top, colour)
+
+
+def ellipsised(text: str, room: int, size: int, bold: bool = False) -> str:
+    """The text, cut with an ellipsis where it is wider than `room` px; empty where nothing of it fits."""
+    if text_width(text, size, bold) <= room:
+        return text
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if text_width(text[:middle].rstrip() + "…", size, bold) <= room:
+            low = middle
+        else:
+            high = middle - 1
+    return text[:low].rstrip() + "…" if low else ""
+
+
+def blend(picture: Picture, alpha: NDArray[np.uint8], x: int, y: int, colour: Colour) -> None:
+    """Lay a colour (RGB) over a BGR picture, in place, through a mask (h, w) whose top-left pixel goes to (x, y)."""
+    height, width = picture.shape[:2]
+    x0, y0, x1, y1 = max(x, 0), max(y, 0), min(x + alpha.shape[1], width), min(y + alpha.shape[0], height)
+    if x0 >= x1 or y0 >= y1:
+        return
+    part = alpha[y0 - y : y1 - y, x0 - x : x1 - x, None].astype(np.uint16)
+    under = picture[y0:y1, x0:x1]
+    under[:] = (under * (255 - part) + np.array(bgr(colour), np.uint16) * part + 127) // 255
+
+
+@lru_cache(maxsize=2)
+def _font(bold: bool) -> Any:
+    import matplotlib
+    from matplotlib.ft2font import FT2Font
+
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return FT2Font(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name))
+
+
+@lru_cache(maxsize=512)
+def _rendered(text: str, size: int, bold: bool) -> tuple[NDArray[np.uint8], int]:
+    """Coverage (h, w) of a line of text, 0 to 255, and how many of its rows lie below the baseline."""
+    font = _font(bold)
+    font.set_size(float(size), 72.0)
+    font.set_text(text, 0.0)
+    font.draw_glyphs_to_bitmap(antialiased=True)
+    coverage = np.array(font.get_image(), dtype=np.uint8)
+    if coverage.size == 0:
+        coverage = np.zeros((1, max(1, size // 3)), np.uint8)
+    return coverage, round(font.get_descent() / 64)

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A whole run on one page: a strip of frames, and how margin, confidence and latency went."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.view.style import STATUS_RGB, Picture, hexadecimal
+
+if TYPE_CHECKING:
+    from grasptrack.io.tally import RunSummary
+
+SHOWN = 6
+_THUMB_WIDTH = 480
+_COLUMNS = 1600
+_ORDER = ("tracked", "unstable", "lost", "searching")
+_CURVES = (
+    ("margin", "margin\n(degrees)"),
+    ("confidence", "confidence"),
+    ("latency_ms", "latency\n(ms)"),
+)
+_INK, _GRID, _LINE = "#1d232b", "#d5dae1", "#23303f"
+
+
+class Filmstrip:
+    """A few frames spread evenly over a run whose length nobody knows: at most 12 small pictures are held."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[int, Picture]] = []
+        self._stride = 1
+
+    def wants(self, index: int) -> bool:
+        """Whether this frame may come to be shown."""
+        return index % self._stride == 0
+
+    def add(self, index: int, picture: Picture) -> None:
+        """Keep a small copy of a frame's picture (H, W, 3), BGR."""
+        import cv2
+
+        height = max(1, round(picture.shape[0] * _THUMB_WIDTH / picture.shape[1]))
+        small = cv2.resize(picture, (_THUMB_WIDTH, height), interpolation=cv2.INTER_AREA)
+        self._kept.append((index, np.asarray(small, dtype=np.uint8)))
+        if len(self._kept) > 2 * SHOWN:
+            del self._kept[1::2]
+            self._stride *= 2
+
+    def pictures(self) -> list[tuple[int, Picture]]:
+        """Up to six frames' numbers and pictures, evenly spread."""
+        count = len(self._kept)
+        chosen = np.linspace(0, count - 1, min(SHOWN, count)).round().astype(int).tolist()
+        return [self._kept[i] for i in chosen]
+
+
+class Curves:
+    """The columns of grasps.csv over the frames, in as many bins as a page has room for, whatever the run's length.
+
+    Args:
+        path: grasps.csv.
+        frames: its number of rows.
+    """
+
+    def __init__(self, path: Path, frames: int) -> None:
+        self.bins = min(frames, _COLUMNS)
+        self.frames = frames
+        self.low = {name: np.full(self.bins, np.nan) for name, _ in _CURVES}
+        self.high = {name: np.full(self.bins, np.nan) for name, _ in _CURVES}
+        votes = np.zeros((self.bins, len(_ORDER)), dtype=np.int64)
+        for row, cells in enumerate(_rows(path)):
+            if row >= frames:
+                break
+            place = row * self.bins // frames
+            votes[place, _ORDER.index(cells["status"])] += 1
+            for name, _ in _CURVES:
+                if cells[name]:
+                    value = float(cells[name])
+                    self.low[name][place] = np.fmin(self.low[name][place], value)
+                    self.high[name][place] = np.fmax(self.high[name][place], value)
+        self.status: NDArray[np.int64] = votes.argmax(axis=1)
+
+    @property
+    def at(self) -> NDArray[np.float64]:
+        """(bins,) frame number in the middle of each bin."""
+        step = self.frames / self.bins
+        return np.asarray(np.arange(self.bins) * step + (step - 1) / 2, dtype=np.float64)
+
+    def spans(self) -> Iterator[tuple[str, float, float]]:
+        """Status, first and last frame (half a frame beyond either) of each stretch of one status."""
+        edges = [0, *(np.flatnonzero(np.diff(self.status)) + 1).tolist(), self.bins]
+        step = self.frames / self.bins
+        for start, stop in pairwise(edges):
+            yield _ORDER[int(self.status[start])], start * step - 0.5, stop * step - 0.5
+
+
+def _rows(path: Path) -> Iterator[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        yield from csv.DictReader(file)
+
+
+def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary, title: str) -> None:
+    """Write summary.png.
+
+    Args:
+        path: the picture.
+        rows: grasps.csv of the run, at least one row.
+        strip: frames of the run.
+        summary: its counts and figures.
+        title: name of the source.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    pictures = strip.pictures()
+    curves = Curves(rows, summary.frames)
+    across = min(3, max(1, len(pictures)))
+    down = math.ceil(len(pictures) / across) if pictures else 0
+    tall = 0.6 + sum(12.4 / across * p.shape[0] / p.shape[1] + 0.16 for _, p in pictures[::across])
+    layout = ConstrainedLayoutEngine(h_pad=0.08, w_pad=0.08)
+    figure = Figure(figsize=(12.6, tall + 5.0), layout=layout, facecolor="white")
+    FigureCanvasAgg(figure)
+    parts: Any = figure.subfigures(2, 1, height_ratios=[tall, 5.0])
+    top, bottom = parts
+    top.suptitle(f"{title}: {_headline(summary)}", x=0.012, ha="left", fontsize=13, color=_INK, fontweight="bold")
+    if pictures:
+        _show_pictures(top, pictures, down, across)
+    _show_curves(bottom, curves, summary)
+    figure.savefig(path, dpi=110)
+
+
+def _headline(summary: RunSummary) -> str:
+    parts = [f"{summary.counts[s]} {s}" for s in _ORDER if summary.counts.get(s)]
+    return f"{summary.frames} frames, " + ", ".join(parts)
+
+
+def _show_pictures(figure: Any, pictures: list[tuple[int, Picture]], down: int, across: int) -> None:
+    for axes, (_, picture) in zip(
+        figure.subplots(down, across, squeeze=False).flat, [*pictures, *[(0, None)] * 6], strict=False
+    ):
+        axes.set_axis_off()
+        if picture is not None:
+            axes.imshow(picture[:, :, ::-1], interpolation="antialiased")
+
+
+def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
+    from matplotlib.patches import Patch
+    from matplotlib.ticker import MaxNLocator
+
+    panels = figure.subplots(len(_CURVES), 1, sharex=True)
+    at = curves.at
+    alone = ".-" if curves.bins <= 60 else "-"
+    for axes, (name, label) in zip(panels, _CURVES, strict=True):
+        for status, start, stop in curves.spans():
+            axes.axvspan(start, stop, color=hexadecimal(STATUS_RGB[status]), alpha=_shade(status), lw=0)
+        low, high = curves.low[name], curves.high[name]
+        if curves.bins < curves.frames:
+            axes.fill_between(at, low, high, color=_LINE, alpha=0.35, lw=0)
+        axes.plot(at, 0.5 * (low + high), alone, color=_LINE, lw=1.3, ms=4)
+        axes.set_ylabel(label, color=_INK)
+        axes.grid(axis="y", color=_GRID, lw=0.7)
+        axes.set_axisbelow(True)
+        axes.tick_params(colors=_INK, length=3)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    margin, confidence, latency = panels
+    margin.margins(y=0.12)
+    margin.axhline(0.0, color=_INK, lw=0.9, ls=(0, (4, 3)))
+    confidence.set_ylim(-0.03, 1.05)
+    _latency_axis(latency, curves, summary)
+    latency.set_xlabel("frame", color=_INK)
+    latency.set_xlim(-0.5, max(curves.frames - 0.5, 0.5))
+    latency.xaxis.set_major_locator(MaxNLocator(integer=True))
+    marks = [
+        Patch(facecolor=hexadecimal(STATUS_RGB[s]), alpha=_shade(s) + 0.25, label=f"{s} ({summary.counts.get(s, 0)})")
+        for s in _ORDER
+    ]
+    margin.legend(handles=marks, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=10)
+
+
+def _latency_axis(axes: Any, curves: Curves, summary: RunSummary) -> None:
+    """Scaled to the 99th percentile and a little more: the first frame, which synthesises, would flatten the rest."""
+    high = curves.high["latency_ms"]
+    if not np.isfinite(high).any():
+        return
+    ceiling = max(2.0 * summary.latency_p99_ms if curves.frames > 100 else float(np.nanmax(high)), 1e-3) * 1.08
+    ceiling = min(ceiling, float(np.nanmax(high)) * 1.08)
+    axes.set_ylim(0.0, ceiling)
+    axes.axhline(summary.latency_median_ms, color=_INK, lw=0.9, ls=(0, (4, 3)))
+    text = f"median {summary.latency_median_ms:.2f} ms, 99th percentile {summary.latency_p99_ms:.2f} ms"
+    beyond = int((high > ceiling).sum())
+    if beyond:
+        text += f"; {beyond} beyond the scale, up to {np.nanmax(high):.0f} ms"
+    axes.set_title(text, loc="right", fontsize=9, color=_INK, pad=3)
+
+
+def _shade(status: str) -> float:
+    """Denser the worse, so that the order survives a black-and-white print."""
+    return {"tracked": 0.16, "unstable": 0.38, "lost": 0.55, "searching": 0.30}[status]
