@@ -6,6 +6,26 @@
 
 namespace grasptrack {
 
+// atan2 at a third of its price where the angle is small, as it is nearly everywhere on an outline: the series of
+// atan, to the last bit or two for a tangent below 1/4.
+inline double turning(double y, double x) {
+    if (!(std::fabs(y) < 0.25 * x)) return std::atan2(y, x);
+    const double t = y / x, q = t * t;
+    double sum = 1.0 / 25;
+    sum = 1.0 / 23 - q * sum;
+    sum = 1.0 / 21 - q * sum;
+    sum = 1.0 / 19 - q * sum;
+    sum = 1.0 / 17 - q * sum;
+    sum = 1.0 / 15 - q * sum;
+    sum = 1.0 / 13 - q * sum;
+    sum = 1.0 / 11 - q * sum;
+    sum = 1.0 / 9 - q * sum;
+    sum = 1.0 / 7 - q * sum;
+    sum = 1.0 / 5 - q * sum;
+    sum = 1.0 / 3 - q * sum;
+    return t - t * q * sum;
+}
+
 inline void curvature(Points points, double step, double *out) {
     const Integral curve(points);
     const double whole = curve.length_of_curve();
@@ -19,7 +39,7 @@ inline void curvature(Points points, double step, double *out) {
         const Vec c = read_c.integral(s + 0.5 * step), d = read_d.integral(s + 1.5 * step);
         // Chords of box means, times step.
         const Vec before = c - 2.0 * b + a, after = d - 2.0 * c + b;
-        out[i] = std::atan2(cross(before, after), dot(before, after)) / step;
+        out[i] = turning(cross(before, after), dot(before, after)) / step;
     }
 }
 

@@ -24,10 +24,10 @@ template <typename Pixel> struct Image {
     }
 
     double sample(Vec p) const {
-        const std::ptrdiff_t x = std::min(static_cast<std::ptrdiff_t>(p.x), std::max<std::ptrdiff_t>(width - 2, 0));
-        const std::ptrdiff_t y = std::min(static_cast<std::ptrdiff_t>(p.y), std::max<std::ptrdiff_t>(height - 2, 0));
+        const auto x = static_cast<std::ptrdiff_t>(p.x), y = static_cast<std::ptrdiff_t>(p.y);
         const double fx = p.x - static_cast<double>(x), fy = p.y - static_cast<double>(y);
-        const std::ptrdiff_t right = width > 1 ? 1 : 0, down = height > 1 ? width : 0;
+        // On the last column or row the fraction is 0, and the pixel stands for its missing neighbour.
+        const std::ptrdiff_t right = x + 1 < width ? 1 : 0, down = y + 1 < height ? width : 0;
         const Pixel *at = data + y * width + x;
         const double a = at[0], b = at[right], c = at[down], d = at[down + right];
         const double top = a + fx * (b - a), bottom = c + fx * (d - c);
@@ -103,8 +103,9 @@ void edge_search(const Image<Pixel> &image, Points points, const Vec *normals, d
     std::vector<double> samples(static_cast<std::size_t>(2 * (half + margin) + 1));
     double *v = samples.data() + half + margin;
     for (std::size_t k = 0; k < points.size; ++k) {
+        const auto place = [&](std::ptrdiff_t j) { return points[k] + Profile::at(j) * normals[k]; };
         const auto take = [&](std::ptrdiff_t j) {
-            const Vec p = points[k] + Profile::at(j) * normals[k];
+            const Vec p = place(j);
             if (!image.holds(p)) return false;
             v[j] = image.sample(p);
             return true;
@@ -112,12 +113,16 @@ void edge_search(const Image<Pixel> &image, Points points, const Vec *normals, d
         out[k] = Edge{};
         // The image is convex, so that what lies in it is one run.
         Profile profile{v, -half, half};
-        while (profile.first <= half && !take(profile.first)) ++profile.first;
-        for (std::ptrdiff_t j = profile.first + 1; j <= half; ++j)
-            if (!take(j)) {
-                profile.last = j - 1;
-                break;
-            }
+        if (image.holds(place(-half)) && image.holds(place(half))) {
+            for (std::ptrdiff_t j = -half; j <= half; ++j) v[j] = image.sample(place(j));
+        } else {
+            while (profile.first <= half && !take(profile.first)) ++profile.first;
+            for (std::ptrdiff_t j = profile.first + 1; j <= half; ++j)
+                if (!take(j)) {
+                    profile.last = j - 1;
+                    break;
+                }
+        }
         if (profile.last - profile.first + 1 < min_samples) continue;
         const std::ptrdiff_t peak = profile.peak(polarity);
         if (peak == profile.first) continue;

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled kernels equal their NumPy definitions on random outlines."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grasptrack.kernels import reference
+
+native = pytest.importorskip("grasptrack._native")
+
+
+@st.composite
+def outlines(draw):
+    """A star-shaped outer contour with a hole: points and offsets, read-only."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+
+    def star(n, size):
+        angle = 2 * np.pi * (np.arange(n) + rng.uniform(-0.3, 0.3, n)) / n
+        radius = size * rng.uniform(0.6, 1.4, n)
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+    outer, hole = star(draw(st.integers(8, 60)), 80.0), star(draw(st.integers(8, 20)), 15.0)[::-1]
+    points = np.ascontiguousarray(np.concatenate([outer, hole]) + rng.uniform(-500, 500, 2))
+    offsets = np.array([0, len(outer), len(points)])
+    points.flags.writeable = offsets.flags.writeable = False
+    return points, offsets, rng
+
+
+def same(name, *args, atol=1e-9):
+    got, wanted = getattr(native, name)(*args), getattr(reference, name)(*args)
+    np.testing.assert_allclose(np.array(got), np.array(wanted), rtol=1e-9, atol=atol)
+
+
+@settings(max_examples=40, deadline=None)
+@given(outlines())
+def test_curve_kernels(outline):
+    points, offsets, rng = outline
+    contour = points[: offsets[1]]
+    length = reference.arc_length(contour)[-1]
+    same("arc_length", contour)
+    same("blend_normals", contour)
+    same("curvature", contour, float(rng.uniform(0.005, 0.25) * length), atol=1e-8)
+    for smooth in (0.0, float(rng.uniform(0.01, 1.0) * length)):
+        same("resample", contour, int(rng.integers(1, 100)), smooth)
+
+
+@settings(max_examples=40, deadline=None)
+@given(outlines())
+def test_outline_kernels(outline):
+    points, offsets, rng = outline
+    middle = points.mean(axis=0)
+    same("inertia", points, offsets)
+    places = np.array([[c, rng.uniform(0, offsets[c + 1] - offsets[c])] for c in (0, 1, 0)])
+    same("point_at", points, offsets, places)
+    same("locate", points, offsets, middle + rng.uniform(-120, 120, (5, 2)))
+    for width in (3.0, 40.0, 400.0):
+        same("contact_frames", points, offsets, places, width)
+    turn = rng.uniform(0, 2 * np.pi)
+    line = (*(middle + rng.uniform(-40, 40, 2)).tolist(), np.cos(turn), np.sin(turn))
+    same("crossings", points, offsets, *line)
+    same("nearest_crossings", points, offsets, *line, -60.0, 70.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 5))
+def test_grasp_kernels(seed, k):
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(0, 2 * np.pi, k)
+    normals = np.column_stack([np.cos(angle), np.sin(angle)])
+    contacts = rng.uniform(-1, 1, (k, 2))
+    # The bisection's own width is 1e-9 rad.
+    same("force_closure", contacts, normals, 0.1, -0.2, 0.7, float(rng.uniform(0, 2)), atol=3e-9)
+    same("homography_4", rng.uniform(0, 640, (4, 2)), rng.uniform(0, 640, (4, 2)), atol=1e-7)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([np.uint8, np.float32]), st.sampled_from([-1, 0, 1]))
+def test_edge_search(seed, kind, polarity):
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, 255, (30, 40)).astype(kind)
+    angle = rng.uniform(0, 2 * np.pi, 12)
+    points = np.column_stack([rng.uniform(-3, 42, 12), rng.uniform(-3, 32, 12)])
+    same("edge_search", image, points, np.column_stack([np.cos(angle), np.sin(angle)]), 4.3, polarity)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (2, 2)])
+def test_edge_search_on_the_smallest_images(shape):
+    image = np.arange(shape[0] * shape[1], dtype=np.uint8).reshape(shape)
+    points = np.zeros((2, 2))
+    same("edge_search", image, points, np.array([[1.0, 0.0], [0.0, 1.0]]), 6.0, 0)
+
+
+def test_both_refuse_the_same():
+    points, offsets = np.array([[0.0, 0], [4, 0], [4, 2], [0, 2]]), np.array([0, 4])
+    row, square = np.array([[0.0, 0], [1, 0], [2, 0], [0, 1]]), points
+    bad = [
+        ("curvature", points, 0.0),
+        ("curvature", points, 3.01),
+        ("resample", points, 0, 0.0),
+        ("resample", points, 4, 12.1),
+        ("point_at", points, offsets, np.array([[1.0, 0.0]])),
+        ("point_at", points, offsets, np.array([[0.0, 4.1]])),
+        ("point_at", points, offsets, np.array([[0.0, -0.1]])),
+        ("point_at", points, offsets, np.array([[np.nan, 0.0]])),
+        ("contact_frames", points, offsets, np.array([[0.0, 0.0]]), 0.0),
+        ("homography_4", row, square),
+        ("homography_4", square, row),
+        ("homography_4", np.zeros((4, 2)), square),
+        ("force_closure", points[:1], points[:1], 0.0, 0.0, 1.0, 0.5),
+        ("force_closure", points[:2], points[:2], 0.0, 0.0, 0.0, 0.5),
+        ("force_closure", points[:2], points[:2], 0.0, 0.0, 1.0, -0.5),
+        ("edge_search", np.zeros((5, 5), np.uint8), points, points, 0.0, 0),
+        ("edge_search", np.zeros((5, 5), np.uint8), points, points[:2], 4.0, 0),
+    ]
+    for name, *args in bad:
+        for module in (native, reference):
+            with pytest.raises(ValueError):
+                getattr(module, name)(*args)
+    for offsets in ([0, 5], [1, 4], [0, 3, 2, 4], [0]):
+        with pytest.raises(ValueError):
+            native.inertia(points, np.array(offsets))
