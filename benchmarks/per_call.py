@@ -14,7 +14,7 @@ import numpy as np
 
 import grasptrack as gt
 from grasptrack.simulation import SHAPES, Camera, tilting_path
-from grasptrack.transfer import grasp_line, homography, rrp
+from grasptrack.transfer import grasp_line, homography, rrp, transfer
 
 TARGETS = {"RRP transfer": 3.0, "grasp-line transfer": 8.0, "homography transfer": 35.0, "analysis": 20.0}
 LENGTHS = (300, 3000, 30000)
@@ -71,7 +71,7 @@ def time_calls(count: int, calls: int) -> dict[str, float]:
         if refused > 5:
             print(f"note: {name} refused {refused} of 50 outlines of {count} points")
         times[f"{name} transfer"] = common.each_once(carry, [(c,) for c in pool])
-        times[f"gt.transfer, {name}"] = common.each_once(
+        times[f"transfer(...), {name}"] = common.each_once(
             _transfer_or_reason, [(grasp, reference, c, name.lower()) for c in fresh()]
         )
     times["analysis"] = common.each_once(gt.analyze, [(on(c), c) for c in fresh()])
@@ -79,7 +79,7 @@ def time_calls(count: int, calls: int) -> dict[str, float]:
 
 
 def _transfer_or_reason(*arguments: object) -> object:
-    return _or_reason(gt.transfer, *arguments)
+    return _or_reason(transfer, *arguments)
 
 
 def _or_reason(call: Callable[..., object], *arguments: object) -> object:
