@@ -5,7 +5,9 @@ Three depths: `GraspTracker` for a sequence; `synthesize`, `transfer` and `analy
 in its own module. Names are imported when they are first used, so that `import grasptrack` itself costs nothing.
 """
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -107,12 +109,27 @@ def __getattr__(name: str) -> object:
         value = getattr(import_module(f"grasptrack.{_MODULE[name]}"), name)
     else:
         raise AttributeError(f"module 'grasptrack' has no attribute '{name}'")
-    # Importing the subpackage grasptrack.transfer binds it here under its own name; it is callable and answers as the
-    # function does, so that `grasptrack.transfer(...)` means one thing whatever was imported before.
-    if name != "transfer":
-        globals()[name] = value
+    if name == "transfer":
+        return globals()[name]
+    globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
+
+
+class _Package(ModuleType):
+    """This package. Its subpackage `transfer` has the name of a function, and is made to answer a call as that does.
+
+    Importing grasptrack.transfer binds the subpackage here under its own name, so that without this
+    ``grasptrack.transfer(...)`` would depend on what was imported before.
+    """
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name == "transfer" and type(value) is ModuleType:
+            value.__class__ = type("CallableModule", (ModuleType,), {"__call__": staticmethod(value.transfer)})
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

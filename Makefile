@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+# make demo   sets up and runs the demonstration     make test   sets up and runs the tests
+# A C++17 compiler makes it fast; without one NumPy takes over. PYTHON=python3.12 chooses another interpreter.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+NATIVE := CMakeLists.txt $(wildcard native/*)
+
+.PHONY: demo test clean
+
+demo: $(VENV)/.package
+	$(BIN)/grasptrack demo
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest -n auto
+
+$(VENV)/.venv:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "grasptrack needs Python 3.11 or newer as $(PYTHON): name one with PYTHON=..." >&2; exit 2; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
+	  { echo "$(PYTHON) has no venv or ensurepip: install it (Debian, Ubuntu: apt install python3-venv)" >&2; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+# Editable: a change of a .py file needs no setup, one of a kernel is compiled anew.
+$(VENV)/.package: $(VENV)/.venv pyproject.toml $(NATIVE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.package
+	$(BIN)/python -c 'import tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	  print("\n".join(p["optional-dependencies"]["dev"]))' > $(VENV)/dev.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement $(VENV)/dev.txt
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build dist

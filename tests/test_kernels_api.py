@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The names under `grasptrack`, and what importing it costs."""
+
+import subprocess
+import sys
+
+import pytest
+
+import grasptrack as gt
+from grasptrack import kernels
+from grasptrack.kernels import reference
+
+
+def run(code):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_every_public_name_is_there():
+    assert [name for name in gt.__all__ if not hasattr(gt, name)] == []
+    assert set(gt.__all__) <= set(dir(gt))
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = gt.nonsense
+
+
+def test_import_is_light():
+    heavy = "cv2", "av", "matplotlib", "numpy", "typer"
+    assert run(f"import grasptrack, sys; print([m for m in {heavy} if m in sys.modules])") == "[]"
+
+
+@pytest.mark.parametrize(
+    "before",
+    ["", "import grasptrack.transfer.rrp", "from grasptrack.transfer import Transfer", "grasptrack.transfer"],
+)
+def test_transfer_is_a_function_whatever_was_imported_before(before):
+    code = f"import grasptrack\n{before}\nfrom grasptrack import transfer\nprint(callable(grasptrack.transfer))"
+    assert run(code + "\ntry: transfer()\nexcept TypeError as e: print(e)").startswith("True\ntransfer() missing")
+
+
+def test_each_kernel_has_its_reference():
+    names = set(kernels.__all__) - {"BACKEND"}
+    assert names == set(reference.__all__)
+    assert all(callable(getattr(kernels, name)) for name in names)
