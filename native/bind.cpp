@@ -9,6 +9,7 @@
 #include "contact.hpp"
 #include "curvature.hpp"
 #include "edges.hpp"
+#include "evidence.hpp"
 #include "homography.hpp"
 #include "inertia.hpp"
 #include "lines.hpp"
@@ -201,6 +202,27 @@ nb::object py_match_curvature(const ValueArray &v1, const ValueArray &arc1, cons
     return out.array();
 }
 
+using FlagArray = nb::ndarray<const bool, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+
+nb::tuple py_settle_edges(const PointArray &points, const PointArray &normals, const RowArray &edges,
+                          const FlagArray &fixed, double fallback, double outlier) {
+    const std::size_t n = points.shape(0);
+    if (n < 5 || normals.shape(0) != n || edges.shape(0) != n || edges.shape(1) < 2 || fixed.shape(0) != n)
+        throw std::invalid_argument("points, normals, edges and flags need the same length, at least 5");
+    Output moved(n, 2), strength(n);
+    settle_edges(points.data(), normals.data(), edges.data(), static_cast<std::int64_t>(edges.shape(1)), fixed.data(),
+                 static_cast<std::int64_t>(n), fallback, outlier, moved.values(), strength.values());
+    return nb::make_tuple(moved.array(), strength.array());
+}
+
+nb::object py_carry_normals(const RowArray &H, const PointArray &points, const PointArray &normals) {
+    if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
+    if (normals.shape(0) != points.shape(0)) throw std::invalid_argument("each point needs its normal");
+    Output out(points.shape(0), 5);
+    carry_normals(H.data(), points.data(), normals.data(), static_cast<std::int64_t>(points.shape(0)), out.values());
+    return out.array();
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -209,6 +231,7 @@ NB_MODULE(_native, m) {
     m.def("arc_length", &py_arc_length, "points"_a);
     m.def("best_quadrilateral", &py_best_quadrilateral, "points"_a, "weights"_a);
     m.def("blend_normals", &py_blend_normals, "points"_a);
+    m.def("carry_normals", &py_carry_normals, "H"_a, "points"_a, "normals"_a);
     m.def("contact_frames", &py_contact_frames, "points"_a, "offsets"_a, "places"_a, "width"_a);
     m.def("crossings", &py_crossings, "points"_a, "offsets"_a, "x"_a, "y"_a, "ux"_a, "uy"_a);
     m.def("curvature", &py_curvature, "points"_a, "step"_a);
@@ -227,4 +250,5 @@ NB_MODULE(_native, m) {
           "t2"_a);
     m.def("point_at", &py_point_at, "points"_a, "offsets"_a, "places"_a);
     m.def("resample", &py_resample, "points"_a, "count"_a, "smooth"_a);
+    m.def("settle_edges", &py_settle_edges, "points"_a, "normals"_a, "edges"_a, "fixed"_a, "fallback"_a, "outlier"_a);
 }

@@ -73,3 +73,25 @@ def test_bad_arguments():
         kernels.best_quadrilateral(np.zeros((4, 2)), np.ones(3))
     with pytest.raises(ValueError, match="count"):
         kernels.align_outlines(np.eye(2), np.eye(2), 2)
+
+
+@FEW
+@given(stars(count=60), frame_motions(), st.integers(0, 1000))
+def test_edges_settle_and_normals_are_carried(points, H, seed):
+    rng = np.random.default_rng(seed)
+    normals = kernels.blend_normals(points)
+    edges = np.column_stack([rng.normal(0, 1, len(points)), rng.normal(0, 9, (len(points), 3))])
+    edges[rng.random(len(points)) < 0.2] = np.nan
+    fixed = rng.random(len(points)) < 0.1
+    for found, wanted in zip(
+        kernels.settle_edges(points, normals, edges, fixed, 0.5, 1.0),
+        reference.settle_edges(points, normals, edges, fixed, 0.5, 1.0),
+        strict=True,
+    ):
+        np.testing.assert_allclose(found, wanted, atol=1e-12)
+    found, wanted = kernels.carry_normals(H, points, normals), reference.carry_normals(H, points, normals)
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    # a step along the tangent stays perpendicular to the carried normal
+    step = 1e-5 * np.column_stack([-normals[:, 1], normals[:, 0]])
+    moved = apply_homography(H, points + step) - apply_homography(H, points - step)
+    assert np.abs(np.einsum("ij,ij->i", moved, found[:, 2:4])).max() < 1e-9

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import View
-from grasptrack.errors import TransferError
+from grasptrack.errors import ObservationError, TransferError
 from grasptrack.grasp import Grasp
 from grasptrack.observation.images import Grey
+from grasptrack.observation.shape_space import Shape
 from grasptrack.observation.snake import Snake
 from grasptrack.transfer import Transfer, TransferStrategy, rrp, strategy_named
 
@@ -79,18 +80,24 @@ class SnakeCarrier:
     name = "rrp"
     needs_silhouette = False
 
-    def __init__(self, grasp: Grasp, reference: View, grey: Grey, shape: str) -> None:
-        self._snake = Snake(reference, grey, shape=shape)
+    def __init__(self, grasp: Grasp, reference: View, grey: Grey, shape: Shape) -> None:
+        try:
+            self._snake = Snake(reference, grey, shape, contacts=grasp.contacts)
+        except ObservationError as error:
+            raise TransferError(str(error)) from None
         self._description = rrp.describe(grasp, self._snake.template)
         self._contacts = grasp.contacts
 
     def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
-        """See Carrier; the view is not looked at."""
-        if prior is not None:
+        """See Carrier; the view is not looked at. Without a prior the snake's own filter predicts."""
+        if prior is None:
+            self._snake.predict()
+        else:
             self._snake.reseed(prior)
         fit = self._snake.update(grey)
         if not fit.ok:
             raise TransferError(fit.reason)
-        moved = rrp.apply(self._description, fit.view).grasp
-        covariance = fit.covariance(self._contacts)
-        return Carried(self.name, Transfer(moved, fit.homography, covariance, fit.residual), fit.view)
+        followed = self._snake.view(fit)
+        moved = rrp.apply(self._description, followed).grasp
+        covariance = fit.covariance_at(self._contacts)
+        return Carried(self.name, Transfer(moved, fit.homography, covariance, fit.residual), followed)

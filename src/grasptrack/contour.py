@@ -45,10 +45,9 @@ class Contour:
             raise ContourError(f"a contour needs at least {MIN_POINTS} points, not {len(pts)}", count=len(pts))
         x, y = pts[:, 0] - pts[0, 0], pts[:, 1] - pts[0, 1]
         area = 0.5 * float(np.dot(x[:-1], y[1:]) - np.dot(x[1:], y[:-1]))
-        if not np.isfinite(area) or not np.isfinite(pts).all():
+        if not np.isfinite(area):  # as it is with any point that is not
             raise ContourError("a contour's coordinates must be finite", area=area)
-        extent = float(np.ptp(x) + np.ptp(y))
-        if abs(area) <= 1e-9 * extent * extent:
+        if abs(area) < len(pts) and abs(area) <= 1e-9 * float(np.ptp(x) + np.ptp(y)) ** 2:
             raise ContourError("a contour must enclose an area; these points lie on one line", area=area)
         marks = None if strength is None else np.array(strength, dtype=np.float64)
         cut = None if clipped is None else np.array(clipped, dtype=np.bool_)

@@ -173,7 +173,7 @@ class GraspTracker:
         verdict = judge(found.support, analysis, found.carried.transfer.covariance)
         if not verdict.believed:
             return self._refused(verdict)
-        return self._accepted(grey, found, verdict, analysis)
+        return self._accepted(found, verdict, analysis)
 
     # --- the blocks ------------------------------------------------------------------------------
 
@@ -232,9 +232,9 @@ class GraspTracker:
                 best = _Believed(carried, H, support)
         return best
 
-    def _accepted(self, grey: Grey, found: _Believed, verdict: Verdict, analysis: Any) -> dict[str, Any]:
+    def _accepted(self, found: _Believed, verdict: Verdict, analysis: Any) -> dict[str, Any]:
         self._motion.found(found.homography)
-        self._observer.believe(grey, found.carried.view)
+        self._observer.believe(found.carried.view)
         answer = {
             "status": verdict.status,
             "reason": verdict.reason,

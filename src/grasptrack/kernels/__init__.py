@@ -20,6 +20,7 @@ try:
         arc_length,
         best_quadrilateral,
         blend_normals,
+        carry_normals,
         contact_frames,
         crossings,
         curvature,
@@ -33,6 +34,7 @@ try:
         nearest_crossings,
         point_at,
         resample,
+        settle_edges,
     )
 
     BACKEND = "native"
@@ -42,6 +44,7 @@ except ImportError as error:
         arc_length,
         best_quadrilateral,
         blend_normals,
+        carry_normals,
         contact_frames,
         crossings,
         curvature,
@@ -55,6 +58,7 @@ except ImportError as error:
         nearest_crossings,
         point_at,
         resample,
+        settle_edges,
     )
 
     BACKEND = "numpy"
@@ -71,6 +75,7 @@ __all__ = [
     "arc_length",
     "best_quadrilateral",
     "blend_normals",
+    "carry_normals",
     "contact_frames",
     "crossings",
     "curvature",
@@ -84,4 +89,5 @@ __all__ = [
     "nearest_crossings",
     "point_at",
     "resample",
+    "settle_edges",
 ]

@@ -41,6 +41,7 @@ class Observer:
         self.polarity = 1
         self._inside = self._outside = math.nan
         self._holes = 0
+        self._levels: dict[int, tuple[float, float]] = {}  # of the outlines of this image
 
     def first(self, grey: Grey, masked: bool, object_at: tuple[float, float] | None = None) -> list[Candidate]:
         """Objects of the first image, the most outstanding first.
@@ -62,13 +63,14 @@ class Observer:
         self._holes = len(candidate.view.contours) - 1
 
     def near(self, grey: Grey, expected: Floats, centres: Floats) -> View | None:
-        """The outline in a window round the expected one, or None.
+        """The outline in a window round the expected one, or None. Call it first for each new image.
 
         Args:
             grey: (H, W).
             expected: (m, 2) px, points of the outer contour as predicted.
             centres: (holes, 2) px, the reference's holes as predicted.
         """
+        self._levels.clear()
         (x0, y0), (x1, y1) = expected.min(axis=0).tolist(), expected.max(axis=0).tolist()
         margin = max(MIN_MARGIN, MARGIN * math.sqrt((x1 - x0) * (y1 - y0)))
         height, width = grey.shape
@@ -95,7 +97,9 @@ class Observer:
             found = candidates(grey, None, self.hidden, (self.polarity,))
         except ObservationError:
             return []
-        return [self._with_holes(c.view) for c in found]
+        views = [self._with_holes(c.view) for c in found]
+        self._levels.update({id(v): (c.inside, c.outside) for v, c in zip(views, found, strict=True)})
+        return views
 
     def _localised(self, grey: Grey, shape: Silhouette, centres: Floats) -> View | None:
         try:
@@ -108,25 +112,16 @@ class Observer:
                 holes.append(localise(grey, chain, hole=True, polarity=self.polarity, hidden=self.hidden).contour)
             except ContourError:
                 return None
-        return View([edge.contour, *holes])
+        view = View([edge.contour, *holes])
+        self._levels[id(view)] = (edge.inside, edge.outside)
+        return view
 
-    def believe(self, grey: Grey, view: View) -> None:
-        """Learn the grey levels of an outline that the verdict accepted."""
-        outer = view.outer
-        if outer.strength is None:
-            return
-        step = max(1, len(outer) // 64)
-        points = np.ascontiguousarray(outer.points[::step])
-        normals = np.ascontiguousarray(kernels.blend_normals(outer.points)[::step])
-        edges = kernels.edge_search(grey, points, normals, 4.0, self.polarity)
-        edges = edges[~np.isnan(edges[:, 0])]
-        if len(edges) < 8:
-            return
-        inside, outside = np.median(edges[:, 2:], axis=0).tolist()
-        if math.isnan(self._inside) or (outside - inside) * self.polarity <= 0:
-            return
-        self._inside += LEARNING * (inside - self._inside)
-        self._outside += LEARNING * (outside - self._outside)
+    def believe(self, view: View) -> None:
+        """Learn the grey levels of an outline that the verdict accepted, if it was segmented here."""
+        inside, outside = self._levels.get(id(view), (math.nan, math.nan))
+        if (outside - inside) * self.polarity > 0.0:
+            self._inside += LEARNING * (inside - self._inside)
+            self._outside += LEARNING * (outside - self._outside)
 
     def _with_holes(self, view: View) -> View:
         """At most as many holes as the reference has: what is printed on an object comes and goes with a threshold."""

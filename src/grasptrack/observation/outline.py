@@ -51,24 +51,16 @@ def localise(grey: Grey, chain: NDArray[np.int32], *, hole: bool, polarity: int,
         ContourError: fewer than 8 points or no area.
     """
     rough = _direct(chain.astype(np.float64), hole)
-    count = int(np.clip(round(_length(rough) / SPACING), 16, MAX_POINTS))
+    count = int(np.clip(round(cv2.arcLength(chain, True) / SPACING), 16, MAX_POINTS))
     points = kernels.resample(rough, count, SMOOTHING)
     normals = kernels.blend_normals(points)
-    cut = cut_off(points, grey.shape[:2], hidden)
+    cut = cut_off(points, grey.shape, hidden)
     edges = kernels.edge_search(grey, points, normals, REACH, polarity)
-    offset, strength = edges[:, 0], np.abs(edges[:, 1])
     # where no edge is found the silhouette's own boundary, half a pixel outside the pixels' centres, is the best guess
-    missing = np.isnan(offset)
-    offset = np.where(missing, 0.5, offset)
-    around = _median5(offset)
-    stray = np.abs(offset - around) > OUTLIER
-    offset = np.where(stray, around, offset)
-    strength = np.where(missing | stray | cut, 0.0, strength)
-    offset[cut] = 0.0
-    contour = Contour(points + offset[:, None] * normals, hole=hole, strength=strength, clipped=cut)
-    used = strength > 0.0
-    inside, outside = np.median(edges[used, 2:], axis=0).tolist() if used.any() else (math.nan, math.nan)
-    return Localised(contour, inside, outside)
+    points, strength = kernels.settle_edges(points, normals, edges, cut, 0.5, OUTLIER)
+    used = edges[:: max(1, count // 100), 2:][strength[:: max(1, count // 100)] > 0.0]
+    inside, outside = np.median(used, axis=0).tolist() if len(used) else (math.nan, math.nan)
+    return Localised(Contour(points, hole=hole, strength=strength, clipped=cut), inside, outside)
 
 
 def cut_off(points: Floats, shape: tuple[int, ...], hidden: Grey | None) -> Bools:
@@ -86,13 +78,3 @@ def _direct(chain: Floats, hole: bool) -> Floats:
     """The chain with the direction of an outer contour, or of a hole."""
     area = float(cv2.contourArea(chain.astype(np.float32), oriented=True))
     return np.ascontiguousarray(chain[::-1]) if (area > 0) is hole else chain
-
-
-def _length(points: Floats) -> float:
-    return float(np.hypot(*(np.roll(points, -1, axis=0) - points).T).sum())
-
-
-def _median5(values: Floats) -> Floats:
-    closed = np.concatenate([values[-2:], values, values[:2]]).astype(np.float32)
-    out: Floats = cv2.medianBlur(closed.reshape(1, -1), 5).reshape(-1)[2:-2].astype(np.float64)
-    return out

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import Bools, View
+from grasptrack.errors import ConditioningError
 from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
@@ -87,37 +88,37 @@ class OutlineSamples:
         self.outline: Bools = outline[keep]
         self.polarity = polarity
         self.contacts = len(contacts)
+        self.count = int(np.count_nonzero(self.outline))
         self.area = kernels.inertia(view.points, view.offsets)[0]
         self.share = float(strong[outline].mean())
 
     def support(self, grey: Grey, H: Floats) -> Support:
-        """Look for the outline in an image under H (3, 3), reference to current."""
-        h = H / H[2, 2]
-        x, y = self.points[:, 0], self.points[:, 1]
-        w = h[2, 0] * x + h[2, 1] * y + 1.0
-        u, v = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / w, (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / w
-        a, b = (h[0, 0] - h[2, 0] * u) / w, (h[0, 1] - h[2, 1] * u) / w
-        c, d = (h[1, 0] - h[2, 0] * v) / w, (h[1, 1] - h[2, 1] * v) / w
-        size = math.sqrt(self.area * float(np.mean(np.abs(a * d - b * c))))
-        reach = float(np.clip(0.02 * size, 3.0, 12.0))
-        # normals go by the inverse transpose of the Jacobian, up to scale
-        nx, ny = d * self.normals[:, 0] - c * self.normals[:, 1], a * self.normals[:, 1] - b * self.normals[:, 0]
-        norm = np.hypot(nx, ny)
-        points, normals = np.column_stack([u, v]), np.column_stack([nx / norm, ny / norm])
+        """Look for the outline in an image under H (3, 3), reference to current.
+
+        Raises:
+            ConditioningError: H sends part of the outline to infinity.
+        """
+        moved = kernels.carry_normals(H, self.points, self.normals)
+        size = math.sqrt(self.area * abs(float(moved[:, 4].mean())))
+        if not size > 0.0:
+            raise ConditioningError("the homography sends part of the object to infinity")
+        reach = min(max(0.02 * size, 3.0), 12.0)
+        points, normals = np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4])
         edges = kernels.edge_search(grey, points, normals, reach + 2.0, self.polarity)
-        inside = (u >= 1.0) & (v >= 1.0) & (u <= grey.shape[1] - 2.0) & (v <= grey.shape[0] - 2.0)
+        last = (grey.shape[1] - 2.0, grey.shape[0] - 2.0)
+        inside = ((points >= 1.0) & (points <= last)).all(axis=1)
         offset, strength = np.abs(edges[:, 0]), np.abs(edges[:, 1])
         found = inside & (offset <= reach) & (strength >= MIN_STRENGTH)
         if found.any():
             gain = float(np.median((strength / self.strength)[found]))
             found &= strength >= RELATIVE_STRENGTH * gain * np.where(np.isinf(self.strength), 0.0, self.strength)
-        asked = inside & self.outline
+        asked = int(np.count_nonzero(inside & self.outline))
         hits = offset[found & self.outline]
         return Support(
-            float(found[asked].mean()) if asked.any() else 0.0,
-            float(inside[self.outline].mean()),
-            float(np.sqrt(np.mean(hits * hits))) if len(hits) else math.inf,
-            float(np.quantile(hits, 0.9)) if len(hits) else math.inf,
+            len(hits) / asked if asked else 0.0,
+            asked / self.count,
+            math.sqrt(float(hits @ hits) / len(hits)) if len(hits) else math.inf,
+            float(np.partition(hits, (9 * len(hits)) // 10)[(9 * len(hits)) // 10]) if len(hits) else math.inf,
             reach,
             found[~self.outline].reshape(self.contacts, PER_CONTACT).mean(axis=1),
             size,

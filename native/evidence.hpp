@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// What to search along an outline, and what to make of the edges found. Defined in kernels/reference_evidence.py.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+namespace grasptrack {
+
+inline void settle_edges(const double *points, const double *normals, const double *edges, std::int64_t columns,
+                         const bool *fixed, std::int64_t n, double fallback, double outlier, double *out_points,
+                         double *out_strength) {
+    std::vector<double> offset(n);
+    for (std::int64_t i = 0; i < n; ++i) {
+        const double o = edges[columns * i];
+        offset[i] = std::isnan(o) ? fallback : o;
+    }
+    for (std::int64_t i = 0; i < n; ++i) {
+        std::array<double, 5> five;
+        for (int k = 0; k < 5; ++k) five[k] = offset[(i + k - 2 + n) % n];
+        std::nth_element(five.begin(), five.begin() + 2, five.end());
+        const bool stray = std::abs(offset[i] - five[2]) > outlier;
+        const double by = fixed[i] ? 0.0 : stray ? five[2] : offset[i];
+        const bool counted = !fixed[i] && !stray && !std::isnan(edges[columns * i]);
+        out_points[2 * i] = points[2 * i] + by * normals[2 * i];
+        out_points[2 * i + 1] = points[2 * i + 1] + by * normals[2 * i + 1];
+        out_strength[i] = counted ? std::abs(edges[columns * i + 1]) : 0.0;
+    }
+}
+
+inline void carry_normals(const double *H, const double *points, const double *normals, std::int64_t n, double *out) {
+    double h[9];
+    for (int i = 0; i < 9; ++i) h[i] = H[i] / H[8];
+    for (std::int64_t i = 0; i < n; ++i, out += 5) {
+        const double x = points[2 * i], y = points[2 * i + 1], nx = normals[2 * i], ny = normals[2 * i + 1];
+        const double w = h[6] * x + h[7] * y + 1.0;
+        if (!(w > 1e-9)) {
+            std::fill(out, out + 5, std::numeric_limits<double>::quiet_NaN());
+            continue;
+        }
+        const double u = (h[0] * x + h[1] * y + h[2]) / w, v = (h[3] * x + h[4] * y + h[5]) / w;
+        const double a = (h[0] - h[6] * u) / w, b = (h[1] - h[7] * u) / w;
+        const double c = (h[3] - h[6] * v) / w, d = (h[4] - h[7] * v) / w;
+        const double px = d * nx - c * ny, py = a * ny - b * nx, determinant = a * d - b * c;
+        const double size = std::sqrt(px * px + py * py) * (determinant > 0 ? 1.0 : determinant < 0 ? -1.0 : 0.0);
+        out[0] = u, out[1] = v, out[2] = px / size, out[3] = py / size, out[4] = determinant;
+    }
+}
+
+}  // namespace grasptrack
