@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A grasp through a sequence in ten lines. For your own images put `gt.open_source("video.mp4")` in the scene's place."""
+"""A grasp through a sequence in ten lines; `gt.open_source("video.mp4")` in the scene's place takes your own images."""
 
 import grasptrack as gt
 from grasptrack.simulation import demo_scene

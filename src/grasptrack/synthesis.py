@@ -128,14 +128,18 @@ def _triples(
 
 def _distinct(contacts: Floats, chosen: NDArray[np.int64], quality: Floats, gap: float, top: int) -> list[Grasp]:
     """The best first, near-duplicates left out."""
-    kept: list[NDArray[np.float64]] = []
+    order = np.lexsort((*chosen.T[::-1], -np.round(quality, 9)))
+    pairs, worth = contacts[chosen[order]], quality[order]
     grasps: list[Grasp] = []
-    for row in np.lexsort((*chosen.T[::-1], -np.round(quality, 9))):
-        here = contacts[chosen[row]]
-        if any((np.hypot(*(here - other).T) < gap).all() or (np.hypot(*(here[::-1] - other).T) < gap).all() for other in kept):
-            continue
-        kept.append(here)
-        grasps.append(Grasp(here, float(quality[row])))
-        if len(grasps) == top:
-            break
+    while len(pairs) and len(grasps) < top:
+        best = pairs[0]
+        grasps.append(Grasp(best, float(worth[0])))
+        away = np.minimum(_farthest(pairs, best), _farthest(pairs, best[::-1])) >= gap
+        pairs, worth = pairs[away], worth[away]
     return grasps
+
+
+def _farthest(grasps: Floats, one: Floats) -> Floats:
+    """(n,) the largest distance between corresponding contacts."""
+    apart: Floats = np.hypot(grasps[:, :, 0] - one[:, 0], grasps[:, :, 1] - one[:, 1]).max(axis=1)
+    return apart

@@ -197,7 +197,7 @@ class GraspTracker:
         """The view with the similarity that lays the reference outline on it."""
         first, second = reference.view.outer, view.outer
         if reference.view.is_clipped or view.is_clipped:
-            self._reasons.append("the image border cuts the object where it was found again")
+            self._reasons.append("what was found is cut by the image border or joined to something beyond it")
             return
         try:
             if self._motion.remembered:
@@ -276,7 +276,7 @@ class GraspTracker:
     def _grasps(self, view: View) -> list[Grasp]:
         if self._given is not None:
             return [self._given.snapped(view)]
-        return synthesize(view, self.fingers, self.friction)
+        return synthesize(view, self.fingers, self.friction, top=10)
 
     def _holding(self, found: list[Candidate], grasp: Grasp) -> Candidate:
         """The object whose outline is nearest to all given contacts."""

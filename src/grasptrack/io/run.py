@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from grasptrack.result import TrackResult
     from grasptrack.view.summary import Filmstrip
 
-__all__ = ["FILES", "RunSummary", "Tracker", "prepare_output", "run_track"]
+__all__ = ["FILES", "RunSummary", "Tracker", "prepare_folder", "prepare_output", "run_track"]
 
 FILES = ("grasps.csv", "run.json", "overlay.mp4", "summary.png")
 
@@ -91,15 +91,27 @@ def run_track(
 
 
 def prepare_output(output: Path) -> None:
-    """Make the folder and remove an earlier run's files from it.
+    """Make the folder of a run and remove an earlier run's files from it.
 
     Raises:
         InputError: it cannot be made, or not be written to.
     """
+    prepare_folder(output)
+    for name in FILES:
+        try:
+            (output / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise InputError(f'"{output / name}" cannot be replaced: {error.strerror or error}') from None
+
+
+def prepare_folder(output: Path) -> None:
+    """Make a folder and see that it can be written to.
+
+    Raises:
+        InputError: it cannot.
+    """
     try:
         output.mkdir(parents=True, exist_ok=True)
-        for name in FILES:
-            (output / name).unlink(missing_ok=True)
         probe = output / ".grasptrack-probe"
         probe.touch()
         probe.unlink()

@@ -22,12 +22,14 @@ MIN_EXTENT = 20
 """px across; a smaller object has no outline worth following."""
 MAX_SHARE = 0.85
 """A region that fills more of the image than this is the background."""
-CANDIDATES = 12
+CANDIDATES = 8
 """Silhouettes for each threshold that are looked at closely, the largest first."""
 HOLE_SHARPNESS = 0.5
 """A hole's edge is at least so strong, relative to the outer one's: what is printed on an object seldom is."""
 HOLE_LEVEL = 0.25
 """Through a hole the same ground is seen as around the object, within this fraction of the contrast."""
+MAX_HOLES = 12
+"""Holes that are looked at, the largest first."""
 MIN_CONTRAST = 3.0
 """Grey levels per px along the outline; below this, half of any strength is noise."""
 
@@ -178,7 +180,7 @@ def judge(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | None) -> 
     cut = 0.0 if outer.clipped is None else float(outer.clipped.mean())
     if cut > 0.5 or outer.strength is None:
         return None
-    weakest = float(np.quantile(outer.strength[~outer.clipped] if outer.clipped is not None else outer.strength, 0.2))
+    weakest = fifth(outer.strength[~outer.clipped] if outer.clipped is not None else outer.strength)
     contrast = weakest / (weakest + MIN_CONTRAST)
     complete = (1.0 - cut) ** 2 * (0.5 if touched else 1.0)
     roundness = 4.0 * math.pi * outer.area / outer.length**2
@@ -188,11 +190,17 @@ def judge(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | None) -> 
     if score < 0.02:
         return None
     kept = [outer]
-    for chain in shape.holes:
+    for chain in shape.holes[:MAX_HOLES]:
         hole = true_hole(grey, chain, edge, polarity, hidden)
         if hole is not None:
             kept.append(hole)
     return Candidate(View(kept), polarity, edge.inside, edge.outside, score)
+
+
+def fifth(values: Floats) -> float:
+    """The value that a fifth of the others lie below."""
+    k = len(values) // 5
+    return float(np.partition(values, k)[k])
 
 
 def true_hole(
@@ -206,7 +214,7 @@ def true_hole(
     strength, reference = hole.contour.strength, outer.contour.strength
     if strength is None or reference is None:
         return None
-    if float(np.quantile(strength, 0.2)) < HOLE_SHARPNESS * float(np.median(reference)):
+    if fifth(strength) < HOLE_SHARPNESS * float(np.median(reference)):
         return None
     if not abs(hole.outside - outer.outside) <= HOLE_LEVEL * abs(outer.outside - outer.inside):
         return None

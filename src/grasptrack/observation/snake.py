@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack.contour import Contour, Outline, View
 from grasptrack.errors import InputError
 from grasptrack.observation.shape_space import Shape, ShapeSpace
-from grasptrack.observation.snake_fit import Match, columns, fit
+from grasptrack.observation.snake_fit import Match, Model, columns, fit
 from grasptrack.observation.snake_motion import ConstantVelocity
 from grasptrack.observation.snake_template import NEAR, Grey, Template, sampled_outline
 
@@ -146,7 +146,7 @@ class Snake:
         self.template, normals, self.rms = sampled_outline(view, tolerance, contacts)
         self.space = ShapeSpace(self.template.points, shape)
         self._edges = Template(self.template, normals, image)
-        self._local = self.space.local[self._edges.chosen]
+        self._model = Model(self._edges, self.space)
         self._metric = self.space.metric()
         self._motion = ConstantVelocity(self.space.dof, self._size)
         self._last: Floats = np.zeros(self.space.dof)
@@ -190,13 +190,13 @@ class Snake:
         """
         _checked(image)
         motion = self._motion
-        match = fit(self._edges, self.space, self._local, image, motion.state, motion.P, self._reach())
+        match = fit(self._model, image, motion.state, motion.P, self._reach())
         reason = self._lost(match)
         if reason and float(np.abs(motion.state - self._last).max()) > 1.0:
             # it may have stopped: from where it was last seen, as far as the search goes
             wide = MAX_REACH * self._size
             spread = motion.free * (wide / 2.0) ** 2
-            other = fit(self._edges, self.space, self._local, image, self._last, spread, wide)
+            other = fit(self._model, image, self._last, spread, wide)
             if not self._lost(other):
                 match, reason = other, ""
         if reason or match is None:

@@ -54,17 +54,36 @@ class Rows(NamedTuple):
     used: Bools
 
 
-def search(template: Template, space: ShapeSpace, local: Floats, state: Floats, image: Grey, reach: float) -> Rows:
+class Model:
+    """What stays the same from image to image, computed once.
+
+    Args:
+        template: the samples to search for; space: the shape space of the whole outline.
+
+    Attributes:
+        local: (m, 2) the searched points about the space's centre, in units of rho.
+        W: (2, m, dof) how a state moves them along x and y.
+        field: (2, m, 8) how a homography's parameters do, in the template's own frame; see `columns`.
+    """
+
+    def __init__(self, template: Template, space: ShapeSpace) -> None:
+        self.template = template
+        self.space = space
+        self.local: Floats = space.local[template.chosen]
+        self.W: Floats = np.ascontiguousarray(space.jacobian(template.points).transpose(1, 0, 2))
+        self.field: Floats = np.ascontiguousarray(columns(np.eye(2), self.local).transpose(1, 0, 2))
+
+
+def search(model: Model, state: Floats, image: Grey, reach: float) -> Rows:
     """Edges along the normals of the curve at a state.
 
     Args:
-        template: what to search for.
-        space: shape space of the whole outline.
-        local: (m, 2) the searched points about the space's centre, in units of rho.
+        model: what to search for.
         state: (dof,) px.
         image: (H, W) grey.
         reach: px on either side.
     """
+    template, space, local = model.template, model.space, model.local
     M = space.linear(state)
     points = local @ (space.rho * M.T)
     points += space.centre + state[:2]
@@ -76,15 +95,8 @@ def search(template: Template, space: ShapeSpace, local: Floats, state: Floats, 
     gap = edges[:, 0] - template.bias * ((a * d - b * c) / length)
     used = edges[:, 1] * template.sign >= FAINTEST * template.strength
     gap[~used] = 0.0
-    nx, ny = normals[:, 0], normals[:, 1]
-    x, y = local[:, 0], local[:, 1]
-    A = np.empty((len(local), space.dof))
-    A[:, :2] = normals
-    if space.dof == 4:
-        A[:, 2] = nx * x + ny * y
-        A[:, 3] = ny * x - nx * y
-    else:
-        A[:, 2], A[:, 3], A[:, 4], A[:, 5] = nx * x, ny * y, ny * x, nx * y
+    A = normals[:, :1] * model.W[0]
+    A += normals[:, 1:] * model.W[1]
     return Rows(points, normals, A, edges, gap, used)
 
 
@@ -178,14 +190,13 @@ def columns(M: Floats, local: Floats) -> Floats:
     return np.asarray(M @ field)
 
 
-def judge(
-    template: Template, space: ShapeSpace, local: Floats, rows: Rows, state: Floats, shape: tuple[int, ...]
-) -> Match:
+def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Match:
     """Which samples an edge like the template's supports, how well the state is known, and what it leaves unexplained.
 
     A shape space that fits all that is seen may still be wrong where nothing is seen: whatever a homography could have
     done there besides counts as unknown, up to BEND of the object's size.
     """
+    template, space = model.template, model.space
     height, width = shape[:2]
     points, edges, gap = rows.points, rows.edges, rows.gap
     x, y = points[:, 0], points[:, 1]
@@ -199,8 +210,11 @@ def judge(
         nothing = np.full((8, 8), math.inf)
         noise = np.full((len(state), len(state)), math.inf)
         return Match(state, noise, np.zeros(8), nothing, math.inf, math.inf, math.inf, math.inf, seen, visible)
-    field = columns(space.linear(state), local)
-    F = np.einsum("ij,ijk->ik", rows.normals, field)
+    (a, b), (c, d) = space.linear(state).tolist()
+    X, Y = model.field
+    field = np.concatenate((a * X + b * Y, c * X + d * Y))  # x of all samples, then y of all
+    F = rows.normals[:, :1] * field[: len(X)]
+    F += rows.normals[:, 1:] * field[len(X) :]
     prior = np.zeros(8)
     prior[4:] = 1.0 / (BEND * space.rho) ** 2
     w = like.astype(np.float64)
@@ -222,14 +236,15 @@ def judge(
     A = rows.A[seen]
     noise = np.linalg.inv(A.T @ A / variance + 1e-9 * np.eye(A.shape[1]))
     moved = field @ bias
-    spread = np.einsum("ijk,kl,ijl->i", field, covariance, field, optimize=True)
+    spread = np.einsum("ij,ij->i", field @ covariance, field)
+    spread = spread[: len(X)] + spread[len(X) :]
     g = gap[seen]
     return Match(
         state,
         noise,
         bias,
         covariance,
-        math.sqrt(float(np.einsum("ij,ij->", moved, moved)) / len(moved)),
+        math.sqrt(float(moved @ moved) / len(X)),
         math.sqrt(float(spread.max())),
         math.sqrt(float(g @ g) / len(g)),
         math.sqrt(common),
@@ -238,13 +253,11 @@ def judge(
     )
 
 
-def fit(
-    template: Template, space: ShapeSpace, local: Floats, image: Grey, start: Floats, spread: Floats, reach: float
-) -> Match | None:
+def fit(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) -> Match | None:
     """The state whose curve lies on the edges, searched from `start` with a reach that shrinks to NEAR.
 
     Args:
-        template, space, local: as for `search`.
+        model: what to search for.
         image: (H, W) grey.
         start: (dof,) px, predicted.
         spread: (dof, dof) px^2, covariance of the prediction: it holds what wrong edges would pull, and does not enter
@@ -259,13 +272,13 @@ def fit(
     reaches = [reach] if reach <= 2 * NEAR else [reach, max(reach / 3.0, 1.5 * NEAR)]
     try:
         for r in reaches:
-            rows = search(template, space, local, state, image, r)
-            step, _, _ = solve(rows, prior, start - state, 4)
+            rows = search(model, state, image, r)
+            step, _, _ = solve(rows, prior, start - state, 3)
             state = state + step
         free = np.zeros_like(prior)
         for _ in range(4):
-            rows = search(template, space, local, state, image, NEAR)
-            step, _, _ = solve(rows, free, np.zeros_like(state), 3)
+            rows = search(model, state, image, NEAR)
+            step, _, _ = solve(rows, free, np.zeros_like(state), 2)
             moved = float(np.abs(step).max())
             if not moved < 3.0 * NEAR:
                 return None
@@ -273,12 +286,12 @@ def fit(
             if moved < 0.25:
                 break
         rows = rows._replace(gap=np.where(rows.used, rows.gap - rows.A @ step, 0.0))
-        match = judge(template, space, local, rows, state, image.shape)
+        match = judge(model, rows, state, image.shape)
     except np.linalg.LinAlgError:
         return None
     if match.support > 0.92:
         return match
-    rows = search(template, space, local, state, image, ELSEWHERE)
+    rows = search(model, state, image, ELSEWHERE)
     stray = rows.used & match.visible & ~match.seen
     level = np.abs(np.diff(rows.gap, append=rows.gap[0])) < 1.0
     in_row = stray & np.roll(stray, -1) & level
