@@ -16,7 +16,7 @@ DEFAULT_FPS = 25.0
 MAX_FPS = 240.0
 """frames/s; a header that says more than this has no constant rate, and is not believed."""
 _BT601, _LIMITED = 6, 1
-_QUALITY = {"crf": "20", "preset": "veryfast"}
+_QUALITY = {"crf": "20", "preset": "veryfast", "threads": "1"}
 
 
 class VideoWriter:

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: one file a verb. Whatever is slow to import is imported by the verb that needs it."""

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack`: the verbs, and the one place where errors become a line and an exit status.
+
+Status 0: done. 2: bad input or usage. 130: Ctrl-C. 1: anything else. GRASPTRACK_DEBUG=1 shows tracebacks.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from grasptrack.cli.demo import demo
+from grasptrack.cli.terminal import only_our_errors, tell_error
+from grasptrack.cli.track import track
+from grasptrack.cli.transfer import transfer
+from grasptrack.errors import GraspTrackError, InputError, ObservationError
+
+DONE, OTHER, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+# Paragraphs after \b keep their lines.
+_HELP = """Choose a grasp on a flat object once, then find the same physical contacts in every image that follows.
+
+\b
+Examples:
+  grasptrack demo                   a rendered scene, with errors against the truth
+  grasptrack track video.mp4        also a folder, "images/*.png", camera:0, an image
+  grasptrack track photos --fps 30 --output run --strategy homography
+  grasptrack track video.mp4 --grasp "193,308 157,99"
+  grasptrack transfer a.png b.png   the same grasp in two views
+
+Each verb has its own --help. Exit status: 0 done, 2 bad input, 130 after Ctrl-C, 1 anything else.
+"""
+
+app = typer.Typer(
+    name="grasptrack",
+    help=_HELP,
+    add_completion=False,
+    rich_markup_mode=None,  # rich alone would cost more than all else in --help
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        from grasptrack import kernels
+
+        typer.echo(f"grasptrack {version('grasptrack')} (backend {kernels.BACKEND})")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show version and backend, and exit."),
+    ] = False,
+) -> None:
+    pass
+
+
+app.command(short_help="Carry a grasp through a sequence of images.")(track)
+app.command(short_help="Carry a grasp from one image to another, by every strategy.")(transfer)
+app.command(short_help="Track in a rendered scene and compare with the truth.")(demo)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: without the program's name; None takes them from the process.
+
+    Returns:
+        The exit status.
+    """
+    with only_our_errors():
+        try:
+            given = list(sys.argv[1:] if arguments is None else arguments)
+            status = app(given or ["--help"], prog_name="grasptrack", standalone_mode=False)
+            sys.stdout.flush()
+            return status if isinstance(status, int) else DONE
+        except (InputError, ObservationError) as error:
+            return _failed(error, BAD_INPUT)
+        except (KeyboardInterrupt, typer.Abort):
+            return INTERRUPTED
+        except BrokenPipeError:
+            # Whoever read our output has gone; nor can Python's own flush at the end reach it.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            return OTHER
+        except Exception as error:
+            return _failed(error, int(getattr(error, "exit_code", OTHER)))
+
+
+def _failed(error: Exception, status: int) -> int:
+    if os.environ.get("GRASPTRACK_DEBUG") not in (None, "", "0"):
+        raise error
+    if hasattr(error, "format_message"):  # usage, as the parser of the command line saw it
+        verb = getattr(getattr(error, "ctx", None), "command_path", "grasptrack")
+        tell_error(f"{error.format_message().rstrip('.')} (see {verb} --help)")
+    elif isinstance(error, (GraspTrackError, OSError)):
+        tell_error(str(error))
+    else:
+        tell_error(f"internal error, {type(error).__name__}: {error} (GRASPTRACK_DEBUG=1 shows where)")
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack track`: carry a grasp through a sequence of images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from grasptrack.cli import options
+from grasptrack.cli.terminal import Interruption, tell_error
+from grasptrack.errors import InputError
+
+if TYPE_CHECKING:
+    from grasptrack.io.base import Frame
+    from grasptrack.io.tally import RunSummary
+    from grasptrack.result import TrackResult
+
+
+def track(
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help='Folder, "glob", video file, camera:0, or one image.')
+    ],
+    strategy: Annotated[str, typer.Option(metavar="NAME", help="auto, rrp, grasp-line or homography.")] = "auto",
+    fingers: options.Fingers = None,
+    friction: options.Friction = 0.5,
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path(
+        "grasptrack-out"
+    ),
+    grasp: options.GraspText = None,
+    object_: Annotated[
+        str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object in the first image.")
+    ] = None,
+    masks: Annotated[
+        str | None,
+        typer.Option(metavar="DIR", help="Your own segmentation, an image for each frame, by name or by order."),
+    ] = None,
+    ignore: options.IgnorePath = None,
+    fps: Annotated[
+        float | None, typer.Option(metavar="RATE", help="Frames/s: gives times to folders and globs, which have none.")
+    ] = None,
+    resynthesize: Annotated[
+        bool, typer.Option("--resynthesize", help="Choose a new grasp when the analysis refuses the present one.")
+    ] = False,
+    no_video: options.NoVideo = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Carry a grasp through a sequence of images, or say for each why not.
+
+    Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
+
+    \b
+    Examples:
+      grasptrack track video.mp4
+      grasptrack track photos --fps 30 --output run
+      grasptrack track "images/*.png" --object 320,240 --no-video
+      grasptrack track video.mp4 --grasp "193,308 157,99" --strategy rrp
+      grasptrack track camera:0 --ignore fingers.png
+    """
+    asked = {
+        "strategy": options.strategy_choice(strategy),
+        "fingers": fingers,
+        "friction": options.positive_friction(friction),
+        "grasp": grasp,
+        "object": object_,
+        "masks": masks,
+        "ignore": ignore,
+        "fps": fps,
+        "resynthesize": resynthesize,
+        "video": not no_video,
+    }
+    contacts, count = options.contacts_and_fingers(grasp, fingers)
+    place = options.point(object_, "--object")
+
+    from grasptrack.cli.report import Progress, show_run
+    from grasptrack.io.masks import open_masks
+    from grasptrack.io.run import run_track
+    from grasptrack.io.sources import open_source
+    from grasptrack.tracker import GraspTracker
+
+    images = open_source(source, fps)
+    segmentation = None if masks is None else open_masks(masks, images)
+    tracker = GraspTracker(
+        fingers=count,
+        strategy=strategy,
+        friction=friction,
+        grasp=contacts,
+        object_at=place,
+        ignore=options.ignore_mask(ignore),
+        resynthesize=resynthesize,
+    )
+    done = 0
+    with Interruption() as interruption:
+        try:
+            with Progress(quiet) as progress:
+
+                def tell(frame: Frame, result: TrackResult) -> None:
+                    nonlocal done
+                    done += 1
+                    progress.tell("tracking", done, images.count)
+                    interruption.check()
+
+                summary = run_track(
+                    images, tracker, output, video=not no_video, options=asked, masks=segmentation, on_frame=tell
+                )
+        except KeyboardInterrupt:
+            tell_error(f'interrupted after {done} frames; what was computed is in "{output}"')
+            raise
+    if not summary.object_seen:
+        raise InputError(_nothing_seen(summary))
+    if not quiet:
+        show_run(summary, output)
+
+
+def _nothing_seen(summary: RunSummary) -> str:
+    reasons = summary.reasons.get("searching", {})
+    why = next(iter(reasons), "")
+    frames = "the only frame" if summary.frames == 1 else f"any of the {summary.frames} frames"
+    return f"no object in {frames}" + (f": {why}" if why else "")
