@@ -46,12 +46,12 @@ class ShapeSpace:
         self.shape: Shape = shape
         self.dof = 4 if shape == "similarity" else 6
         self.centre: Floats = np.asarray(self.points.mean(axis=0))
-        offset = self.points - self.centre
+        offset: Floats = self.points - self.centre
         self.rho = float(np.sqrt(np.einsum("ij,ij->", offset, offset) / len(offset)))
         if not self.rho > 0.0:
             raise ContourError("a template must have an extent; these points are one place")
         self.local: Floats = offset / self.rho  # the template's shape, at size 1
-        self._pinv: Floats = np.linalg.pinv(self.W)
+        self._pinv: Floats = np.asarray(np.linalg.pinv(self.W))
 
     @property
     def W(self) -> Floats:  # noqa: N802  the name it has in Q = W X + Q0

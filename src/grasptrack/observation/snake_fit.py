@@ -3,101 +3,20 @@
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack import kernels
-from grasptrack.observation.shape_space import ShapeSpace
-from grasptrack.observation.snake_template import NEAR, Grey, Template
+from grasptrack.observation.snake_judge import Match, judge
+from grasptrack.observation.snake_search import Model, Rows, search
+from grasptrack.observation.snake_template import NEAR, Grey
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
-BORDER = 2.0
-"""px from the image border within which a sample counts as outside: its edge could not be told from the border."""
-SEEN = 1.75
-"""px from the fitted curve within which an edge supports it."""
-FAINTEST = 0.2
-"""Share of the template's strength, and of its contrast doubled, that an edge must have: motion blur takes the rest."""
 TUKEY = 4.685
-BEND = 0.05
-"""Share of the object's size by which shear and perspective may plausibly bend it where nothing is seen."""
-FLOOR = 0.1
-"""px. No measured edge is believed to be better than this."""
-
-
 LENIENT = 0.6
 """px, least scale of Tukey's weights: a side that tilt has moved by 2 px pulls as well, it is not left behind."""
 ELSEWHERE = 3.0 * NEAR
 """px from the fitted curve to which an unsupported stretch is looked for."""
-
-
-class Rows(NamedTuple):
-    """A curve and the linear measurement along its normals.
-
-    Attributes:
-        points: (m, 2) px; normals: (m, 2) unit.
-        A: (m, dof), n^T W: px along the normal per unit of the state.
-        edges: (m, 4) of the edge search.
-        gap: (m,) px from the curve to the edge along the normal, the template's own bias taken off; 0 where `used` is not.
-        used: (m,) an edge of the right kind was found.
-    """
-
-    points: Floats
-    normals: Floats
-    A: Floats
-    edges: Floats
-    gap: Floats
-    used: Bools
-
-
-class Model:
-    """What stays the same from image to image, computed once.
-
-    Args:
-        template: the samples to search for; space: the shape space of the whole outline.
-
-    Attributes:
-        local: (m, 2) the searched points about the space's centre, in units of rho.
-        W: (2, m, dof) how a state moves them along x and y.
-        field: (2, m, 8) how a homography's parameters do, in the template's own frame; see `columns`.
-    """
-
-    def __init__(self, template: Template, space: ShapeSpace) -> None:
-        self.template = template
-        self.space = space
-        self.local: Floats = space.local[template.chosen]
-        self.W: Floats = np.ascontiguousarray(space.jacobian(template.points).transpose(1, 0, 2))
-        self.field: Floats = np.ascontiguousarray(columns(np.eye(2), self.local).transpose(1, 0, 2))
-
-
-def search(model: Model, state: Floats, image: Grey, reach: float) -> Rows:
-    """Edges along the normals of the curve at a state.
-
-    Args:
-        model: what to search for.
-        state: (dof,) px.
-        image: (H, W) grey.
-        reach: px on either side.
-    """
-    template, space, local = model.template, model.space, model.local
-    M = space.linear(state)
-    points = local @ (space.rho * M.T)
-    points += space.centre + state[:2]
-    (a, b), (c, d) = M.tolist()
-    normals = template.normals @ np.array(((d, -b), (-c, a)))  # the cofactors carry normals
-    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
-    normals /= length[:, None]
-    edges = kernels.edge_search(image, points, normals, reach, template.polarity)
-    gap = edges[:, 0] - template.bias * ((a * d - b * c) / length)
-    used = edges[:, 1] * template.sign >= FAINTEST * template.strength
-    gap[~used] = 0.0
-    A = normals[:, :1] * model.W[0]
-    A += normals[:, 1:] * model.W[1]
-    return Rows(points, normals, A, edges, gap, used)
 
 
 def solve(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> tuple[Floats, Floats, Floats]:
@@ -120,7 +39,9 @@ def solve(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> tuple[Floats,
     count = int(used.sum())
     if count < A.shape[1]:
         raise np.linalg.LinAlgError("fewer edges than degrees of freedom")
-    step, pull = mean, prior @ mean
+    step: Floats = mean
+    information: Floats = prior
+    pull = prior @ mean
     for _ in range(rounds):
         r = np.abs(z - A @ step)
         # of those used: the others, at the end, do not shift the middle
@@ -130,127 +51,8 @@ def solve(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> tuple[Floats,
         w = np.square(np.maximum(w, 0.0, out=w), out=w) * used
         Aw = A * (w * (1.0 / (scale * scale)))[:, None]
         information = Aw.T @ A
-        step = np.linalg.solve(information + prior, Aw.T @ z + pull)
+        step = np.asarray(np.linalg.solve(information + prior, Aw.T @ z + pull))
     return step, information, w
-
-
-class Match(NamedTuple):
-    """How a converged curve agrees with the image.
-
-    Attributes:
-        elsewhere: share of the visible samples that are not supported, but in rows of them lie on an edge beside the
-            curve: the outline has moved as the shape space cannot, or something covers it along there.
-        state: (dof,) px; noise: (dof, dof) px^2 of it as far as the image's noise goes, for the filter.
-        bias: (8,) what a homography's 8 parameters (see `columns`) would still change: the template's state first, then
-            what the shape space cannot follow.
-        covariance: (8, 8) px^2 of those parameters.
-        misfit: px, rms distance over the outline that they would move it.
-        spread: px, largest standard deviation of a point of the outline.
-        residual: px rms of the supported samples; common: px, rms of what neighbouring residuals still share.
-        seen: (m,) supported samples; visible: (m,) samples inside the image.
-    """
-
-    state: Floats
-    noise: Floats
-    bias: Floats
-    covariance: Floats
-    misfit: float
-    spread: float
-    residual: float
-    common: float
-    seen: Bools
-    visible: Bools
-    elsewhere: float = 0.0
-
-    @property
-    def support(self) -> float:
-        """Share of the samples inside the image that are supported."""
-        inside = int(self.visible.sum())
-        return float(self.seen.sum()) / inside if inside else 0.0
-
-
-def columns(M: Floats, local: Floats) -> Floats:
-    """(m, 2, 8): how the 8 parameters of a homography move the points of a view, all in px.
-
-    Translation, rotation and scale, then the two shears of an affine map, then the two bends of perspective.
-
-    Args:
-        M: (2, 2) linear part of the view.
-        local: (m, 2) template points about the centroid, in units of rho.
-    """
-    x, y = local[:, 0], local[:, 1]
-    field = np.zeros((len(local), 2, 8))
-    field[:, 0, 0] = field[:, 1, 1] = 1.0
-    field[:, 0, 2], field[:, 1, 2] = x, y
-    field[:, 0, 3], field[:, 1, 3] = -y, x
-    field[:, 0, 4], field[:, 1, 4] = x, -y
-    field[:, 0, 5], field[:, 1, 5] = y, x
-    field[:, 0, 6], field[:, 1, 6] = x * x, x * y
-    field[:, 0, 7], field[:, 1, 7] = x * y, y * y
-    return np.asarray(M @ field)
-
-
-def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Match:
-    """Which samples an edge like the template's supports, how well the state is known, and what it leaves unexplained.
-
-    A shape space that fits all that is seen may still be wrong where nothing is seen: whatever a homography could have
-    done there besides counts as unknown, up to BEND of the object's size.
-    """
-    template, space = model.template, model.space
-    height, width = shape[:2]
-    points, edges, gap = rows.points, rows.edges, rows.gap
-    x, y = points[:, 0], points[:, 1]
-    visible = (x >= BORDER) & (y >= BORDER) & (x <= width - 1 - BORDER) & (y <= height - 1 - BORDER)
-    contrast = template.contrast
-    like = np.abs(edges[:, 3] - edges[:, 2]) >= 2.0 * FAINTEST * contrast
-    like &= np.abs(edges[:, 2] - template.inside) <= 0.35 * contrast + 12.0
-    like &= rows.used & visible
-    seen = like & (np.abs(gap) <= SEEN)
-    if int(seen.sum()) <= 8:
-        nothing = np.full((8, 8), math.inf)
-        noise = np.full((len(state), len(state)), math.inf)
-        return Match(state, noise, np.zeros(8), nothing, math.inf, math.inf, math.inf, math.inf, seen, visible)
-    (a, b), (c, d) = space.linear(state).tolist()
-    X, Y = model.field
-    field = np.concatenate((a * X + b * Y, c * X + d * Y))  # x of all samples, then y of all
-    F = rows.normals[:, :1] * field[: len(X)]
-    F += rows.normals[:, 1:] * field[len(X) :]
-    prior = np.zeros(8)
-    prior[4:] = 1.0 / (BEND * space.rho) ** 2
-    w = like.astype(np.float64)
-    bias, variance, common = np.zeros(8), 1.0, 0.0
-    for _ in range(2):
-        r = gap - F @ bias
-        w = like * np.square(np.maximum(1.0 - np.square(r / NEAR), 0.0))
-        Fw = F * w[:, None]
-        N = Fw.T @ F
-        bias = np.linalg.solve(N + np.diag(variance * prior), Fw.T @ gap)
-    r = np.where(seen, gap - F @ bias, 0.0)
-    variance = max(float(r @ r) / max(int(seen.sum()) - 8, 1), FLOOR * FLOOR)
-    follow = np.roll(seen, -1)
-    common = max(float(r @ np.roll(r, -1)) / max(int((seen & follow).sum()), 1), 0.0)
-    # residuals that go together count once: the variance of a mean of an AR(1) series
-    alike = min(common / variance, 0.8)
-    variance *= (1.0 + alike) / (1.0 - alike)
-    covariance = np.linalg.inv(N / variance + np.diag(prior + 1e-9))
-    A = rows.A[seen]
-    noise = np.linalg.inv(A.T @ A / variance + 1e-9 * np.eye(A.shape[1]))
-    moved = field @ bias
-    spread = np.einsum("ij,ij->i", field @ covariance, field)
-    spread = spread[: len(X)] + spread[len(X) :]
-    g = gap[seen]
-    return Match(
-        state,
-        noise,
-        bias,
-        covariance,
-        math.sqrt(float(moved @ moved) / len(X)),
-        math.sqrt(float(spread.max())),
-        math.sqrt(float(g @ g) / len(g)),
-        math.sqrt(common),
-        seen,
-        visible,
-    )
 
 
 def fit(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) -> Match | None:
@@ -267,7 +69,7 @@ def fit(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) 
     Returns:
         The match, or None where too few edges were found or the fit ran away.
     """
-    prior = np.linalg.inv(spread)
+    prior: Floats = np.asarray(np.linalg.inv(spread))
     state = start
     reaches = [reach] if reach <= 2 * NEAR else [reach, max(reach / 3.0, 1.5 * NEAR)]
     try:
@@ -293,6 +95,5 @@ def fit(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) 
         return match
     rows = search(model, state, image, ELSEWHERE)
     stray = rows.used & match.visible & ~match.seen
-    level = np.abs(np.diff(rows.gap, append=rows.gap[0])) < 1.0
-    in_row = stray & np.roll(stray, -1) & level
+    in_row = stray[:-1] & stray[1:] & (np.abs(rows.gap[1:] - rows.gap[:-1]) < 1.0)
     return match._replace(elsewhere=float(in_row.sum()) / max(int(match.visible.sum()), 1))

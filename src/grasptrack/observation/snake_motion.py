@@ -16,7 +16,7 @@ MEMORY = 0.85
 
 
 class ConstantVelocity:
-    """State X and velocity V in the shape space, with accelerations as noise whose size is learned from the innovations.
+    """State X and velocity V in the shape space; accelerations are noise whose size is learned from the innovations.
 
     Args:
         dof: dimension of the shape space.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack import kernels
 from grasptrack.contour import Contour, Outline, View
 from grasptrack.errors import ObservationError
-from grasptrack.observation.bspline import PER_SPAN, ClosedSpline, fit_spline
+from grasptrack.observation.bspline import ClosedSpline, fit_spline
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -41,8 +41,8 @@ def sampled_outline(view: Outline, tolerance: float, contacts: ArrayLike | None 
         contacts: (k, 2) px that must also lie within the tolerance of the sampled polygon, where spans allow it.
 
     Returns:
-        The sampled View (6 points per span, so that every 6th is a reference point of the RRP coordinates), the spline's
-        (n, 2) normals at its points, and the largest rms distance in px.
+        The sampled View (6 points per span, so that every 6th is a reference point of the RRP coordinates), the
+        spline's (n, 2) normals at its points, and the largest rms distance in px.
     """
     longest = max(c.length for c in view.contours)
     spans = 16
@@ -53,9 +53,8 @@ def sampled_outline(view: Outline, tolerance: float, contacts: ArrayLike | None 
             spline, gap = fit_spline(contour.points, max(8, math.ceil(spans * contour.length / longest)))
             splines.append(spline)
             rms = max(rms, gap)
-        sampled = View(
-            [Contour(s.sample(), hole=c.hole) for s, c in zip(splines, view.contours, strict=True)], getattr(view, "image", None)
-        )
+        curves = [Contour(s.sample(), hole=c.hole) for s, c in zip(splines, view.contours, strict=True)]
+        sampled = View(curves, view.image)
         gap = rms
         if contacts is not None:
             places = kernels.locate(sampled.points, sampled.offsets, np.array(contacts, dtype=np.float64))
@@ -93,7 +92,8 @@ class Template:
         edges = kernels.edge_search(image, points, across, NEAR, 0)
         found = np.isfinite(edges[:, 0])
         if 2 * int(found.sum()) < len(found):
-            raise ObservationError("less than half of the outline lies on an edge of the image", share=float(found.mean()))
+            share = float(found.mean())
+            raise ObservationError(f"only {share:.0%} of the outline lies on an edge of the image", share=share)
         rising = float((edges[found, 1] > 0).mean())
         self.polarity = 1 if rising > 0.7 else -1 if rising < 0.3 else 0
         if self.polarity:
@@ -104,9 +104,8 @@ class Template:
         # NaN compares false
         good = found & (size >= enough) & (np.abs(edges[:, 0]) <= MAX_BIAS)
         if 2 * int(good.sum()) < len(good):
-            raise ObservationError(
-                f"only {good.mean():.0%} of the outline has an edge that a snake can hold on to", share=float(good.mean())
-            )
+            share = float(good.mean())
+            raise ObservationError(f"only {share:.0%} of the outline has an edge to hold on to", share=share)
         self.chosen = candidates[good]
         self.points: Floats = points[good]
         self.normals: Floats = across[good]

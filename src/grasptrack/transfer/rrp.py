@@ -81,6 +81,7 @@ class RRPDescription:
         return rows
 
     def __repr__(self) -> str:
+        """The coordinates as the paper prints them."""
         return "RRP(" + " ".join(f"({c}, {r}, {i})" for c, r, i in self.paper()) + ")"
 
 

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Closed cubic B-splines and the shape spaces on their samples."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grasptrack.errors import ConditioningError, ContourError, StrategyError
+from grasptrack.observation.bspline import ClosedSpline, basis_matrix, fit_spline, fit_within
+from grasptrack.observation.shape_space import Shape, ShapeSpace
+from grasptrack.projective import apply_homography
+
+numbers = st.floats(-1.0, 1.0)
+
+
+def ring(seed: int, spans: int) -> ClosedSpline:
+    rng = np.random.default_rng(seed)
+    t = np.arange(spans) * (2 * math.pi / spans)
+    return ClosedSpline(np.column_stack([np.cos(t), np.sin(t)]) * rng.uniform(60, 90, (spans, 1)) + 200)
+
+
+@given(st.integers(4, 40), st.lists(st.floats(-100, 100), min_size=1, max_size=20))
+def test_basis_is_a_partition_of_one(spans: int, parameters: list[float]) -> None:
+    assert np.allclose(basis_matrix(parameters, spans).sum(axis=1), 1.0)
+    assert np.allclose(basis_matrix(parameters, spans, 1).sum(axis=1), 0.0)
+
+
+def test_derivative_against_finite_differences() -> None:
+    spline = ring(0, 9)
+    t = np.linspace(0, 9, 50, endpoint=False) + 0.013
+    h = 1e-6
+    assert np.allclose((spline.at(t + h) - spline.at(t - h)) / (2 * h), spline.at(t, 1), atol=1e-5)
+
+
+def test_normals_point_out_of_an_outer_contour() -> None:
+    spline = ring(1, 12)
+    outward = spline.sample() - spline.sample().mean(axis=0)
+    assert (np.einsum("ij,ij->i", spline.normals(), outward) > 0).all()
+    assert np.allclose(np.hypot(*spline.normals().T), 1.0)
+
+
+def test_samples_are_points_of_the_curve() -> None:
+    spline = ring(2, 10)
+    assert np.allclose(spline.sample(6), spline.at(np.arange(60) / 6))
+
+
+def test_a_circle_is_fitted_closely_and_more_spans_fit_closer() -> None:
+    t = np.arange(400) * (2 * math.pi / 400)
+    circle = 100 * np.column_stack([np.cos(t), np.sin(t)])
+    gaps = [fit_spline(circle, spans)[1] for spans in (8, 16, 32)]
+    assert gaps[0] > gaps[1] > gaps[2] and gaps[1] < 0.01
+
+
+def test_a_polygon_of_few_points_is_followed() -> None:
+    octagon = np.array([[0, 0], [90, 0], [120, 30], [120, 70], [90, 100], [30, 100], [0, 70], [0, 30]], dtype=float)
+    spline, rms = fit_within(octagon, 0.5)
+    assert rms <= 0.5 and spline.spans < 96
+    assert fit_within(octagon, 1e-9, max_spans=20)[0].spans == 20
+
+
+@given(st.floats(-3, 3), st.floats(0.1, 5), numbers, numbers)
+def test_fit_commutes_with_similarities(angle: float, scale: float, x: float, y: float) -> None:
+    points = ring(3, 20).sample()
+    c, s = scale * math.cos(angle), scale * math.sin(angle)
+    turn = np.array(((c, s), (-s, c)))
+    before, _ = fit_spline(points, 14)
+    after, _ = fit_spline(points @ turn + (x, y), 14)
+    assert np.allclose(before.control @ turn + (x, y), after.control, atol=1e-6 * scale)
+
+
+def test_too_few_spans_are_refused() -> None:
+    with pytest.raises(ContourError, match="at least 4 spans, not 3"):
+        basis_matrix([0.0], 3)
+    with pytest.raises(ContourError):
+        fit_spline(ring(0, 8).sample(), 3)
+    with pytest.raises(ContourError):
+        ClosedSpline(np.zeros((3, 2)))
+
+
+# --- shape spaces -------------------------------------------------------------------------------
+
+states = st.lists(st.floats(-20, 20), min_size=6, max_size=6)
+
+
+@settings(deadline=None)
+@given(st.sampled_from(["similarity", "affine"]), states)
+def test_state_and_homography_are_one_to_one(shape: Shape, values: list[float]) -> None:
+    space = ShapeSpace(ring(4, 12).sample(), shape)
+    state = np.array(values[: space.dof])
+    H = space.homography(state)
+    assert np.allclose(space.state(H), state, atol=1e-8)
+    assert np.allclose(apply_homography(H, space.points), space.curve(state), atol=1e-8)
+    moved = space.W @ state + space.points.T.ravel()  # Q = W X + Q0
+    assert np.allclose(space.curve(state).T.ravel(), moved, atol=1e-8)
+
+
+@pytest.mark.parametrize("shape", ["similarity", "affine"])
+def test_jacobian_and_norm(shape: Shape) -> None:
+    space = ShapeSpace(ring(5, 12).sample(), shape)
+    state = np.linspace(-3, 4, space.dof)
+    change = space.curve(state) - space.points
+    assert np.allclose(space.jacobian(space.points) @ state, change)
+    assert space.norm(state) == pytest.approx(math.sqrt((change**2).sum(axis=1).mean()))
+    assert space.norm(np.eye(space.dof)[0]) == pytest.approx(1.0)
+
+
+def test_nearest_state_to_a_perspective_view_is_least_squares() -> None:
+    space = ShapeSpace(ring(6, 12).sample(), "affine")
+    H = np.array(((1.02, 0.03, 4.0), (-0.02, 0.97, -3.0), (1e-4, -5e-5, 1.0)))
+    target = apply_homography(H, space.points)
+    state = space.state(H)
+    best = ((space.curve(state) - target) ** 2).sum()
+    for i in range(space.dof):
+        for step in (-0.1, 0.1):
+            assert ((space.curve(state + step * np.eye(space.dof)[i]) - target) ** 2).sum() > best
+
+
+def test_refusals() -> None:
+    points = ring(7, 12).sample()
+    with pytest.raises(StrategyError, match="choose from similarity, affine"):
+        ShapeSpace(points, "perspective")  # type: ignore[arg-type]
+    with pytest.raises(ContourError):
+        ShapeSpace(points[:2])
+    with pytest.raises(ContourError):
+        ShapeSpace(np.ones((9, 2)))
+    with pytest.raises(ConditioningError):
+        ShapeSpace(points).state(np.full((3, 3), np.nan))
+    with pytest.raises(ConditioningError):
+        ShapeSpace(points).state([[1, 0, 0], [0, 1, 0], [1, 0, -200]])

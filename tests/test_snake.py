@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The snake on rendered images with known motion: right, or not ok."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from grasptrack.contour import Contour, View
+from grasptrack.errors import InputError, ObservationError, StrategyError
+from grasptrack.grasp import Grasp
+from grasptrack.observation.shape_space import Shape
+from grasptrack.observation.snake import Snake, SnakeFit
+from grasptrack.projective import apply_homography
+from grasptrack.transfer import rrp
+
+Floats = NDArray[np.float64]
+SIZE = (640, 480)
+FINE = 4
+
+
+def part() -> View:
+    """A part with corners, a notch and a hole, some 200 px across."""
+    corners = np.array(
+        [[230, 170], [400, 160], [430, 240], [385, 262], [420, 300], [400, 330], [250, 325], [215, 260]], dtype=float
+    )
+    outer = Contour(dense(corners))
+    t = np.arange(60) * (2 * math.pi / 60)
+    return View([outer, Contour(np.column_stack([300 + 28 * np.cos(t), 245 + 22 * np.sin(t)]), hole=True)])
+
+
+def dense(corners: Floats, step: float = 1.5) -> Floats:
+    pieces = []
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        along = np.linspace(0, 1, int(math.dist(a, b) / step), endpoint=False)
+        pieces.append(a + along[:, None] * (b - a))
+    return np.concatenate(pieces)
+
+
+def coverage(curves: list[Floats]) -> Floats:
+    """(H, W) share of each pixel inside the curves, by supersampling."""
+    fine = np.zeros((SIZE[1] * FINE, SIZE[0] * FINE), np.uint8)
+    scaled = [np.round(((c + 0.5) * FINE - 0.5) * 256).astype(np.int32) for c in curves]
+    cv2.fillPoly(fine, scaled, 255, shift=8)
+    return np.asarray(cv2.resize(fine, SIZE, interpolation=cv2.INTER_AREA) / 255.0)
+
+
+@lru_cache(maxsize=2)
+def ground(seed: int) -> Floats:
+    rng = np.random.default_rng(seed)
+    grain = cv2.GaussianBlur(rng.normal(0, 40, SIZE[::-1]), (0, 0), 3.0)
+    return np.asarray(190 + grain)
+
+
+def render(
+    view: View | None, H: Floats, seed: int, dark: bool = True, cover: Floats | None = None
+) -> NDArray[np.uint8]:
+    rng = np.random.default_rng(seed)
+    image = ground(5)
+    if view is not None:
+        a = coverage([apply_homography(H, c.points) for c in view.contours])
+        image = image * (1 - a) + 60.0 * a
+    if cover is not None:
+        a = coverage([cover])
+        image = image * (1 - a) + 120.0 * a
+    if not dark:
+        image = 255.0 - image
+    image = cv2.GaussianBlur(image, (0, 0), 0.8) + rng.normal(0, 4, image.shape)
+    return np.clip(np.round(image), 0, 255).astype(np.uint8)
+
+
+def affine(scale: float, angle: float, x: float, y: float, shear: float = 0.0) -> Floats:
+    """About the part's middle."""
+    c, s = scale * math.cos(angle), scale * math.sin(angle)
+    M = np.array(((c, -s), (s, c))) @ np.array(((1 + shear, shear), (0.5 * shear, 1 - shear)))
+    H = np.eye(3)
+    H[:2, :2] = M
+    H[:2, 2] = np.array((320 + x, 245 + y)) - M @ (320, 245)
+    return H
+
+
+def path(k: int, shear: float = 0.0) -> Floats:
+    t = k / 60
+    slow = math.sin(3 * t)
+    return affine(1 + 0.2 * slow, 0.5 * math.sin(5 * t), 60 * math.sin(4 * t), 40 * math.sin(7 * t), shear * slow)
+
+
+def grasp_of(snake: Snake) -> Grasp:
+    return Grasp(np.array([[245.0, 168.0], [330.0, 328.5]])).snapped(snake.template)
+
+
+def error(snake: Snake, fit: SnakeFit, H: Floats) -> float:
+    """px, largest error of two contacts carried by RRP on the snake's samples."""
+    grasp = grasp_of(snake)
+    carried = rrp.apply(rrp.describe(grasp, snake.template), snake.view(fit)).grasp
+    return float(np.hypot(*(carried.contacts - apply_homography(H, grasp.contacts)).T).max())
+
+
+@pytest.mark.parametrize(("shape", "shear"), [("similarity", 0.0), ("affine", 0.0), ("affine", 0.12)])
+def test_contacts_over_sixty_frames(shape: Shape, shear: float) -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0), shape)
+    errors, honest = [], []
+    for k in range(60):
+        if k:
+            snake.predict()
+        fit = snake.update(render(view, path(k, shear), k))
+        assert fit.ok, f"frame {k}: {fit.reason}"
+        errors.append(error(snake, fit, path(k, shear)))
+        grasp = grasp_of(snake)
+        gap = apply_homography(fit.homography, grasp.contacts) - apply_homography(path(k, shear), grasp.contacts)
+        honest += [g @ np.linalg.solve(C, g) for g, C in zip(gap, fit.covariance_at(grasp.contacts), strict=True)]
+        assert fit.support > 0.9 and fit.outside == 0.0
+    assert max(errors) < 0.2, max(errors)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.12
+    # 95 % of the errors lie within the 99 % ellipse
+    assert np.quantile(honest, 0.95) < 9.2
+
+
+def test_a_light_object() -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0, dark=False))
+    for k in range(1, 20):
+        snake.predict()
+        fit = snake.update(render(view, path(k), k, dark=False))
+        assert fit.ok and error(snake, fit, path(k)) < 0.2
+
+
+def test_fast_motion_after_warming_up() -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0))
+    x = 0.0
+    for k in range(1, 30):
+        x += (1 if (k // 12) % 2 == 0 else -1) * min(15.0, 3.0 * (k % 12 + 1))
+        H = affine(1.0, 0.01 * k, x, -0.3 * x)
+        snake.predict()
+        fit = snake.update(render(view, H, k))
+        if fit.ok:
+            assert error(snake, fit, H) < 0.3
+        assert fit.ok or k in (12, 24), f"frame {k}: {fit.reason}"
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.floats(0.85, 1.15), st.floats(-0.06, 0.06), st.floats(-10, 10), st.floats(-10, 10), st.integers(0, 99))
+def test_one_step_of_any_direction(scale: float, angle: float, x: float, y: float, seed: int) -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), seed))
+    H = affine(scale**0.5, angle, x, y)
+    snake.predict()
+    fit = snake.update(render(view, H, seed + 1))
+    assert fit.ok and error(snake, fit, H) < 0.25
+
+
+def bar(x: float, width: float, tilt: float) -> Floats:
+    box = np.array([[-width / 2, -400], [width / 2, -400], [width / 2, 400], [-width / 2, 400]])
+    c, s = math.cos(tilt), math.sin(tilt)
+    return np.asarray(box @ np.array(((c, s), (-s, c))) + (x, 245))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.5, 1.5708])
+@pytest.mark.parametrize("shape", ["similarity", "affine"])
+def test_a_bar_over_a_quarter_is_survived_or_admitted(shape: Shape, tilt: float) -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0), shape)
+    believed = 0
+    for k in range(1, 40):
+        snake.predict()
+        fit = snake.update(render(view, path(k), k, cover=bar(90 + 13 * k, 50, tilt)))
+        believed += fit.ok
+        if fit.ok:
+            assert error(snake, fit, path(k)) < 0.5, f"frame {k}"
+    assert believed >= 25
+
+
+def test_a_covered_contact_is_not_seen() -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0))
+    snake.predict()
+    fit = snake.update(render(view, np.eye(3), 1, cover=bar(245, 44, 0.0)))
+    places = Grasp([[245.0, 168.0], [400.0, 160.0]]).on(snake.template)
+    hidden, free = fit.seen_at(places)
+    assert hidden < 0.2 and free > 0.5
+
+
+def test_gone_and_back() -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0))
+    for k in range(1, 12):
+        snake.predict()
+        fit = snake.update(render(None, np.eye(3), k))
+        assert not fit.ok and "edges" in fit.reason
+    there = affine(1.3, 1.0, 40.0, -20.0)
+    snake.reseed(there @ affine(1.01, 0.01, 1.0, 2.0))
+    fit = snake.update(render(view, there, 50))
+    assert fit.ok and error(snake, fit, there) < 0.2
+
+
+def test_out_of_the_image_is_unobserved_not_wrong() -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0))
+    outside = []
+    for k in range(1, 61):
+        H = affine(1.0, 0.1 * math.sin(k / 9), -6.0 * k, 0.0)
+        snake.predict()
+        fit = snake.update(render(view, H, k))
+        outside.append(fit.outside)
+        if fit.ok:
+            assert error(snake, fit, H) < 0.7, f"frame {k}"
+        else:
+            break
+    assert fit.outside > 0.4 and k > 45 and max(outside) > 0.4
+
+
+def test_tilt_is_admitted_and_measured() -> None:
+    """What a similarity cannot follow shows in `misfit`, bends the covariance, and is not called ok for long."""
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0))
+    to_middle = np.array(((1, 0, -320), (0, 1, -245), (0, 0, 1.0)))
+    for k in range(1, 40):
+        H = np.linalg.inv(to_middle) @ np.array(((1, 0, 0), (0, 1, 0), (2.5e-5 * k, 0, 1.0))) @ to_middle
+        snake.predict()
+        fit = snake.update(render(view, H, k))
+        off = apply_homography(fit.homography, snake.template.points) - apply_homography(H, snake.template.points)
+        rms = math.sqrt(np.square(off).sum(axis=1).mean())
+        if fit.ok:
+            assert rms < 1.5, f"frame {k}"
+        if rms < 3.0:
+            assert fit.misfit == pytest.approx(rms, abs=0.35)
+            better = apply_homography(fit.refined, snake.template.points) - apply_homography(H, snake.template.points)
+            assert math.sqrt(np.square(better).sum(axis=1).mean()) < 0.3
+    assert not fit.ok
+
+
+def test_samples_follow_the_outline_and_keep_their_counts() -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0), contacts=[[245.0, 169.1]])
+    assert snake.rms < 0.3
+    assert len(snake.template.contours) == 2 and all(len(c) % 6 == 0 for c in snake.template.contours)
+    assert [len(c) for c in snake.view().contours] == [len(c) for c in snake.template.contours]
+    assert np.allclose(snake.view().points, snake.template.points)
+
+
+def test_refusals() -> None:
+    view = part()
+    image = render(view, np.eye(3), 0)
+    with pytest.raises(ObservationError):
+        Snake(view, render(None, np.eye(3), 0))
+    with pytest.raises(StrategyError):
+        Snake(view, image, "perspective")  # type: ignore[arg-type]
+    with pytest.raises(InputError):
+        Snake(view, np.dstack([image] * 3))
+    with pytest.raises(InputError):
+        Snake(view, image).update(np.dstack([image] * 3))
