@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -127,9 +128,18 @@ class Score:
         return float(np.percentile(times, percent)) if len(times) else math.nan
 
     def reasons(self, *statuses: str) -> list[tuple[str, int]]:
-        """Reasons given with these statuses (lost and searching where none is named), the most frequent first."""
+        """Reasons given with these statuses (lost and searching where none is named), the most frequent first.
+
+        Reasons that differ in their numbers alone count as one, under the first that was met.
+        """
         wanted = statuses or ("lost", "searching")
-        return Counter(f.reason for f in self.frames if f.status in wanted).most_common()
+        first: dict[str, str] = {}
+        counts: Counter[str] = Counter()
+        for f in self.frames:
+            if f.status in wanted:
+                kind = re.sub(r"[-+]?\d+(\.\d+)?", "#", f.reason)
+                counts[first.setdefault(kind, f.reason)] += 1
+        return counts.most_common()
 
     def row(self) -> dict[str, float | int | str]:
         """The figures of a closing table: counts of frames, errors in px, latency in ms."""

@@ -165,7 +165,8 @@ class Scene:
 def demo_scene(frames: int = 120, seed: int = 3, *, width: int = 640, height: int = 480, colour: bool = True) -> Scene:
     """The scene of `grasptrack demo`: a dark bracket on a light wooden table, under light that changes slowly.
 
-    The camera starts frontal, comes closer, turns, shifts and tilts by up to 28 degrees.
+    The camera comes closer, turns and shifts; a third of the way on it also tilts, by up to 28 degrees; it ends frontal,
+    near where it began.
 
     Args:
         frames: number of frames.
@@ -174,14 +175,15 @@ def demo_scene(frames: int = 120, seed: int = 3, *, width: int = 640, height: in
         height: px.
         colour: BGR images, else grey ones.
     """
-    wave = 2.0 * math.pi * np.linspace(0.0, 1.0, frames)
-    lean_x, lean_y = np.sin(wave), 0.75 * np.sin(1.5 * wave)
+    u = np.linspace(0.0, 1.0, frames)
+    wave = 2.0 * math.pi * u
+    lean = np.clip((u - 0.3) / 0.6, 0.0, 1.0)  # 4 DoF for a third of the way, then 6, and back
     path = Path(
         target=np.column_stack([0.22 * np.sin(wave), -0.16 * np.sin(2.0 * wave)]),
         distance=4.4 - 0.65 * np.sin(0.5 * wave) ** 2 + 0.12 * (1.0 - np.cos(2.0 * wave)),
         roll=math.radians(70.0) * np.sin(0.5 * wave) ** 2 - math.radians(14.0) * np.sin(wave),
-        tilt=math.radians(28.0) * np.hypot(lean_x, lean_y) / 1.19,
-        azimuth=0.7 + np.arctan2(lean_y, lean_x),
+        tilt=math.radians(28.0) * np.sin(math.pi * lean) ** 2,
+        azimuth=0.7 + math.radians(240.0) * lean,
     )
     return Scene(
         bracket(),
