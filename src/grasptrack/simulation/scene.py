@@ -165,7 +165,7 @@ class Scene:
 def demo_scene(frames: int = 120, seed: int = 3, *, width: int = 640, height: int = 480, colour: bool = True) -> Scene:
     """The scene of `grasptrack demo`: a dark bracket on a light wooden table, under light that changes slowly.
 
-    The camera comes closer, turns and shifts; a third of the way on it also tilts, by up to 28 degrees; it ends frontal,
+    The camera comes closer, turns and shifts; a third of the way on it also tilts, up to 28 degrees; it ends frontal,
     near where it began.
 
     Args:
