@@ -14,6 +14,7 @@
 #include "inertia.hpp"
 #include "lines.hpp"
 #include "matching.hpp"
+#include "registration.hpp"
 #include "wrench.hpp"
 
 namespace nb = nanobind;
@@ -223,6 +224,18 @@ nb::object py_carry_normals(const RowArray &H, const PointArray &points, const P
     return out.array();
 }
 
+nb::tuple py_projective_step(const PointArray &points, const PointArray &normals, const ValueArray &offsets,
+                             const PointArray &contacts, double radius, double loose) {
+    const std::size_t m = points.shape(0), k = contacts.shape(0);
+    if (normals.shape(0) != m || offsets.shape(0) != m)
+        throw std::invalid_argument("each point needs its normal and its offset");
+    if (k == 0 || !(radius > 0 && loose > 0)) throw std::invalid_argument("contacts, a radius and a looseness are needed");
+    Output shift(k, 2), covariance(k, 4);
+    projective_step(points.data(), normals.data(), offsets.data(), static_cast<std::int64_t>(m), contacts.data(),
+                    static_cast<std::int64_t>(k), radius, loose, shift.values(), covariance.values());
+    return nb::make_tuple(shift.array(), covariance.array().attr("reshape")(nb::make_tuple(k, 2, 2)));
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -249,6 +262,8 @@ NB_MODULE(_native, m) {
     m.def("nearest_crossings", &py_nearest_crossings, "points"_a, "offsets"_a, "x"_a, "y"_a, "ux"_a, "uy"_a, "t1"_a,
           "t2"_a);
     m.def("point_at", &py_point_at, "points"_a, "offsets"_a, "places"_a);
+    m.def("projective_step", &py_projective_step, "points"_a, "normals"_a, "offsets"_a, "contacts"_a, "radius"_a,
+          "loose"_a);
     m.def("resample", &py_resample, "points"_a, "count"_a, "smooth"_a);
     m.def("settle_edges", &py_settle_edges, "points"_a, "normals"_a, "edges"_a, "fixed"_a, "fallback"_a, "outlier"_a);
 }

@@ -62,7 +62,9 @@ def test_eq_3(points, H, start, gap):
     arguments = (v1, arc1, peaks, v2, arc2, centres, kappa, 0.04 * arc1[-1], 12, 0.0025 * arc1[-1])
     found, wanted = kernels.match_curvature(*arguments), reference.match_curvature(*arguments)
     np.testing.assert_allclose(found[:, 1], wanted[:, 1], rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(found[:, 0], wanted[:, 0])
+    # ties may be broken differently, never by more than two neighbours that fit alike
+    apart = np.abs(found[:, 0] - wanted[:, 0])
+    assert (np.minimum(apart, len(points) - apart) <= 1).all()
 
 
 def test_bad_arguments():
@@ -95,3 +97,25 @@ def test_edges_settle_and_normals_are_carried(points, H, seed):
     step = 1e-5 * np.column_stack([-normals[:, 1], normals[:, 0]])
     moved = apply_homography(H, points + step) - apply_homography(H, points - step)
     assert np.abs(np.einsum("ij,ij->i", moved, found[:, 2:4])).max() < 1e-9
+
+
+@FEW
+@given(stars(count=80), frame_motions(), st.integers(0, 1000))
+def test_a_projective_step_finds_the_motion_that_is_left(points, H, seed):
+    rng = np.random.default_rng(seed)
+    small = np.eye(3) + 0.02 * (H / H[2, 2] - np.eye(3))
+    normals = kernels.blend_normals(points)
+    offsets = np.einsum("ij,ij->i", apply_homography(small, points) - points, normals)
+    contacts = points[[3, 40, 60]]
+    shift, covariance = kernels.projective_step(points, normals, offsets, contacts, 90.0, 50.0)
+    expected = apply_homography(small, contacts) - contacts
+    assert np.abs(shift - expected).max() < 0.1 + 0.05 * np.abs(expected).max()
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+    noisy = offsets + rng.normal(0, 0.3, len(offsets))
+    noisy[:6] += 4.0
+    for k in (len(points), 12, 0):
+        arguments = (points[:k].copy(), normals[:k].copy(), noisy[:k].copy(), contacts, 90.0, 50.0)
+        for found, wanted in zip(kernels.projective_step(*arguments), reference.projective_step(*arguments), strict=True):
+            np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
+    # nothing seen, nothing known
+    assert np.sqrt(np.linalg.eigvalsh(found)[:, -1]).max() > 40.0

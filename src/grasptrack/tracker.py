@@ -26,7 +26,7 @@ from grasptrack.result import TrackResult
 from grasptrack.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES
 from grasptrack.transfer.alignment import align, alignments, as_similarity
-from grasptrack.verdict import Verdict, judge, lost, refuse
+from grasptrack.verdict import Verdict, error, judge, lost, refuse
 
 Floats = NDArray[np.float64]
 
@@ -170,7 +170,7 @@ class GraspTracker:
             analysis = reference.carried_back(contacts, found.homography)
         except (GraspError, ConditioningError) as error:
             return self._refused(lost(str(error)))
-        verdict = judge(found.support, analysis, found.carried.transfer.covariance)
+        verdict = judge(found.support, analysis)
         if not verdict.believed:
             return self._refused(verdict)
         return self._accepted(found, verdict, analysis)
@@ -221,14 +221,14 @@ class GraspTracker:
                 carried = carrier.carry(grey, view, prior)
                 H = carried.transfer.homography
                 assert H is not None
-                support = reference.samples.support(grey, H)
-            except TransferError as error:
-                self._reasons.append(str(error))
+                support = reference.samples.support(grey, H, carried.transfer.grasp.contacts)
+            except TransferError as problem:
+                self._reasons.append(str(problem))
                 continue
-            refusal = refuse(support, carried.transfer.covariance)
+            refusal = refuse(support)
             if refusal:
                 self._reasons.append(refusal)
-            elif best is None or support.rms < best.support.rms:
+            elif best is None or error(support) < error(best.support):
                 best = _Believed(carried, H, support)
         return best
 
@@ -245,7 +245,7 @@ class GraspTracker:
             "analysis": analysis,
             "confidence": verdict.confidence,
             "homography": found.homography,
-            "covariance": found.carried.transfer.covariance,
+            "covariance": found.support.covariance,
             "view": found.carried.view,
         }
         if verdict.status == "unstable" and self._resynthesize:

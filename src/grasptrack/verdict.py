@@ -7,13 +7,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.analysis import GraspAnalysis
 from grasptrack.observation.support import Support
 from grasptrack.result import Status
-
-Floats = NDArray[np.float64]
 
 MIN_SHARE = 0.75
 """Of the outline inside the image, at least so much must show its edge where the transfer says it is."""
@@ -23,6 +20,10 @@ MAX_RMS = 0.0075
 """The edges may deviate from the carried outline by this fraction of sqrt(area), rms, ..."""
 MAX_RMS_PX = 1.0
 """... or by so many px, whichever is more."""
+MAX_SHIFT = 0.02
+"""The edges may ask for a contact to move by this fraction of sqrt(area), ..."""
+MAX_SHIFT_PX = 1.5
+"""... or by so many px, whichever is more: half of what would make the answer wrong."""
 MAX_SIGMA = 0.02
 """A contact whose standard deviation exceeds this fraction of sqrt(area) is not fixed by the evidence, ..."""
 MAX_SIGMA_PX = 1.5
@@ -53,28 +54,32 @@ def lost(reason: str) -> Verdict:
     return Verdict("lost", reason, 0.0)
 
 
-def judge(support: Support, analysis: GraspAnalysis | None, covariance: Floats | None = None) -> Verdict:
+def judge(support: Support, analysis: GraspAnalysis | None) -> Verdict:
     """Decide what to say of a transfer.
 
     Args:
         support: the edges found along the outline as the transfer carries it.
         analysis: of the transferred grasp.
-        covariance: (k, 2, 2) px^2 of the contacts where the transfer has one.
     """
-    refusal = refuse(support, covariance)
+    refusal = refuse(support)
     if refusal:
         return lost(refusal)
-    tolerance = max(MAX_RMS_PX, MAX_RMS * support.size)
-    fit = math.exp(-0.5 * (support.rms / tolerance) ** 2)
-    confidence = min(1.0, support.share * (0.5 + 0.5 * support.visible)) * fit
     if analysis is None:
         return lost("the grasp could not be analysed")
+    fit = math.exp(-0.5 * (support.rms / max(MAX_RMS_PX, MAX_RMS * support.size)) ** 2)
+    place = math.exp(-0.5 * (error(support) / max(MAX_SHIFT_PX, MAX_SHIFT * support.size)) ** 2)
+    confidence = min(1.0, support.share * (0.5 + 0.5 * support.visible)) * fit * place
     if not analysis.stable:
         return Verdict("unstable", analysis.reason, confidence)
     return Verdict("tracked", "", confidence)
 
 
-def refuse(support: Support, covariance: Floats | None = None) -> str:
+def error(support: Support) -> float:
+    """px by which the edges say that the worst contact is off."""
+    return float(np.sqrt(np.einsum("ki,ki->k", support.shift, support.shift).max()))
+
+
+def refuse(support: Support) -> str:
     """Why a transfer is not believed; empty when it is."""
     if support.visible < MIN_VISIBLE:
         return f"only {100 * support.visible:.0f} % of the outline is inside the image"
@@ -82,9 +87,11 @@ def refuse(support: Support, covariance: Floats | None = None) -> str:
         return f"only {100 * support.share:.0f} % of the outline shows its edge where the grasp's view says it is"
     if support.rms > max(MAX_RMS_PX, MAX_RMS * support.size):
         return f"the outline's shape no longer fits the reference ({support.rms:.1f} px off)"
-    if covariance is not None:
-        limit = max(MAX_SIGMA_PX, MAX_SIGMA * support.size)
-        for i, worst in enumerate(np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]).tolist()):
-            if not worst <= limit:
-                return f"the outline in view does not fix contact {i + 1} (uncertain by {worst:.0f} px)"
+    sigma = np.sqrt(np.linalg.eigvalsh(support.covariance)[:, -1])
+    worst = int(sigma.argmax())
+    if not sigma[worst] <= max(MAX_SIGMA_PX, MAX_SIGMA * support.size):
+        return f"the outline in view does not fix contact {worst + 1} (uncertain by {sigma[worst]:.0f} px)"
+    off = error(support)
+    if off > max(MAX_SHIFT_PX, MAX_SHIFT * support.size):
+        return f"the outline's edges put a contact {off:.1f} px from where the transfer does"
     return ""

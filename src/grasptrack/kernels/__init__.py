@@ -33,6 +33,7 @@ try:
         match_curvature,
         nearest_crossings,
         point_at,
+        projective_step,
         resample,
         settle_edges,
     )
@@ -57,6 +58,7 @@ except ImportError as error:
         match_curvature,
         nearest_crossings,
         point_at,
+        projective_step,
         resample,
         settle_edges,
     )
@@ -88,6 +90,7 @@ __all__ = [
     "match_curvature",
     "nearest_crossings",
     "point_at",
+    "projective_step",
     "resample",
     "settle_edges",
 ]

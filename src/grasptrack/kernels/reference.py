@@ -10,7 +10,7 @@ position on a contour of n points is a vertex index plus the fraction of the seg
 from grasptrack.kernels.reference_contact import contact_frames
 from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvature, resample
 from grasptrack.kernels.reference_edges import edge_search
-from grasptrack.kernels.reference_evidence import carry_normals, settle_edges
+from grasptrack.kernels.reference_evidence import carry_normals, projective_step, settle_edges
 from grasptrack.kernels.reference_homography import homography_4
 from grasptrack.kernels.reference_inertia import inertia
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
@@ -41,6 +41,7 @@ __all__ = [
     "match_curvature",
     "nearest_crossings",
     "point_at",
+    "projective_step",
     "resample",
     "settle_edges",
 ]

@@ -54,3 +54,69 @@ def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         size = np.sqrt(nx * nx + ny * ny) * np.sign(determinant)
         return np.column_stack([u, v, nx / size, ny / size, determinant])
+
+
+STEP_ROUNDS = 3
+LEAST_NOISE = 0.2
+"""px; edges are never believed to be better than this."""
+SLIDING = 0.05
+"""A motion whose part along the normals is, rms, less than this share of itself is not seen."""
+
+
+def displacement_fields(points: Floats) -> Floats:
+    """(m, 2, 8): how the 8 parameters of a homography near the identity move points (m, 2), per unit of each.
+
+    Translation; scale and rotation; the two shears of an affine map; the two bends of perspective.
+    """
+    x, y = points[:, 0], points[:, 1]
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    return np.stack(
+        [
+            np.stack([one, zero, x, -y, x, y, x * x, x * y], axis=1),
+            np.stack([zero, one, y, x, -y, x, x * y, y * y], axis=1),
+        ],
+        axis=1,
+    )
+
+
+def projective_step(
+    points: Floats, normals: Floats, offsets: Floats, contacts: Floats, radius: float, loose: float
+) -> tuple[Floats, Floats]:
+    """By how much a homography refined on the edges of an outline would still move the contacts, and how surely.
+
+    One robust Gauss-Newton step of a registration, point to tangent line, from the normal equations with Huber weights.
+
+    Args:
+        points, normals: (m, 2) px, (m, 2) unit: the outline where a transfer puts it.
+        offsets: (m,) px along the normals at which edges were found.
+        contacts: (k, 2) px.
+        radius: px, the outline's, which makes the 8 parameters alike.
+        loose: px; standard deviation that each parameter has before any edge is looked at, so that what the edges leave
+            open stays that uncertain.
+
+    Returns:
+        (k, 2) px shift of each contact, (k, 2, 2) px^2 its covariance.
+    """
+    centre = points.mean(axis=0) if len(points) else contacts.mean(axis=0)
+    fields = displacement_fields((points - centre) / radius)
+    A = np.einsum("mi,mij->mj", normals, fields)
+    weight = np.ones(len(points))
+    noise = max(1.4826 * _lower_median(np.abs(offsets)), LEAST_NOISE)
+    x, C = np.zeros(8), np.eye(8)
+    for last in (False,) * (STEP_ROUNDS - 1) + (True,):
+        # directions along which the outline slides into itself tell nothing, whatever the normals' noise pretends
+        told, V = np.linalg.eigh(np.einsum("m,mi,mj->ij", weight, A, A))
+        told = np.maximum(told - SLIDING**2 * weight.sum(), 0.0)
+        C = (V / (told / noise**2 + 1.0 / loose**2)) @ V.T
+        share = told / np.maximum(told + SLIDING**2 * weight.sum(), 1e-300)
+        x = C @ (V * share) @ V.T @ (A.T @ (weight * offsets)) / noise**2
+        if not last:
+            residual = np.abs(offsets - A @ x)
+            noise = max(1.4826 * _lower_median(residual), LEAST_NOISE)
+            weight = np.minimum(1.0, 2.0 * noise / np.maximum(residual, 1e-12))
+    at = displacement_fields((contacts - centre) / radius)
+    return at @ x, at @ C @ at.transpose(0, 2, 1)
+
+
+def _lower_median(values: Floats) -> float:
+    return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0

@@ -25,6 +25,9 @@ MIN_STRENGTH = 2.0
 RELATIVE_STRENGTH = 0.3
 """An edge counts when it is so strong relative to the reference's, exposure and blur of the whole image allowed for."""
 
+LOOSE = 0.25
+"""What the outline does not show of a motion may be as large as this fraction of sqrt(area)."""
+
 
 class Support(NamedTuple):
     """What was found along the carried outline.
@@ -35,6 +38,9 @@ class Support(NamedTuple):
         rms: px, of the edges' offsets from the carried outline; of what was found.
         spread: px, 90 % of those offsets are smaller.
         reach: px on either side in which edges were searched.
+        shift: (k, 2) px, by how much a homography refined on these edges would still move each contact: what the
+            transfer gets wrong, as far as the outline shows it.
+        covariance: (k, 2, 2) px^2 of that shift: large where the outline in view leaves a motion open.
         seen: (k,) share of the samples under each finger that have their edge within reach.
         size: px, square root of the object's area as carried along.
     """
@@ -44,6 +50,8 @@ class Support(NamedTuple):
     rms: float
     spread: float
     reach: float
+    shift: Floats
+    covariance: Floats
     seen: Floats
     size: float
 
@@ -92,8 +100,8 @@ class OutlineSamples:
         self.area = kernels.inertia(view.points, view.offsets)[0]
         self.share = float(strong[outline].mean())
 
-    def support(self, grey: Grey, H: Floats) -> Support:
-        """Look for the outline in an image under H (3, 3), reference to current.
+    def support(self, grey: Grey, H: Floats, contacts: Floats) -> Support:
+        """Look for the outline in an image under H (3, 3), reference to current, that puts the contacts at (k, 2).
 
         Raises:
             ConditioningError: H sends part of the outline to infinity.
@@ -112,6 +120,9 @@ class OutlineSamples:
         if found.any():
             gain = float(np.median((strength / self.strength)[found]))
             found &= strength >= RELATIVE_STRENGTH * gain * np.where(np.isinf(self.strength), 0.0, self.strength)
+        shift, covariance = kernels.projective_step(
+            points[found], normals[found], edges[found, 0], contacts, 0.6 * size, LOOSE * size
+        )
         asked = int(np.count_nonzero(inside & self.outline))
         hits = offset[found & self.outline]
         return Support(
@@ -120,6 +131,8 @@ class OutlineSamples:
             math.sqrt(float(hits @ hits) / len(hits)) if len(hits) else math.inf,
             float(np.partition(hits, (9 * len(hits)) // 10)[(9 * len(hits)) // 10]) if len(hits) else math.inf,
             reach,
+            shift,
+            covariance,
             found[~self.outline].reshape(self.contacts, PER_CONTACT).mean(axis=1),
             size,
         )
