@@ -21,6 +21,10 @@ SEEN = 1.75
 """px from the fitted curve within which an edge supports it."""
 BEND = 0.05
 """Share of the object's size by which shear and perspective may plausibly bend it where nothing is seen."""
+SMALL = 0.3
+"""px of bias below which weighing the edges again would change nothing."""
+THIN = 3
+"""Every so many-th sample is enough for how far the outline as a whole is off."""
 FLOOR = 0.1
 """px. No measured edge is believed to be better than this."""
 
@@ -78,12 +82,12 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
     seen = like & (np.abs(gap) <= SEEN)
     if int(seen.sum()) <= 8:
         nothing = np.full((8, 8), math.inf)
-        return Match(state, np.full((len(state), len(state)), math.inf), np.zeros(8), nothing, math.inf, math.inf, math.inf, math.inf, seen, visible)
+        noise: Floats = np.full((len(state), len(state)), math.inf)
+        return Match(state, noise, np.zeros(8), nothing, *(math.inf,) * 4, seen, visible)
     (a, b), (c, d) = space.linear(state).tolist()
     X, Y = model.field
-    field = np.concatenate((a * X + b * Y, c * X + d * Y))  # x of all samples, then y of all
-    F = rows.normals[:, :1] * field[: len(X)]
-    F += rows.normals[:, 1:] * field[len(X) :]
+    F = (rows.normals @ (a, c))[:, None] * X
+    F += (rows.normals @ (b, d))[:, None] * Y
     prior = np.zeros(8)
     prior[4:] = 1.0 / (BEND * space.rho) ** 2
     bias, variance, common = np.zeros(8), 1.0, 0.0
@@ -93,6 +97,8 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
         Fw = F * w[:, None]
         N = Fw.T @ F
         bias = np.linalg.solve(N + np.diag(variance * prior), Fw.T @ gap)
+        if float(np.abs(bias).max()) < SMALL:
+            break
     r = np.where(seen, gap - F @ bias, 0.0)
     variance = max(float(r @ r) / max(int(seen.sum()) - 8, 1), FLOOR * FLOOR)
     common = max(float(r[:-1] @ r[1:]) / max(int((seen[:-1] & seen[1:]).sum()), 1), 0.0)
@@ -101,7 +107,9 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
     variance *= (1.0 + alike) / (1.0 - alike)
     covariance = np.linalg.inv(N / variance + np.diag(prior + 1e-9))
     A = rows.A[seen]
-    noise: Floats = np.asarray(np.linalg.inv(A.T @ A / variance + 1e-9 * np.eye(A.shape[1])))
+    noise = np.asarray(np.linalg.inv(A.T @ A / variance + 1e-9 * np.eye(A.shape[1])))
+    X, Y = X[::THIN], Y[::THIN]
+    field = np.concatenate((a * X + b * Y, c * X + d * Y))  # x of some samples, then y
     moved = field @ bias
     spread = np.einsum("ij,ij->i", field @ covariance, field)
     spread = spread[: len(X)] + spread[len(X) :]

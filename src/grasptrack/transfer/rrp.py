@@ -25,7 +25,7 @@ INTERPOLATED = 6
 """Points of the outline per segment between reference points, as in Table IV: p = 6 ref + interp."""
 # Adding and taking away this number rounds to a multiple of 2**-32. Places are kept on that grid, so that the rounding
 # of one transfer cannot move the next: there and back ends on the very same floats.
-_ROUND = 1.5 * 2.0**20
+_ROUND = np.array(1.5 * 2.0**20)  # as an array it costs half
 
 
 class RRPDescription:
