@@ -81,23 +81,28 @@ class SnakeCarrier:
     needs_silhouette = False
 
     def __init__(self, grasp: Grasp, reference: View, grey: Grey, shape: Shape) -> None:
-        try:
-            self._snake = Snake(reference, grey, shape, contacts=grasp.contacts)
-        except ObservationError as error:
-            raise TransferError(str(error)) from None
-        self._description = rrp.describe(grasp, self._snake.template)
         self._contacts = grasp.contacts
+        self._make = lambda: Snake(reference, grey, shape, contacts=grasp.contacts)
+        self._described: tuple[Snake, rrp.RRPDescription] | None = None
+        self._grasp = grasp
 
     def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
         """See Carrier; the view is not looked at. Without a prior the snake's own filter predicts."""
+        if self._described is None:  # made when it is first asked for: `auto` seldom needs it
+            try:
+                snake = self._make()
+            except ObservationError as error:
+                raise TransferError(str(error)) from None
+            self._described = snake, rrp.describe(self._grasp, snake.template)
+        snake, description = self._described
         if prior is None:
-            self._snake.predict()
+            snake.predict()
         else:
-            self._snake.reseed(prior)
-        fit = self._snake.update(grey)
+            snake.reseed(prior)
+        fit = snake.update(grey)
         if not fit.ok:
             raise TransferError(fit.reason)
-        followed = self._snake.view(fit)
-        moved = rrp.apply(self._description, followed).grasp
+        followed = snake.view(fit)
+        moved = rrp.apply(description, followed).grasp
         covariance = fit.covariance_at(self._contacts)
         return Carried(self.name, Transfer(moved, fit.homography, covariance, fit.residual), followed)

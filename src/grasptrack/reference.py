@@ -12,7 +12,7 @@ from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH, GraspAnalysis, analyze
 from grasptrack.carriers import Carrier, SilhouetteCarrier, SnakeCarrier
 from grasptrack.contour import View
-from grasptrack.errors import TransferError
+from grasptrack.errors import StrategyError, TransferError
 from grasptrack.grasp import Grasp
 from grasptrack.observation.images import Grey
 from grasptrack.observation.support import OutlineSamples
@@ -101,3 +101,15 @@ def _carriers(strategy: str, grasp: Grasp, view: View, grey: Grey) -> list[Carri
     if not carriers:
         raise TransferError(reasons[0], reasons=reasons)
     return carriers
+
+
+def describable(grasp: Grasp, view: View) -> int:
+    """How many of the strategies that work on silhouettes can describe a grasp."""
+    count = 0
+    for name in ("homography", "grasp-line"):
+        try:
+            SilhouetteCarrier(name, grasp, view)
+            count += 1
+        except (TransferError, StrategyError):
+            continue
+    return count

@@ -21,17 +21,20 @@ from grasptrack.observation.images import Grey, as_scene, to_grey, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Candidate, grow
 from grasptrack.observation.support import Support
-from grasptrack.reference import AUTO, Reference
+from grasptrack.reference import AUTO, Reference, describable
 from grasptrack.result import TrackResult
 from grasptrack.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES
 from grasptrack.transfer.alignment import align, alignments, as_similarity
-from grasptrack.verdict import Verdict, error, judge, lost, refuse
+from grasptrack.verdict import Verdict, close, error, judge, lost, refuse
 
 Floats = NDArray[np.float64]
 
 ANYWHERE = 4
 """Objects in the whole image that are tried after a loss."""
+
+NEARLY_AS_GOOD = 0.7
+"""Share of the best quality that a grasp needs to be preferred for being easier to carry."""
 
 
 class _Believed(NamedTuple):
@@ -215,8 +218,8 @@ class GraspTracker:
         """The best transfer that the image bears out, or None with the reasons noted."""
         best: _Believed | None = None
         for carrier in reference.carriers:
-            if best is not None and not carrier.needs_silhouette:
-                break  # RRP is asked when no silhouette served
+            if best is not None and not carrier.needs_silhouette and close(best.support):
+                break  # the snake is asked when no silhouette served well
             try:
                 carried = carrier.carry(grey, view, prior)
                 H = carried.transfer.homography
@@ -276,7 +279,12 @@ class GraspTracker:
     def _grasps(self, view: View) -> list[Grasp]:
         if self._given is not None:
             return [self._given.snapped(view)]
-        return synthesize(view, self.fingers, self.friction, top=10)
+        grasps = synthesize(view, self.fingers, self.friction, top=10)
+        if self.strategy == AUTO and grasps:
+            # among grasps that are nearly as good, the first that most descriptions can carry
+            good = [g for g in grasps if g.quality >= NEARLY_AS_GOOD * grasps[0].quality]
+            return sorted(good, key=lambda g: -describable(g, view))
+        return grasps
 
     def _holding(self, found: list[Candidate], grasp: Grasp) -> Candidate:
         """The object whose outline is nearest to all given contacts."""

@@ -79,6 +79,11 @@ def error(support: Support) -> float:
     return float(np.sqrt(np.einsum("ki,ki->k", support.shift, support.shift).max()))
 
 
+def close(support: Support) -> bool:
+    """Whether the edges bear a transfer out so well that no other strategy need be asked."""
+    return error(support) <= 0.25 * max(MAX_SHIFT_PX, MAX_SHIFT * support.size)
+
+
 def refuse(support: Support) -> str:
     """Why a transfer is not believed; empty when it is."""
     if support.visible < MIN_VISIBLE:

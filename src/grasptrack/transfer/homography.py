@@ -47,7 +47,8 @@ class HomographyDescription(NamedTuple):
         normals: (k, 2) unit normals of the outline at the contacts.
         outline: the outer contour.
         curvature: (N,) of the outer contour times its length.
-        peaks: (4,) indices of the selected points of the outer contour.
+        peaks: (m,) indices of the outer contour's peaks: the four selected points first, then what may take the place
+            of one that a view does not show.
     """
 
     contacts: Floats
@@ -74,7 +75,8 @@ def describe(grasp: Grasp, view: Outline) -> HomographyDescription:
         raise PeaksError("three of the outline's curvature peaks lie in a row; a homography needs four that do not")
     places = kernels.locate(view.points, view.offsets, grasp.contacts)
     normals = kernels.contact_frames(view.points, view.offsets, places, 0.02 * length)[:, :2]
-    return HomographyDescription(grasp.contacts, normals, outline, curvature, peaks[four])
+    spare = np.delete(peaks, four)
+    return HomographyDescription(grasp.contacts, normals, outline, curvature, np.concatenate([peaks[four], spare]))
 
 
 def apply(description: HomographyDescription, view: Outline, prior: Floats | None = None) -> Transfer:
@@ -91,8 +93,7 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
         ConditioningError: the four correspondences give no plausible homography.
         CrossingError: the outline is not where the homography puts a contact.
     """
-    matched = _correspondences(description, view.contours[0], prior)
-    source = description.outline.points[description.peaks]
+    source, matched = _correspondences(description, view.contours[0], prior)
     try:
         H = kernels.homography_4(source, matched)
     except ValueError:
@@ -116,16 +117,16 @@ def _curvature(points: Floats, clipped: NDArray[np.bool_] | None, length: float)
     return curvature
 
 
-def _correspondences(description: HomographyDescription, current: Contour, prior: Floats | None) -> Floats:
-    """(4, 2) points of the current contour that match the selected points: the search of Section IV-C.1."""
+def _correspondences(
+    description: HomographyDescription, current: Contour, prior: Floats | None
+) -> tuple[Floats, Floats]:
+    """(4, 2) selected points of the reference and (4, 2) what matches them: the search of Section IV-C.1."""
     first, peaks = description.outline, description.peaks
     if prior is not None:
         carried = apply_homography(prior, first.points)
         arc1 = kernels.arc_length(carried)
         length = float(arc1[-1])
         v1, v2 = _curvature(carried, None, length), _curvature(current.points, current.clipped, length)
-        places = kernels.locate(current.points, current.offsets, carried[peaks])
-        centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), current.arc_length)
         kappa = 1.0
     else:
         if current.clipped is not None:
@@ -133,16 +134,33 @@ def _correspondences(description: HomographyDescription, current: Contour, prior
         arc1, length = first.arc_length, first.length
         v1, v2 = description.curvature, _curvature(current.points, None, current.length)
         kappa = current.length / length
-        centres = kappa * (arc1[peaks] + align(first, current).shift * length)
-    step = NEIGHBOURHOOD * length / RADIUS
-    found = kernels.match_curvature(
-        v1, arc1, peaks, v2, current.arc_length, centres, kappa, SEARCH * length, RADIUS, step
-    )
-    errors = found[:, 1].tolist()
-    for peak, error in zip(peaks.tolist(), errors, strict=True):
-        if not error <= MAX_ERROR * max(abs(v1[peak]), 2 * math.pi):
-            raise PeaksError("a peak of the reference outline has no match in this view", errors=errors)
-    return current.points[found[:, 0].astype(np.int64)]
+        shift = align(first, current).shift
+
+    def match(indices: NDArray[np.int64]) -> tuple[Floats, NDArray[np.bool_]]:
+        """Eq. (3) for some peaks: the samples of the current contour, and which of them are matches."""
+        if prior is not None:
+            places = kernels.locate(current.points, current.offsets, carried[indices])
+            centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), current.arc_length)
+        else:
+            centres = kappa * (arc1[indices] + shift * length)
+        step = NEIGHBOURHOOD * length / RADIUS
+        found = kernels.match_curvature(
+            v1, arc1, indices, v2, current.arc_length, centres, kappa, SEARCH * length, RADIUS, step
+        )
+        good = found[:, 1] <= MAX_ERROR * np.maximum(np.abs(v1[indices]), 2 * math.pi)
+        return found[:, 0], good
+
+    samples, good = match(peaks[:4])
+    if good.all():
+        return first.points[peaks[:4]], current.points[samples.astype(np.int64)]
+    samples, good = match(peaks)
+    usable, samples = peaks[good], samples[good].astype(np.int64)
+    if len(usable) < 4:
+        raise PeaksError(f"only {len(usable)} peaks of the reference outline have a match in this view; four are needed")
+    *four, triangle = kernels.best_quadrilateral(first.points[usable], np.abs(description.curvature[usable]))
+    if triangle < MIN_TRIANGLE * first.area:
+        raise PeaksError("three of the curvature peaks that this view shows lie in a row")
+    return first.points[usable[four]], current.points[samples[four]]
 
 
 def _refine(description: HomographyDescription, H: Floats, contacts: Floats, view: Outline) -> Transfer:
