@@ -14,14 +14,13 @@ from grasptrack.cli.terminal import Interruption, tell_error
 
 _HEADS = (
     ("strategy", "left"),
-    ("frames", "right"),
     ("tracked", "right"),
     ("unstable", "right"),
     ("lost", "right"),
     ("error px\nmedian", "right"),
     ("\n95 %", "right"),
-    ("\nlargest", "right"),
-    ("wrong,\nbelieved", "right"),
+    ("\nmax", "right"),
+    ("wrong", "right"),
     ("ms\nmedian", "right"),
     ("\n99 %", "right"),
 )
@@ -59,22 +58,20 @@ def demo(
             raise
     if quiet:
         return
-    show_rows("Contacts against the truth", _HEADS, [_cells(row) for row in rows])
-    for row in rows:
-        if row.get("reason"):
-            typer.echo(f"  {row['strategy']} lost: {row['reason']}")
-    typer.echo(f"  results in {output}: " + ", ".join(f"{row['strategy']}/" for row in rows))
+    notes = [f"{row['strategy']} lost, mostly: {row['reason']}" for row in rows if row["reason"]]
+    notes.append(f"{output}: " + ", ".join(f"{row['strategy']}/" for row in rows))
+    show_rows(f"{frames} frames, contacts against the truth", _HEADS, [_cells(row) for row in rows], notes)
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
     names = ("error_median_px", "error_p95_px", "error_max_px")
     return [
-        *(str(row[name]) for name in ("strategy", "frames", "tracked", "unstable", "lost")),
+        *(str(row[name]) for name in ("strategy", "tracked", "unstable", "lost")),
         *(_number(row[name]) for name in names),
         str(row["false_accepts"]),
-        *(_number(row[name]) for name in ("latency_median_ms", "latency_p99_ms")),
+        *(_number(row[name], 1) for name in ("latency_median_ms", "latency_p99_ms")),
     ]
 
 
-def _number(value: float) -> str:
-    return f"{value:.2f}" if math.isfinite(value) else "-"
+def _number(value: float, decimals: int = 2) -> str:
+    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"

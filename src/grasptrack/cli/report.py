@@ -91,28 +91,31 @@ def show_run(summary: RunSummary, output: Path) -> None:
     console.print(f"  {escape(str(output))}: {', '.join(summary.files)}", soft_wrap=True)
 
 
-def show_rows(title: str, heads: Iterable[tuple[str, str]], rows: Iterable[Iterable[str]], footer: str = "") -> None:
-    """A table of rows of text.
+def show_rows(
+    title: str, heads: Iterable[tuple[str, str]], rows: Iterable[Iterable[str]], notes: Iterable[str] = ()
+) -> None:
+    """A table of short cells, and lines of text below it.
 
     Args:
         title: above it.
         heads: name and alignment, "left" or "right", of each column.
-        rows: cells, which are printed as they are.
-        footer: a line below it.
+        rows: cells, which are printed as they are and not wrapped.
+        notes: the lines.
     """
+    from rich import box
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=_box(), pad_edge=True)
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False)
     for name, justify in heads:
-        table.add_column(name, justify="right" if justify == "right" else "left", overflow="fold")
+        table.add_column(name, justify="right" if justify == "right" else "left", no_wrap=True)
     for row in rows:
         table.add_row(*(escape(cell) for cell in row))
     console = Console(highlight=False)
     console.print(table)
-    if footer:
-        console.print("  " + escape(footer), soft_wrap=True)
+    for note in notes:
+        console.print(escape(note), soft_wrap=True)
 
 
 def _table(*heads: str) -> Any:
@@ -122,9 +125,3 @@ def _table(*heads: str) -> Any:
     for i, head in enumerate(heads):
         table.add_column(head, justify="right" if i == 1 else "left", overflow="fold")
     return table
-
-
-def _box() -> Any:
-    from rich import box
-
-    return box.SIMPLE_HEAD

@@ -23,7 +23,7 @@ _HEADS = (
     ("contacts, px", "left"),
     ("residual, px", "right"),
     ("stable", "left"),
-    ("why", "left"),
+    ("margin", "right"),
 )
 
 
@@ -98,14 +98,16 @@ def transfer(
         return
     from grasptrack.cli.report import show_rows
 
+    notes = [str(picture)]
     rows = [["(reference)", _written(chosen.contacts), "", *_stable(chosen.analysis)]]
     for name in STRATEGIES:
         if name in found:
             analysis = _analysis(found[name], reference, current, friction)
             rows.append([name, _written(found[name].grasp.contacts), _number(found[name].residual), *_stable(analysis)])
         else:
-            rows.append([name, "refused", "", "", refused[name]])
-    show_rows("The grasp in both views", _HEADS, rows, str(picture))
+            rows.append([name, "refused", "", "", ""])
+            notes.insert(-1, f"{name} refused: {refused[name]}")
+    show_rows("The grasp in both views", _HEADS, rows, notes)
 
 
 def _carry(name: str, grasp: Grasp, reference: View, current: View) -> Transfer:
@@ -137,14 +139,15 @@ def _analysis(moved: Transfer, reference: View, current: View, friction: float) 
             return analyze(moved.grasp, current, friction)
         back = apply_homography(np.linalg.inv(moved.homography), moved.grasp.contacts)
         return analyze(Grasp(back), reference, friction, judged_in="reference")
-    except GraspTrackError as error:
-        return str(error)
+    except GraspTrackError:
+        return None
 
 
 def _stable(analysis: Any) -> list[str]:
-    if isinstance(analysis, str):
-        return ["no", analysis]
-    return [f"{'yes' if analysis.stable else 'no'}, {math.degrees(analysis.margin):+.1f}°", analysis.reason]
+    """Cells: stable or not, and the margin."""
+    if analysis is None:
+        return ["off the outline", ""]
+    return ["yes" if analysis.stable else "no", f"{math.degrees(analysis.margin):+.1f}°"]
 
 
 def _written(contacts: Any) -> str:

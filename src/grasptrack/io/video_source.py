@@ -13,6 +13,9 @@ from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
 from grasptrack.io.whole import is_whole_video
 
+_TEXT_ART = frozenset({"ansi", "bintext", "xbin", "idf"})
+"""Decoders with which FFmpeg draws any text file as a video of letters."""
+
 
 class VideoSource(Source):
     """The first video stream of a file: grey where it is recorded so, else BGR, turned upright as its header asks.
@@ -48,11 +51,11 @@ class VideoSource(Source):
             else:
                 reason = "is no video that can be read"
             raise SourceError(f'"{self._path}" {reason}', path=str(self._path)) from None
-        if not container.streams.video or container.streams.video[0].codec_context is None:
+        codec = container.streams.video[0].codec_context if container.streams.video else None
+        if codec is None or codec.name in _TEXT_ART:
             container.close()
-            raise SourceError(
-                f'"{self._path}" is no video that can be read: it has no video stream', path=str(self._path)
-            )
+            why = "it has no video stream" if codec is None else "it is text"
+            raise SourceError(f'"{self._path}" is no video that can be read: {why}', path=str(self._path))
         return container
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
@@ -61,8 +64,9 @@ class VideoSource(Source):
         index = 0
         with self._open() as container:
             try:
+                base = container.streams.video[0].time_base
                 for frame in _decode(container):
-                    time = None if frame.pts is None else float(frame.pts * frame.time_base)
+                    time = None if frame.pts is None else float(frame.pts * (frame.time_base or base))
                     yield _upright(frame), time, f"frame {index} of {self._path.name}"
                     index += 1
             except av.FFmpegError:

@@ -43,7 +43,7 @@ def add_strip(canvas: Picture, result: TrackResult, number: int) -> Picture:
 
     small = max(10, round(0.86 * em))
     left = _chip(strip, result.status, pad, first, em, colour) + pad
-    reason = result.reason or ("grasp located, stable" if result.status == "tracked" else "")
+    reason = " ".join(result.reason.split()) or ("grasp located, stable" if result.status == "tracked" else "")
     size = em if text_width(reason, em) <= width - pad - left else small
     ink = MUTED_RGB if result.status == "tracked" else INK_RGB
     put_text(strip, ellipsised(reason, width - pad - left, size), left, first, size, ink)

@@ -189,7 +189,7 @@ def _latency_axis(axes: Any, curves: Curves, summary: RunSummary) -> None:
     high = curves.high["latency_ms"]
     if not np.isfinite(high).any():
         return
-    ceiling = max(2.0 * summary.latency_p99_ms if curves.frames > 100 else float(np.nanmax(high)), 1e-3) * 1.08
+    ceiling = max(2.0 * summary.latency_p99_ms if curves.frames > 20 else float(np.nanmax(high)), 1e-3) * 1.08
     ceiling = min(ceiling, float(np.nanmax(high)) * 1.08)
     axes.set_ylim(0.0, ceiling)
     axes.axhline(summary.latency_median_ms, color=_INK, lw=0.9, ls=(0, (4, 3)))
