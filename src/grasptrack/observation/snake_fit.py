@@ -75,7 +75,7 @@ def fit(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) 
     try:
         for r in reaches:
             rows = search(model, state, image, r)
-            step, _, _ = solve(rows, prior, start - state, 3)
+            step, _, _ = solve(rows, prior, start - state, 2)
             state = state + step
         free = np.zeros_like(prior)
         for _ in range(4):

@@ -105,7 +105,8 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
     # residuals that go together count once: the variance of a mean of an AR(1) series
     alike = min(common / variance, 0.8)
     variance *= (1.0 + alike) / (1.0 - alike)
-    covariance = np.linalg.inv(N / variance + np.diag(prior + 1e-9))
+    # twice the variance: the template carries the first image's noise
+    covariance = np.linalg.inv(N / (2.0 * variance) + np.diag(prior + 1e-9))
     A = rows.A[seen]
     noise = np.asarray(np.linalg.inv(A.T @ A / variance + 1e-9 * np.eye(A.shape[1])))
     X, Y = X[::THIN], Y[::THIN]
