@@ -33,7 +33,7 @@ def synthesize(
     """Ranked stable grasps, best first; empty where there is none. The same outline gives the same list.
 
     The quality is a product of terms between 0 and 1: the share of the friction angle left over; closeness of the
-    grasp's centre to the centroid; flatness under the fingers.
+    grasp's centre to the centroid; flatness under the fingers and beside them.
 
     Args:
         outline: a Contour or View; contacts are not put where the image border cuts the object.
@@ -59,8 +59,11 @@ def synthesize(
     contacts = kernels.point_at(view.points, view.offsets, places[flat])
     if len(contacts) < fingers:
         return []
+    # a finger that slips by its own width should still stand on something flat
+    beside = kernels.contact_frames(view.points, view.offsets, places, 2.0 * width)[flat, 2]
+    roughness = np.maximum(frames[flat, 2], 0.5 * beside)
     rank = _pairs if fingers == 2 else _triples
-    chosen, quality = rank(contacts, frames[flat, :2].copy(), frames[flat, 2], np.array([cx, cy]), size, friction)
+    chosen, quality = rank(contacts, frames[flat, :2].copy(), roughness, np.array([cx, cy]), size, friction)
     return _distinct(contacts, chosen, quality, DISTINCT * size, top)
 
 
@@ -81,7 +84,7 @@ def _candidates(contours: tuple[Contour, ...], count: int, width: float) -> Floa
 
 
 def _pairs(
-    contacts: Floats, normals: Floats, flatness: Floats, centroid: Floats, size: float, friction: float
+    contacts: Floats, normals: Floats, roughness: Floats, centroid: Floats, size: float, friction: float
 ) -> tuple[NDArray[np.int64], Floats]:
     """All pairs whose line lies strictly in both friction cones, squeezed from outside."""
     first, second = np.triu_indices(len(contacts), 1)
@@ -99,15 +102,15 @@ def _pairs(
     distance = np.abs(arm[:, 0] * line[:, 1] - arm[:, 1] * line[:, 0]) / size
     middle = 0.5 * (contacts[first] + contacts[second]) - centroid
     off_centre = np.hypot(middle[:, 0], middle[:, 1]) / size
-    roughness = np.maximum(flatness[first], flatness[second])
+    worst_pad = np.maximum(roughness[first], roughness[second])
     quality = (
-        np.sqrt(margin) * np.exp(-((distance / 0.3) ** 2) - (off_centre / 1.0) ** 2) / (1.0 + (roughness / 0.02) ** 2)
+        np.sqrt(margin) * np.exp(-((distance / 0.3) ** 2) - (off_centre / 1.0) ** 2) / (1.0 + (worst_pad / 0.01) ** 2)
     )
     return np.column_stack([first, second]), quality
 
 
 def _triples(
-    contacts: Floats, normals: Floats, flatness: Floats, centroid: Floats, size: float, friction: float
+    contacts: Floats, normals: Floats, roughness: Floats, centroid: Floats, size: float, friction: float
 ) -> tuple[NDArray[np.int64], Floats]:
     """All triples whose contact wrenches surround the origin."""
     rows, scores = [], []
@@ -122,7 +125,7 @@ def _triples(
             continue
         middle = contacts[index].mean(axis=0) - centroid
         rows.append(index)
-        scores.append(epsilon * math.exp(-float(middle @ middle) / (0.3 * size) ** 2) / (1 + (flatness[index].max() / 0.02) ** 2))
+        scores.append(epsilon * math.exp(-float(middle @ middle) / (0.3 * size) ** 2) / (1 + (roughness[index].max() / 0.01) ** 2))
     return np.array(rows, dtype=np.int64).reshape(-1, 3), np.array(scores, dtype=np.float64)
 
 
