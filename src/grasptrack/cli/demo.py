@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.terminal import Interruption, tell_error
+from grasptrack.cli.terminal import INTERRUPTED, Interruption, tell_error
 
 _HEADS = (
     ("strategy", "left"),
@@ -55,7 +55,7 @@ def demo(
                 rows = run_demo(output, frames=frames, video=not no_video, progress=tell)
         except KeyboardInterrupt:
             tell_error(f'interrupted; what was computed is in "{output}"')
-            raise
+            raise typer.Exit(INTERRUPTED) from None
     if quiet:
         return
     notes = [f"{row['strategy']} lost, mostly: {row['reason']}" for row in rows if row["reason"]]

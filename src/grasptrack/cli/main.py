@@ -14,12 +14,12 @@ from typing import Annotated
 import typer
 
 from grasptrack.cli.demo import demo
-from grasptrack.cli.terminal import only_our_errors, tell_error
+from grasptrack.cli.terminal import INTERRUPTED, only_our_errors, tell_error
 from grasptrack.cli.track import track
 from grasptrack.cli.transfer import transfer
 from grasptrack.errors import GraspTrackError, InputError, ObservationError
 
-DONE, OTHER, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, OTHER, BAD_INPUT = 0, 1, 2
 
 # Paragraphs after \b keep their lines.
 _HELP = """Choose a grasp on a flat object once, then find the same physical contacts in every image that follows.

@@ -9,6 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from grasptrack.cli.terminal import held_warnings
+
 if TYPE_CHECKING:
     from grasptrack.io.tally import RunSummary
 
@@ -34,6 +36,7 @@ class Progress:
                 return Text("" if speed is None else f"{speed:.0f} frames/s", style="cyan")
 
         console = Console()
+        self._shown = console.is_terminal and not quiet
         self._progress = RichProgress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -42,24 +45,26 @@ class Progress:
             TimeRemainingColumn(compact=True),
             console=console,
             transient=True,
-            disable=quiet or not console.is_terminal,
+            disable=not self._shown,
         )
         self._tasks: dict[str, Any] = {}
 
     def __enter__(self) -> Progress:
         """Begin to show."""
-        self._progress.start()
+        if self._shown:
+            self._progress.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Clear the bar away."""
-        self._progress.stop()
+        if self._shown:
+            self._progress.stop()
 
     def tell(self, step: str, done: int, total: int | None) -> None:
         """`done` of `total` frames of a step are ready; a total that turns out too small grows along."""
-        if self._progress.disable:
+        if not self._shown:
             return
         if step not in self._tasks:
             self._tasks[step] = self._progress.add_task(step, total=total)
@@ -89,6 +94,7 @@ def show_run(summary: RunSummary, output: Path) -> None:
     console = Console(highlight=False)
     console.print(table)
     console.print(f"  {escape(str(output))}: {', '.join(summary.files)}", soft_wrap=True)
+    _print_warnings(console)
 
 
 def show_rows(
@@ -116,6 +122,14 @@ def show_rows(
     console.print(table)
     for note in notes:
         console.print(escape(note), soft_wrap=True)
+    _print_warnings(console)
+
+
+def _print_warnings(console: Any) -> None:
+    from rich.markup import escape
+
+    for message in held_warnings():
+        console.print(f"  [yellow]warning:[/yellow] {escape(message)}", soft_wrap=True)
 
 
 def _table(*heads: str) -> Any:

@@ -13,6 +13,11 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
+INTERRUPTED = 130
+"""Exit status after Ctrl-C."""
+
+_held: list[str] = []
+
 
 def tell_error(message: str) -> None:
     """One line on stderr."""
@@ -23,7 +28,7 @@ def tell_error(message: str) -> None:
 def only_our_errors() -> Iterator[None]:
     """Keep what C libraries write to stderr while they decode a bad image from hiding the one line that names it."""
     with warnings.catch_warnings():
-        warnings.showwarning = _tell_warning
+        warnings.showwarning = _hold_warning
         if os.environ.get("GRASPTRACK_DEBUG") not in (None, "", "0") or not _is_process_stderr():
             yield
             return
@@ -47,9 +52,15 @@ def _is_process_stderr() -> bool:
         return False
 
 
-def _tell_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    if sys.stderr is not None:
-        tell_error(f"warning: {message}")
+def _hold_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    _held.append(" ".join(str(message).split()))
+
+
+def held_warnings() -> list[str]:
+    """Warnings since the last call. They are kept for the closing table: stderr is for errors, and quiet is quiet."""
+    messages = list(dict.fromkeys(_held))
+    _held.clear()
+    return messages
 
 
 class Interruption:

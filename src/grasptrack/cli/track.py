@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.terminal import Interruption, tell_error
+from grasptrack.cli.terminal import INTERRUPTED, Interruption, tell_error
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def track(
                 )
         except KeyboardInterrupt:
             tell_error(f'interrupted after {done} frames; what was computed is in "{output}"')
-            raise
+            raise typer.Exit(INTERRUPTED) from None
     if not summary.object_seen:
         raise InputError(_nothing_seen(summary))
     if not quiet:
