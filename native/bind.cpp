@@ -15,6 +15,7 @@
 #include "lines.hpp"
 #include "matching.hpp"
 #include "registration.hpp"
+#include "threshold.hpp"
 #include "wrench.hpp"
 
 namespace nb = nanobind;
@@ -236,6 +237,19 @@ nb::tuple py_projective_step(const PointArray &points, const PointArray &normals
     return nb::make_tuple(shift.array(), covariance.array().attr("reshape")(nb::make_tuple(k, 2, 2)));
 }
 
+nb::object py_soft_threshold(const nb::ndarray<const std::uint8_t, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu> &image,
+                             std::int64_t left, std::int64_t top, std::int64_t right, std::int64_t bottom, double level,
+                             int polarity) {
+    const auto height = static_cast<std::int64_t>(image.shape(0)), width = static_cast<std::int64_t>(image.shape(1));
+    if (!(0 <= left && left < right && right <= width && 0 <= top && top < bottom && bottom <= height))
+        throw std::invalid_argument("the window must lie in the image and hold a pixel");
+    const std::size_t rows = static_cast<std::size_t>(bottom - top), columns = static_cast<std::size_t>(right - left);
+    auto *data = new std::uint8_t[rows * columns];
+    nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<std::uint8_t *>(p); });
+    soft_threshold(image.data(), height, width, left, top, right, bottom, level, polarity, data);
+    return nb::cast(nb::ndarray<nb::numpy, std::uint8_t, nb::ndim<2>>(data, {rows, columns}, owner));
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -266,4 +280,6 @@ NB_MODULE(_native, m) {
           "loose"_a);
     m.def("resample", &py_resample, "points"_a, "count"_a, "smooth"_a);
     m.def("settle_edges", &py_settle_edges, "points"_a, "normals"_a, "edges"_a, "fixed"_a, "fallback"_a, "outlier"_a);
+    m.def("soft_threshold", &py_soft_threshold, "image"_a.noconvert(), "left"_a, "top"_a, "right"_a, "bottom"_a,
+          "level"_a, "polarity"_a);
 }

@@ -47,3 +47,6 @@ def settle_edges(
 def projective_step(
     points: Floats, normals: Floats, offsets: Floats, contacts: Floats, radius: float, loose: float
 ) -> tuple[Floats, Floats]: ...
+def soft_threshold(
+    image: NDArray[np.uint8], left: int, top: int, right: int, bottom: int, level: float, polarity: int
+) -> NDArray[np.uint8]: ...

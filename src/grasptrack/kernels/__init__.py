@@ -36,6 +36,7 @@ try:
         projective_step,
         resample,
         settle_edges,
+        soft_threshold,
     )
 
     BACKEND = "native"
@@ -61,6 +62,7 @@ except ImportError as error:
         projective_step,
         resample,
         settle_edges,
+        soft_threshold,
     )
 
     BACKEND = "numpy"
@@ -93,4 +95,5 @@ __all__ = [
     "projective_step",
     "resample",
     "settle_edges",
+    "soft_threshold",
 ]

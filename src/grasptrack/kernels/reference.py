@@ -21,6 +21,7 @@ from grasptrack.kernels.reference_matching import (
     match_curvature,
 )
 from grasptrack.kernels.reference_places import locate, point_at
+from grasptrack.kernels.reference_threshold import soft_threshold
 from grasptrack.kernels.reference_wrench import force_closure
 
 __all__ = [
@@ -44,4 +45,5 @@ __all__ = [
     "projective_step",
     "resample",
     "settle_edges",
+    "soft_threshold",
 ]

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +13,8 @@ from grasptrack.contour import Contour, View
 from grasptrack.errors import ContourError, ObservationError
 from grasptrack.observation.images import Grey
 from grasptrack.observation.outline import localise
-from grasptrack.observation.segmentation import Candidate, candidates, silhouettes
-from grasptrack.observation.silhouettes import Silhouette
+from grasptrack.observation.segmentation import Candidate, candidates
+from grasptrack.observation.silhouettes import Silhouette, trace
 
 Floats = NDArray[np.float64]
 
@@ -78,14 +77,12 @@ class Observer:
         right, bottom = min(width, math.ceil(x1 + margin) + 1), min(height, math.ceil(y1 + margin) + 1)
         if right - left < 8 or bottom - top < 8 or math.isnan(self._inside):
             return None
-        window = grey[top:bottom, left:right]
-        soft = np.asarray(cv2.GaussianBlur(window, (3, 3), 0), dtype=np.uint8)
-        hidden = None if self.hidden is None else self.hidden[top:bottom, left:right]
         area, x, y = _area_and_centre(expected)
         level = 0.5 * (self._inside + self._outside)
-        shapes = silhouettes(
-            soft, level, self.polarity, hidden, least=max(area / MAX_GROWTH, 30.0), origin=(left, top), holes=self._holes > 0
-        )
+        binary = kernels.soft_threshold(grey, left, top, right, bottom, level, self.polarity)
+        if self.hidden is not None:
+            binary[self.hidden[top:bottom, left:right] != 0] = 0
+        shapes = trace(binary, max(area / MAX_GROWTH, 30.0), (left, top), holes=self._holes > 0)
         best = _most_alike(shapes, area, x, y)
         if best is None or _cut_by_window(best, (left, top, right, bottom), (width, height)):
             return None
