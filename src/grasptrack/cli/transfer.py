@@ -13,15 +13,12 @@ from grasptrack.cli import options
 from grasptrack.errors import GraspTrackError, InputError
 
 if TYPE_CHECKING:
-    from grasptrack.contour import View
-    from grasptrack.grasp import Grasp
     from grasptrack.io.base import Frame
-    from grasptrack.transfer import Transfer
 
 _HEADS = (
     ("strategy", "left"),
     ("contacts, px", "left"),
-    ("residual, px", "right"),
+    ("off by, px", "right"),
     ("stable", "left"),
     ("margin", "right"),
 )
@@ -41,7 +38,9 @@ def transfer(
     ignore: options.IgnorePath = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Carry a grasp from one view of an object to another: what each strategy makes of it, or why it refuses.
+    """Carry a grasp from one view of an object to another: what each strategy makes of it, or why it is not believed.
+
+    "off by" is how far the edges of IMAGE_B say that the worst contact is from where the strategy puts it.
 
     Writes transfer.png, both views side by side.
 
@@ -58,11 +57,9 @@ def transfer(
     first, second = _only_image(image_a), _only_image(image_b)
     _check_folder(output)
 
-    from grasptrack.contour import View
     from grasptrack.grasp import Grasp
-    from grasptrack.observation.segmentation import segment
+    from grasptrack.pair import carry_to
     from grasptrack.tracker import GraspTracker
-    from grasptrack.transfer import STRATEGIES
 
     # The first step of a sequence, so that object and grasp are chosen here as they are there.
     begun = GraspTracker(fingers=count, friction=friction, grasp=contacts, object_at=place_a, ignore=hidden)
@@ -70,27 +67,20 @@ def transfer(
     if chosen.contacts is None or chosen.view is None:
         raise InputError(f'"{image_a}": {chosen.reason}')
     try:
-        outline = segment(second.image, place_b, hidden)
+        pair = carry_to(Grasp(chosen.contacts), chosen.view, first.image, second.image, friction, place_b, hidden)
     except GraspTrackError as error:
         raise InputError(f'"{image_b}": {error}') from None
-    reference = View(chosen.view.contours, first.image)
-    current = View(outline.contours, second.image)
-    found: dict[str, Transfer] = {}
-    refused: dict[str, str] = {}
-    for name in STRATEGIES:
-        try:
-            found[name] = _carry(name, Grasp(chosen.contacts), reference, current)
-        except GraspTrackError as error:
-            refused[name] = str(error)
 
     from grasptrack.view.pair import write_pair
 
     picture = output / "transfer.png"
+    believed = {o.strategy: o.contacts for o in pair.outcomes if o.contacts is not None and not o.reason}
+    refused = {o.strategy: o.reason for o in pair.outcomes if o.reason}
     write_pair(
         picture,
-        (first.image, reference, chosen.contacts),
-        (second.image, current),
-        {name: moved.grasp.contacts for name, moved in found.items()},
+        (first.image, chosen.view, chosen.contacts),
+        (second.image, pair.current),
+        believed,
         refused,
         (Path(image_a).name, Path(image_b).name),
     )
@@ -98,55 +88,25 @@ def transfer(
         return
     from grasptrack.cli.report import show_rows
 
-    notes = [str(picture)]
     rows = [["(reference)", _written(chosen.contacts), "", *_stable(chosen.analysis)]]
-    for name in STRATEGIES:
-        if name in found:
-            analysis = _analysis(found[name], reference, current, friction)
-            rows.append([name, _written(found[name].grasp.contacts), _number(found[name].residual), *_stable(analysis)])
+    notes = []
+    for outcome in pair.outcomes:
+        if outcome.reason:
+            rows.append([outcome.strategy, "refused", _number(outcome.off), "", ""])
+            notes.append(f"{outcome.strategy} refused: {outcome.reason}")
         else:
-            rows.append([name, "refused", "", "", ""])
-            notes.insert(-1, f"{name} refused: {refused[name]}")
-    show_rows("The grasp in both views", _HEADS, rows, notes)
-
-
-def _carry(name: str, grasp: Grasp, reference: View, current: View) -> Transfer:
-    """One strategy's transfer; RRP's points correspond only on a snake, which starts where the outlines align."""
-    from grasptrack.transfer import transfer as carry
-
-    if name != "rrp":
-        return carry(grasp, reference, current, name)
-    from grasptrack.carriers import SnakeCarrier
-    from grasptrack.observation.images import to_grey
-    from grasptrack.transfer.alignment import align, as_similarity
-
-    assert reference.image is not None and current.image is not None
-    snake = SnakeCarrier(grasp, reference, to_grey(reference.image), "affine")
-    start = as_similarity(align(reference.outer, current.outer), reference.outer, current.outer)
-    return snake.carry(to_grey(current.image), current, start).transfer
-
-
-def _analysis(moved: Transfer, reference: View, current: View, friction: float) -> Any:
-    """Judged in the reference view where the transfer says how to get back there, else in the image."""
-    import numpy as np
-
-    from grasptrack.analysis import analyze
-    from grasptrack.grasp import Grasp
-    from grasptrack.projective import apply_homography
-
-    try:
-        if moved.homography is None:
-            return analyze(moved.grasp, current, friction)
-        back = apply_homography(np.linalg.inv(moved.homography), moved.grasp.contacts)
-        return analyze(Grasp(back), reference, friction, judged_in="reference")
-    except GraspTrackError:
-        return None
+            cells = [outcome.strategy, _written(outcome.contacts), _number(outcome.off)]
+            rows.append([*cells, *_stable(outcome.analysis)])
+    if pair.turns:
+        others = ", ".join(f"{turn:+.0f}°" for turn in pair.turns)
+        notes.append(f"the outline fits as well turned by {others}: the smallest turn was taken, the image cannot tell")
+    show_rows("The grasp in both views", _HEADS, rows, [*notes, str(picture)])
 
 
 def _stable(analysis: Any) -> list[str]:
     """Cells: stable or not, and the margin."""
     if analysis is None:
-        return ["off the outline", ""]
+        return ["", ""]
     return ["yes" if analysis.stable else "no", f"{math.degrees(analysis.margin):+.1f}°"]
 
 
