@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from grasptrack import GraspTracker
+from grasptrack import ConditioningError, GraspTracker
 from grasptrack.evaluation.demo import STRATEGIES
 from grasptrack.evaluation.errors import contact_distances
 from grasptrack.evaluation.score import Score, accept_limit
@@ -50,7 +50,12 @@ def run_peers(frames: list[SceneFrame], contacts: np.ndarray) -> list[list[objec
             if H is None:
                 missing += 1
                 continue
-            off = contact_distances(apply_homography(H, contacts), frame.contacts(contacts))
+            try:
+                found = apply_homography(H, contacts)
+            except ConditioningError:
+                missing += 1
+                continue
+            off = contact_distances(found, frame.contacts(contacts))
             wrong += bool(off.max() > accept_limit(frame.area))
             errors.extend(off)
         row = [name, *common.percentiles(taken[1:]), "", 100.0 * (1.0 - missing / len(frames))]

@@ -124,6 +124,17 @@ def test_contacts_over_sixty_frames(shape: Shape, shear: float) -> None:
     assert np.quantile(honest, 0.95) < 9.2
 
 
+def test_the_light_may_fade_slowly() -> None:
+    view = part()
+    snake = Snake(view, render(view, np.eye(3), 0))
+    for k in range(1, 60):
+        faded = (render(view, path(k), k) * (1.0 - 0.011 * k)).astype(np.uint8)
+        snake.predict()
+        fit = snake.update(faded)
+        assert fit.ok, f"frame {k}: {fit.reason}"
+    assert error(snake, fit, path(59)) < 0.3
+
+
 def test_a_light_object() -> None:
     view = part()
     snake = Snake(view, render(view, np.eye(3), 0, dark=False))

@@ -9,7 +9,7 @@ from outlines import BRACKET, blobs, dense, stars
 
 from grasptrack.analysis import analyze
 from grasptrack.contour import Contour
-from grasptrack.errors import StrategyError
+from grasptrack.errors import InputError, StrategyError
 from grasptrack.synthesis import synthesize
 
 FEW = settings(max_examples=25, deadline=None)
@@ -44,6 +44,12 @@ def test_three_fingers_and_no_more():
     for fingers in (1, 4):
         with pytest.raises(StrategyError, match="2 or 3 fingers"):
             synthesize(contour, fingers=fingers)
+
+
+def test_a_finger_has_a_width():
+    for width in (0.0, -1.0, np.nan):
+        with pytest.raises(InputError, match="finger_width"):
+            synthesize(Contour(dense(BRACKET)), finger_width=width)
 
 
 def test_none_where_none_holds():

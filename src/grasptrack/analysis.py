@@ -59,6 +59,12 @@ def check_friction(friction: float) -> None:
         raise InputError(f"friction must be a positive number, not {friction}", friction=friction)
 
 
+def check_width(finger_width: float | None) -> None:
+    """Raise InputError unless the width is positive and finite, or None for the default."""
+    if finger_width is not None and not 0.0 < finger_width < math.inf:
+        raise InputError(f"finger_width must be a positive number of px, not {finger_width}", finger_width=finger_width)
+
+
 def analyze(
     grasp: Grasp,
     outline: Outline,
@@ -84,8 +90,7 @@ def analyze(
         InputError: friction or finger_width not positive.
     """
     check_friction(friction)
-    if finger_width is not None and not finger_width > 0:
-        raise InputError(f"finger_width must be a positive number of px, not {finger_width}", finger_width=finger_width)
+    check_width(finger_width)
     points, offsets, contacts = outline.points, outline.offsets, grasp.contacts
     area, cx, cy, *_ = kernels.inertia(points, offsets)
     size = math.sqrt(area)

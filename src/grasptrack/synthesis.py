@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
+from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, check_friction, check_width
 from grasptrack.contour import Contour, Outline, as_view
 from grasptrack.errors import StrategyError
 from grasptrack.grasp import Grasp
@@ -44,9 +44,10 @@ def synthesize(
 
     Raises:
         StrategyError: a number of fingers that has no synthesis.
-        InputError: friction not positive.
+        InputError: friction or finger_width not positive.
     """
     check_friction(friction)
+    check_width(finger_width)
     if fingers not in (2, 3):
         raise StrategyError(f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts instead", fingers=fingers)
     view = as_view(outline)

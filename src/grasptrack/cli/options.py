@@ -25,7 +25,6 @@ GraspText = Annotated[
         metavar='"X1,Y1 X2,Y2"', help="Contacts in the first image, px, in place of synthesis; they choose the object."
     ),
 ]
-ObjectText = Annotated[str | None, typer.Option(metavar="X,Y", help="A pixel of the object in the first image.")]
 IgnorePath = Annotated[
     str | None,
     typer.Option(

@@ -54,7 +54,8 @@ def error_measure(contacts: ArrayLike, truth: ArrayLike, area: float) -> ErrorMe
         raise ValueError(f"an object's area must be positive, not {area:g} px^2")
     distances = contact_distances(contacts, truth)
     true = np.asarray(truth, dtype=np.float64)
-    opening = float(np.hypot(*(true[1] - true[0]))) if len(true) > 1 else float("nan")
+    opening = float(np.hypot(*(true[1] - true[0]))) if len(true) > 1 else 0.0
+    opening = opening or float("nan")  # without an opening there are no per cents of it
     average, maximum = float(distances.mean()), float(distances.max())
     return ErrorMeasure(
         average, maximum, average / area, maximum / area, 100.0 * average / opening, 100.0 * maximum / opening

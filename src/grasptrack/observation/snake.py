@@ -135,6 +135,8 @@ class Snake:
                 reason = f"{match.elsewhere:.0%} of the outline lies on edges beside the fitted curve: tilt or a cover"
             elif misfit > MAX_MISFIT * self._size:
                 reason = f"the outline no longer fits the template: {misfit:.1f} px of tilt or another shape"
+            else:
+                self._edges.learn(match.edges, match.seen)
         return self._result(match, reason)
 
     def _reach(self) -> float:

@@ -43,6 +43,7 @@ class Match(NamedTuple):
         spread: px, largest standard deviation of a point of the outline.
         residual: px rms of the supported samples; common: px, rms of what neighbouring residuals still share.
         seen: (m,) supported samples; visible: (m,) samples inside the image.
+        edges: (m, 4) of the edge search.
     """
 
     state: Floats
@@ -55,6 +56,7 @@ class Match(NamedTuple):
     common: float
     seen: Bools
     visible: Bools
+    edges: Floats
     elsewhere: float = 0.0
 
     @property
@@ -83,7 +85,7 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
     if int(seen.sum()) <= 8:
         nothing = np.full((8, 8), math.inf)
         noise: Floats = np.full((len(state), len(state)), math.inf)
-        return Match(state, noise, np.zeros(8), nothing, *(math.inf,) * 4, seen, visible)
+        return Match(state, noise, np.zeros(8), nothing, *(math.inf,) * 4, seen, visible, edges)
     (a, b), (c, d) = space.linear(state).tolist()
     X, Y = model.field
     F = (rows.normals @ (a, c))[:, None] * X
@@ -126,4 +128,5 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
         math.sqrt(common),
         seen,
         visible,
+        edges,
     )

@@ -29,7 +29,7 @@ class SnakeFit:
         misfit: px, rms over the outline of what a homography would still move it: tilt that the shape space lacks.
         support: share of the samples inside the image that are seen, of those that had an edge in the first image.
         outside: share of the samples outside the image, which speak neither for nor against the fit.
-        bias, covariance: (8,) px and (8, 8) px^2 of the parameters of `snake_fit.columns`.
+        bias, covariance: (8,) px and (8, 8) px^2 of the parameters of `snake_search.columns`.
         linear: (2, 2) linear part of the homography.
         offsets: (C + 1,) first sample of each contour.
         space: the shape space.

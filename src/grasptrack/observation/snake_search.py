@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
+from grasptrack.kernels.reference_evidence import displacement_fields
 from grasptrack.observation.shape_space import ShapeSpace
 from grasptrack.observation.snake_template import Grey, Template
 
@@ -41,22 +42,13 @@ class Rows(NamedTuple):
 def columns(M: Floats, local: Floats) -> Floats:
     """(m, 2, 8): how the 8 parameters of a homography move the points of a view, all in px.
 
-    Translation, rotation and scale, then the two shears of an affine map, then the two bends of perspective.
+    Translation, scale and rotation, then the two shears of an affine map, then the two bends of perspective.
 
     Args:
         M: (2, 2) linear part of the view.
         local: (m, 2) template points about the centroid, in units of rho.
     """
-    x, y = local[:, 0], local[:, 1]
-    field = np.zeros((len(local), 2, 8))
-    field[:, 0, 0] = field[:, 1, 1] = 1.0
-    field[:, 0, 2], field[:, 1, 2] = x, y
-    field[:, 0, 3], field[:, 1, 3] = -y, x
-    field[:, 0, 4], field[:, 1, 4] = x, -y
-    field[:, 0, 5], field[:, 1, 5] = y, x
-    field[:, 0, 6], field[:, 1, 6] = x * x, x * y
-    field[:, 0, 7], field[:, 1, 7] = x * y, y * y
-    return np.asarray(M @ field)
+    return np.asarray(M @ displacement_fields(local))
 
 
 class Model:

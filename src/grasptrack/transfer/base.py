@@ -22,7 +22,8 @@ class Transfer(NamedTuple):
         homography: (3, 3) H_current_reference as the strategy sees it (a similarity for the grasp line), or None.
         covariance: (k, 2, 2) px^2 of the contacts, or None where the strategy has no estimate.
         residual: px. What the strategy had to bend to put the contacts on the outline: the largest distance between a
-            contact as its description places it and as it was returned. NaN for RRP, which has nothing to compare.
+            contact as its description places it and as it was returned. RRP bends nothing: NaN between plain outlines,
+            and the rms distance of its edges where a snake carried it.
     """
 
     grasp: Grasp
