@@ -14,6 +14,10 @@ from grasptrack.result import Status
 
 MIN_SHARE = 0.75
 """Of the outline inside the image, at least so much must show its edge where the transfer says it is."""
+MIN_SHARE_AGAIN = 0.88
+"""The same after a loss: what is covered then cannot tell the object from a near twin."""
+MAX_CONTRADICTED = 0.025
+"""At most so much of it may show another shape: ground where there should be material, or the reverse."""
 MIN_VISIBLE = 0.4
 """Of the whole outline, at least so much must lie inside the image."""
 MAX_RMS = 0.0075
@@ -54,14 +58,15 @@ def lost(reason: str) -> Verdict:
     return Verdict("lost", reason, 0.0)
 
 
-def judge(support: Support, analysis: GraspAnalysis | None) -> Verdict:
+def judge(support: Support, analysis: GraspAnalysis | None, *, again: bool = False) -> Verdict:
     """Decide what to say of a transfer.
 
     Args:
         support: the edges found along the outline as the transfer carries it.
         analysis: of the transferred grasp.
+        again: the object was lost before this image.
     """
-    refusal = refuse(support)
+    refusal = refuse(support, again=again)
     if refusal:
         return lost(refusal)
     if analysis is None:
@@ -84,11 +89,13 @@ def close(support: Support) -> bool:
     return error(support) <= 0.25 * max(MAX_SHIFT_PX, MAX_SHIFT * support.size)
 
 
-def refuse(support: Support) -> str:
-    """Why a transfer is not believed; empty when it is."""
+def refuse(support: Support, *, again: bool = False) -> str:
+    """Why a transfer is not believed; empty when it is. After a loss (`again`) more of the outline is asked for."""
     if support.visible < MIN_VISIBLE:
         return f"only {100 * support.visible:.0f} % of the outline is inside the image"
-    if support.share < MIN_SHARE:
+    if support.contradicted > MAX_CONTRADICTED:
+        return f"another shape: {100 * support.contradicted:.0f} % of the outline ends elsewhere than in the grasp's view"
+    if support.share < (MIN_SHARE_AGAIN if again else MIN_SHARE):
         return f"only {100 * support.share:.0f} % of the outline shows its edge where the grasp's view says it is"
     if support.rms > max(MAX_RMS_PX, MAX_RMS * support.size):
         return f"the outline's shape no longer fits the reference ({support.rms:.1f} px off)"

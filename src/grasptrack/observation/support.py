@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import Bools, View
 from grasptrack.errors import ConditioningError
+from grasptrack.observation.contradiction import CLEAR, contradicted
 from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
@@ -24,7 +25,9 @@ MIN_STRENGTH = 2.0
 """Grey levels per px below which nothing counts as an edge."""
 RELATIVE_STRENGTH = 0.3
 """An edge counts when it is so strong relative to the reference's, exposure and blur of the whole image allowed for."""
-
+OTHER_GROUND = 0.3
+"""An edge whose far side differs from the ground round the rest of the outline by this share of the contrast may be the edge
+of something in front. It does not speak against the outline, but it fixes nothing."""
 LOOSE = 0.25
 """What the outline does not show of a motion may be as large as this fraction of sqrt(area)."""
 
@@ -43,6 +46,8 @@ class Support(NamedTuple):
         covariance: (k, 2, 2) px^2 of that shift: large where the outline in view leaves a motion open.
         seen: (k,) share of the samples under each finger that have their edge within reach.
         size: px, square root of the object's area as carried along.
+        contradicted: of the samples inside the image, how many show ground where material should be, or material that ends
+            farther out: another shape. What is merely covered does not count.
     """
 
     share: float
@@ -54,6 +59,7 @@ class Support(NamedTuple):
     covariance: Floats
     seen: Floats
     size: float
+    contradicted: float = 0.0
 
 
 class OutlineSamples:
@@ -94,6 +100,7 @@ class OutlineSamples:
         self.normals: Floats = np.ascontiguousarray(-frames[keep, :2])
         self.strength: Floats = np.where(strong, strength, np.inf)[keep]
         self.outline: Bools = outline[keep]
+        self.inside: Floats = edges[keep, 2]
         self.polarity = polarity
         self.contacts = len(contacts)
         self.count = int(np.count_nonzero(self.outline))
@@ -120,8 +127,11 @@ class OutlineSamples:
         if found.any():
             gain = float(np.median((strength / self.strength)[found]))
             found &= strength >= RELATIVE_STRENGTH * gain * np.where(np.isinf(self.strength), 0.0, self.strength)
+        sure = found & self._on_the_ground(edges, found)
+        centre = points.mean(axis=0)
+        radius = math.sqrt(float(np.einsum("ni,ni->", points - centre, points - centre)) / len(points))
         shift, covariance = kernels.projective_step(
-            points[found], normals[found], edges[found, 0], contacts, 0.6 * size, LOOSE * size
+            points[sure], normals[sure], edges[sure, 0], contacts, radius, LOOSE * size
         )
         asked = int(np.count_nonzero(inside & self.outline))
         hits = offset[found & self.outline]
@@ -135,4 +145,35 @@ class OutlineSamples:
             covariance,
             found[~self.outline].reshape(self.contacts, PER_CONTACT).mean(axis=1),
             size,
+            self._contradicted(grey, points, normals, inside, found, edges, reach, size) / asked if asked else 0.0,
         )
+
+    def _on_the_ground(self, edges: Floats, found: Bools) -> Bools:
+        """(n,) edges with the same ground beyond them as most: the same level, or as much lighter as the object is there."""
+        within, beyond = edges[:, 2], edges[:, 3]
+        if not found.any():
+            return found
+        dark, light = float(np.median(within[found])), float(np.median(beyond[found]))
+        spread = 1.4826 * float(np.median(np.abs(beyond[found] - light)))
+        tolerance = max(OTHER_GROUND * abs(light - dark), 4.0 * spread)
+        lit = light * within / max(dark, 1.0)
+        return np.asarray((np.abs(beyond - light) <= tolerance) | (np.abs(beyond - lit) <= tolerance))
+
+    def _contradicted(
+        self, grey: Grey, points: Floats, normals: Floats, inside: Bools, found: Bools, edges: Floats, reach: float, size: float
+    ) -> int:
+        """How many samples of the outline the image contradicts."""
+        missed = inside & self.outline & ~found
+        if not missed.any() or np.count_nonzero(found) < 8:
+            return 0
+        use = self.outline
+        shade = float(np.median((edges[:, 2] - self.inside)[found]))
+        ground = edges[found, 3]
+        light = float(np.median(ground))
+        spread = 1.4826 * float(np.median(np.abs(ground - light)))
+        material = self.inside + shade
+        clear = np.abs(light - material) > CLEAR * spread
+        level = np.where(clear, light, math.nan)
+        return int(np.count_nonzero(
+            contradicted(grey, points[use], normals[use], missed[use], material[use], level[use], reach, size)
+        ))

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the image shows where an outline should be and is not: another shape, or something in front of it.
+
+A covered edge says nothing. Ground where material should be, or material that ends farther out than it should, says that
+this is another object, however well the rest of the outline fits: a near twin, or its mirror image.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.contour import Bools
+from grasptrack.observation.images import Grey
+
+Floats = NDArray[np.float64]
+
+ALIKE = 0.3
+"""A grey level is the ground's or the object's within this share of the contrast between them."""
+BEYOND = 0.4
+"""A tab ends within this fraction of sqrt(area) outside the outline; what goes on farther lies in front of the object."""
+ENDS = 0.8
+"""Of neighbouring samples with material beyond the outline, so many see it end there when it is a tab."""
+CLEAR = 3.0
+"""The contrast must exceed so many times the levels' own spread, or they tell nothing apart."""
+
+
+def contradicted(
+    grey: Grey, points: Floats, normals: Floats, missed: Bools, inside: Floats, outside: Floats, reach: float, size: float
+) -> Bools:
+    """(m,) which samples of an outline the image contradicts.
+
+    Args:
+        grey: (H, W).
+        points, normals: (m, 2) px and unit, in the order of the outline.
+        missed: (m,) in the image, but without their edge within reach.
+        inside, outside: (m,) grey levels expected on the material's side and on the ground's.
+        reach: px on either side in which the edge was searched.
+        size: px, sqrt(area).
+    """
+    against = np.zeros(len(points), dtype=np.bool_)
+    index = np.flatnonzero(missed & np.isfinite(inside + outside))
+    if not len(index):
+        return against
+    contrast = (outside - inside)[index, None]
+    # 0 at the object's level, 1 at the ground's
+    depth = np.linspace(1.5, reach, 3)
+    ground_like, material_like = (
+        (np.abs(place - level) <= ALIKE).all(axis=1)
+        for place, level in (
+            ((_levels(grey, points[index], normals[index], -depth) - inside[index, None]) / contrast, 1.0),
+            ((_levels(grey, points[index], normals[index], depth) - inside[index, None]) / contrast, 0.0),
+        )
+    )
+    against[index] = ground_like
+    if material_like.any():
+        beyond = np.arange(reach, max(BEYOND * size, reach + 4.0), 2.0)
+        rays = (_levels(grey, points[index], normals[index], beyond) - inside[index, None]) / contrast
+        ends = (np.abs(rays - 1.0) <= ALIKE).any(axis=1)
+        for run in _runs(index[material_like], len(points)):
+            among = np.isin(index, run)
+            against[run] = ends[among].mean() >= ENDS
+    return against
+
+
+def _levels(grey: Grey, points: Floats, normals: Floats, along: Floats) -> Floats:
+    """(m, k) grey levels at distances (k,) px along the normals; NaN outside the image."""
+    at = points[:, None, :] + along[None, :, None] * normals[:, None, :]
+    column, row = np.rint(at[..., 0]).astype(np.intp), np.rint(at[..., 1]).astype(np.intp)
+    out = (column < 0) | (row < 0) | (column >= grey.shape[1]) | (row >= grey.shape[0])
+    column[out] = row[out] = 0
+    values = grey[row, column].astype(np.float64)
+    values[out] = math.nan
+    return values
+
+
+def _runs(index: NDArray[np.intp], count: int) -> list[NDArray[np.intp]]:
+    """Samples that follow one another round the outline, with gaps of at most one."""
+    pieces = np.split(index, np.flatnonzero(np.diff(index) > 2) + 1)
+    if len(pieces) > 1 and index[0] + count - index[-1] <= 2:
+        pieces[0] = np.concatenate([pieces.pop(), pieces[0]])
+    return pieces
