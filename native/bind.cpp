@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The one place where kernels meet Python: arrays in, checks, arrays and tuples out.
 
+#include <nanobind/stl/optional.h>
+
 #include <algorithm>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -14,6 +17,7 @@
 #include "inertia.hpp"
 #include "lines.hpp"
 #include "matching.hpp"
+#include "outline.hpp"
 #include "registration.hpp"
 #include "threshold.hpp"
 #include "wrench.hpp"
@@ -250,6 +254,30 @@ nb::object py_soft_threshold(const nb::ndarray<const std::uint8_t, nb::shape<-1,
     return nb::cast(nb::ndarray<nb::numpy, std::uint8_t, nb::ndim<2>>(data, {rows, columns}, owner));
 }
 
+using ByteImage = nb::ndarray<const std::uint8_t, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
+using ChainArray = nb::ndarray<const std::int32_t, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
+
+nb::tuple py_trace_edges(const ByteImage &image, const ChainArray &chain, const std::optional<ByteImage> &hidden,
+                         bool hole, int polarity, double spacing, int most, double smoothing, double reach,
+                         double border, double outlier) {
+    if (chain.shape(0) < 3) throw std::invalid_argument("a chain has at least 3 pixels");
+    if (hidden && (hidden->shape(0) != image.shape(0) || hidden->shape(1) != image.shape(1)))
+        throw std::invalid_argument("what is hidden needs the image's size");
+    const Image<std::uint8_t> seen{image.data(), static_cast<std::ptrdiff_t>(image.shape(0)),
+                                   static_cast<std::ptrdiff_t>(image.shape(1))};
+    const Traced found = trace_edges(seen, chain.data(), chain.shape(0), hidden ? hidden->data() : nullptr,
+                                     {spacing, static_cast<double>(most), smoothing, reach, border, outlier, hole, polarity});
+    const std::size_t n = found.points.size();
+    Output points(n, 2), strength(n);
+    std::copy(found.points.begin(), found.points.end(), points.vectors());
+    std::copy(found.strength.begin(), found.strength.end(), strength.values());
+    auto *flags = new bool[n];
+    std::copy(found.cut.get(), found.cut.get() + n, flags);
+    nb::capsule owner(flags, [](void *p) noexcept { delete[] static_cast<bool *>(p); });
+    return nb::make_tuple(points.array(), strength.array(), nb::cast(nb::ndarray<nb::numpy, bool, nb::ndim<1>>(flags, {n}, owner)),
+                          found.inside, found.outside);
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -282,4 +310,6 @@ NB_MODULE(_native, m) {
     m.def("settle_edges", &py_settle_edges, "points"_a, "normals"_a, "edges"_a, "fixed"_a, "fallback"_a, "outlier"_a);
     m.def("soft_threshold", &py_soft_threshold, "image"_a.noconvert(), "left"_a, "top"_a, "right"_a, "bottom"_a,
           "level"_a, "polarity"_a);
+    m.def("trace_edges", &py_trace_edges, "image"_a.noconvert(), "chain"_a, "hidden"_a.none(), "hole"_a, "polarity"_a,
+          "spacing"_a, "most"_a, "smoothing"_a, "reach"_a, "border"_a, "outlier"_a);
 }

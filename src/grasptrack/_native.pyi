@@ -50,3 +50,16 @@ def projective_step(
 def soft_threshold(
     image: NDArray[np.uint8], left: int, top: int, right: int, bottom: int, level: float, polarity: int
 ) -> NDArray[np.uint8]: ...
+def trace_edges(
+    image: NDArray[np.uint8],
+    chain: NDArray[np.int32],
+    hidden: NDArray[np.uint8] | None,
+    hole: bool,
+    polarity: int,
+    spacing: float,
+    most: int,
+    smoothing: float,
+    reach: float,
+    border: float,
+    outlier: float,
+) -> tuple[Floats, Floats, NDArray[np.bool_], float, float]: ...

@@ -37,6 +37,7 @@ try:
         resample,
         settle_edges,
         soft_threshold,
+        trace_edges,
     )
 
     BACKEND = "native"
@@ -63,6 +64,7 @@ except ImportError as error:
         resample,
         settle_edges,
         soft_threshold,
+        trace_edges,
     )
 
     BACKEND = "numpy"
@@ -96,4 +98,5 @@ __all__ = [
     "resample",
     "settle_edges",
     "soft_threshold",
+    "trace_edges",
 ]

@@ -20,6 +20,7 @@ from grasptrack.kernels.reference_matching import (
     curvature_peaks,
     match_curvature,
 )
+from grasptrack.kernels.reference_outline import trace_edges
 from grasptrack.kernels.reference_places import locate, point_at
 from grasptrack.kernels.reference_threshold import soft_threshold
 from grasptrack.kernels.reference_wrench import force_closure
@@ -46,4 +47,5 @@ __all__ = [
     "resample",
     "settle_edges",
     "soft_threshold",
+    "trace_edges",
 ]

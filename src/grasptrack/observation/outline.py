@@ -3,18 +3,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import Bools, Contour
+from grasptrack.contour import Contour
 from grasptrack.observation.images import Grey
-
-Floats = NDArray[np.float64]
 
 SPACING = 1.0
 """px between contour points."""
@@ -50,31 +46,7 @@ def localise(grey: Grey, chain: NDArray[np.int32], *, hole: bool, polarity: int,
     Raises:
         ContourError: fewer than 8 points or no area.
     """
-    rough = _direct(chain.astype(np.float64), hole)
-    count = int(np.clip(round(cv2.arcLength(chain, True) / SPACING), 16, MAX_POINTS))
-    points = kernels.resample(rough, count, SMOOTHING)
-    normals = kernels.blend_normals(points)
-    cut = cut_off(points, grey.shape, hidden)
-    edges = kernels.edge_search(grey, points, normals, REACH, polarity)
-    # where no edge is found the silhouette's own boundary, half a pixel outside the pixels' centres, is the best guess
-    points, strength = kernels.settle_edges(points, normals, edges, cut, 0.5, OUTLIER)
-    used = edges[:: max(1, count // 100), 2:][strength[:: max(1, count // 100)] > 0.0]
-    inside, outside = np.median(used, axis=0).tolist() if len(used) else (math.nan, math.nan)
+    points, strength, cut, inside, outside = kernels.trace_edges(
+        grey, chain, hidden, hole, polarity, SPACING, MAX_POINTS, SMOOTHING, REACH, BORDER, OUTLIER
+    )
     return Localised(Contour(points, hole=hole, strength=strength, clipped=cut), inside, outside)
-
-
-def cut_off(points: Floats, shape: tuple[int, ...], hidden: Grey | None) -> Bools:
-    """(N,) True for points at the image border or beside what is hidden."""
-    x, y = points[:, 0], points[:, 1]
-    cut: Bools = (x < BORDER) | (y < BORDER) | (x > shape[1] - 1 - BORDER) | (y > shape[0] - 1 - BORDER)
-    if hidden is not None:
-        column = np.clip(np.rint(x).astype(np.intp), 0, shape[1] - 1)
-        row = np.clip(np.rint(y).astype(np.intp), 0, shape[0] - 1)
-        cut |= hidden[row, column] != 0
-    return cut
-
-
-def _direct(chain: Floats, hole: bool) -> Floats:
-    """The chain with the direction of an outer contour, or of a hole."""
-    area = float(cv2.contourArea(chain.astype(np.float32), oriented=True))
-    return np.ascontiguousarray(chain[::-1]) if (area > 0) is hole else chain

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a silhouette's chain of pixels to sub-pixel points."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from outlines import stars
+
+from grasptrack import kernels
+from grasptrack.kernels import reference
+
+
+def picture(points, seed):
+    """A dark object on a light ground, four times over-sampled; its chain of pixels."""
+    rng = np.random.default_rng(seed)
+    large = np.full((1200, 1200), 200, np.uint8)
+    cv2.fillPoly(large, [np.rint(points * 4 * 0.5 + 1.5).astype(np.int32)], 60)
+    image = cv2.GaussianBlur(cv2.resize(large, (300, 300), interpolation=cv2.INTER_AREA), (0, 0), 0.8)
+    image = np.clip(image + rng.normal(0, 3, image.shape), 0, 255).astype(np.uint8)
+    chains, _ = cv2.findContours((image < 130).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return image, max(chains, key=cv2.contourArea).reshape(-1, 2)
+
+
+@settings(max_examples=25, deadline=None)
+@given(stars(), st.integers(0, 1000), st.booleans(), st.sampled_from([1, -1, 0]), st.booleans())
+def test_native_equals_reference(points, seed, hole, polarity, cover):
+    image, chain = picture(points, seed)
+    hidden = None
+    if cover:
+        hidden = np.zeros_like(image)
+        hidden[:150] = 255
+    arguments = (image, chain, hidden, hole, polarity, 1.0, 700, 4.0, 4.0, 1.5, 1.0)
+    found, wanted = kernels.trace_edges(*arguments), reference.trace_edges(*arguments)
+    np.testing.assert_allclose(found[0], wanted[0], atol=1e-6)
+    np.testing.assert_allclose(found[1], wanted[1], atol=1e-6)
+    np.testing.assert_array_equal(found[2], wanted[2])
+    np.testing.assert_allclose(found[3:], wanted[3:], atol=1e-6)
+    assert found[2].dtype == np.bool_
+    area = cv2.contourArea(found[0].astype(np.float32), oriented=True)
+    assert (area < 0) is hole
+
+
+def test_bad_arguments():
+    image = np.zeros((50, 50), np.uint8)
+    chain = np.array([[1, 1], [20, 1], [20, 20], [1, 20]], np.int32)
+    with pytest.raises((ValueError, IndexError)):
+        kernels.trace_edges(image, chain[:2], None, False, 1, 1.0, 100, 4.0, 4.0, 1.5, 1.0)
+    with pytest.raises((ValueError, IndexError)):
+        kernels.trace_edges(image, chain, image[:20].copy(), False, 1, 1.0, 100, 4.0, 4.0, 1.5, 1.0)
