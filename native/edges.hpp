@@ -13,6 +13,7 @@ namespace grasptrack {
 constexpr double spacing = 0.5;  // px between samples
 constexpr double window = 3.0;   // px on either side of the edge whose gradients count, ever less outward
 constexpr double away = 1.5;     // px from the edge where its two sides begin
+constexpr double settled = 1e-3;  // px; Newton's steps halve their digits, so that the next would change nothing
 constexpr std::ptrdiff_t min_samples = 7;
 
 template <typename Pixel> struct Image {
@@ -64,34 +65,51 @@ struct Profile {
     // Where gradients of one sign balance under the weight u (1 - u^2), u = (x - centre) / window: near `peak`, by
     // Newton's steps. A weight that fades out does not feel where the samples lie.
     double centre(double sign, double peak) const {
+        // All that any window about a centre within 1 px of the peak can hold.
+        constexpr std::ptrdiff_t most = static_cast<std::ptrdiff_t>(2 * (window + 1) / spacing) + 2;
+        const auto start = std::max(static_cast<std::ptrdiff_t>((peak - window - 1) / spacing) - 1, first);
+        const auto stop = std::min(start + most - 1, last - 1);
+        const auto count = stop - start + 1;
+        double gradient[most], place[most];
+        for (std::ptrdiff_t i = 0; i < count; ++i) {
+            gradient[i] = std::max(sign * (v[start + i + 1] - v[start + i]), 0.0);
+            place[i] = (at(start + i) + spacing / 2) / window;
+        }
         double centre = peak;
         for (int round = 0; round < 3; ++round) {
-            const auto low = static_cast<std::ptrdiff_t>(std::floor((centre - window) / spacing));
-            const auto high = static_cast<std::ptrdiff_t>(std::floor((centre + window) / spacing));
-            double mass = 0, moment = 0, rate = 0;
-            for (std::ptrdiff_t j = std::max(low, first); j <= std::min(high, last - 1); ++j) {
-                const double u = (at(j) + spacing / 2 - centre) / window, weight = 1 - u * u;
-                if (weight <= 0) continue;
-                const double gradient = std::max(sign * (v[j + 1] - v[j]), 0.0);
-                mass += weight * gradient;
-                moment += weight * u * gradient;
-                rate += (1 - 3 * u * u) * gradient;
+            const double middle = centre / window;
+            double mass[2] = {0, 0}, moment[2] = {0, 0}, rate[2] = {0, 0};  // two lanes, for the vector unit
+            for (std::ptrdiff_t i = 0; i + 1 < count; i += 2)
+                for (int lane = 0; lane < 2; ++lane) {
+                    const double u = place[i + lane] - middle, square = u * u, fade = std::max(1 - square, 0.0);
+                    const double weighted = fade * gradient[i + lane];
+                    mass[lane] += weighted;
+                    moment[lane] += weighted * u;
+                    rate[lane] += fade > 0 ? (1 - 3 * square) * gradient[i + lane] : 0.0;
+                }
+            if (count % 2 == 1) {
+                const double u = place[count - 1] - middle, square = u * u, fade = std::max(1 - square, 0.0);
+                mass[0] += fade * gradient[count - 1];
+                moment[0] += fade * gradient[count - 1] * u;
+                rate[0] += fade > 0 ? (1 - 3 * square) * gradient[count - 1] : 0.0;
             }
-            centre += window * moment / std::max(rate, 0.2 * mass);
+            const double before = centre;
+            centre += window * (moment[0] + moment[1]) / std::max(rate[0] + rate[1], 0.2 * (mass[0] + mass[1]));
             centre = std::min(std::max(centre, peak - 1), peak + 1);
+            if (std::fabs(centre - before) < settled) break;
         }
         return centre;
     }
 
     Edge edge(double offset, double strength) const {
+        // Samples up to `low` lie inside, from `high` on outside.
+        const auto low = std::min(static_cast<std::ptrdiff_t>(std::floor((offset - away) / spacing)), last);
+        const auto high = std::max(static_cast<std::ptrdiff_t>(std::ceil((offset + away) / spacing)), first);
         double inside = 0, outside = 0;
-        std::ptrdiff_t n_inside = 0, n_outside = 0;
-        for (std::ptrdiff_t j = first; j <= last; ++j) {
-            if (at(j) <= offset - away) inside += v[j], ++n_inside;
-            if (at(j) >= offset + away) outside += v[j], ++n_outside;
-        }
-        return {offset, strength, n_inside > 0 ? inside / static_cast<double>(n_inside) : v[first],
-                n_outside > 0 ? outside / static_cast<double>(n_outside) : v[last]};
+        for (std::ptrdiff_t j = first; j <= low; ++j) inside += v[j];
+        for (std::ptrdiff_t j = high; j <= last; ++j) outside += v[j];
+        return {offset, strength, low >= first ? inside / static_cast<double>(low - first + 1) : v[first],
+                high <= last ? outside / static_cast<double>(last - high + 1) : v[last]};
     }
 };
 

@@ -12,6 +12,7 @@ Image = NDArray[np.uint8] | NDArray[np.float32]
 SPACING = 0.5  # px between samples
 WINDOW = 3.0  # px on either side of the edge whose gradients count, ever less outward
 AWAY = 1.5  # px from the edge where its two sides begin
+SETTLED = 1e-3  # px; Newton's steps halve their digits, so that the next would change nothing
 MIN_SAMPLES = 7
 MARGIN = int((WINDOW + 1) / SPACING) + 1  # samples that the window of an edge may need beyond it
 
@@ -47,8 +48,10 @@ def _centre(profile: Floats, start: float, sign: float, peak: float) -> float:
         mass = float((weight * gradient).sum())
         moment = float((weight * u * gradient).sum())
         rate = float(((1 - 3 * u * u) * gradient)[weight > 0].sum())
-        centre += WINDOW * moment / max(rate, 0.2 * mass)
-        centre = min(max(centre, peak - 1.0), peak + 1.0)
+        before = centre
+        centre = min(max(centre + WINDOW * moment / max(rate, 0.2 * mass), peak - 1.0), peak + 1.0)
+        if abs(centre - before) < SETTLED:
+            break
     return centre
 
 
