@@ -5,6 +5,8 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <type_traits>
+
 #include "geometry.hpp"
 
 namespace grasptrack {
@@ -48,34 +50,40 @@ inline std::size_t count_places(const RowArray &places) {
     return places.shape(0);
 }
 
-// A new float64 array, made by NumPy itself: half the price of handing memory over through a capsule.
-class Output {
+// A new array, made by NumPy itself, which costs less than handing memory over through a capsule.
+template <typename Value> class OutputOf {
   public:
-    explicit Output(std::size_t size) { make(PyLong_FromSize_t(size)); }
-    Output(std::size_t rows, std::size_t columns) {
+    explicit OutputOf(std::size_t size) { make(PyLong_FromSize_t(size)); }
+    OutputOf(std::size_t rows, std::size_t columns) {
         make(Py_BuildValue("(nn)", static_cast<Py_ssize_t>(rows), static_cast<Py_ssize_t>(columns)));
     }
 
-    double *values() { return data_; }
+    Value *values() { return data_; }
     Vec *vectors() { return reinterpret_cast<Vec *>(data_); }
     nb::object array() { return std::move(array_); }
 
   private:
+    static_assert(std::is_same_v<Value, double> || std::is_same_v<Value, std::int64_t>);
+
     void make(PyObject *owned_shape) {
         // Kept for the life of the process, as NumPy itself is.
         static PyObject *const empty = nb::object(nb::module_::import_("numpy").attr("empty")).release().ptr();
+        static PyObject *const type =
+            nb::object(nb::module_::import_("numpy").attr(std::is_same_v<Value, double> ? "float64" : "int64")).release().ptr();
         nb::object shape = nb::steal(owned_shape);
-        PyObject *arguments[] = {nullptr, shape.ptr()};
-        array_ = nb::steal(PyObject_Vectorcall(empty, arguments + 1, 1 | PY_VECTORCALL_ARGUMENTS_OFFSET, nullptr));
+        PyObject *arguments[] = {nullptr, shape.ptr(), type};
+        array_ = nb::steal(PyObject_Vectorcall(empty, arguments + 1, 2 | PY_VECTORCALL_ARGUMENTS_OFFSET, nullptr));
         if (!array_.is_valid()) nb::raise_python_error();
         Py_buffer buffer;
         if (PyObject_GetBuffer(array_.ptr(), &buffer, PyBUF_WRITABLE) != 0) nb::raise_python_error();
-        data_ = static_cast<double *>(buffer.buf);
+        data_ = static_cast<Value *>(buffer.buf);
         PyBuffer_Release(&buffer);
     }
 
     nb::object array_;
-    double *data_ = nullptr;
+    Value *data_ = nullptr;
 };
+
+using Output = OutputOf<double>;
 
 }  // namespace grasptrack

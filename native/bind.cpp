@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "alignment.hpp"
 #include "arrays.hpp"
 #include "contact.hpp"
 #include "curvature.hpp"
@@ -18,6 +19,7 @@
 #include "lines.hpp"
 #include "matching.hpp"
 #include "outline.hpp"
+#include "peaks.hpp"
 #include "registration.hpp"
 #include "threshold.hpp"
 #include "wrench.hpp"
@@ -33,6 +35,16 @@ nb::object py_arc_length(const PointArray &points) {
     Output out(contour.size + 1);
     arc_length(contour, out.values());
     return out.array();
+}
+
+using FlagArray = nb::ndarray<const bool, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+
+nb::tuple py_curvature_vector(const PointArray &points, const std::optional<FlagArray> &clipped, double smoothing) {
+    const Points contour = contour_of(points);
+    if (clipped && clipped->shape(0) != contour.size) throw std::invalid_argument("each point needs its flag");
+    Output arc(contour.size + 1), out(contour.size);
+    curvature_vector(contour, clipped ? clipped->data() : nullptr, smoothing, arc.values(), out.values());
+    return nb::make_tuple(arc.array(), out.array());
 }
 
 nb::object py_curvature(const PointArray &points, double step) {
@@ -128,6 +140,12 @@ nb::object py_homography_4(const PointArray &source, const PointArray &target) {
     return out.array();
 }
 
+nb::tuple py_distortion(const RowArray &H, const PointArray &points) {
+    if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
+    const Distortion worst = distortion(H.data(), points_of(points));
+    return nb::make_tuple(worst.in_front, worst.determinant, worst.ratio);
+}
+
 template <typename Pixel>
 nb::object py_edge_search(const nb::ndarray<const Pixel, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu> &image,
                           const PointArray &points, const PointArray &normals, double reach, int polarity) {
@@ -158,57 +176,66 @@ nb::tuple py_force_closure(const PointArray &contacts, const PointArray &normals
     return nb::make_tuple(closure.epsilon, closure.friction_angle);
 }
 
-void check_arc(const ValueArray &values, const ValueArray &arc) {
-    if (values.shape(0) < 1 || arc.shape(0) != values.shape(0) + 1)
+void check_arc(std::size_t points, const ValueArray &arc) {
+    if (points < 1 || arc.shape(0) != points + 1)
         throw std::invalid_argument("arc needs one entry more than the contour has points");
 }
 
+nb::object indices(const std::vector<std::int64_t> &values) {
+    OutputOf<std::int64_t> out(values.size());
+    std::copy(values.begin(), values.end(), out.values());
+    return out.array();
+}
+
 nb::object py_curvature_peaks(const ValueArray &values, const ValueArray &arc, double separation, double prominence) {
-    check_arc(values, arc);
-    const auto peaks = curvature_peaks(values.data(), arc.data(), static_cast<std::int64_t>(values.shape(0)),
-                                       separation, prominence);
-    nb::list out;
-    for (auto i : peaks) out.append(i);
-    static PyObject *const array = nb::object(nb::module_::import_("numpy").attr("array")).release().ptr();
-    return nb::handle(array)(out, nb::str("int64"));
+    check_arc(values.shape(0), arc);
+    return indices(curvature_peaks(values.data(), arc.data(), static_cast<std::int64_t>(values.shape(0)), separation,
+                                   prominence));
 }
 
 nb::tuple py_best_quadrilateral(const PointArray &points, const ValueArray &weights) {
     if (weights.shape(0) != points.shape(0)) throw std::invalid_argument("each point needs its weight");
-    const auto q = best_quadrilateral(points.data(), weights.data(), static_cast<int>(points.shape(0)));
+    const auto q = best_quadrilateral([&](int i) { return points_of(points)[i]; },
+                                      [&](int i) { return weights.data()[i]; }, static_cast<int>(points.shape(0)));
     return nb::make_tuple(q.index[0], q.index[1], q.index[2], q.index[3], q.triangle);
 }
 
-nb::object py_align_outlines(const PointArray &points1, const PointArray &points2, std::int64_t count) {
+nb::tuple py_select_points(const PointArray &points, const ValueArray &arc, const ValueArray &values,
+                           double separation, double prominence) {
+    check_arc(points.shape(0), arc);
+    check_arc(values.shape(0), arc);
+    const Selected selected = select_points(points_of(points), arc.data(), values.data(), separation, prominence);
+    return nb::make_tuple(indices(selected.peaks), selected.triangle);
+}
+
+nb::list py_align_outlines(const PointArray &points1, const ValueArray &arc1, const PointArray &points2,
+                           const ValueArray &arc2, std::int64_t count, double tie) {
     if (count < 3) throw std::invalid_argument("count must be at least 3, not " + std::to_string(count));
-    const auto n = static_cast<std::size_t>(count);
-    std::vector<Vec> a(n), b(n);
-    resample(contour_of(points1), n, 0.0, a.data());
-    resample(contour_of(points2), n, 0.0, b.data());
-    auto *za = reinterpret_cast<double *>(a.data()), *zb = reinterpret_cast<double *>(b.data());
-    centre_and_normalise(za, count);
-    centre_and_normalise(zb, count);
-    Output out(n, 2);
-    cyclic_correlation(za, zb, count, out.values());
-    return out.array();
+    check_arc(points1.shape(0), arc1);
+    check_arc(points2.shape(0), arc2);
+    nb::list out;
+    for (const Fit &fit : align_outlines(points_of(points1), arc1.data(), points_of(points2), arc2.data(),
+                                         static_cast<std::size_t>(count), tie))
+        out.append(nb::make_tuple(fit.shift, fit.angle, fit.residual));
+    return out;
 }
 
 nb::object py_match_curvature(const ValueArray &v1, const ValueArray &arc1, const IndexArray &indices,
                               const ValueArray &v2, const ValueArray &arc2, const ValueArray &centres, double kappa,
-                              double reach, int radius, double step) {
-    check_arc(v1, arc1);
-    check_arc(v2, arc2);
+                              double reach, int radius, double step, double tolerance) {
+    check_arc(v1.shape(0), arc1);
+    check_arc(v2.shape(0), arc2);
     const auto n1 = static_cast<std::int64_t>(v1.shape(0)), m = static_cast<std::int64_t>(indices.shape(0));
+    if (radius < 0) throw std::invalid_argument("radius must be at least 0");
     if (centres.shape(0) != indices.shape(0)) throw std::invalid_argument("each index needs its centre");
     for (std::int64_t row = 0; row < m; ++row)
         if (indices.data()[row] < 0 || indices.data()[row] >= n1) throw std::invalid_argument("index out of range");
     Output out(static_cast<std::size_t>(m), 2);
     match_curvature(v1.data(), arc1.data(), n1, indices.data(), m, v2.data(), arc2.data(),
-                    static_cast<std::int64_t>(v2.shape(0)), centres.data(), kappa, reach, radius, step, out.values());
+                    static_cast<std::int64_t>(v2.shape(0)), centres.data(), kappa, reach, radius, step, tolerance,
+                    out.values());
     return out.array();
 }
-
-using FlagArray = nb::ndarray<const bool, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 
 nb::tuple py_settle_edges(const PointArray &points, const PointArray &normals, const RowArray &edges,
                           const FlagArray &fixed, double fallback, double outlier) {
@@ -282,7 +309,8 @@ nb::tuple py_trace_edges(const ByteImage &image, const ChainArray &chain, const 
 
 NB_MODULE(_native, m) {
     m.doc() = "Compiled kernels; grasptrack.kernels.reference defines each of them.";
-    m.def("align_outlines", &py_align_outlines, "points1"_a, "points2"_a, "count"_a);
+    m.def("align_outlines", &py_align_outlines, "points1"_a, "arc1"_a, "points2"_a, "arc2"_a, "count"_a,
+          "tie"_a);
     m.def("arc_length", &py_arc_length, "points"_a);
     m.def("best_quadrilateral", &py_best_quadrilateral, "points"_a, "weights"_a);
     m.def("blend_normals", &py_blend_normals, "points"_a);
@@ -291,6 +319,8 @@ NB_MODULE(_native, m) {
     m.def("crossings", &py_crossings, "points"_a, "offsets"_a, "x"_a, "y"_a, "ux"_a, "uy"_a);
     m.def("curvature", &py_curvature, "points"_a, "step"_a);
     m.def("curvature_peaks", &py_curvature_peaks, "curvature"_a, "arc"_a, "separation"_a, "prominence"_a);
+    m.def("curvature_vector", &py_curvature_vector, "points"_a, "clipped"_a.none(), "smoothing"_a);
+    m.def("distortion", &py_distortion, "H"_a, "points"_a);
     m.def("edge_search", &py_edge_search<std::uint8_t>, "image"_a.noconvert(), "points"_a, "normals"_a, "reach"_a,
           "polarity"_a);
     m.def("edge_search", &py_edge_search<float>, "image"_a.noconvert(), "points"_a, "normals"_a, "reach"_a,
@@ -300,13 +330,14 @@ NB_MODULE(_native, m) {
     m.def("inertia", &py_inertia, "points"_a, "offsets"_a);
     m.def("locate", &py_locate, "points"_a, "offsets"_a, "queries"_a);
     m.def("match_curvature", &py_match_curvature, "v1"_a, "arc1"_a, "indices"_a, "v2"_a, "arc2"_a, "centres"_a,
-          "kappa"_a, "reach"_a, "radius"_a, "step"_a);
+          "kappa"_a, "reach"_a, "radius"_a, "step"_a, "tolerance"_a);
     m.def("nearest_crossings", &py_nearest_crossings, "points"_a, "offsets"_a, "x"_a, "y"_a, "ux"_a, "uy"_a, "t1"_a,
           "t2"_a);
     m.def("point_at", &py_point_at, "points"_a, "offsets"_a, "places"_a);
     m.def("projective_step", &py_projective_step, "points"_a, "normals"_a, "offsets"_a, "contacts"_a, "radius"_a,
           "loose"_a);
     m.def("resample", &py_resample, "points"_a, "count"_a, "smooth"_a);
+    m.def("select_points", &py_select_points, "points"_a, "arc"_a, "curvature"_a, "separation"_a, "prominence"_a);
     m.def("settle_edges", &py_settle_edges, "points"_a, "normals"_a, "edges"_a, "fixed"_a, "fallback"_a, "outlier"_a);
     m.def("soft_threshold", &py_soft_threshold, "image"_a.noconvert(), "left"_a, "top"_a, "right"_a, "bottom"_a,
           "level"_a, "polarity"_a);

@@ -2,64 +2,99 @@
 // Curvature, resampling and vertex normals of one closed contour.
 #pragma once
 
+#include <limits>
+
 #include "curve.hpp"
 
 namespace grasptrack {
 
-// atan2 at a third of its price where the angle is small, as it is nearly everywhere on an outline: the series of
-// atan, to the last bit or two for a tangent below 1/4.
-inline double turning(double y, double x) {
-    if (!(std::fabs(y) < 0.25 * x)) return std::atan2(y, x);
-    const double t = y / x, q = t * t;
-    double sum = 1.0 / 25;
-    sum = 1.0 / 23 - q * sum;
-    sum = 1.0 / 21 - q * sum;
-    sum = 1.0 / 19 - q * sum;
-    sum = 1.0 / 17 - q * sum;
-    sum = 1.0 / 15 - q * sum;
-    sum = 1.0 / 13 - q * sum;
-    sum = 1.0 / 11 - q * sum;
-    sum = 1.0 / 9 - q * sum;
-    sum = 1.0 / 7 - q * sum;
-    sum = 1.0 / 5 - q * sum;
-    sum = 1.0 / 3 - q * sum;
-    return t - t * q * sum;
+// scale * atan2 of many values at once. Up to a turn of 65 degrees, that is nearly everywhere on an outline, it is twice
+// the angle of half the turn by the rational function of Cephes' atan (S. Moshier, 1984-1995); else the library's.
+inline void turnings(const double *y, const double *x, std::size_t count, double scale, double *out) {
+    constexpr double steep = 2.14;
+    for (std::size_t i = 0; i < count; ++i) {  // no branches: the compiler takes two at a time
+        const double t = y[i] / (x[i] + std::sqrt(x[i] * x[i] + y[i] * y[i])), z = t * t;
+        double p = -8.750608600031904122785e-1;
+        p = p * z - 1.615753718733365076637e1;
+        p = p * z - 7.500855792314704667340e1;
+        p = p * z - 1.228866684490136173410e2;
+        p = p * z - 6.485021904942025371773e1;
+        double q = z + 2.485846490142306297962e1;
+        q = q * z + 1.650270098316988542046e2;
+        q = q * z + 4.328810604912902668951e2;
+        q = q * z + 4.853903996359136964868e2;
+        q = q * z + 1.945506571482613964425e2;
+        out[i] = 2 * scale * (t + t * (z * p / q));
+    }
+    for (std::size_t i = 0; i < count; ++i)
+        if (!(std::fabs(y[i]) < steep * x[i])) out[i] = scale * std::atan2(y[i], x[i]);
+}
+
+// Curvature times `scale`.
+inline void curvature(Points points, const double *arc, double step, double scale, double *out) {
+    const std::size_t n = points.size;
+    if (!(step > 0 && step <= arc[n] / 4))
+        throw std::invalid_argument("step must be above 0 and at most a quarter of the length " + number(arc[n]) +
+                                    ", not " + number(step));
+    const Integral curve(points, arc, 1.5 * step);
+    std::unique_ptr<double[]> parts(new double[2 * n]);
+    double *y = parts.get(), *x = y + n;
+    Integral::Reader read_a(curve), read_b(curve), read_c(curve), read_d(curve);
+    for (std::size_t i = 0; i < n; ++i) {
+        const double s = arc[i];
+        const Pair a = read_a.integral(s - 1.5 * step), b = read_b.integral(s - 0.5 * step);
+        const Pair c = read_c.integral(s + 0.5 * step), d = read_d.integral(s + 1.5 * step);
+        // Chords of box means, times step.
+        const Pair middle = c - b, before = middle - (b - a), after = (d - c) - middle;
+        y[i] = cross(before, after);
+        x[i] = dot(before, after);
+    }
+    turnings(y, x, n, scale / step, out);
 }
 
 inline void curvature(Points points, double step, double *out) {
-    const Integral curve(points);
-    const double whole = curve.length_of_curve();
-    if (!(step > 0 && step <= whole / 4))
-        throw std::invalid_argument("step must be above 0 and at most a quarter of the length " + number(whole) +
-                                    ", not " + number(step));
-    Integral::Reader read_a(curve, -1.5 * step), read_b(curve, -0.5 * step), read_c(curve, 0), read_d(curve, 0);
-    for (std::size_t i = 0; i < points.size; ++i) {
-        const double s = curve.arc(i);
-        const Vec a = read_a.integral(s - 1.5 * step), b = read_b.integral(s - 0.5 * step);
-        const Vec c = read_c.integral(s + 0.5 * step), d = read_d.integral(s + 1.5 * step);
-        // Chords of box means, times step.
-        const Vec before = c - 2.0 * b + a, after = d - 2.0 * c + b;
-        out[i] = turning(cross(before, after), dot(before, after)) / step;
+    std::unique_ptr<double[]> arc(new double[points.size + 1]);
+    arc_length(points, arc.get());
+    curvature(points, arc.get(), step, 1.0, out);
+}
+
+inline void curvature_vector(Points points, const bool *clipped, double smoothing, double *arc, double *out) {
+    arc_length(points, arc);
+    const std::size_t n = points.size;
+    const double whole = arc[n], step = smoothing * whole;
+    curvature(points, arc, step, whole, out);
+    if (!clipped) return;
+    const double reach = std::ceil(1.5 * step / (whole / static_cast<double>(n)));
+    // Counted from the last clipped point, once along the contour and once back.
+    for (int way = 0; way < 2; ++way) {
+        double since = std::numeric_limits<double>::infinity();
+        for (std::size_t k = 0; k < 2 * n; ++k) {
+            const std::size_t i = way == 0 ? k % n : n - 1 - k % n;
+            since = clipped[i] ? 0 : since + 1;
+            if (since <= reach) out[i] = std::numeric_limits<double>::quiet_NaN();
+        }
     }
 }
 
 inline void resample(Points points, std::size_t count, double smooth, Vec *out) {
-    const Integral curve(points);
-    const double whole = curve.length_of_curve();
+    std::unique_ptr<double[]> arc(new double[points.size + 1]);
+    arc_length(points, arc.get());
+    const double whole = arc[points.size];
     if (!(smooth >= 0 && smooth <= whole))
         throw std::invalid_argument("smooth must be between 0 and the length " + number(whole) + ", not " +
                                     number(smooth));
     const double spacing = whole / static_cast<double>(count);
+    const Integral curve(points, arc.get(), 0.5 * smooth);
     if (smooth <= 1e-9 * whole) {
-        Integral::Reader read(curve, 0);
+        Integral::Reader read(curve);
         for (std::size_t j = 0; j < count; ++j) out[j] = curve.origin() + read.point(static_cast<double>(j) * spacing);
         return;
     }
-    Integral::Reader read_low(curve, -0.5 * smooth), read_high(curve, 0);
+    Integral::Reader read_low(curve), read_high(curve);
     for (std::size_t j = 0; j < count; ++j) {
         const double s = static_cast<double>(j) * spacing;
-        const Vec high = read_high.integral(s + 0.5 * smooth), low = read_low.integral(s - 0.5 * smooth);
-        out[j] = curve.origin() + (1 / smooth) * (high - low);
+        const Pair sum = read_high.integral(s + 0.5 * smooth) - read_low.integral(s - 0.5 * smooth);
+        out[j] = curve.origin() + (1 / smooth) * Vec{sum[0], sum[1]};
     }
 }
 

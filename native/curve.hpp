@@ -2,91 +2,89 @@
 // One closed contour as a curve of its arc length.
 #pragma once
 
-#include <vector>
+#include <memory>
 
 #include "geometry.hpp"
 
 namespace grasptrack {
 
 inline void arc_length(Points points, double *out) {
-    double s = out[0] = 0.0;
-    for (std::size_t i = 0; i < points.size; ++i) {
-        s += length(points[i + 1 < points.size ? i + 1 : 0] - points[i]);
-        out[i + 1] = s;
+    const std::size_t last = points.size - 1;
+    out[0] = 0.0;
+    for (std::size_t i = 0; i < last; ++i) {  // the sides first, without a test for the end: two roots at a time
+        const double dx = points.data[i + 1].x - points.data[i].x, dy = points.data[i + 1].y - points.data[i].y;
+        out[i + 1] = std::sqrt(dx * dx + dy * dy);
     }
+    out[last + 1] = length(points[0] - points[last]);
+    for (std::size_t i = 0; i < points.size; ++i) out[i + 1] += out[i];
 }
 
-// F(s), the integral of the curve from 0 to s relative to its first point, exact on the polygon.
+// F(s), the integral of the curve from 0 to s relative to its first point, exact on the polygon. It can be read from
+// -margin to the length + margin, for a margin in px below the length.
 class Integral {
     struct Knot {
-        Vec point, slope, prefix;
+        Pair point, half_slope, prefix;
         double arc;
     };
 
   public:
-    explicit Integral(Points points) : knots_(points.size + 1), size_(points.size) {
-        origin_ = points[0];
-        Knot here{};
-        for (std::size_t i = 0; i < size_; ++i) {
-            const Vec side = points[i + 1 < size_ ? i + 1 : 0] - points[i];
-            const double span = length(side);
-            here.point = points[i] - origin_;
-            here.slope = span > 0 ? (1 / span) * side : Vec{0, 0};
-            knots_[i] = here;
-            here.prefix = here.prefix + span * (here.point + 0.5 * side);
-            here.arc += span;
+    Integral(Points points, const double *arc, double margin) : origin_(points[0]) {
+        const std::size_t n = points.size;
+        std::size_t before = 0, after = 1;  // sides of the lap before and of the lap after
+        while (before < n && arc[n] - arc[n - before] < margin) ++before;
+        while (after < n && arc[after] <= margin) ++after;
+        room_.reset(new Knot[before + n + after + 1]);
+        Knot *knot = room_.get() + before;
+        const Pair origin = pair(origin_);
+        Pair here = both(0), whole = both(0);
+        for (std::size_t i = 0; i < n; ++i) {
+            const Pair next = pair(points[i + 1 < n ? i + 1 : 0]) - origin, half = both(0.5) * (next - here);
+            const double span = arc[i + 1] - arc[i];
+            knot[i] = {here, both(span > 0 ? 1 / span : 0) * half, whole, arc[i]};
+            whole = whole + both(span) * (here + half);
+            here = next;
         }
-        here.point = here.slope = {0, 0};
-        knots_[size_] = here;
+        for (std::size_t i = 1; i <= before; ++i) {
+            knot[-static_cast<std::ptrdiff_t>(i)] = knot[n - i];
+            knot[-static_cast<std::ptrdiff_t>(i)].prefix = knot[n - i].prefix - whole;
+            knot[-static_cast<std::ptrdiff_t>(i)].arc = arc[n - i] - arc[n];
+        }
+        for (std::size_t i = 0; i <= after; ++i) {
+            knot[n + i] = knot[i];
+            knot[n + i].prefix = knot[i].prefix + whole;
+            knot[n + i].arc = arc[n] + arc[i];
+        }
     }
 
-    double length_of_curve() const { return knots_[size_].arc; }
-    double arc(std::size_t i) const { return knots_[i].arc; }
     Vec origin() const { return origin_; }
 
     // Reads the curve at values of s that never fall, one segment after the other.
     class Reader {
       public:
-        Reader(const Integral &curve, double s)
-            : knots_(curve.knots_.data()), size_(curve.size_), laps_(std::floor(s / curve.length_of_curve())) {
-            base_ = laps_ * knots_[size_].arc;
-        }
+        explicit Reader(const Integral &curve) : knot_(curve.room_.get()) {}
 
-        Vec integral(double s) {
-            const double d = advance(s);
-            const Knot &k = knots_[i_];
-            return laps_ * knots_[size_].prefix + k.prefix + d * (k.point + (0.5 * d) * k.slope);
+        Pair integral(double s) {
+            const Pair d = both(advance(s));
+            return knot_->prefix + d * (knot_->point + d * knot_->half_slope);
         }
 
         Vec point(double s) {
-            const double d = advance(s);
-            return knots_[i_].point + d * knots_[i_].slope;
+            const Pair d = both(2 * advance(s)), p = knot_->point + d * knot_->half_slope;
+            return {p[0], p[1]};
         }
 
       private:
         double advance(double s) {
-            double rest = s - base_;
-            while (rest >= knots_[i_ + 1].arc) {
-                if (++i_ == size_) {
-                    i_ = 0;
-                    laps_ += 1;
-                    base_ = laps_ * knots_[size_].arc;
-                    rest = s - base_;
-                }
-            }
-            return rest - knots_[i_].arc;
+            while (s >= knot_[1].arc) ++knot_;
+            return s - knot_->arc;
         }
 
-        const Knot *knots_;
-        std::size_t size_;
-        double laps_, base_;
-        std::size_t i_ = 0;
+        const Knot *knot_;
     };
 
   private:
-    std::vector<Knot> knots_;
-    std::size_t size_;
-    Vec origin_{};
+    std::unique_ptr<Knot[]> room_;
+    Vec origin_;
 };
 
 }  // namespace grasptrack

@@ -22,6 +22,25 @@ inline double dot(Vec a, Vec b) { return a.x * b.x + a.y * b.y; }
 inline double cross(Vec a, Vec b) { return a.x * b.y - a.y * b.x; }
 inline double length(Vec a) { return std::sqrt(dot(a, a)); }
 
+// Two doubles in one register, added and multiplied lane by lane.
+#if defined(__GNUC__)
+typedef double Pair __attribute__((vector_size(16)));
+#else
+struct Pair {
+    double lane[2];
+    double &operator[](std::size_t i) { return lane[i]; }
+    double operator[](std::size_t i) const { return lane[i]; }
+};
+inline Pair operator+(Pair a, Pair b) { return {a[0] + b[0], a[1] + b[1]}; }
+inline Pair operator-(Pair a, Pair b) { return {a[0] - b[0], a[1] - b[1]}; }
+inline Pair operator*(Pair a, Pair b) { return {a[0] * b[0], a[1] * b[1]}; }
+#endif
+
+inline Pair pair(Vec a) { return Pair{a.x, a.y}; }
+inline Pair both(double a) { return Pair{a, a}; }
+inline double cross(Pair a, Pair b) { return a[0] * b[1] - a[1] * b[0]; }
+inline double dot(Pair a, Pair b) { return a[0] * b[0] + a[1] * b[1]; }
+
 // Array (n, 2) of doubles seen as points.
 struct Points {
     const Vec *data;

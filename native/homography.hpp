@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 
 #include "geometry.hpp"
 
@@ -62,6 +63,31 @@ inline void homography_4(const Vec *source, const Vec *target, double *H) {
     norm = std::sqrt(norm);
     const double scale = std::fabs(H[8]) > 1e-12 * norm ? H[8] : norm;
     for (int i = 0; i < 9; ++i) H[i] /= scale;
+}
+
+struct Distortion {
+    double in_front, determinant, ratio;
+};
+
+inline Distortion distortion(const double *H, Points points) {
+    Distortion worst{std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity(), 1.0};
+    double side = 0;
+    for (std::size_t i = 0; i < points.size; ++i) {
+        const double x = points[i].x, y = points[i].y, w = H[6] * x + H[7] * y + H[8];
+        if (i == 0) side = w < 0 ? -1 : 1;
+        const double u = (H[0] * x + H[1] * y + H[2]) / w, v = (H[3] * x + H[4] * y + H[5]) / w;
+        const double a = (H[0] - H[6] * u) / w, b = (H[1] - H[7] * u) / w;
+        const double c = (H[3] - H[6] * v) / w, d = (H[4] - H[7] * v) / w;
+        const double det = a * d - b * c, square = a * a + b * b + c * c + d * d;
+        // Singular values s1 >= s2 obey s1^2 + s2^2 = square and s1 s2 = det.
+        const double larger = 0.5 * (square + std::sqrt(std::max(square * square - 4 * det * det, 0.0)));
+        if (!(side * w >= worst.in_front)) worst.in_front = side * w;
+        if (!(det >= worst.determinant)) worst.determinant = det;
+        if (!(larger / det <= worst.ratio)) worst.ratio = larger / det;
+    }
+    for (int i = 0; i < 9; ++i)
+        if (!std::isfinite(H[i])) worst.in_front = std::numeric_limits<double>::quiet_NaN();
+    return worst;
 }
 
 }  // namespace grasptrack

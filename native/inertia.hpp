@@ -10,34 +10,51 @@ struct Inertia {
     double area, cx, cy, theta, major, minor, t30, t21, t12, t03;
 };
 
+// Sums over the edges of a polygon, two edges at a time.
+struct EdgeSums {
+    Pair m00 = both(0), m10 = m00, m01 = m00, m20 = m00, m11 = m00, m02 = m00;
+    Pair m30 = m00, m21 = m00, m12 = m00, m03 = m00;
+
+    // Edges from (x, y) to (X, Y).
+    void add(Pair x, Pair y, Pair X, Pair Y) {
+        const Pair a = x * Y - X * y, sx = x + X, sy = y + Y, ax = a * sx, ay = a * sy, axy = ax * sy;
+        const Pair xx = x * x, XX = X * X, yy = y * y, YY = Y * Y, qx = xx + XX, qy = yy + YY;
+        m00 = m00 + a;
+        m10 = m10 + ax;
+        m01 = m01 + ay;
+        m20 = m20 + (ax * sx + a * qx);
+        m11 = m11 + (axy + a * (x * y + X * Y));
+        m02 = m02 + (ay * sy + a * qy);
+        m30 = m30 + ax * qx;
+        m21 = m21 + (axy * sx + (a + a) * (xx * y + XX * Y));
+        m12 = m12 + (axy * sy + (a + a) * (yy * x + YY * X));
+        m03 = m03 + ay * qy;
+    }
+
+    void add(Points points, Vec origin) {
+        const std::size_t n = points.size;
+        std::size_t i = 0;
+        for (; i + 2 < n; i += 2) {
+            const Vec p = points[i] - origin, q = points[i + 1] - origin, r = points[i + 2] - origin;
+            add(Pair{p.x, q.x}, Pair{p.y, q.y}, Pair{q.x, r.x}, Pair{q.y, r.y});
+        }
+        for (; i < n; ++i) {
+            const Vec p = points[i] - origin, q = points[i + 1 < n ? i + 1 : 0] - origin;
+            add(Pair{p.x, 0}, Pair{p.y, 0}, Pair{q.x, 0}, Pair{q.y, 0});
+        }
+    }
+};
+
 inline Inertia inertia(const Outline &outline) {
     constexpr double symmetric = 1e-9;
     constexpr double pi = 3.14159265358979323846;
     const Vec origin = outline.points[0];
-    double m00 = 0, m10 = 0, m01 = 0, m20 = 0, m02 = 0, m11 = 0, m30 = 0, m03 = 0, m21 = 0, m12 = 0;
-    for (std::size_t c = 0; c < outline.contours; ++c) {
-        const Points points = outline.contour(c);
-        if (points.size == 0) continue;
-        Vec p = points[points.size - 1] - origin;
-        for (std::size_t i = 0; i < points.size; ++i) {
-            const Vec q = points[i] - origin;
-            const double x = p.x, y = p.y, X = q.x, Y = q.y;
-            const double a = x * Y - X * y;
-            const double xx = x * x, xX = x * X, XX = X * X, yy = y * y, yY = y * Y, YY = Y * Y;
-            m00 += a;
-            m10 += a * (x + X);
-            m01 += a * (y + Y);
-            m20 += a * (xx + xX + XX);
-            m02 += a * (yy + yY + YY);
-            m11 += a * (2 * (x * y + X * Y) + x * Y + X * y);
-            m30 += a * (x + X) * (xx + XX);
-            m03 += a * (y + Y) * (yy + YY);
-            m21 += a * (xx * (3 * y + Y) + 2 * xX * (y + Y) + XX * (y + 3 * Y));
-            m12 += a * (yy * (3 * x + X) + 2 * yY * (x + X) + YY * (x + 3 * X));
-            p = q;
-        }
-    }
-    m00 /= 2;
+    EdgeSums sums;
+    for (std::size_t c = 0; c < outline.contours; ++c) sums.add(outline.contour(c), origin);
+    const auto total = [](Pair lanes) { return lanes[0] + lanes[1]; };
+    const double m00 = total(sums.m00) / 2, m10 = total(sums.m10), m01 = total(sums.m01);
+    const double m20 = total(sums.m20) / 2, m02 = total(sums.m02) / 2, m11 = total(sums.m11);
+    const double m30 = total(sums.m30), m03 = total(sums.m03), m21 = total(sums.m21), m12 = total(sums.m12);
     const double gx = m10 / 6 / m00, gy = m01 / 6 / m00;
     // About the centroid, per area.
     const double c20 = m20 / 12 / m00 - gx * gx, c02 = m02 / 12 / m00 - gy * gy, c11 = m11 / 24 / m00 - gx * gy;

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from outlines import BRACKET, blobs, dense, frame_motions, similarities, stars, turned
 
 from grasptrack.contour import Contour, View
 from grasptrack.errors import (
@@ -22,6 +21,7 @@ from grasptrack.grasp import Grasp
 from grasptrack.projective import apply_homography
 from grasptrack.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES, grasp_line, homography, transfer
+from outlines import BRACKET, blobs, dense, frame_motions, similarities, stars, turned
 
 FEW = settings(max_examples=40, deadline=None)
 

@@ -125,7 +125,7 @@ def analyze(
 def _centroid_distance(contacts: Floats, cx: float, cy: float) -> float:
     if len(contacts) != 2:
         mx, my = contacts.mean(axis=0).tolist()
-        return math.hypot(mx - cx, my - cy)
+        return float(math.hypot(mx - cx, my - cy))
     (x1, y1), (x2, y2) = contacts.tolist()
     opening = math.hypot(x2 - x1, y2 - y1)
     if opening == 0.0:
@@ -136,5 +136,7 @@ def _centroid_distance(contacts: Floats, cx: float, cy: float) -> float:
 def _refusal(fingers: int, needed: float, friction: float) -> str:
     if needed > math.radians(89.9):
         return "the fingers do not oppose each other: no friction closes this grasp"
-    what = "the grasp line leaves a friction cone" if fingers == 2 else "the contact wrenches do not surround the origin"
+    what = (
+        "the grasp line leaves a friction cone" if fingers == 2 else "the contact wrenches do not surround the origin"
+    )
     return f"{what}: closing needs friction {math.tan(needed):.2f}, there is {friction:.2f}"

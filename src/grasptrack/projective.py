@@ -8,12 +8,15 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grasptrack import kernels
 from grasptrack.errors import ConditioningError
 
 Floats = NDArray[np.float64]
 
 MAX_SHEAR = 8.0
 """Largest ratio of the two local magnifications that a believable view of a flat object shows (82 degrees of tilt)."""
+HORIZON = 1e-9
+"""lambda of eq. (2) at and below which a point counts as sent to infinity, or behind the camera."""
 
 
 def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
@@ -25,10 +28,23 @@ def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
     h = np.asarray(H, dtype=np.float64)
     p = np.asarray(points, dtype=np.float64)
     w = p @ h[2, :2] + h[2, 2]  # lambda_i of eq. (2)
-    if not (w > 1e-9).all() and not (w < -1e-9).all():
+    if not (w > HORIZON).all() and not (w < -HORIZON).all():
         raise ConditioningError("the homography sends part of the object to infinity", homography=h.tolist())
     out: Floats = (p @ h[:2, :2].T + h[:2, 2]) / w[..., None]
     return out
+
+
+def carry_few(H: Floats, points: list[list[float]]) -> list[tuple[float, float]]:
+    """Eq. (2) for a few points, in plain floats: what `apply_homography` says of them, sooner.
+
+    Raises:
+        ConditioningError: a point lies on or behind the line that H sends to infinity.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = H.tolist()
+    depths = [g * x + h * y + i for x, y in points]  # lambda_i of eq. (2)
+    if not (min(depths) > HORIZON or max(depths) < -HORIZON):
+        raise ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
+    return [((a * x + b * y + c) / w, (d * x + e * y + f) / w) for (x, y), w in zip(points, depths, strict=True)]
 
 
 def jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]:
@@ -61,19 +77,16 @@ def check_plausible(H: Floats, points: Floats) -> None:
     Raises:
         ConditioningError: not finite, mirrors the object, sends part of it to infinity, or flattens it beyond MAX_SHEAR.
     """
-    if not np.isfinite(H).all():
+    in_front, determinant, ratio = kernels.distortion(H, points)
+    if in_front > HORIZON and determinant > 0.0 and ratio <= MAX_SHEAR:
+        return
+    if math.isnan(in_front):
         raise ConditioningError("the homography is not finite")
-    apply_homography(H, points)
-    for x, y in points.tolist():
-        a, b, c, d = jacobian(H, x, y)
-        det = a * d - b * c
-        if det <= 0.0:
-            raise ConditioningError("the homography mirrors the object", determinant=det)
-        frobenius = a * a + b * b + c * c + d * d
-        # singular values s1 >= s2 obey s1^2 + s2^2 = frobenius and s1 s2 = det
-        s1 = math.sqrt(0.5 * (frobenius + math.sqrt(max(frobenius * frobenius - 4 * det * det, 0.0))))
-        if s1 * s1 / det > MAX_SHEAR:
-            raise ConditioningError("the homography is badly conditioned: it flattens the object to a line", ratio=s1 * s1 / det)
+    if not in_front > HORIZON:
+        raise ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
+    if determinant <= 0.0:
+        raise ConditioningError("the homography mirrors the object", determinant=determinant)
+    raise ConditioningError("the homography is badly conditioned: it flattens the object to a line", ratio=ratio)
 
 
 def normalised(H: Floats) -> Floats:

@@ -7,20 +7,17 @@ along a contour's direction, (ty, -tx) points out of the material and (-ty, tx) 
 position on a contour of n points is a vertex index plus the fraction of the segment that follows, in [0, n).
 """
 
+from grasptrack.kernels.reference_alignment import align_outlines
 from grasptrack.kernels.reference_contact import contact_frames
-from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvature, resample
+from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvature, curvature_vector, resample
 from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_evidence import carry_normals, projective_step, settle_edges
-from grasptrack.kernels.reference_homography import homography_4
+from grasptrack.kernels.reference_homography import distortion, homography_4
 from grasptrack.kernels.reference_inertia import inertia
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
-from grasptrack.kernels.reference_matching import (
-    align_outlines,
-    best_quadrilateral,
-    curvature_peaks,
-    match_curvature,
-)
+from grasptrack.kernels.reference_matching import match_curvature
 from grasptrack.kernels.reference_outline import trace_edges
+from grasptrack.kernels.reference_peaks import best_quadrilateral, curvature_peaks, select_points
 from grasptrack.kernels.reference_places import locate, point_at
 from grasptrack.kernels.reference_threshold import soft_threshold
 from grasptrack.kernels.reference_wrench import force_closure
@@ -35,6 +32,8 @@ __all__ = [
     "crossings",
     "curvature",
     "curvature_peaks",
+    "curvature_vector",
+    "distortion",
     "edge_search",
     "force_closure",
     "homography_4",
@@ -45,6 +44,7 @@ __all__ = [
     "point_at",
     "projective_step",
     "resample",
+    "select_points",
     "settle_edges",
     "soft_threshold",
     "trace_edges",

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,6 +74,34 @@ def curvature(points: Floats, step: float) -> Floats:
     before, after = c - 2 * b + a, d - 2 * c + b
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     return np.asarray(np.arctan2(cross, (before * after).sum(axis=1)) / step)
+
+
+def curvature_vector(points: Floats, clipped: NDArray[np.bool_] | None, smoothing: float) -> tuple[Floats, Floats]:
+    """Scale-free curvature of one closed contour and the arc length it is a function of.
+
+    Args:
+        points: (N, 2) px.
+        clipped: (N,) True where the image border shapes the contour instead of the object, or None.
+        smoothing: step of `curvature` as a fraction of the length, above 0 and at most a quarter.
+
+    Returns:
+        (N + 1,) arc length, px; (N,) curvature times length, NaN within 1.5 steps of a clipped point.
+
+    Raises:
+        ValueError: smoothing out of range.
+    """
+    arc = arc_length(points)
+    length = float(arc[-1])
+    step = smoothing * length
+    out = curvature(points, step) * length
+    if clipped is not None:
+        if len(clipped) != len(points):
+            raise ValueError("each point needs its flag")
+        bad = clipped.copy()
+        for shift in range(1, min(math.ceil(1.5 * step / (length / len(points))), len(points)) + 1):
+            bad |= np.roll(clipped, shift) | np.roll(clipped, -shift)
+        out[bad] = np.nan
+    return arc, out
 
 
 def resample(points: Floats, count: int, smooth: float) -> Floats:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,3 +60,28 @@ def homography_4(source: Floats, target: Floats) -> Floats:
     H = back @ H @ S
     norm = np.sqrt((H * H).sum())
     return np.asarray(H / (H[2, 2] if abs(H[2, 2]) > 1e-12 * norm else norm))
+
+
+def distortion(H: Floats, points: Floats) -> tuple[float, float, float]:
+    """How a homography treats the surroundings of some points, at the worst of them.
+
+    Args:
+        H: (3, 3).
+        points: (N, 2) px.
+
+    Returns:
+        lambda of eq. (2), least, after the first one's sign: above 0 when all points lie on one side of the line that H
+        sends to infinity, NaN when H is not finite; least determinant of the local map, below 0 when it mirrors;
+        largest ratio of its two magnifications, at least 1.
+    """
+    x, y = points.T
+    (a, b, _), (d, e, _), (g, h, _) = H.tolist()
+    with np.errstate(all="ignore"):
+        w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
+        u, v = (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w, (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w
+        a, b, c, d = (a - g * u) / w, (b - h * u) / w, (d - g * v) / w, (e - h * v) / w
+        det, square = a * d - b * c, a * a + b * b + c * c + d * d
+        # singular values s1 >= s2 obey s1^2 + s2^2 = square and s1 s2 = det
+        larger = 0.5 * (square + np.sqrt(np.maximum(square * square - 4 * det * det, 0.0)))
+        front = float((w * (-1.0 if w[0] < 0 else 1.0)).min()) if np.isfinite(H).all() else math.nan
+        return front, float(det.min()), max(1.0, float((larger / det).max()))

@@ -43,27 +43,32 @@ class Alignment(NamedTuple):
 
 def alignments(first: Contour, second: Contour) -> list[Alignment]:
     """All alignments that fit as well as the best one, the best first: more than one where the outline has symmetries."""
-    c = kernels.align_outlines(first.points, second.points, GRID)
-    fit = np.hypot(c[:, 0], c[:, 1])
-    # the outline's rms radius, close enough, turns the dimensionless residual into px
-    radius = second.length / (2.0 * math.pi)
-    residual = radius * np.sqrt(np.maximum(1.0 - fit * fit, 0.0))
-    limit = float(residual.min()) + TIE * math.sqrt(second.area)
-    peaks = np.flatnonzero((residual <= limit) & (fit >= np.roll(fit, 1)) & (fit > np.roll(fit, -1)))
-    found = [Alignment(k / GRID, math.atan2(c[k, 1], c[k, 0]), float(residual[k])) for k in peaks.tolist()]
-    return sorted(found, key=lambda a: a.residual)
+    return fits(first.points, first.arc_length, second.points, second.arc_length, second.area)
+
+
+def fits(points1: Floats, arc1: Floats, points2: Floats, arc2: Floats, area2: float) -> list[Alignment]:
+    """`alignments` of points whose arc lengths (N + 1,) px and area px^2 are known already."""
+    # the outline's rms radius, close enough, turns the share of the norm that is left into px
+    radius = arc2.item(-1) / (2.0 * math.pi)
+    found = kernels.align_outlines(points1, arc1, points2, arc2, GRID, TIE * math.sqrt(area2) / radius)
+    return [Alignment(shift, angle, radius * left) for shift, angle, left in found]
 
 
 def align(first: Contour, second: Contour, expected_angle: float = 0.0) -> Alignment:
     """The alignment of two views: the best, or among those that fit alike the one with the smallest turn.
 
     Args:
+        first, second: the two outlines.
         expected_angle: rad; turns are measured from it.
 
     Raises:
         AmbiguousError: several fit alike and none turns clearly less than the others.
     """
-    found = alignments(first, second)
+    return choose(alignments(first, second), expected_angle)
+
+
+def choose(found: list[Alignment], expected_angle: float = 0.0) -> Alignment:
+    """The one meant of some alignments that fit alike; arguments and errors as for `align`."""
     if not found:
         raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
     if len(found) == 1:

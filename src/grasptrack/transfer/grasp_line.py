@@ -137,12 +137,16 @@ def _frame(view: Outline) -> tuple[float, ...]:
     area, cx, cy, theta, major, minor, *skewness = kernels.inertia(view.points, view.offsets)
     if (major - minor) < MIN_ANISOTROPY * (major + minor):
         raise AxesError(
-            f"the silhouette has no distinct inertia axes (moments {major:.0f} and {minor:.0f} px^2)", major=major, minor=minor
+            f"the silhouette has no distinct inertia axes (moments {major:.0f} and {minor:.0f} px^2)",
+            major=major,
+            minor=minor,
         )
     return area, cx, cy, theta, *skewness
 
 
-def _same_direction(description: GraspLineDescription, skewness: list[float], theta: float, prior: Floats | None) -> bool:
+def _same_direction(
+    description: GraspLineDescription, skewness: list[float], theta: float, prior: Floats | None
+) -> bool:
     """Whether I_min as the moments give it points the way it does in the reference, not against it."""
     if prior is not None:
         a, b, c, d = jacobian(prior, *description.centroid)

@@ -13,8 +13,8 @@ from grasptrack import kernels
 from grasptrack.contour import Contour, Outline
 from grasptrack.errors import ClippedError, ConditioningError, CrossingError, PeaksError
 from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography, check_plausible, jacobian
-from grasptrack.transfer.alignment import align
+from grasptrack.projective import apply_homography, carry_few, check_plausible, jacobian
+from grasptrack.transfer.alignment import choose, fits
 from grasptrack.transfer.base import Transfer
 
 Floats = NDArray[np.float64]
@@ -34,7 +34,8 @@ RADIUS = 12
 NEIGHBOURHOOD = 0.03
 """Half of eq. (3)'s neighbourhood as a fraction of the outline's length."""
 MAX_ERROR = 0.5
-"""A match whose mean curvature difference exceeds this share of the neighbourhood's own mean curvature is none."""
+"""A match whose mean curvature difference exceeds this share of the peak's own curvature, or of a circle's where that is
+more, is none."""
 MAX_REFINEMENT = 0.05
 """The outline must lie within this fraction of sqrt(area) of where the homography puts a contact."""
 
@@ -44,16 +45,18 @@ class HomographyDescription(NamedTuple):
 
     Attributes:
         contacts: (k, 2) px.
-        normals: (k, 2) unit normals of the outline at the contacts.
+        normals: (k, 2) unit normals of the outline at the contacts; None for two, which move along their line.
         outline: the outer contour.
-        curvature: (N,) of the outer contour times its length.
+        arc: (N + 1,) its arc length, px.
+        curvature: (N,) its curvature times its length.
         peaks: (m,) indices of the outer contour's peaks: the four selected points first, then what may take the place
             of one that a view does not show.
     """
 
     contacts: Floats
-    normals: Floats
+    normals: Floats | None
     outline: Contour
+    arc: Floats
     curvature: Floats
     peaks: NDArray[np.int64]
 
@@ -65,18 +68,20 @@ def describe(grasp: Grasp, view: Outline) -> HomographyDescription:
         PeaksError: fewer than four peaks of curvature, or three of any four in a row.
     """
     outline = view.contours[0]
-    length = outline.length
-    curvature = _curvature(outline.points, outline.clipped, length)
-    peaks = kernels.curvature_peaks(curvature, outline.arc_length, SEPARATION * length, PROMINENCE)
+    arc, curvature = kernels.curvature_vector(outline.points, outline.clipped, SMOOTHING)
+    length = arc.item(-1)
+    peaks, triangle = kernels.select_points(outline.points, arc, curvature, SEPARATION * length, PROMINENCE)
     if len(peaks) < 4:
-        raise PeaksError(f"the outline has {len(peaks)} peaks of curvature; a homography needs four", peaks=peaks.tolist())
-    *four, triangle = kernels.best_quadrilateral(outline.points[peaks], np.abs(curvature[peaks]))
+        raise PeaksError(
+            f"the outline has {len(peaks)} peaks of curvature; a homography needs four", peaks=peaks.tolist()
+        )
     if triangle < MIN_TRIANGLE * outline.area:
         raise PeaksError("three of the outline's curvature peaks lie in a row; a homography needs four that do not")
-    places = kernels.locate(view.points, view.offsets, grasp.contacts)
-    normals = kernels.contact_frames(view.points, view.offsets, places, 0.02 * length)[:, :2]
-    spare = np.delete(peaks, four)
-    return HomographyDescription(grasp.contacts, normals, outline, curvature, np.concatenate([peaks[four], spare]))
+    normals = None
+    if len(grasp.contacts) != 2:
+        places = kernels.locate(view.points, view.offsets, grasp.contacts)
+        normals = kernels.contact_frames(view.points, view.offsets, places, 0.02 * length)[:, :2]
+    return HomographyDescription(grasp.contacts, normals, outline, arc, curvature, peaks)
 
 
 def apply(description: HomographyDescription, view: Outline, prior: Floats | None = None) -> Transfer:
@@ -93,28 +98,14 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
         ConditioningError: the four correspondences give no plausible homography.
         CrossingError: the outline is not where the homography puts a contact.
     """
-    source, matched = _correspondences(description, view.contours[0], prior)
+    source, matched = _correspondences(description, view.contours[0], prior)  # step 1, eq. (3)
     try:
-        H = kernels.homography_4(source, matched)
+        H = kernels.homography_4(source, matched)  # step 2, eq. (1)
     except ValueError:
         raise ConditioningError("the four correspondences give no homography: three lie in a row") from None
     check_plausible(H, source)
-    contacts = apply_homography(H, description.contacts)
-    return _refine(description, H, contacts, view)
-
-
-def _curvature(points: Floats, clipped: NDArray[np.bool_] | None, length: float) -> Floats:
-    """Scale-free curvature vector, NaN wherever the image border instead of the object shapes it."""
-    step = SMOOTHING * length
-    curvature: Floats = kernels.curvature(points, step) * length
-    if clipped is not None:
-        arc = kernels.arc_length(points)
-        reach = int(math.ceil(1.5 * step / max(float(arc[-1]) / len(points), 1e-9)))
-        bad = clipped.copy()
-        for shift in range(1, reach + 1):
-            bad |= np.roll(clipped, shift) | np.roll(clipped, -shift)
-        curvature[bad] = np.nan
-    return curvature
+    contacts = carry_few(H, description.contacts.tolist())  # step 3, eq. (2)
+    return _refine(description, H, contacts, view)  # step 4
 
 
 def _correspondences(
@@ -122,66 +113,72 @@ def _correspondences(
 ) -> tuple[Floats, Floats]:
     """(4, 2) selected points of the reference and (4, 2) what matches them: the search of Section IV-C.1."""
     first, peaks = description.outline, description.peaks
-    if prior is not None:
-        carried = apply_homography(prior, first.points)
-        arc1 = kernels.arc_length(carried)
-        length = float(arc1[-1])
-        v1, v2 = _curvature(carried, None, length), _curvature(current.points, current.clipped, length)
-        kappa = 1.0
+    if prior is None and current.clipped is not None:
+        raise ClippedError("the image border cuts the object, and nothing says how large it is")
+    arc2, v2 = kernels.curvature_vector(current.points, current.clipped, SMOOTHING)
+    if prior is None:
+        arc1, v1 = description.arc, description.curvature
+        length = arc1.item(-1)
+        kappa = arc2.item(-1) / length
+        shift = choose(fits(first.points, arc1, current.points, arc2, current.area)).shift * length
     else:
-        if current.clipped is not None:
-            raise ClippedError("the image border cuts the object, and nothing says how large it is")
-        arc1, length = first.arc_length, first.length
-        v1, v2 = description.curvature, _curvature(current.points, None, current.length)
-        kappa = current.length / length
-        shift = align(first, current).shift
+        carried = apply_homography(prior, first.points)
+        arc1, v1 = kernels.curvature_vector(carried, None, SMOOTHING)
+        length = arc1.item(-1)
+        kappa = 1.0
 
-    def match(indices: NDArray[np.int64]) -> tuple[Floats, NDArray[np.bool_]]:
-        """Eq. (3) for some peaks: the samples of the current contour, and which of them are matches."""
-        if prior is not None:
-            places = kernels.locate(current.points, current.offsets, carried[indices])
-            centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), current.arc_length)
+    def match(indices: NDArray[np.int64]) -> Floats:
+        """Eq. (3) for some peaks: the samples of the current contour that match them, or -1, and their errors."""
+        if prior is None:
+            centres = kappa * (arc1[indices] + shift)
         else:
-            centres = kappa * (arc1[indices] + shift * length)
+            places = kernels.locate(current.points, current.offsets, carried[indices])
+            centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), arc2)
         step = NEIGHBOURHOOD * length / RADIUS
-        found = kernels.match_curvature(
-            v1, arc1, indices, v2, current.arc_length, centres, kappa, SEARCH * length, RADIUS, step
+        return kernels.match_curvature(
+            v1, arc1, indices, v2, arc2, centres, kappa, SEARCH * length, RADIUS, step, MAX_ERROR
         )
-        good = found[:, 1] <= MAX_ERROR * np.maximum(np.abs(v1[indices]), 2 * math.pi)
-        return found[:, 0], good
 
-    samples, good = match(peaks[:4])
-    if good.all():
-        return first.points[peaks[:4]], current.points[samples.astype(np.int64)]
-    samples, good = match(peaks)
-    usable, samples = peaks[good], samples[good].astype(np.int64)
+    four = peaks[:4]
+    samples = [int(j) for j, _ in match(four).tolist()]
+    if min(samples) >= 0:
+        return first.points[four], current.points[samples]
+    found = match(peaks)[:, 0].astype(np.int64)
+    usable, found = peaks[found >= 0], found[found >= 0]
     if len(usable) < 4:
-        raise PeaksError(f"only {len(usable)} peaks of the reference outline have a match in this view; four are needed")
-    *four, triangle = kernels.best_quadrilateral(first.points[usable], np.abs(description.curvature[usable]))
+        raise PeaksError(
+            f"only {len(usable)} peaks of the reference outline have a match in this view; four are needed"
+        )
+    *best, triangle = kernels.best_quadrilateral(first.points[usable], np.abs(description.curvature[usable]))
     if triangle < MIN_TRIANGLE * first.area:
         raise PeaksError("three of the curvature peaks that this view shows lie in a row")
-    return first.points[usable[four]], current.points[samples[four]]
+    return first.points[usable[best]], current.points[found[best]]
 
 
-def _refine(description: HomographyDescription, H: Floats, contacts: Floats, view: Outline) -> Transfer:
+def _refine(
+    description: HomographyDescription, H: Floats, contacts: list[tuple[float, float]], view: Outline
+) -> Transfer:
     """Fig. 11: two contacts move along their line onto the outline; more of them, each along its normal."""
-    if len(contacts) == 2:
-        (x1, y1), (x2, y2) = contacts.tolist()
+    if description.normals is None:
+        (x1, y1), (x2, y2) = contacts
         opening = math.hypot(x2 - x1, y2 - y1)
         ux, uy = (x2 - x1) / opening, (y2 - y1) / opening
-        found = kernels.nearest_crossings(view.points, view.offsets, x1, y1, ux, uy, 0.0, opening)
-        refined = np.array((found[:2], found[2:]))
+        p, q, r, s = kernels.nearest_crossings(view.points, view.offsets, x1, y1, ux, uy, 0.0, opening)
+        refined = [(p, q), (r, s)]
     else:
-        refined = np.empty_like(contacts)
-        for i, ((x, y), (nx, ny)) in enumerate(zip(contacts.tolist(), description.normals.tolist(), strict=True)):
-            a, b, c, d = jacobian(H, *description.contacts[i].tolist())
+        refined = []
+        for before, (nx, ny), (x, y) in zip(
+            description.contacts.tolist(), description.normals.tolist(), contacts, strict=True
+        ):
+            a, b, c, d = jacobian(H, *before)
             ux, uy = d * nx - c * ny, a * ny - b * nx  # normals go by the inverse transpose, up to scale
             size = math.hypot(ux, uy)
-            refined[i] = kernels.nearest_crossings(view.points, view.offsets, x, y, ux / size, uy / size, 0.0, 0.0)[:2]
-    moved = refined - contacts
-    residual = math.sqrt(float(np.einsum("ij,ij->i", moved, moved).max()))
+            p, q, *_ = kernels.nearest_crossings(view.points, view.offsets, x, y, ux / size, uy / size, 0.0, 0.0)
+            refined.append((p, q))
+    moved = [math.hypot(p - x, q - y) for (p, q), (x, y) in zip(refined, contacts, strict=True)]
+    residual = math.nan if any(map(math.isnan, moved)) else max(moved)
     a, b, c, d = jacobian(H, *description.contacts[0].tolist())
     limit = MAX_REFINEMENT * math.sqrt(description.outline.area * abs(a * d - b * c))
-    if not residual <= limit or (len(refined) == 2 and (refined[0] == refined[1]).all()):
+    if not residual <= limit or (len(refined) == 2 and refined[0] == refined[1]):
         raise CrossingError("the outline is not where the homography puts a contact", residual=residual)
-    return Transfer(Grasp.of(refined), H, None, residual)
+    return Transfer(Grasp.of(np.array(refined)), H, None, residual)
