@@ -21,6 +21,7 @@
 #include "outline.hpp"
 #include "peaks.hpp"
 #include "registration.hpp"
+#include "support.hpp"
 #include "threshold.hpp"
 #include "wrench.hpp"
 
@@ -281,6 +282,21 @@ nb::object py_soft_threshold(const nb::ndarray<const std::uint8_t, nb::shape<-1,
     return nb::cast(nb::ndarray<nb::numpy, std::uint8_t, nb::ndim<2>>(data, {rows, columns}, owner));
 }
 
+// A new array of flags.
+class Flags {
+  public:
+    explicit Flags(std::size_t size) : size_(size), data_(new bool[size]()) {}
+    bool *values() { return data_; }
+    nb::object array() {
+        nb::capsule owner(data_, [](void *p) noexcept { delete[] static_cast<bool *>(p); });
+        return nb::cast(nb::ndarray<nb::numpy, bool, nb::ndim<1>>(data_, {size_}, owner));
+    }
+
+  private:
+    std::size_t size_;
+    bool *data_;
+};
+
 using ByteImage = nb::ndarray<const std::uint8_t, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
 using ChainArray = nb::ndarray<const std::int32_t, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
 
@@ -298,11 +314,33 @@ nb::tuple py_trace_edges(const ByteImage &image, const ChainArray &chain, const 
     Output points(n, 2), strength(n);
     std::copy(found.points.begin(), found.points.end(), points.vectors());
     std::copy(found.strength.begin(), found.strength.end(), strength.values());
-    auto *flags = new bool[n];
-    std::copy(found.cut.get(), found.cut.get() + n, flags);
-    nb::capsule owner(flags, [](void *p) noexcept { delete[] static_cast<bool *>(p); });
-    return nb::make_tuple(points.array(), strength.array(), nb::cast(nb::ndarray<nb::numpy, bool, nb::ndim<1>>(flags, {n}, owner)),
-                          found.inside, found.outside);
+    Flags cut(n);
+    std::copy(found.cut.get(), found.cut.get() + n, cut.values());
+    return nb::make_tuple(points.array(), strength.array(), cut.array(), found.inside, found.outside);
+}
+
+nb::tuple py_outline_support(const ByteImage &image, const RowArray &H, const PointArray &points,
+                             const PointArray &normals, const ValueArray &strength, const PointArray &contacts,
+                             int polarity, double area, double reach_share, double least_reach, double most_reach,
+                             double least_strength, double relative_strength, double other_ground, double loose) {
+    const std::size_t m = points.shape(0), k = contacts.shape(0);
+    if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
+    if (m == 0 || k == 0 || normals.shape(0) != m || strength.shape(0) != m)
+        throw std::invalid_argument("samples, each with its normal and strength, and contacts are needed");
+    const Image<std::uint8_t> seen{image.data(), static_cast<std::ptrdiff_t>(image.shape(0)),
+                                   static_cast<std::ptrdiff_t>(image.shape(1))};
+    Output at(m, 2), along(m, 2), edges(m, 4), shift(k, 2), covariance(k, 4);
+    Flags inside(m), found(m);
+    std::fill(edges.values(), edges.values() + 4 * m, 0.0);
+    std::fill(shift.values(), shift.values() + 2 * k, 0.0);
+    std::fill(covariance.values(), covariance.values() + 4 * k, 0.0);
+    const SupportValues values = outline_support(
+        seen, H.data(), points.data(), normals.data(), strength.data(), m, contacts.data(), k,
+        {area, reach_share, least_reach, most_reach, least_strength, relative_strength, other_ground, loose, polarity},
+        {at.vectors(), along.vectors(), reinterpret_cast<Edge *>(edges.values()), inside.values(), found.values()},
+        shift.values(), covariance.values());
+    return nb::make_tuple(values.size, values.reach, at.array(), along.array(), edges.array(), inside.array(),
+                          found.array(), shift.array(), covariance.array().attr("reshape")(nb::make_tuple(k, 2, 2)));
 }
 
 }  // namespace
@@ -343,4 +381,7 @@ NB_MODULE(_native, m) {
           "level"_a, "polarity"_a);
     m.def("trace_edges", &py_trace_edges, "image"_a.noconvert(), "chain"_a, "hidden"_a.none(), "hole"_a, "polarity"_a,
           "spacing"_a, "most"_a, "smoothing"_a, "reach"_a, "border"_a, "outlier"_a);
+    m.def("outline_support", &py_outline_support, "image"_a.noconvert(), "H"_a, "points"_a, "normals"_a, "strength"_a,
+          "contacts"_a, "polarity"_a, "area"_a, "reach_share"_a, "least_reach"_a, "most_reach"_a, "least_strength"_a,
+          "relative_strength"_a, "other_ground"_a, "loose"_a);
 }

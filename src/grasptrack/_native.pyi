@@ -73,3 +73,20 @@ def trace_edges(
     border: float,
     outlier: float,
 ) -> tuple[Floats, Floats, NDArray[np.bool_], float, float]: ...
+def outline_support(
+    image: NDArray[np.uint8],
+    H: Floats,
+    points: Floats,
+    normals: Floats,
+    strength: Floats,
+    contacts: Floats,
+    polarity: int,
+    area: float,
+    reach_share: float,
+    least_reach: float,
+    most_reach: float,
+    least_strength: float,
+    relative_strength: float,
+    other_ground: float,
+    loose: float,
+) -> tuple[float, float, Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], Floats, Floats]: ...

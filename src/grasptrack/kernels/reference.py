@@ -19,6 +19,7 @@ from grasptrack.kernels.reference_matching import match_curvature
 from grasptrack.kernels.reference_outline import trace_edges
 from grasptrack.kernels.reference_peaks import best_quadrilateral, curvature_peaks, select_points
 from grasptrack.kernels.reference_places import locate, point_at
+from grasptrack.kernels.reference_support import outline_support
 from grasptrack.kernels.reference_threshold import soft_threshold
 from grasptrack.kernels.reference_wrench import force_closure
 
@@ -41,6 +42,7 @@ __all__ = [
     "locate",
     "match_curvature",
     "nearest_crossings",
+    "outline_support",
     "point_at",
     "projective_step",
     "resample",

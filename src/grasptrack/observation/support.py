@@ -21,6 +21,10 @@ SAMPLES = 96
 """Points of the reference outline that are looked for in every image."""
 PER_CONTACT = 5
 """More of them under each finger."""
+REACH = 0.02
+"""Edges are searched on either side within this fraction of sqrt(area), ..."""
+MIN_REACH, MAX_REACH = 3.0, 12.0
+"""... and within these px."""
 MIN_STRENGTH = 2.0
 """Grey levels per px below which nothing counts as an edge."""
 RELATIVE_STRENGTH = 0.3
@@ -76,7 +80,9 @@ class OutlineSamples:
     def __init__(self, view: View, grey: Grey, contacts: Floats, width: float, polarity: int) -> None:
         total = sum(c.length for c in view.contours)
         places = [
-            np.column_stack([np.full(n, float(i)), np.interp(np.arange(n) * (c.length / n), c.arc_length, np.arange(len(c) + 1.0))])
+            np.column_stack(
+                [np.full(n, float(i)), np.interp(np.arange(n) * (c.length / n), c.arc_length, np.arange(len(c) + 1.0))]
+            )
             for i, c in enumerate(view.contours)
             if (n := max(4, round(SAMPLES * c.length / total)))
         ]
@@ -84,7 +90,9 @@ class OutlineSamples:
             c = view.contours[int(contour)]
             here = float(np.interp(position, np.arange(len(c) + 1.0), c.arc_length))
             s = np.mod(here + width * np.linspace(-0.5, 0.5, PER_CONTACT), c.length)
-            places.append(np.column_stack([np.full(PER_CONTACT, contour), np.interp(s, c.arc_length, np.arange(len(c) + 1.0))]))
+            places.append(
+                np.column_stack([np.full(PER_CONTACT, contour), np.interp(s, c.arc_length, np.arange(len(c) + 1.0))])
+            )
         where = np.ascontiguousarray(np.concatenate(places))
         where[:, 1] = np.mod(where[:, 1], [len(view.contours[int(i)]) for i in where[:, 0]])
         points = kernels.point_at(view.points, view.offsets, where)
@@ -113,28 +121,27 @@ class OutlineSamples:
         Raises:
             ConditioningError: H sends part of the outline to infinity.
         """
-        moved = kernels.carry_normals(H, self.points, self.normals)
-        size = math.sqrt(self.area * abs(float(moved[:, 4].mean())))
+        size, reach, points, normals, edges, inside, found, shift, covariance = kernels.outline_support(
+            grey,
+            H,
+            self.points,
+            self.normals,
+            self.strength,
+            contacts,
+            self.polarity,
+            self.area,
+            REACH,
+            MIN_REACH,
+            MAX_REACH,
+            MIN_STRENGTH,
+            RELATIVE_STRENGTH,
+            OTHER_GROUND,
+            LOOSE,
+        )
         if not size > 0.0:
             raise ConditioningError("the homography sends part of the object to infinity")
-        reach = min(max(0.02 * size, 3.0), 12.0)
-        points, normals = np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4])
-        edges = kernels.edge_search(grey, points, normals, reach + 2.0, self.polarity)
-        last = (grey.shape[1] - 2.0, grey.shape[0] - 2.0)
-        inside = ((points >= 1.0) & (points <= last)).all(axis=1)
-        offset, strength = np.abs(edges[:, 0]), np.abs(edges[:, 1])
-        found = inside & (offset <= reach) & (strength >= MIN_STRENGTH)
-        if found.any():
-            gain = float(np.median((strength / self.strength)[found]))
-            found &= strength >= RELATIVE_STRENGTH * gain * np.where(np.isinf(self.strength), 0.0, self.strength)
-        sure = found & self._on_the_ground(edges, found)
-        centre = points.mean(axis=0)
-        radius = math.sqrt(float(np.einsum("ni,ni->", points - centre, points - centre)) / len(points))
-        shift, covariance = kernels.projective_step(
-            points[sure], normals[sure], edges[sure, 0], contacts, radius, LOOSE * size
-        )
         asked = int(np.count_nonzero(inside & self.outline))
-        hits = offset[found & self.outline]
+        hits = np.abs(edges[found & self.outline, 0])
         return Support(
             len(hits) / asked if asked else 0.0,
             asked / self.count,
@@ -148,19 +155,16 @@ class OutlineSamples:
             self._contradicted(grey, points, normals, inside, found, edges, reach, size) / asked if asked else 0.0,
         )
 
-    def _on_the_ground(self, edges: Floats, found: Bools) -> Bools:
-        """(n,) edges with the same ground beyond them as most: the same level, or as much lighter as the object is there."""
-        within, beyond = edges[:, 2], edges[:, 3]
-        if not found.any():
-            return found
-        dark, light = float(np.median(within[found])), float(np.median(beyond[found]))
-        spread = 1.4826 * float(np.median(np.abs(beyond[found] - light)))
-        tolerance = max(OTHER_GROUND * abs(light - dark), 4.0 * spread)
-        lit = light * within / max(dark, 1.0)
-        return np.asarray((np.abs(beyond - light) <= tolerance) | (np.abs(beyond - lit) <= tolerance))
-
     def _contradicted(
-        self, grey: Grey, points: Floats, normals: Floats, inside: Bools, found: Bools, edges: Floats, reach: float, size: float
+        self,
+        grey: Grey,
+        points: Floats,
+        normals: Floats,
+        inside: Bools,
+        found: Bools,
+        edges: Floats,
+        reach: float,
+        size: float,
     ) -> int:
         """How many samples of the outline the image contradicts."""
         missed = inside & self.outline & ~found
@@ -174,6 +178,8 @@ class OutlineSamples:
         material = self.inside + shade
         clear = np.abs(light - material) > CLEAR * spread
         level = np.where(clear, light, math.nan)
-        return int(np.count_nonzero(
-            contradicted(grey, points[use], normals[use], missed[use], material[use], level[use], reach, size)
-        ))
+        return int(
+            np.count_nonzero(
+                contradicted(grey, points[use], normals[use], missed[use], material[use], level[use], reach, size)
+            )
+        )
