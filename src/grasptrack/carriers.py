@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -82,7 +84,7 @@ class SnakeCarrier:
 
     def __init__(self, grasp: Grasp, reference: View, grey: Grey, shape: Shape) -> None:
         self._contacts = grasp.contacts
-        self._make = lambda: Snake(reference, grey, shape, contacts=grasp.contacts)
+        self._make: Callable[[], Snake] = partial(Snake, reference, grey, shape, contacts=grasp.contacts)
         self._described: tuple[Snake, rrp.RRPDescription] | None = None
         self._grasp = grasp
 

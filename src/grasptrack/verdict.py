@@ -6,8 +6,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from grasptrack.analysis import GraspAnalysis
 from grasptrack.observation.support import Support
 from grasptrack.result import Status
@@ -58,19 +56,13 @@ def lost(reason: str) -> Verdict:
     return Verdict("lost", reason, 0.0)
 
 
-def judge(support: Support, analysis: GraspAnalysis | None, *, again: bool = False) -> Verdict:
-    """Decide what to say of a transfer.
+def judge(support: Support, analysis: GraspAnalysis) -> Verdict:
+    """What to say of a transfer that `refuse` has let pass.
 
     Args:
         support: the edges found along the outline as the transfer carries it.
         analysis: of the transferred grasp.
-        again: the object was lost before this image.
     """
-    refusal = refuse(support, again=again)
-    if refusal:
-        return lost(refusal)
-    if analysis is None:
-        return lost("the grasp could not be analysed")
     fit = math.exp(-0.5 * (support.rms / max(MAX_RMS_PX, MAX_RMS * support.size)) ** 2)
     place = math.exp(-0.5 * (error(support) / max(MAX_SHIFT_PX, MAX_SHIFT * support.size)) ** 2)
     confidence = min(1.0, support.share * (0.5 + 0.5 * support.visible)) * fit * place
@@ -81,7 +73,16 @@ def judge(support: Support, analysis: GraspAnalysis | None, *, again: bool = Fal
 
 def error(support: Support) -> float:
     """px by which the edges say that the worst contact is off."""
-    return float(np.sqrt(np.einsum("ki,ki->k", support.shift, support.shift).max()))
+    return max(math.hypot(x, y) for x, y in support.shift.tolist())
+
+
+def deviation(support: Support) -> tuple[float, int]:
+    """px, the largest standard deviation of a contact in any direction, and which contact's it is."""
+    variances = [
+        0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy) for (xx, xy), (_, yy) in support.covariance.tolist()
+    ]
+    worst = max(range(len(variances)), key=variances.__getitem__)
+    return math.sqrt(variances[worst]), worst
 
 
 def close(support: Support) -> bool:
@@ -94,15 +95,15 @@ def refuse(support: Support, *, again: bool = False) -> str:
     if support.visible < MIN_VISIBLE:
         return f"only {100 * support.visible:.0f} % of the outline is inside the image"
     if support.contradicted > MAX_CONTRADICTED:
-        return f"another shape: {100 * support.contradicted:.0f} % of the outline ends elsewhere than in the grasp's view"
+        share = 100 * support.contradicted
+        return f"another shape: {share:.0f} % of the outline ends elsewhere than in the grasp's view"
     if support.share < (MIN_SHARE_AGAIN if again else MIN_SHARE):
         return f"only {100 * support.share:.0f} % of the outline shows its edge where the grasp's view says it is"
     if support.rms > max(MAX_RMS_PX, MAX_RMS * support.size):
         return f"the outline's shape no longer fits the reference ({support.rms:.1f} px off)"
-    sigma = np.sqrt(np.linalg.eigvalsh(support.covariance)[:, -1])
-    worst = int(sigma.argmax())
-    if not sigma[worst] <= max(MAX_SIGMA_PX, MAX_SIGMA * support.size):
-        return f"the outline in view does not fix contact {worst + 1} (uncertain by {sigma[worst]:.0f} px)"
+    sigma, worst = deviation(support)
+    if not sigma <= max(MAX_SIGMA_PX, MAX_SIGMA * support.size):
+        return f"the outline in view does not fix contact {worst + 1} (uncertain by {sigma:.0f} px)"
     off = error(support)
     if off > max(MAX_SHIFT_PX, MAX_SHIFT * support.size):
         return f"the outline's edges put a contact {off:.1f} px from where the transfer does"
