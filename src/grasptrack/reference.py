@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,11 +17,15 @@ from grasptrack.errors import StrategyError, TransferError
 from grasptrack.grasp import Grasp
 from grasptrack.observation.images import Grey
 from grasptrack.observation.support import OutlineSamples
-from grasptrack.projective import apply_homography, jacobian
+from grasptrack.projective import apply_homography
+from grasptrack.transfer.alignment import alignments, as_similarity
 
 Floats = NDArray[np.float64]
 
 AUTO = "auto"
+
+SYMMETRIC = 0.85
+"""Of a turned outline, at least so much must lie on the object's own edges for the turn to be a symmetry."""
 
 
 class Reference:
@@ -33,20 +38,34 @@ class Reference:
         strategy: "auto" or the name of one.
         polarity: +1 object darker than its surroundings, -1 lighter.
         friction: Coulomb coefficient.
+        hidden: (H, W) nonzero where nothing belongs to a scene.
 
     Raises:
         TransferError: no strategy asked for can describe this grasp on this outline; the message is the reason.
     """
 
-    def __init__(self, grasp: Grasp, view: View, grey: Grey, strategy: str, polarity: int, friction: float) -> None:
+    def __init__(
+        self,
+        grasp: Grasp,
+        view: View,
+        grey: Grey,
+        strategy: str,
+        polarity: int,
+        friction: float,
+        hidden: Grey | None = None,
+    ) -> None:
         self.grasp = grasp
         self.view = view
         self.friction = friction
-        area, *self.centre = kernels.inertia(view.points, view.offsets)[:3]
-        self.width = FINGER_WIDTH * math.sqrt(area)
+        area, x, y, *_ = kernels.inertia(view.points, view.offsets)
+        self.centre = float(x), float(y)
+        self.size = math.sqrt(area)
+        self.width = FINGER_WIDTH * self.size
         self.analysis = analyze(grasp, view, friction, self.width, "reference")
-        self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity)
+        self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity, hidden)
         self.carriers = _carriers(strategy, grasp, view, grey)
+        self.symmetry = _symmetry(view, grey, self.samples, grasp.contacts)
+        self.inner = _inner(view)
         self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // 64)])
         self._holes = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
 
@@ -63,6 +82,11 @@ class Reference:
         back = apply_homography(np.linalg.inv(H), contacts)
         return analyze(Grasp.of(back), self.view, self.friction, self.width, "reference")
 
+    def covers(self, points: Floats) -> NDArray[np.bool_]:
+        """(n,) which points (n, 2) px of the reference lie within the outer contour."""
+        outline = self.view.outer.points.astype(np.float32)
+        return np.array([cv2.pointPolygonTest(outline, (x, y), False) >= 0 for x, y in points.tolist()], dtype=np.bool_)
+
     def corrected(self, H: Floats, view: View) -> Floats:
         """A predicted homography moved and scaled so that the outline's centroid and area are those observed."""
         if view.is_clipped or self.view.is_clipped:
@@ -73,10 +97,34 @@ class Reference:
         s = math.sqrt(area / abs(wanted))
         return np.array([[s, 0.0, x - s * u], [0.0, s, y - s * v], [0.0, 0.0, 1.0]]) @ H
 
-    def angle(self, H: Floats) -> float:
-        """rad by which a homography turns the object at its centroid."""
-        a, b, c, d = jacobian(H, self.centre[0], self.centre[1])
-        return math.atan2(c - b, a + d)
+
+def _symmetry(view: View, grey: Grey, samples: OutlineSamples, contacts: Floats) -> float:
+    """rad, the smallest turn under which the reference image bears the outline out again; infinite where there is none."""
+    if view.is_clipped:
+        return math.inf
+    fits = alignments(view.outer, view.outer)
+    if not fits:
+        return 0.0
+    least = math.inf
+    for alignment in fits:
+        turn = abs(alignment.angle)
+        if 1e-3 < turn < least:
+            H = as_similarity(alignment, view.outer, view.outer)
+            if samples.support(grey, H, contacts).share >= SYMMETRIC:
+                least = turn
+    return least
+
+
+def _inner(view: View) -> Floats:
+    """(m, 2) px, about a hundred pixels well inside the material."""
+    low = np.floor(view.outer.points.min(axis=0)) - 2.0
+    width, height = (np.ceil(view.outer.points.max(axis=0)) + 3.0 - low).astype(int).tolist()
+    mask = np.zeros((height, width), np.uint8)
+    cv2.fillPoly(mask, [np.rint(c.points - low).astype(np.int32) for c in view.contours], (255,))
+    depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
+    rows, columns = np.nonzero(depth >= min(4.0, 0.5 * float(depth.max())))
+    step = max(1, len(rows) // 100)
+    return np.column_stack([columns[::step], rows[::step]]).astype(np.float64) + low
 
 
 def _carriers(strategy: str, grasp: Grasp, view: View, grey: Grey) -> list[Carrier]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,24 +13,27 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack.analysis import DEFAULT_FRICTION, ON_OUTLINE, check_friction
 from grasptrack.carriers import Carried
 from grasptrack.contour import View
-from grasptrack.errors import AmbiguousError, ConditioningError, GraspError, ObservationError, SourceError, StrategyError, TransferError
+from grasptrack.errors import (
+    ConditioningError,
+    GraspError,
+    ObservationError,
+    SourceError,
+    StrategyError,
+    TransferError,
+)
 from grasptrack.grasp import Grasp
-from grasptrack.motion import Motion
 from grasptrack.observation.images import Grey, as_scene, to_grey, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Candidate, grow
 from grasptrack.observation.support import Support
 from grasptrack.reference import AUTO, Reference, describable
 from grasptrack.result import TrackResult
+from grasptrack.search import Search
 from grasptrack.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES
-from grasptrack.transfer.alignment import align, alignments, as_similarity
 from grasptrack.verdict import Verdict, close, error, judge, lost, refuse
 
 Floats = NDArray[np.float64]
-
-ANYWHERE = 4
-"""Objects in the whole image that are tried after a loss."""
 
 NEARLY_AS_GOOD = 0.7
 """Share of the best quality that a grasp needs to be preferred for being easier to carry."""
@@ -90,7 +92,7 @@ class GraspTracker:
         self._shape: tuple[int, ...] | None = None
         self._reference: Reference | None = None
         self._observer = Observer()
-        self._motion = Motion()
+        self._search: Search | None = None
         self._reasons: list[str] = []
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
@@ -112,10 +114,10 @@ class GraspTracker:
         grey = self._prepare(image, mask)
         self._frame += 1
         self._reasons = []
-        if self._reference is None:
+        if self._reference is None or self._search is None:
             result = self._begin(grey, masked=mask is not None)  # grasp synthesis, once
         else:
-            result = self._follow(grey, self._reference)
+            result = self._follow(grey, self._reference, self._search)
         latency = 1e3 * (clock.perf_counter() - started)
         return TrackResult(frame=self._frame, time=time, latency_ms=latency, **result)
 
@@ -132,19 +134,27 @@ class GraspTracker:
             return {"status": "searching", "reason": reason, "view": candidate.view}
         for grasp in grasps:
             try:
-                reference = Reference(grasp, candidate.view, grey, self.strategy, candidate.polarity, self.friction)
+                reference = Reference(
+                    grasp,
+                    candidate.view,
+                    grey,
+                    self.strategy,
+                    candidate.polarity,
+                    self.friction,
+                    self._observer.hidden,
+                )
             except TransferError as error:
                 self._reasons.append(str(error))
                 continue
-            return self._start(reference, candidate)
+            return self._start(reference, candidate, self._others(grey, masked, candidate, found))
         reason = f"no grasp that {self.strategy} can carry: {self._reasons[0]}"
         return {"status": "searching", "reason": reason, "view": candidate.view}
 
-    def _start(self, reference: Reference, candidate: Candidate) -> dict[str, Any]:
+    def _start(self, reference: Reference, candidate: Candidate, others: list[Candidate]) -> dict[str, Any]:
         self._reference = reference
         self._grasp_id += 1
-        self._motion = Motion()
         self._observer.choose(candidate)
+        self._search = Search(self._observer, reference, others)
         grasp, analysis = reference.grasp, reference.analysis
         return {
             "status": "tracked" if analysis.stable else "unstable",
@@ -159,62 +169,29 @@ class GraspTracker:
             "view": candidate.view,
         }
 
-    def _follow(self, grey: Grey, reference: Reference) -> dict[str, Any]:
+    def _follow(self, grey: Grey, reference: Reference, search: Search) -> dict[str, Any]:
         """Contour, transfer, analysis, accept or refuse."""
         found = None
-        for view, prior in self._hypotheses(grey, reference):
-            found = self._transfer(grey, reference, view, prior)
+        for view, prior in search.hypotheses(grey, self._reasons):
+            found = self._transfer(grey, reference, search, view, prior)
             if found is not None:
                 break
         if found is None:
+            search.lost(grey)
             return self._refused(lost(self._reasons[0] if self._reasons else "the object was not found in this image"))
-        contacts = found.carried.transfer.grasp.contacts
         try:
-            analysis = reference.carried_back(contacts, found.homography)
+            analysis = reference.carried_back(found.carried.transfer.grasp.contacts, found.homography)
         except (GraspError, ConditioningError) as error:
+            search.lost(grey)
             return self._refused(lost(str(error)))
-        verdict = judge(found.support, analysis)
-        if not verdict.believed:
-            return self._refused(verdict)
-        return self._accepted(found, verdict, analysis)
+        search.believe(found.carried.view, found.homography)
+        return self._accepted(found, judge(found.support, analysis), analysis)
 
     # --- the blocks ------------------------------------------------------------------------------
 
-    def _hypotheses(self, grey: Grey, reference: Reference) -> Iterator[tuple[View | None, Floats | None]]:
-        """Outlines with the motion they suggest, the likeliest first; each costs more than the one before."""
-        predicted = self._motion.predict()
-        if not any(c.needs_silhouette for c in reference.carriers):
-            yield None, None if self._motion.missed == 0 else predicted
-        else:
-            try:
-                view = self._observer.near(grey, *reference.expected(predicted))
-            except ConditioningError:
-                view = None
-            if view is not None:
-                yield view, reference.corrected(predicted, view)
-                yield from self._aligned(reference, view, predicted)
-        for view in self._observer.anywhere(grey)[:ANYWHERE]:
-            yield from self._aligned(reference, view, predicted)
-
-    def _aligned(self, reference: Reference, view: View, predicted: Floats) -> Iterator[tuple[View, Floats]]:
-        """The view with the similarity that lays the reference outline on it."""
-        first, second = reference.view.outer, view.outer
-        if reference.view.is_clipped or view.is_clipped:
-            self._reasons.append("what was found is cut by the image border or joined to something beyond it")
-            return
-        try:
-            if self._motion.remembered:
-                alignment = align(first, second, reference.angle(predicted))
-            else:
-                alike = alignments(first, second)
-                if len(alike) != 1:
-                    raise AmbiguousError("found again, but its outline fits itself in more than one way: ambiguous")
-                alignment = alike[0]
-            yield view, as_similarity(alignment, first, second)
-        except TransferError as error:
-            self._reasons.append(str(error))
-
-    def _transfer(self, grey: Grey, reference: Reference, view: View | None, prior: Floats | None) -> _Believed | None:
+    def _transfer(
+        self, grey: Grey, reference: Reference, search: Search, view: View | None, prior: Floats | None
+    ) -> _Believed | None:
         """The best transfer that the image bears out, or None with the reasons noted."""
         best: _Believed | None = None
         for carrier in reference.carriers:
@@ -228,16 +205,15 @@ class GraspTracker:
             except TransferError as problem:
                 self._reasons.append(str(problem))
                 continue
-            refusal = refuse(support)
-            if refusal:
-                self._reasons.append(refusal)
+            refusal = refuse(support, again=search.whereabouts.again(H))
+            doubt = "" if refusal else search.doubt(H, grey)
+            if refusal or doubt:
+                self._reasons.insert(0 if doubt else len(self._reasons), refusal or doubt)
             elif best is None or error(support) < error(best.support):
                 best = _Believed(carried, H, support)
         return best
 
     def _accepted(self, found: _Believed, verdict: Verdict, analysis: Any) -> dict[str, Any]:
-        self._motion.found(found.homography)
-        self._observer.believe(found.carried.view)
         answer = {
             "status": verdict.status,
             "reason": verdict.reason,
@@ -257,7 +233,6 @@ class GraspTracker:
         return answer
 
     def _refused(self, verdict: Verdict) -> dict[str, Any]:
-        self._motion.lost()
         return {"status": verdict.status, "reason": verdict.reason, "grasp_id": self._grasp_id}
 
     # --- the first view --------------------------------------------------------------------------
@@ -285,6 +260,16 @@ class GraspTracker:
             good = [g for g in grasps if g.quality >= NEARLY_AS_GOOD * grasps[0].quality]
             return sorted(good, key=lambda g: -describable(g, view))
         return grasps
+
+    def _others(
+        self, grey: Grey, masked: bool, chosen: Candidate, found: list[Candidate]
+    ) -> list[Candidate]:
+        """What else lies in the first view."""
+        if self._object_at is not None:
+            found = self._observer.first(grey, masked)
+        x, y = chosen.view.outer.points.mean(axis=0).tolist()
+        near = 0.3 * math.sqrt(chosen.view.outer.area)
+        return [c for c in found if math.hypot(*(c.view.outer.points.mean(axis=0) - (x, y)).tolist()) > near]
 
     def _holding(self, found: list[Candidate], grasp: Grasp) -> Candidate:
         """The object whose outline is nearest to all given contacts."""

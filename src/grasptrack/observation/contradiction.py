@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the image shows where an outline should be and is not: another shape, or something in front of it.
 
-A covered edge says nothing. Ground where material should be, or material that ends farther out than it should, says that
-this is another object, however well the rest of the outline fits: a near twin, or its mirror image.
+A covered edge says nothing. Ground where material should be, or material that ends farther out than it should, says
+that this is another object, however well the rest of the outline fits: a near twin, or its mirror image.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ Floats = NDArray[np.float64]
 ALIKE = 0.3
 """A grey level is the ground's or the object's within this share of the contrast between them."""
 BEYOND = 0.4
-"""A tab ends within this fraction of sqrt(area) outside the outline; what goes on farther lies in front of the object."""
+"""A tab ends within this fraction of sqrt(area) outside the outline; what goes on farther lies in front of it."""
+DEEP = 2.0
+"""It is no contradiction but a transfer that is a little off when the edge lies within so many times the reach."""
 ENDS = 0.8
 """Of neighbouring samples with material beyond the outline, so many see it end there when it is a tab."""
 CLEAR = 3.0
@@ -28,7 +30,15 @@ CLEAR = 3.0
 
 
 def contradicted(
-    grey: Grey, points: Floats, normals: Floats, missed: Bools, inside: Floats, outside: Floats, reach: float, size: float
+    grey: Grey,
+    points: Floats,
+    normals: Floats,
+    missed: Bools,
+    inside: Floats,
+    outside: Floats,
+    reach: float,
+    size: float,
+    hidden: Grey | None = None,
 ) -> Bools:
     """(m,) which samples of an outline the image contradicts.
 
@@ -39,6 +49,7 @@ def contradicted(
         inside, outside: (m,) grey levels expected on the material's side and on the ground's.
         reach: px on either side in which the edge was searched.
         size: px, sqrt(area).
+        hidden: (H, W) nonzero where nothing belongs to the scene.
     """
     against = np.zeros(len(points), dtype=np.bool_)
     index = np.flatnonzero(missed & np.isfinite(inside + outside))
@@ -46,18 +57,18 @@ def contradicted(
         return against
     contrast = (outside - inside)[index, None]
     # 0 at the object's level, 1 at the ground's
-    depth = np.linspace(1.5, reach, 3)
+    depth = np.linspace(1.5, DEEP * reach, 5)
     ground_like, material_like = (
         (np.abs(place - level) <= ALIKE).all(axis=1)
         for place, level in (
-            ((_levels(grey, points[index], normals[index], -depth) - inside[index, None]) / contrast, 1.0),
-            ((_levels(grey, points[index], normals[index], depth) - inside[index, None]) / contrast, 0.0),
+            ((_levels(grey, points[index], normals[index], -depth, hidden) - inside[index, None]) / contrast, 1.0),
+            ((_levels(grey, points[index], normals[index], depth, hidden) - inside[index, None]) / contrast, 0.0),
         )
     )
     against[index] = ground_like
     if material_like.any():
-        beyond = np.arange(reach, max(BEYOND * size, reach + 4.0), 2.0)
-        rays = (_levels(grey, points[index], normals[index], beyond) - inside[index, None]) / contrast
+        beyond = np.arange(DEEP * reach, max(BEYOND * size, DEEP * reach + 4.0), 2.0)
+        rays = (_levels(grey, points[index], normals[index], beyond, hidden) - inside[index, None]) / contrast
         ends = (np.abs(rays - 1.0) <= ALIKE).any(axis=1)
         for run in _runs(index[material_like], len(points)):
             among = np.isin(index, run)
@@ -65,14 +76,14 @@ def contradicted(
     return against
 
 
-def _levels(grey: Grey, points: Floats, normals: Floats, along: Floats) -> Floats:
-    """(m, k) grey levels at distances (k,) px along the normals; NaN outside the image."""
+def _levels(grey: Grey, points: Floats, normals: Floats, along: Floats, hidden: Grey | None) -> Floats:
+    """(m, k) grey levels at distances (k,) px along the normals; NaN outside the image and where it is hidden."""
     at = points[:, None, :] + along[None, :, None] * normals[:, None, :]
     column, row = np.rint(at[..., 0]).astype(np.intp), np.rint(at[..., 1]).astype(np.intp)
     out = (column < 0) | (row < 0) | (column >= grey.shape[1]) | (row >= grey.shape[0])
     column[out] = row[out] = 0
     values = grey[row, column].astype(np.float64)
-    values[out] = math.nan
+    values[out if hidden is None else out | (hidden[row, column] != 0)] = math.nan
     return values
 
 

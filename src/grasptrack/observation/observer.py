@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from grasptrack.contour import Contour, View
 from grasptrack.errors import ContourError, ObservationError
 from grasptrack.observation.images import Grey
 from grasptrack.observation.outline import localise
-from grasptrack.observation.segmentation import Candidate, candidates
+from grasptrack.observation.segmentation import CANDIDATES, MIN_EXTENT, Candidate, candidates, judge, thresholds
 from grasptrack.observation.silhouettes import Silhouette, trace
 
 Floats = NDArray[np.float64]
@@ -24,6 +25,10 @@ MIN_MARGIN = 24
 """... and by so many px at least."""
 LEARNING = 0.2
 """Share of a new frame in the learned grey levels, which follow slow changes of light."""
+BALANCE = 0.25
+"""A threshold is at least by this share of the contrast away from the object's and the ground's own level."""
+DISTINCT = 6.0
+"""Thresholds that differ by fewer grey levels give the same outlines."""
 MAX_GROWTH = 2.5
 """An area that differs from the expected one by more than this factor is another object's."""
 
@@ -39,8 +44,9 @@ class Observer:
         self.hidden = hidden
         self.polarity = 1
         self._inside = self._outside = math.nan
+        self._balance = 0.5
         self._holes = 0
-        self._levels: dict[int, tuple[float, float]] = {}  # of the outlines of this image
+        self._levels: dict[int, tuple[float, float, float]] = {}  # of the outlines of this image
 
     def first(self, grey: Grey, masked: bool, object_at: tuple[float, float] | None = None) -> list[Candidate]:
         """Objects of the first image, the most outstanding first.
@@ -59,6 +65,7 @@ class Observer:
         """From now on it is this object that is looked for."""
         self.polarity = candidate.polarity
         self._inside, self._outside = candidate.inside, candidate.outside
+        self._learn_balance(candidate.level, candidate.inside, candidate.outside)
         self._holes = len(candidate.view.contours) - 1
 
     def near(self, grey: Grey, expected: Floats, centres: Floats) -> View | None:
@@ -78,7 +85,7 @@ class Observer:
         if right - left < 8 or bottom - top < 8 or math.isnan(self._inside):
             return None
         area, x, y = _area_and_centre(expected)
-        level = 0.5 * (self._inside + self._outside)
+        level = self._level
         binary = kernels.soft_threshold(grey, left, top, right, bottom, level, self.polarity)
         if self.hidden is not None:
             binary[self.hidden[top:bottom, left:right] != 0] = 0
@@ -88,14 +95,43 @@ class Observer:
             return None
         return self._localised(grey, best, centres)
 
-    def anywhere(self, grey: Grey) -> list[View]:
-        """Outlines in the whole image that may be the object's, the most outstanding first."""
-        try:
-            found = candidates(grey, None, self.hidden, (self.polarity,))
-        except ObservationError:
-            return []
-        views = [self._with_holes(c.view) for c in found]
-        self._levels.update({id(v): (c.inside, c.outside) for v, c in zip(views, found, strict=True)})
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Learned grey levels of the object and of the ground round it."""
+        return self._inside, self._outside
+
+    def anywhere(self, grey: Grey, known: View | None = None) -> Iterator[list[View]]:
+        """Outlines in the whole image that may be the object's: by the learned grey levels, then by the image's own.
+
+        Args:
+            grey: (H, W).
+            known: an outline that has been looked at already.
+        """
+        seen = [] if known is None else [_place(known)]
+        levels = [self._level]
+        yield self._at(grey, levels[0], seen)
+        for level in thresholds(grey if self.hidden is None else grey[self.hidden == 0]):
+            if all(abs(level - other) >= DISTINCT for other in levels):
+                levels.append(level)
+                yield self._at(grey, level, seen)
+
+    def _at(self, grey: Grey, level: float, seen: list[tuple[float, float, float]]) -> list[View]:
+        """Outlines at one threshold, without those that were seen at another."""
+        views = []
+        height, width = grey.shape
+        binary = kernels.soft_threshold(grey, 0, 0, width, height, level, self.polarity)
+        if self.hidden is not None:
+            binary[self.hidden != 0] = 0
+        for shape in trace(binary, 30.0, holes=self._holes > 0)[:CANDIDATES]:
+            if max(shape.box[2:]) < MIN_EXTENT:
+                continue
+            candidate = judge(grey, shape, self.polarity, self.hidden)
+            if candidate is None or any(_same(_place(candidate.view), other) for other in seen):
+                continue
+            seen.append(_place(candidate.view))
+            view = self._with_holes(candidate.view)
+            self._levels[id(view)] = candidate.inside, candidate.outside, level
+            views.append(view)
         return views
 
     def _localised(self, grey: Grey, shape: Silhouette, centres: Floats) -> View | None:
@@ -110,19 +146,42 @@ class Observer:
             except ContourError:
                 return None
         view = View([edge.contour, *holes])
-        self._levels[id(view)] = (edge.inside, edge.outside)
+        self._levels[id(view)] = edge.inside, edge.outside, self._level
         return view
 
     def believe(self, view: View) -> None:
         """Learn the grey levels of an outline that the verdict accepted, if it was segmented here."""
-        inside, outside = self._levels.get(id(view), (math.nan, math.nan))
+        inside, outside, level = self._levels.get(id(view), (math.nan, math.nan, math.nan))
         if (outside - inside) * self.polarity > 0.0:
+            self._learn_balance(level, inside, outside)
             self._inside += LEARNING * (inside - self._inside)
             self._outside += LEARNING * (outside - self._outside)
+
+    @property
+    def _level(self) -> float:
+        """The threshold that separates the object from the ground: where it did when it was believed last."""
+        return self._inside + self._balance * (self._outside - self._inside)
+
+    def _learn_balance(self, level: float, inside: float, outside: float) -> None:
+        """Print at the border can lie nearer to the ground than half-way; the threshold then does as well."""
+        if math.isfinite(level + inside + outside) and outside != inside:
+            self._balance = min(max((level - inside) / (outside - inside), BALANCE), 1.0 - BALANCE)
 
     def _with_holes(self, view: View) -> View:
         """At most as many holes as the reference has: what is printed on an object comes and goes with a threshold."""
         return view if len(view.contours) <= self._holes + 1 else View(view.contours[: self._holes + 1])
+
+
+def _place(view: View) -> tuple[float, float, float]:
+    """Area and mean point of an outline."""
+    x, y = view.outer.points.mean(axis=0).tolist()
+    return view.outer.area, x, y
+
+
+def _same(one: tuple[float, float, float], other: tuple[float, float, float]) -> bool:
+    """Whether two outlines are of the same thing, seen with different thresholds."""
+    (area, x, y), (a, u, v) = one, other
+    return 0.97 < area / a < 1.03 and math.hypot(x - u, y - v) < 0.02 * math.sqrt(a)
 
 
 def _area_and_centre(points: Floats) -> tuple[float, float, float]:

@@ -42,6 +42,7 @@ class Candidate(NamedTuple):
         polarity: +1 darker than its surroundings, -1 lighter.
         inside, outside: grey levels on either side of the outer contour.
         score: 0 to 1: contrasted along its whole outline, complete, smooth, of some size.
+        level: grey level of the threshold that separated it from the ground.
     """
 
     view: View
@@ -49,6 +50,7 @@ class Candidate(NamedTuple):
     inside: float
     outside: float
     score: float
+    level: float = math.nan
 
 
 def segment(
@@ -104,7 +106,7 @@ def candidates(
                     continue
                 candidate = judge(grey, shape, polarity, hidden)
                 if candidate is not None:
-                    found.append(candidate)
+                    found.append(candidate._replace(level=level))
     if not found:
         where = "" if object_at is None else f" at {object_at[0]:g},{object_at[1]:g}"
         if tiny >= 5:

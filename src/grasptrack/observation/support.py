@@ -27,6 +27,8 @@ MIN_REACH, MAX_REACH = 3.0, 12.0
 """... and within these px."""
 MIN_STRENGTH = 2.0
 """Grey levels per px below which nothing counts as an edge."""
+NEVER = 1e12
+"""Grey levels per px that no edge has."""
 RELATIVE_STRENGTH = 0.3
 """An edge counts when it is so strong relative to the reference's, exposure and blur of the whole image allowed for."""
 OTHER_GROUND = 0.3
@@ -75,9 +77,12 @@ class OutlineSamples:
         contacts: (k, 2) px on the outline.
         width: px, of a finger.
         polarity: +1 object darker than its surroundings, -1 lighter, 0 either.
+        hidden: (H, W) nonzero where nothing belongs to the scene, in this image and in those that follow.
     """
 
-    def __init__(self, view: View, grey: Grey, contacts: Floats, width: float, polarity: int) -> None:
+    def __init__(
+        self, view: View, grey: Grey, contacts: Floats, width: float, polarity: int, hidden: Grey | None = None
+    ) -> None:
         total = sum(c.length for c in view.contours)
         places = [
             np.column_stack(
@@ -110,6 +115,7 @@ class OutlineSamples:
         self.outline: Bools = outline[keep]
         self.inside: Floats = edges[keep, 2]
         self.polarity = polarity
+        self._hidden = hidden
         self.contacts = len(contacts)
         self.count = int(np.count_nonzero(self.outline))
         self.area = kernels.inertia(view.points, view.offsets)[0]
@@ -121,12 +127,14 @@ class OutlineSamples:
         Raises:
             ConditioningError: H sends part of the outline to infinity.
         """
+        covered = self._covered(H)
+        strength = self.strength if covered is None else np.where(covered, NEVER, self.strength)
         size, reach, points, normals, edges, inside, found, shift, covariance = kernels.outline_support(
             grey,
             H,
             self.points,
             self.normals,
-            self.strength,
+            strength,
             contacts,
             self.polarity,
             self.area,
@@ -140,6 +148,8 @@ class OutlineSamples:
         )
         if not size > 0.0:
             raise ConditioningError("the homography sends part of the object to infinity")
+        if covered is not None:
+            inside = inside & ~covered
         asked = int(np.count_nonzero(inside & self.outline))
         hits = np.abs(edges[found & self.outline, 0])
         return Support(
@@ -180,6 +190,17 @@ class OutlineSamples:
         level = np.where(clear, light, math.nan)
         return int(
             np.count_nonzero(
-                contradicted(grey, points[use], normals[use], missed[use], material[use], level[use], reach, size)
+                contradicted(
+                    grey, points[use], normals[use], missed[use], material[use], level[use], reach, size, self._hidden
+                )
             )
         )
+
+    def _covered(self, H: Floats) -> Bools | None:
+        """(n,) samples that H puts where nothing belongs to the scene; None where that is nowhere."""
+        if self._hidden is None:
+            return None
+        height, width = self._hidden.shape
+        at = kernels.carry_normals(H, self.points, self.normals)[:, :2]
+        at = np.rint(np.where(np.isfinite(at), at, 0.0).clip(0.0, (width - 1.0, height - 1.0))).astype(np.intp)
+        return np.asarray(self._hidden[at[:, 1], at[:, 0]] != 0)

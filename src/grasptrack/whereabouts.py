@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether what fits the outline is the object: what may have happened to it since it was last believed.
+
+An outline tells nothing from its equals: an identical part beside the object, or the object itself turned by one of its
+own symmetries. Only continuity does, and continuity ends where the object was out of sight.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import ConditioningError
+from grasptrack.motion import Motion, wrapped
+from grasptrack.observation.images import Grey
+from grasptrack.projective import apply_homography, jacobian
+from grasptrack.reference import Reference
+
+Floats = NDArray[np.float64]
+
+STEP = 0.5
+"""The object is within this fraction of sqrt(area) of where it is expected, ..."""
+STEP_PX = 60.0
+"""... or so many px, or else it has jumped."""
+GROWTH = 1.25
+"""A step in size that separates the object from an equal of another scale."""
+BEND = 1.12
+"""A step in tilt: ratio of the two magnifications relative to what is expected. A cover's edge can stand in for a side."""
+EMPTY = 0.5
+"""Of the object's place, at least so much shows the ground when it has gone, or its own grey when it is still there."""
+REST = 0.1
+"""Of its place, at most so much shows its own grey when it has gone."""
+IN_VIEW = 0.3
+"""Where less of its place than this is in the image, the object may be out of view."""
+LEVEL = 0.35
+"""A grey level is the ground's or the object's within this share of the contrast between them."""
+
+
+class Whereabouts:
+    """Decides whether a believable pose may be the object's.
+
+    Args:
+        reference: the reference view.
+        equals: another object with this outline was seen.
+    """
+
+    def __init__(self, reference: Reference, equals: bool) -> None:
+        self._reference = reference
+        self.motion = Motion(reference.centre)
+        self.equals = equals
+        self.gone = False
+
+    @property
+    def hopeless(self) -> str:
+        """Why nothing found in this image could be believed to be the object; empty as long as something could."""
+        if self.gone and math.isfinite(self._reference.symmetry):
+            return "the object was out of sight, and which way round its symmetric outline lies is ambiguous"
+        if self.gone and self.equals:
+            return "the object was out of sight, and another one with its outline was seen: ambiguous"
+        return ""
+
+    def again(self, H: Floats) -> bool:
+        """Whether a pose (3, 3) has to be recognised anew, not just followed."""
+        return self.motion.missed > 0 or not self._is_step(H)
+
+    def doubt(self, H: Floats, grey: Grey, levels: tuple[float, float]) -> str:
+        """Why a pose (3, 3) that the image bears out may be another object's, or a turned one; empty if it is not.
+
+        Args:
+            H: H_current_reference.
+            grey: (H, W).
+            levels: grey levels of the object and of the ground.
+        """
+        if self.hopeless:
+            return self.hopeless
+        motion, symmetry = self.motion, self._reference.symmetry
+        step, shift = self._is_step(H), self._shift(H)
+        expected = motion.predict()
+        turn = abs(wrapped(motion.angle(H) - motion.angle(expected)))
+        may_turn = motion.turn if step or shift[1] <= STEP_PX else math.pi
+        if max(may_turn, turn) >= 0.5 * symmetry:
+            return "the outline is symmetric, and the object may have turned round since it was last seen: ambiguous"
+        if step:
+            if _bend(H, expected, self._reference.centre) > BEND:
+                return "the outline is tilted by more than it can have been since the last image"
+            return ""
+        if self.equals:
+            return "another object with this outline was seen: ambiguous"
+        if motion.remembered and shift[1] > STEP_PX:
+            place = self._place(grey, expected, levels, besides=H)
+            if place == "there":
+                self.equals = True
+                return "another object has this outline; the one tracked is still near where it was"
+            if place == "covered":
+                return "an object with this outline was found elsewhere, but the one tracked may be covered where it was"
+        return ""
+
+    def found(self, H: Floats) -> None:
+        """The pose (3, 3) was believed."""
+        self.motion.found(H)
+        self.gone = False
+
+    def lost(self, grey: Grey, nearby: bool, levels: tuple[float, float]) -> None:
+        """Nothing was believed in this image.
+
+        Args:
+            grey: (H, W).
+            nearby: something of the object's grey and size lies about where it was.
+            levels: grey levels of the object and of the ground.
+        """
+        if not nearby and self._place(grey, self.motion.predict(), levels) in ("empty", "outside"):
+            self.gone = True
+        self.motion.lost()
+
+    def _shift(self, H: Floats) -> tuple[float, float]:
+        """Of the centre relative to the expected one: in sqrt(area), and in px."""
+        expected = self.motion.predict()
+        centre = np.array([self._reference.centre])
+        moved = apply_homography(H, centre) - apply_homography(expected, centre)
+        px = math.hypot(*moved[0].tolist())
+        return px / (self._reference.size * math.sqrt(_growth(expected, self._reference.centre))), px
+
+    def _is_step(self, H: Floats) -> bool:
+        """Whether a pose is so near to the expected one that nothing else can be meant."""
+        growth = _growth(H, self._reference.centre) / _growth(self.motion.predict(), self._reference.centre)
+        return self._shift(H)[0] <= STEP and 1.0 / GROWTH < math.sqrt(growth) < GROWTH
+
+    def _place(self, grey: Grey, H: Floats, levels: tuple[float, float], besides: Floats | None = None) -> str:
+        """What is seen where the object should lie: "there", "empty", "covered" or "outside".
+
+        Args:
+            grey: (H, W).
+            H: (3, 3) where it should lie.
+            levels: grey levels of the object and of the ground.
+            besides: (3, 3) where it was found instead; what it covers there says nothing.
+        """
+        try:
+            points = apply_homography(H, self._reference.inner)
+            if besides is not None:
+                back = apply_homography(np.linalg.inv(besides), points)
+                points = points[~self._reference.covers(back)]
+        except ConditioningError:
+            return "outside"
+        if len(points) < IN_VIEW * len(self._reference.inner):
+            return "empty"
+        points = np.rint(points).astype(np.intp)
+        inside = ((points >= 0) & (points < (grey.shape[1], grey.shape[0]))).all(axis=1)
+        if inside.mean() < IN_VIEW:
+            return "outside"
+        values = grey[points[inside, 1], points[inside, 0]].astype(np.float64)
+        depth = (values - levels[0]) / (levels[1] - levels[0])
+        own, ground = float((np.abs(depth) <= LEVEL).mean()), float((np.abs(depth - 1.0) <= LEVEL).mean())
+        if own >= EMPTY:
+            return "there"
+        return "empty" if ground >= EMPTY and own <= REST else "covered"
+
+
+def _growth(H: Floats, centre: tuple[float, float]) -> float:
+    """How much a homography enlarges areas at a point."""
+    a, b, c, d = jacobian(H, *centre)
+    return max(a * d - b * c, 1e-12)
+
+
+def _bend(H: Floats, expected: Floats, centre: tuple[float, float]) -> float:
+    """Ratio of the two magnifications, at the centre, of what takes the expected view to the found one."""
+    first = np.array(jacobian(expected, *centre)).reshape(2, 2)
+    second = np.array(jacobian(H, *centre)).reshape(2, 2)
+    s = np.linalg.svd(second @ np.linalg.inv(first), compute_uv=False)
+    return float(s[0] / max(s[1], 1e-12))
