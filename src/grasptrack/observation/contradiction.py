@@ -20,11 +20,13 @@ Floats = NDArray[np.float64]
 ALIKE = 0.3
 """A grey level is the ground's or the object's within this share of the contrast between them."""
 BEYOND = 0.4
-"""A tab ends within this fraction of sqrt(area) outside the outline; what goes on farther lies in front of it."""
+"""A tab ends within this fraction of sqrt(area) of the outline, ..."""
+SLENDER = 1.3
+"""... or within so many times its own width; what goes on farther in any direction lies in front of the object."""
+DIRECTIONS = np.radians(np.arange(-80.0, 81.0, 10.0))
+"""rad from the normal, in which it is followed."""
 DEEP = 2.0
 """It is no contradiction but a transfer that is a little off when the edge lies within so many times the reach."""
-ENDS = 0.8
-"""Of neighbouring samples with material beyond the outline, so many see it end there when it is a tab."""
 CLEAR = 3.0
 """The contrast must exceed so many times the levels' own spread, or they tell nothing apart."""
 
@@ -66,13 +68,17 @@ def contradicted(
         )
     )
     against[index] = ground_like
-    if material_like.any():
-        beyond = np.arange(DEEP * reach, max(BEYOND * size, DEEP * reach + 4.0), 2.0)
-        rays = (_levels(grey, points[index], normals[index], beyond, hidden) - inside[index, None]) / contrast
-        ends = (np.abs(rays - 1.0) <= ALIKE).any(axis=1)
-        for run in _runs(index[material_like], len(points)):
-            among = np.isin(index, run)
-            against[run] = ends[among].mean() >= ENDS
+    for run in _runs(index[material_like], len(points)) if material_like.any() else []:
+        width = math.hypot(*(points[run[-1]] - points[run[0]]).tolist()) * (1.0 + 1.0 / len(run))
+        along = np.arange(DEEP * reach, max(BEYOND * size, SLENDER * width, DEEP * reach + 4.0), 2.0)
+        nx, ny = normals[run].mean(axis=0).tolist()
+        cosine, sine = np.cos(DIRECTIONS), np.sin(DIRECTIONS)
+        rays = np.column_stack([nx * cosine - ny * sine, nx * sine + ny * cosine]) / max(math.hypot(nx, ny), 1e-9)
+        middle = np.broadcast_to(points[run].mean(axis=0), rays.shape)
+        low = inside[run].mean()
+        depths = (_levels(grey, middle, rays, along, hidden) - low) / (outside[run].mean() - low)
+        goes_on = ~(np.abs(depths) > ALIKE).any(axis=1)  # out of the image it may go on as well
+        against[run] = not goes_on.any()
     return against
 
 
