@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +15,7 @@ from grasptrack.contour import View
 from grasptrack.errors import StrategyError, TransferError
 from grasptrack.grasp import Grasp
 from grasptrack.observation.images import Grey
+from grasptrack.observation.interior import Interior
 from grasptrack.observation.support import OutlineSamples
 from grasptrack.projective import apply_homography
 from grasptrack.transfer.alignment import alignments, as_similarity
@@ -65,7 +65,7 @@ class Reference:
         self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity, hidden)
         self.carriers = _carriers(strategy, grasp, view, grey)
         self.symmetry = _symmetry(view, grey, self.samples, grasp.contacts)
-        self.inner = _inner(view)
+        self.interior = Interior(view)
         self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // 64)])
         self._holes = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
 
@@ -82,11 +82,6 @@ class Reference:
         back = apply_homography(np.linalg.inv(H), contacts)
         return analyze(Grasp.of(back), self.view, self.friction, self.width, "reference")
 
-    def covers(self, points: Floats) -> NDArray[np.bool_]:
-        """(n,) which points (n, 2) px of the reference lie within the outer contour."""
-        outline = self.view.outer.points.astype(np.float32)
-        return np.array([cv2.pointPolygonTest(outline, (x, y), False) >= 0 for x, y in points.tolist()], dtype=np.bool_)
-
     def corrected(self, H: Floats, view: View) -> Floats:
         """A predicted homography moved and scaled so that the outline's centroid and area are those observed."""
         if view.is_clipped or self.view.is_clipped:
@@ -99,7 +94,7 @@ class Reference:
 
 
 def _symmetry(view: View, grey: Grey, samples: OutlineSamples, contacts: Floats) -> float:
-    """rad, the smallest turn under which the reference image bears the outline out again; infinite where there is none."""
+    """rad, the smallest turn under which the reference image bears the outline out again; infinite without one."""
     if view.is_clipped:
         return math.inf
     fits = alignments(view.outer, view.outer)
@@ -113,18 +108,6 @@ def _symmetry(view: View, grey: Grey, samples: OutlineSamples, contacts: Floats)
             if samples.support(grey, H, contacts).share >= SYMMETRIC:
                 least = turn
     return least
-
-
-def _inner(view: View) -> Floats:
-    """(m, 2) px, about a hundred pixels well inside the material."""
-    low = np.floor(view.outer.points.min(axis=0)) - 2.0
-    width, height = (np.ceil(view.outer.points.max(axis=0)) + 3.0 - low).astype(int).tolist()
-    mask = np.zeros((height, width), np.uint8)
-    cv2.fillPoly(mask, [np.rint(c.points - low).astype(np.int32) for c in view.contours], (255,))
-    depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
-    rows, columns = np.nonzero(depth >= min(4.0, 0.5 * float(depth.max())))
-    step = max(1, len(rows) // 100)
-    return np.column_stack([columns[::step], rows[::step]]).astype(np.float64) + low
 
 
 def _carriers(strategy: str, grasp: Grasp, view: View, grey: Grey) -> list[Carrier]:

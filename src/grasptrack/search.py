@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -62,16 +63,16 @@ class Search:
         on_silhouettes = any(c.needs_silhouette for c in reference.carriers)
         if not on_silhouettes:
             yield Hypothesis(None, None if missed == 0 else predicted)
-        try:
+        with contextlib.suppress(ConditioningError):
             self._nearby = self._observer.near(grey, *reference.expected(predicted))
-        except ConditioningError:
-            pass
         if self._nearby is not None:
             if on_silhouettes:
                 yield Hypothesis(self._nearby, reference.corrected(predicted, self._nearby))
             yield from self._aligned(self._nearby, reasons)
         for views in self._observer.anywhere(grey, self._nearby):
-            alike = sorted((v for v in views if _likeness(reference, v) <= UNLIKE), key=lambda v: _likeness(reference, v))
+            alike = sorted(
+                (v for v in views if _likeness(reference, v) <= UNLIKE), key=lambda v: _likeness(reference, v)
+            )
             if sum(_likeness(reference, v) <= EQUAL for v in alike) > 1:
                 self.whereabouts.equals = True
             for view in alike[:ANYWHERE]:

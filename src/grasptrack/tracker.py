@@ -84,7 +84,9 @@ class GraspTracker:
         if strategy == "grasp-line" and fingers != 2:
             raise StrategyError(f"grasp-line carries 2 fingers, not {fingers}; use rrp or homography", fingers=fingers)
         if self._given is None and fingers > 3:
-            raise StrategyError(f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts", fingers=fingers)
+            raise StrategyError(
+                f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts", fingers=fingers
+            )
         self.fingers, self.strategy, self.friction = fingers, strategy, friction
         self._object_at, self._ignore, self._resynthesize = object_at, ignore, resynthesize
         self._frame = -1
@@ -261,9 +263,7 @@ class GraspTracker:
             return sorted(good, key=lambda g: -describable(g, view))
         return grasps
 
-    def _others(
-        self, grey: Grey, masked: bool, chosen: Candidate, found: list[Candidate]
-    ) -> list[Candidate]:
+    def _others(self, grey: Grey, masked: bool, chosen: Candidate, found: list[Candidate]) -> list[Candidate]:
         """What else lies in the first view."""
         if self._object_at is not None:
             found = self._observer.first(grey, masked)

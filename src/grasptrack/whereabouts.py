@@ -94,7 +94,9 @@ class Whereabouts:
                 self.equals = True
                 return "another object has this outline; the one tracked is still near where it was"
             if place == "covered":
-                return "an object with this outline was found elsewhere, but the one tracked may be covered where it was"
+                return (
+                    "an object with this outline was found elsewhere, but the one tracked may be covered where it was"
+                )
         return ""
 
     def found(self, H: Floats) -> None:
@@ -137,13 +139,13 @@ class Whereabouts:
             besides: (3, 3) where it was found instead; what it covers there says nothing.
         """
         try:
-            points = apply_homography(H, self._reference.inner)
+            points = apply_homography(H, self._reference.interior.places)
             if besides is not None:
                 back = apply_homography(np.linalg.inv(besides), points)
-                points = points[~self._reference.covers(back)]
+                points = points[~self._reference.interior.covers(back)]
         except ConditioningError:
             return "outside"
-        if len(points) < IN_VIEW * len(self._reference.inner):
+        if len(points) < IN_VIEW * len(self._reference.interior.places):
             return "empty"
         points = np.rint(points).astype(np.intp)
         inside = ((points >= 0) & (points < (grey.shape[1], grey.shape[0]))).all(axis=1)

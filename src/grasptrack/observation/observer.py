@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import Contour, View
-from grasptrack.errors import ContourError, ObservationError
+from grasptrack.errors import ContourError
 from grasptrack.observation.images import Grey
 from grasptrack.observation.outline import localise
-from grasptrack.observation.segmentation import CANDIDATES, MIN_EXTENT, Candidate, candidates, judge, thresholds
+from grasptrack.observation.segmentation import CANDIDATES, MIN_EXTENT, Candidate, candidates, judge
 from grasptrack.observation.silhouettes import Silhouette, trace
+from grasptrack.observation.thresholds import thresholds
 
 Floats = NDArray[np.float64]
 

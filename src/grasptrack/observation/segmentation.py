@@ -10,11 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.contour import Contour, View
 from grasptrack.errors import ContourError, ObservationError
 from grasptrack.observation.images import Grey, to_grey, to_mask
 from grasptrack.observation.outline import Localised, localise
 from grasptrack.observation.silhouettes import Silhouette, trace
+from grasptrack.observation.thresholds import thresholds
 
 Floats = NDArray[np.float64]
 
@@ -93,12 +95,12 @@ def candidates(
     Raises:
         ObservationError: none, or none under `object_at`.
     """
-    soft = cv2.GaussianBlur(grey, (3, 3), 0)
+    soft: Grey = np.asarray(cv2.GaussianBlur(grey, (3, 3), 0), dtype=np.uint8)
     found: list[Candidate] = []
     tiny = 0
     for level in thresholds(soft if hidden is None else soft[hidden == 0]):
         for polarity in polarities:
-            for shape in silhouettes(soft, level, polarity, hidden)[:CANDIDATES]:
+            for shape in silhouettes(grey, level, polarity, hidden)[:CANDIDATES]:
                 if object_at is not None and not shape.contains(*object_at):
                     continue
                 if max(shape.box[2:]) < MIN_EXTENT:
@@ -110,61 +112,20 @@ def candidates(
     if not found:
         where = "" if object_at is None else f" at {object_at[0]:g},{object_at[1]:g}"
         if tiny >= 5:
-            raise ObservationError(f"the object{where} is {tiny} px across; at least {MIN_EXTENT} px are needed", extent=tiny)
+            raise ObservationError(
+                f"the object{where} is {tiny} px across; at least {MIN_EXTENT} px are needed", extent=tiny
+            )
         raise ObservationError(f"no object stands out{where or ' in the image'}", object_at=object_at)
     found.sort(key=lambda c: -c.score)
     return _distinct(found)
 
 
-def thresholds(values: NDArray[np.uint8]) -> list[float]:
-    """Otsu's threshold of all grey levels, and of those on either side of it, where these differ."""
-    histogram = np.bincount(values.ravel(), minlength=256).astype(np.float64)
-    middle = otsu(histogram)
-    if middle is None:
-        return []
-    levels = [middle]
-    below, above = histogram.copy(), histogram.copy()
-    below[int(middle) + 1 :] = 0.0
-    above[: int(middle) + 1] = 0.0
-    for part in (below, above):
-        level = otsu(part)
-        if level is not None and all(abs(level - other) >= 6.0 for other in levels):
-            levels.append(level)
-    return levels
-
-
-def otsu(histogram: Floats) -> float | None:
-    """The level k + 0.5 that separates a histogram (256,) best into up to k and above; None if it is one level."""
-    total = histogram.sum()
-    below = np.cumsum(histogram)[:-1]
-    above = total - below
-    usable = (below > 0) & (above > 0)
-    if not usable.any():
-        return None
-    moment = np.cumsum(histogram * np.arange(256))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        spread = below * above * (moment[:-1] / below - (moment[-1] - moment[:-1]) / above) ** 2
-    spread[~usable] = -1.0
-    top = np.flatnonzero(spread >= spread.max() * (1 - 1e-12))
-    return float(0.5 * (top[0] + top[-1]) + 0.5)
-
-
-def silhouettes(
-    soft: Grey,
-    level: float,
-    polarity: int,
-    hidden: Grey | None,
-    *,
-    least: float = 30.0,
-    origin: tuple[int, int] = (0, 0),
-    holes: bool = True,
-) -> list[Silhouette]:
-    """Regions darker (polarity +1) or lighter (-1) than a level."""
-    kind = cv2.THRESH_BINARY_INV if polarity > 0 else cv2.THRESH_BINARY
-    _, binary = cv2.threshold(soft, math.floor(level), 255, kind)
+def silhouettes(grey: Grey, level: float, polarity: int, hidden: Grey | None, least: float = 30.0) -> list[Silhouette]:
+    """Regions darker (polarity +1) or lighter (-1) than a level, of at least so many px^2, the largest first."""
+    binary = kernels.soft_threshold(grey, 0, 0, grey.shape[1], grey.shape[0], level, polarity)
     if hidden is not None:
         binary[hidden != 0] = 0
-    return trace(binary, least, origin, holes=holes)
+    return trace(binary, least)
 
 
 def judge(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | None) -> Candidate | None:

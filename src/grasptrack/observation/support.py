@@ -32,8 +32,8 @@ NEVER = 1e12
 RELATIVE_STRENGTH = 0.3
 """An edge counts when it is so strong relative to the reference's, exposure and blur of the whole image allowed for."""
 OTHER_GROUND = 0.3
-"""An edge whose far side differs from the ground round the rest of the outline by this share of the contrast may be the edge
-of something in front. It does not speak against the outline, but it fixes nothing."""
+"""An edge whose far side differs from the ground round the rest of the outline by this share of the contrast may be the
+edge of something in front. It does not speak against the outline, but it fixes nothing."""
 LOOSE = 0.25
 """What the outline does not show of a motion may be as large as this fraction of sqrt(area)."""
 
@@ -52,8 +52,8 @@ class Support(NamedTuple):
         covariance: (k, 2, 2) px^2 of that shift: large where the outline in view leaves a motion open.
         seen: (k,) share of the samples under each finger that have their edge within reach.
         size: px, square root of the object's area as carried along.
-        contradicted: of the samples inside the image, how many show ground where material should be, or material that ends
-            farther out: another shape. What is merely covered does not count.
+        contradicted: of the samples inside the image, how many show ground where material should be, or material that
+            ends farther out: another shape. What is merely covered does not count.
     """
 
     share: float
