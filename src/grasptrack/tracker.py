@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasptrack.analysis import DEFAULT_FRICTION, ON_OUTLINE, check_friction
+from grasptrack import choice
+from grasptrack.analysis import DEFAULT_FRICTION, check_friction
 from grasptrack.carriers import Carried
 from grasptrack.contour import View
 from grasptrack.errors import (
@@ -26,17 +26,13 @@ from grasptrack.observation.images import Grey, as_scene, to_grey, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Candidate, grow
 from grasptrack.observation.support import Support
-from grasptrack.reference import AUTO, Reference, describable
+from grasptrack.reference import AUTO, Reference
 from grasptrack.result import TrackResult
 from grasptrack.search import Search
-from grasptrack.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES
 from grasptrack.verdict import Verdict, close, error, judge, lost, refuse
 
 Floats = NDArray[np.float64]
-
-NEARLY_AS_GOOD = 0.7
-"""Share of the best quality that a grasp needs to be preferred for being easier to carry."""
 
 
 class _Believed(NamedTuple):
@@ -95,6 +91,7 @@ class GraspTracker:
         self._reference: Reference | None = None
         self._observer = Observer()
         self._search: Search | None = None
+        self._unstable: View | None = None
         self._reasons: list[str] = []
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
@@ -129,8 +126,13 @@ class GraspTracker:
             found = self._observer.first(grey, masked, self._object_at)
         except ObservationError as error:
             return {"status": "searching", "reason": str(error)}
-        candidate = found[0] if self._given is None else self._holding(found, self._given)
-        grasps = self._grasps(candidate.view)
+        candidate = self._chosen(found)
+        if candidate is None:
+            return {"status": "searching", "reason": "the object that needs a new grasp is not where it was"}
+        if self._given is not None:
+            grasps = [self._given.snapped(candidate.view)]
+        else:
+            grasps = choice.grasps(candidate.view, self.strategy, self.fingers, self.friction)
         if not grasps:
             reason = f"no stable grasp with {self.fingers} fingers and friction {self.friction:g} on this object"
             return {"status": "searching", "reason": reason, "view": candidate.view}
@@ -148,7 +150,9 @@ class GraspTracker:
             except TransferError as error:
                 self._reasons.append(str(error))
                 continue
-            return self._start(reference, candidate, self._others(grey, masked, candidate, found))
+            if self._object_at is not None:
+                found = self._observer.first(grey, masked)
+            return self._start(reference, candidate, choice.others(found, candidate))
         reason = f"no grasp that {self.strategy} can carry: {self._reasons[0]}"
         return {"status": "searching", "reason": reason, "view": candidate.view}
 
@@ -231,7 +235,8 @@ class GraspTracker:
         }
         if verdict.status == "unstable" and self._resynthesize:
             self._reference = None
-            self._given = None
+            self._given = self._object_at = None
+            self._unstable = found.carried.view
         return answer
 
     def _refused(self, verdict: Verdict) -> dict[str, Any]:
@@ -253,31 +258,8 @@ class GraspTracker:
             )
         return grey if mask is None else as_scene(to_mask(mask, grey.shape, "mask"))
 
-    def _grasps(self, view: View) -> list[Grasp]:
+    def _chosen(self, found: list[Candidate]) -> Candidate | None:
+        """The object that is meant: the given contacts', the one whose grasp was refused, or the most outstanding."""
         if self._given is not None:
-            return [self._given.snapped(view)]
-        grasps = synthesize(view, self.fingers, self.friction, top=10)
-        if self.strategy == AUTO and grasps:
-            # among grasps that are nearly as good, the first that most descriptions can carry
-            good = [g for g in grasps if g.quality >= NEARLY_AS_GOOD * grasps[0].quality]
-            return sorted(good, key=lambda g: -describable(g, view))
-        return grasps
-
-    def _others(self, grey: Grey, masked: bool, chosen: Candidate, found: list[Candidate]) -> list[Candidate]:
-        """What else lies in the first view."""
-        if self._object_at is not None:
-            found = self._observer.first(grey, masked)
-        x, y = chosen.view.outer.points.mean(axis=0).tolist()
-        near = 0.3 * math.sqrt(chosen.view.outer.area)
-        return [c for c in found if math.hypot(*(c.view.outer.points.mean(axis=0) - (x, y)).tolist()) > near]
-
-    def _holding(self, found: list[Candidate], grasp: Grasp) -> Candidate:
-        """The object whose outline is nearest to all given contacts."""
-        distance, index = min((float(grasp.on(c.view)[:, 2].max()), i) for i, c in enumerate(found))
-        limit = ON_OUTLINE * math.sqrt(found[index].view.outer.area)
-        if distance > limit:
-            raise GraspError(
-                f"a contact is {distance:.1f} px from the nearest object's outline; at most {limit:.1f} px are allowed",
-                distance=distance,
-            )
-        return found[index]
+            return choice.holding(found, self._given)
+        return found[0] if self._unstable is None else choice.same(found, self._unstable)
