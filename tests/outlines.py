@@ -16,7 +16,10 @@ def dense(vertices, count=300):
     sides = np.hypot(*(np.roll(v, -1, axis=0) - v).T)
     share = np.maximum(1, np.round(count * sides / sides.sum()).astype(int))
     return np.concatenate(
-        [a + np.linspace(0, 1, n, endpoint=False)[:, None] * (b - a) for a, b, n in zip(v, np.roll(v, -1, axis=0), share)]
+        [
+            a + np.linspace(0, 1, n, endpoint=False)[:, None] * (b - a)
+            for a, b, n in zip(v, np.roll(v, -1, axis=0), share, strict=True)
+        ]
     )
 
 
@@ -61,7 +64,9 @@ def similarities(draw):
 def frame_motions(draw):
     """Homographies of consecutive frames: some px, some degrees, some per cent, a little tilt."""
     H = similarity(
-        draw(st.floats(0.95, 1.05)), math.radians(draw(st.floats(-5, 5))), (300.0, 300.0),
+        draw(st.floats(0.95, 1.05)),
+        math.radians(draw(st.floats(-5, 5))),
+        (300.0, 300.0),
         (300 + draw(st.floats(-12, 12)), 300 + draw(st.floats(-12, 12))),
     )
     tilt = np.eye(3)

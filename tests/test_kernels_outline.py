@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from outlines import stars
 
 from grasptrack import kernels
 from grasptrack.kernels import reference
+from outlines import stars
 
 
 def picture(points, seed):

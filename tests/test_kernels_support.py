@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from outlines import frame_motions, stars
-from test_kernels_outline import picture
 
 from grasptrack import kernels
 from grasptrack.kernels import reference
+from outlines import frame_motions, stars
+from test_kernels_outline import picture
 
 RULES = (1, 20_000.0, 0.02, 3.0, 12.0, 2.0, 0.3, 0.35, 0.25)
 

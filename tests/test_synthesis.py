@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from outlines import BRACKET, blobs, dense, stars
 
 from grasptrack.analysis import analyze
 from grasptrack.contour import Contour
 from grasptrack.errors import InputError, StrategyError
 from grasptrack.synthesis import synthesize
+from outlines import BRACKET, blobs, dense, stars
 
 FEW = settings(max_examples=25, deadline=None)
 

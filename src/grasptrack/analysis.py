@@ -130,7 +130,7 @@ def _centroid_distance(contacts: Floats, cx: float, cy: float) -> float:
     opening = math.hypot(x2 - x1, y2 - y1)
     if opening == 0.0:
         return math.hypot(cx - x1, cy - y1)
-    return abs((cx - x1) * (y2 - y1) - (cy - y1) * (x2 - x1)) / opening
+    return float(abs((cx - x1) * (y2 - y1) - (cy - y1) * (x2 - x1)) / opening)
 
 
 def _refusal(fingers: int, needed: float, friction: float) -> str:

@@ -36,7 +36,12 @@ class Contour:
     __slots__ = ("_arc", "clipped", "hole", "offsets", "points", "signed_area", "strength")
 
     def __init__(
-        self, points: ArrayLike, *, hole: bool = False, strength: ArrayLike | None = None, clipped: ArrayLike | None = None
+        self,
+        points: ArrayLike,
+        *,
+        hole: bool = False,
+        strength: ArrayLike | None = None,
+        clipped: ArrayLike | None = None,
     ) -> None:
         pts = np.array(points, dtype=np.float64, order="C")
         if pts.ndim != 2 or pts.shape[1] != 2:

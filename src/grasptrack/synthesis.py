@@ -28,7 +28,11 @@ DISTINCT = 0.08
 
 
 def synthesize(
-    outline: Outline, fingers: int = 2, friction: float = DEFAULT_FRICTION, finger_width: float | None = None, top: int = 50
+    outline: Outline,
+    fingers: int = 2,
+    friction: float = DEFAULT_FRICTION,
+    finger_width: float | None = None,
+    top: int = 50,
 ) -> list[Grasp]:
     """Ranked stable grasps, best first; empty where there is none. The same outline gives the same list.
 
@@ -49,7 +53,9 @@ def synthesize(
     check_friction(friction)
     check_width(finger_width)
     if fingers not in (2, 3):
-        raise StrategyError(f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts instead", fingers=fingers)
+        raise StrategyError(
+            f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts instead", fingers=fingers
+        )
     view = as_view(outline)
     area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
     size = math.sqrt(area)
@@ -73,7 +79,7 @@ def _candidates(contours: tuple[Contour, ...], count: int, width: float) -> Floa
     total = sum(c.length for c in contours)
     rows = []
     for index, contour in enumerate(contours):
-        n = max(int(round(count * contour.length / total)), 4)
+        n = max(round(count * contour.length / total), 4)
         s = np.arange(n) * (contour.length / n)
         position = np.interp(s, contour.arc_length, np.arange(len(contour) + 1, dtype=np.float64))
         if contour.clipped is not None:
@@ -126,7 +132,9 @@ def _triples(
             continue
         middle = contacts[index].mean(axis=0) - centroid
         rows.append(index)
-        scores.append(epsilon * math.exp(-float(middle @ middle) / (0.3 * size) ** 2) / (1 + (roughness[index].max() / 0.01) ** 2))
+        scores.append(
+            epsilon * math.exp(-float(middle @ middle) / (0.3 * size) ** 2) / (1 + (roughness[index].max() / 0.01) ** 2)
+        )
     return np.array(rows, dtype=np.int64).reshape(-1, 3), np.array(scores, dtype=np.float64)
 
 

@@ -78,9 +78,7 @@ def error(support: Support) -> float:
 
 def deviation(support: Support) -> tuple[float, int]:
     """px, the largest standard deviation of a contact in any direction, and which contact's it is."""
-    variances = [
-        0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy) for (xx, xy), (_, yy) in support.covariance.tolist()
-    ]
+    variances = [0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy) for (xx, xy), (_, yy) in support.covariance.tolist()]
     worst = max(range(len(variances)), key=variances.__getitem__)
     return math.sqrt(variances[worst]), worst
 

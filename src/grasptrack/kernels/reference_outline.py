@@ -57,7 +57,7 @@ def trace_edges(
     points = resample(rough, count, min(smoothing, length))
     normals = blend_normals(points)
     right, bottom = image.shape[1] - 1.0, image.shape[0] - 1.0
-    cut = (points < border).any(axis=1) | (points > (right - border, bottom - border)).any(axis=1)
+    cut: Bools = np.any((points < border) | (points > (right - border, bottom - border)), axis=1)
     if hidden is not None:
         column, row = np.rint(np.clip(points, 0.0, (right, bottom))).astype(np.intp).T
         cut |= hidden[row, column] != 0

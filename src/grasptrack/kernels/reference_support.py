@@ -64,7 +64,7 @@ def outline_support(
     reach = min(max(reach_share * size, least_reach), most_reach)
     edges = edge_search(image, at, along, reach + 2.0, polarity)
     last = (image.shape[1] - 2.0, image.shape[0] - 2.0)
-    inside = ((at >= 1.0) & (at <= last)).all(axis=1)
+    inside: Bools = np.all((at >= 1.0) & (at <= last), axis=1)
     offset, size_of = np.abs(edges[:, 0]), np.abs(edges[:, 1])
     found = inside & (offset <= reach) & (size_of >= least_strength)
     if found.any():

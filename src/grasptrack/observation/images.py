@@ -30,7 +30,8 @@ def to_grey(image: NDArray[Any]) -> Grey:
         raise SourceError(f"an image is an array (H, W), (H, W, 3) or (H, W, 4), not {array.shape}", shape=array.shape)
     if min(array.shape[:2]) < MIN_SIDE:
         raise SourceError(
-            f"the image is {array.shape[1]}x{array.shape[0]} px; at least {MIN_SIDE}x{MIN_SIDE} are needed", shape=array.shape
+            f"the image is {array.shape[1]}x{array.shape[0]} px; at least {MIN_SIDE}x{MIN_SIDE} are needed",
+            shape=array.shape,
         )
     if array.dtype == np.uint16:
         array = (array >> 8).astype(np.uint8)
@@ -52,10 +53,11 @@ def to_mask(mask: NDArray[Any], shape: tuple[int, int], what: str) -> Grey:
     """
     array = np.asarray(mask)
     if array.ndim == 3:
-        array = array[:, :, :3].any(axis=2)
+        array = np.asarray(np.any(array[:, :, :3], axis=2))
     if array.shape != shape:
         raise InputError(
-            f"the {what} is {array.shape[-1]}x{array.shape[0]} px, but the images are {shape[1]}x{shape[0]}", shape=array.shape
+            f"the {what} is {array.shape[-1]}x{array.shape[0]} px, but the images are {shape[1]}x{shape[0]}",
+            shape=array.shape,
         )
     return np.where(array != 0, np.uint8(255), np.uint8(0))
 

@@ -33,7 +33,9 @@ class Localised(NamedTuple):
     outside: float
 
 
-def localise(grey: Grey, chain: NDArray[np.int32], *, hole: bool, polarity: int, hidden: Grey | None = None) -> Localised:
+def localise(
+    grey: Grey, chain: NDArray[np.int32], *, hole: bool, polarity: int, hidden: Grey | None = None
+) -> Localised:
     """Sub-pixel contour from the chain (N, 2) of a silhouette's boundary pixels.
 
     Args:

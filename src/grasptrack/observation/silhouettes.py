@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -61,10 +61,15 @@ def trace(
             if len(chains[child]) >= 8:
                 size = float(cv2.contourArea(chains[child]))
                 if size >= max(least_hole * area, 12.0):
-                    inner.append((size, chains[child].reshape(-1, 2)))
+                    inner.append((size, _points(chains[child])))
             child = int(tree[0][child][0])
         inner.sort(key=lambda pair: -pair[0])
         x, y, w, h = cv2.boundingRect(chain)
-        found.append(Silhouette(chain.reshape(-1, 2), tuple(c for _, c in inner), area, (x, y, w, h)))
+        found.append(Silhouette(_points(chain), tuple(c for _, c in inner), area, (x, y, w, h)))
     found.sort(key=lambda s: -s.area)
     return found
+
+
+def _points(chain: NDArray[Any]) -> Chain:
+    """(N, 2) of OpenCV's (N, 1, 2)."""
+    return np.asarray(chain, dtype=np.int32).reshape(-1, 2)
