@@ -16,6 +16,8 @@ MIN_SHARE_AGAIN = 0.88
 """The same after a loss: what is covered then cannot tell the object from a near twin."""
 MAX_CONTRADICTED = 0.025
 """At most so much of it may show another shape: ground where there should be material, or the reverse."""
+MAX_CONTRADICTED_AGAIN = 0.0125
+"""The same after a loss."""
 MIN_VISIBLE = 0.4
 """Of the whole outline, at least so much must lie inside the image."""
 MAX_RMS = 0.0075
@@ -92,7 +94,7 @@ def refuse(support: Support, *, again: bool = False) -> str:
     """Why a transfer is not believed; empty when it is. After a loss (`again`) more of the outline is asked for."""
     if support.visible < MIN_VISIBLE:
         return f"only {100 * support.visible:.0f} % of the outline is inside the image"
-    if support.contradicted > MAX_CONTRADICTED:
+    if support.contradicted > (MAX_CONTRADICTED_AGAIN if again else MAX_CONTRADICTED):
         share = 100 * support.contradicted
         return f"another shape: {share:.0f} % of the outline ends elsewhere than in the grasp's view"
     if support.share < (MIN_SHARE_AGAIN if again else MIN_SHARE):

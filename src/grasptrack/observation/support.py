@@ -34,6 +34,8 @@ RELATIVE_STRENGTH = 0.3
 OTHER_GROUND = 0.3
 """An edge whose far side differs from the ground round the rest of the outline by this share of the contrast may be the
 edge of something in front. It does not speak against the outline, but it fixes nothing."""
+LEAST = 8
+"""Edges that must be found before their levels tell what ground and material look like."""
 LOOSE = 0.25
 """What the outline does not show of a motion may be as large as this fraction of sqrt(area)."""
 
@@ -151,6 +153,9 @@ class OutlineSamples:
         if covered is not None:
             inside = inside & ~covered
         asked = int(np.count_nonzero(inside & self.outline))
+        ground, material = self._levels(edges, found)
+        # an edge without material on its inner side, a line on the ground for one, is none of the outline's
+        found = found & ~(np.abs(edges[:, 2] - ground) < np.abs(edges[:, 2] - material))
         hits = np.abs(edges[found & self.outline, 0])
         return Support(
             len(hits) / asked if asked else 0.0,
@@ -162,39 +167,41 @@ class OutlineSamples:
             covariance,
             found[~self.outline].reshape(self.contacts, PER_CONTACT).mean(axis=1),
             size,
-            self._contradicted(grey, points, normals, inside, found, edges, reach, size) / asked if asked else 0.0,
+            self._contradicted(grey, points, normals, inside & ~found, ground, material, reach, size) / asked
+            if asked
+            else 0.0,
         )
+
+    def _levels(self, edges: Floats, found: Bools) -> tuple[Floats, Floats]:
+        """(n,) grey levels of the ground and of the material to expect at each sample; NaN where they tell nothing."""
+        if np.count_nonzero(found) < LEAST:
+            nothing = np.full(len(edges), math.nan)
+            return nothing, nothing
+        beyond = edges[found, 3]
+        light = float(np.median(beyond))
+        spread = 1.4826 * float(np.median(np.abs(beyond - light)))
+        material = self.inside + float(np.median(edges[found, 2] - self.inside[found]))
+        return np.where(np.abs(light - material) > CLEAR * spread, light, math.nan), material
 
     def _contradicted(
         self,
         grey: Grey,
         points: Floats,
         normals: Floats,
-        inside: Bools,
-        found: Bools,
-        edges: Floats,
+        missed: Bools,
+        ground: Floats,
+        material: Floats,
         reach: float,
         size: float,
     ) -> int:
         """How many samples of the outline the image contradicts."""
-        missed = inside & self.outline & ~found
-        if not missed.any() or np.count_nonzero(found) < 8:
-            return 0
         use = self.outline
-        shade = float(np.median((edges[:, 2] - self.inside)[found]))
-        ground = edges[found, 3]
-        light = float(np.median(ground))
-        spread = 1.4826 * float(np.median(np.abs(ground - light)))
-        material = self.inside + shade
-        clear = np.abs(light - material) > CLEAR * spread
-        level = np.where(clear, light, math.nan)
-        return int(
-            np.count_nonzero(
-                contradicted(
-                    grey, points[use], normals[use], missed[use], material[use], level[use], reach, size, self._hidden
-                )
-            )
+        if not (missed & use).any():
+            return 0
+        against = contradicted(
+            grey, points[use], normals[use], missed[use], material[use], ground[use], reach, size, self._hidden
         )
+        return int(np.count_nonzero(against))
 
     def _covered(self, H: Floats) -> Bools | None:
         """(n,) samples that H puts where nothing belongs to the scene; None where that is nowhere."""
