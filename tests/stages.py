@@ -23,8 +23,11 @@ DARK = 55.0
 """Grey level of METAL, near enough."""
 
 
-def pose(x: float = 160.0, y: float = 120.0, degrees: float = 0.0, scale: float = SCALE, tilt: float = 0.0) -> np.ndarray:
+def pose(
+    x: float = 160.0, y: float = 120.0, degrees: float = 0.0, scale: float = SCALE, tilt: float = 0.0
+) -> np.ndarray:
     """(3, 3) from table units to px: the part's centroid at (x, y), turned, and tilted by degrees about a slanted axis."""
+
     def about_z(angle: float) -> np.ndarray:
         c, s = math.cos(angle), math.sin(angle)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -64,7 +67,9 @@ def bar(x: float, width: float, degrees: float = 15.0) -> np.ndarray:
     a = math.radians(degrees)
     along, across = np.array([math.cos(a), math.sin(a)]), np.array([-math.sin(a), math.cos(a)])
     middle = np.array([x, HEIGHT / 2])
-    return np.array([middle + u * width / 2 * along + v * 400.0 * across for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    return np.array(
+        [middle + u * width / 2 * along + v * 400.0 * across for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    )
 
 
 def twin(shape: Shape, share: float, out: float) -> Shape:

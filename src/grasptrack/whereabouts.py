@@ -90,9 +90,9 @@ class Whereabouts:
             return "another object with this outline was seen: ambiguous"
         if motion.remembered and shift[1] > STEP_PX:
             place = self._place(grey, expected, levels, besides=H)
-            if place == "there":
+            if place == "there" or (place == "outside" and motion.missed == 0):  # it cannot leave and be back at once
                 self.equals = True
-                return "another object has this outline; the one tracked is still near where it was"
+                return "another object has this outline; the one tracked is still where it was, or just out of view"
             if place == "covered":
                 return (
                     "an object with this outline was found elsewhere, but the one tracked may be covered where it was"

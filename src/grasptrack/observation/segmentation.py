@@ -32,6 +32,9 @@ HOLE_LEVEL = 0.25
 """Through a hole the same ground is seen as around the object, within this fraction of the contrast."""
 MAX_HOLES = 12
 """Holes that are looked at, the largest first."""
+MIN_STEP = 1.0
+"""Across its outline an object differs from the ground by as much as the edge rises in so many px at least: the grain of
+a table has slopes, and the same grey on both sides."""
 MIN_CONTRAST = 3.0
 """Grey levels per px along the outline; below this, half of any strength is noise."""
 
@@ -143,7 +146,11 @@ def judge(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | None) -> 
     cut = 0.0 if outer.clipped is None else float(outer.clipped.mean())
     if cut > 0.5 or outer.strength is None:
         return None
-    weakest = fifth(outer.strength[~outer.clipped] if outer.clipped is not None else outer.strength)
+    strength = outer.strength if outer.clipped is None else outer.strength[~outer.clipped]
+    slope, step = float(np.median(strength)), (edge.outside - edge.inside) * polarity
+    if not (slope > 0.0 and step >= MIN_STEP * slope):
+        return None
+    weakest = fifth(strength)
     contrast = weakest / (weakest + MIN_CONTRAST)
     complete = (1.0 - cut) ** 2 * (0.5 if touched else 1.0)
     roundness = 4.0 * math.pi * outer.area / outer.length**2

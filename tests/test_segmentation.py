@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From an image to outlines: the right object, its holes, what the border cuts, to a tenth of a pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from grasptrack.errors import ObservationError
+from grasptrack.observation.segmentation import MIN_EXTENT, candidates, segment
+from grasptrack.observation.thresholds import otsu, thresholds
+from grasptrack.projective import apply_homography
+from grasptrack.simulation import SHAPES, brushed, plain
+from stages import EVEN, HEIGHT, WIDTH, photo, pose
+
+BRACKET, GASKET, PLATE, DISC = (SHAPES[n]() for n in ("bracket", "gasket", "notched-plate", "disc"))
+LIGHT, DARK_GROUND = (
+    brushed(3, colour=(190, 195, 200), extent=4.0, contrast=0.0),
+    plain(3, colour=(45, 45, 45), contrast=0.0),
+)
+PLAIN, DULL = plain(2, contrast=0.0), brushed(1, extent=4.0, contrast=0.0)
+
+
+def distances(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """(n,) px from points to a closed polygon's sides."""
+    a, b = polygon, np.roll(polygon, -1, axis=0)
+    side = b - a
+    t = np.clip(((points[:, None] - a) * side).sum(axis=2) / (side**2).sum(axis=1), 0.0, 1.0)
+    return np.asarray(np.hypot(*(points[:, None] - a - t[..., None] * side).transpose(2, 0, 1)).min(axis=1))
+
+
+@pytest.mark.parametrize("light", [False, True])
+@pytest.mark.parametrize("shape", [BRACKET, GASKET, PLATE, SHAPES["blob"]()], ids=lambda s: s.name)
+def test_the_outline_is_right_to_a_tenth_of_a_pixel(shape, light: bool) -> None:  # type: ignore[no-untyped-def]
+    H = pose(161.3, 118.6, 17.0, tilt=15.0)
+    ground, surface = (DARK_GROUND, LIGHT) if light else (PLAIN, DULL)
+    view = segment(photo([(shape, H)], ground=ground, surface=surface, noise=0.0))
+    assert len(view.contours) == len(shape.polygons)
+    assert not view.is_clipped
+    truth = [apply_homography(H, p) for p in shape.polygons]
+    assert np.sqrt(np.mean(distances(view.outer.points, truth[0]) ** 2)) < 0.1
+    for hole in view.contours[1:]:
+        nearest = min(truth[1:], key=lambda p: float(np.hypot(*(p.mean(axis=0) - hole.points.mean(axis=0)))))
+        assert np.sqrt(np.mean(distances(hole.points, nearest) ** 2)) < 0.15
+
+
+@pytest.mark.parametrize("light", [False, True])
+def test_polarity_and_levels(light: bool) -> None:
+    ground, surface = (DARK_GROUND, LIGHT) if light else (PLAIN, DULL)
+    best = candidates(photo([(PLATE, pose())], ground=ground, surface=surface))[0]
+    assert best.polarity == (-1 if light else 1)
+    assert (best.inside > best.outside) is light
+    assert min(best.inside, best.outside) < best.level < max(best.inside, best.outside)
+
+
+def test_contours_carry_strength_and_direction() -> None:
+    view = segment(photo([(GASKET, pose())], ground=EVEN))
+    assert view.outer.strength is not None
+    assert np.median(view.outer.strength) > 20.0
+    assert view.outer.signed_area > 0.0
+    assert all(h.hole and h.signed_area < 0.0 for h in view.contours[1:])
+    areas = np.array([h.area for h in view.contours[1:]])
+    assert (np.diff(areas) < 1.0).all()
+
+
+def test_the_object_under_a_pixel() -> None:
+    image = photo([(BRACKET, pose(85.0, 120.0, scale=60.0)), (DISC, pose(245.0, 120.0, scale=60.0))])
+    assert segment(image, object_at=(245.0, 120.0)).outer.points[:, 0].min() > 180.0
+    assert segment(image, object_at=(75.0, 105.0)).outer.points[:, 0].max() < 180.0
+    with pytest.raises(ObservationError, match="at 165,15"):
+        segment(image, object_at=(165.0, 15.0))
+
+
+@pytest.mark.parametrize(("x", "y", "side"), [(20.0, 120.0, 0), (300.0, 120.0, 1), (160.0, 20.0, 2), (160.0, 220.0, 3)])
+def test_the_border_marks_what_it_cuts_and_nothing_else(x: float, y: float, side: int) -> None:
+    view = segment(photo([(DISC, pose(x, y, scale=60.0))], ground=EVEN))
+    assert view.is_clipped
+    cut = view.outer.clipped
+    assert cut is not None
+    px, py = view.outer.points.T
+    beyond = (px < 1.5, px > WIDTH - 2.5, py < 1.5, py > HEIGHT - 2.5)[side]
+    assert np.count_nonzero(cut != beyond) <= 4  # flags are set before the points move to their edges
+    assert 0.02 < cut.mean() < 0.5
+    whole = apply_homography(pose(x, y, scale=60.0), DISC.outer)
+    inner = ~cut & (np.abs(view.outer.points - np.array([WIDTH, HEIGHT]) / 2) < np.array([WIDTH, HEIGHT]) / 2 - 5).all(
+        axis=1
+    )
+    assert distances(view.outer.points[inner], whole).max() < 0.6
+
+
+def test_what_is_ignored_is_cut_off_and_no_object() -> None:
+    image = photo([(DISC, pose(100.0, 120.0, scale=60.0)), (PLATE, pose(240.0, 120.0, scale=50.0))])
+    ignore = np.zeros((HEIGHT, WIDTH), np.uint8)
+    ignore[:, :165] = 9
+    assert segment(image, ignore=ignore).outer.points[:, 0].min() > 160.0
+    ignore[:] = 0
+    ignore[100:140, :80] = 9
+    view = segment(image, object_at=(110.0, 120.0), ignore=ignore)
+    cut = view.outer.clipped
+    assert cut is not None
+    assert (view.outer.points[cut][:, 0] < 90.0).all()
+
+
+def test_print_and_dark_spots_are_no_holes() -> None:
+    image = photo([(PLATE, pose())], ground=PLAIN, surface=DULL)
+    image[110:125, 140:160] = 30
+    image[115:128, 175:190] = 110
+    assert len(segment(image).contours) == 1
+
+
+@pytest.mark.parametrize("level", [0, 7, 128, 255])
+def test_an_even_image_has_no_object(level: int) -> None:
+    with pytest.raises(ObservationError, match="no object stands out"):
+        segment(np.full((HEIGHT, WIDTH), level, np.uint8))
+
+
+def test_noise_and_a_gradient_are_no_objects() -> None:
+    rng = np.random.default_rng(0)
+    noise = np.clip(rng.normal(120.0, 5.0, (HEIGHT, WIDTH)), 0, 255).astype(np.uint8)
+    slope = np.broadcast_to(np.linspace(60, 200, WIDTH).astype(np.uint8), (HEIGHT, WIDTH)).copy()
+    for image in (noise, slope):
+        with pytest.raises(ObservationError):
+            segment(image)
+
+
+def test_a_tiny_object_is_named_with_its_size() -> None:
+    with pytest.raises(ObservationError, match=rf"px across; at least {MIN_EXTENT} px are needed") as caught:
+        segment(photo([(DISC, pose(scale=12.0))], ground=PLAIN, surface=DULL))
+    assert 10 <= caught.value.values["extent"] <= 18
+
+
+def test_an_object_of_twenty_five_pixels_and_one_that_fills_the_view() -> None:
+    small = segment(photo([(PLATE, pose(scale=25.0))], ground=PLAIN, surface=DULL))
+    assert small.outer.area == pytest.approx(25.0**2, rel=0.05)
+    large = segment(photo([(SHAPES["rectangle"](), pose(scale=175.0))], ground=PLAIN, surface=DULL))
+    assert large.outer.area == pytest.approx(175.0**2, rel=0.02)
+
+
+def test_low_contrast_and_strong_noise() -> None:
+    faint = brushed(5, colour=(165, 168, 168), contrast=0.0, extent=4.0)
+    view = segment(photo([(BRACKET, pose())], ground=PLAIN, surface=faint, noise=1.5))
+    assert view.outer.area == pytest.approx(75.0**2, rel=0.05)
+    view = segment(photo([(BRACKET, pose())], noise=10.0))
+    truth = apply_homography(pose(), BRACKET.outer)
+    assert np.sqrt(np.mean(distances(view.outer.points, truth) ** 2)) < 0.5
+
+
+def test_the_same_image_gives_the_same_outlines() -> None:
+    image = photo([(GASKET, pose())])
+    a, b = segment(image), segment(image)
+    assert np.array_equal(a.points, b.points)
+
+
+def test_otsu_separates_two_levels() -> None:
+    histogram = np.zeros(256)
+    histogram[[50, 180]] = 900, 100
+    level = otsu(histogram)
+    assert level is not None and 50 < level < 180
+    histogram[180] = 0
+    assert otsu(histogram) is None
+    assert thresholds(np.full(10, 3, np.uint8)) == []
