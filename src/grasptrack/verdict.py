@@ -94,13 +94,13 @@ def refuse(support: Support, *, again: bool = False) -> str:
     """Why a transfer is not believed; empty when it is. After a loss (`again`) more of the outline is asked for."""
     if support.visible < MIN_VISIBLE:
         return f"only {100 * support.visible:.0f} % of the outline is inside the image"
-    if support.contradicted > (MAX_CONTRADICTED_AGAIN if again else MAX_CONTRADICTED):
-        share = 100 * support.contradicted
-        return f"another shape: {share:.0f} % of the outline ends elsewhere than in the grasp's view"
     if support.share < (MIN_SHARE_AGAIN if again else MIN_SHARE):
         return f"only {100 * support.share:.0f} % of the outline shows its edge where the grasp's view says it is"
     if support.rms > max(MAX_RMS_PX, MAX_RMS * support.size):
         return f"the outline's shape no longer fits the reference ({support.rms:.1f} px off)"
+    if support.contradicted > (MAX_CONTRADICTED_AGAIN if again else MAX_CONTRADICTED):
+        share = 100 * support.contradicted
+        return f"another shape: {share:.0f} % of the outline ends elsewhere than in the grasp's view"
     sigma, worst = deviation(support)
     if not sigma <= max(MAX_SIGMA_PX, MAX_SIGMA * support.size):
         return f"the outline in view does not fix contact {worst + 1} (uncertain by {sigma:.0f} px)"
