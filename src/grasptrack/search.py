@@ -69,7 +69,7 @@ class Search:
             if on_silhouettes:
                 yield Hypothesis(self._nearby, reference.corrected(predicted, self._nearby))
             yield from self._aligned(self._nearby, reasons)
-        for views in self._observer.anywhere(grey, self._nearby):
+        for views in self._observer.anywhere(grey, self.whereabouts.area, missed, self._nearby):
             alike = sorted(
                 (v for v in views if _likeness(reference, v) <= UNLIKE), key=lambda v: _likeness(reference, v)
             )

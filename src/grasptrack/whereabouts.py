@@ -61,6 +61,11 @@ class Whereabouts:
             return "the object was out of sight, and another one with its outline was seen: ambiguous"
         return ""
 
+    @property
+    def area(self) -> float:
+        """px^2 that the object is expected to fill in the image."""
+        return self._reference.size**2 * _growth(self.motion.predict(), self._reference.centre)
+
     def again(self, H: Floats) -> bool:
         """Whether a pose (3, 3) has to be recognised anew, not just followed."""
         return self.motion.missed > 0 or not self._is_step(H)

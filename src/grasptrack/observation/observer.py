@@ -30,6 +30,8 @@ BALANCE = 0.25
 """A threshold is at least by this share of the contrast away from the object's and the ground's own level."""
 DISTINCT = 6.0
 """Thresholds that differ by fewer grey levels give the same outlines."""
+MAX_ZOOM = 16.0
+"""After a loss, an area that differs from the last one by more than this factor is another object's."""
 MAX_GROWTH = 2.5
 """An area that differs from the expected one by more than this factor is another object's."""
 
@@ -101,30 +103,31 @@ class Observer:
         """Learned grey levels of the object and of the ground round it."""
         return self._inside, self._outside
 
-    def anywhere(self, grey: Grey, known: View | None = None) -> Iterator[list[View]]:
+    def anywhere(self, grey: Grey, area: float, turn: int, known: View | None = None) -> Iterator[list[View]]:
         """Outlines in the whole image that may be the object's: by the learned grey levels, then by the image's own.
 
         Args:
             grey: (H, W).
+            area: px^2 of the outline as last known.
+            turn: number of this search; of the image's own thresholds each search tries the next.
             known: an outline that has been looked at already.
         """
         seen = [] if known is None else [_place(known)]
-        levels = [self._level]
-        yield self._at(grey, levels[0], seen)
-        for level in thresholds(grey if self.hidden is None else grey[self.hidden == 0]):
-            if all(abs(level - other) >= DISTINCT for other in levels):
-                levels.append(level)
-                yield self._at(grey, level, seen)
+        yield self._at(grey, self._level, area, seen)
+        own = thresholds(grey if self.hidden is None else grey[self.hidden == 0])
+        own = [level for level in own if abs(level - self._level) >= DISTINCT]
+        if own:
+            yield self._at(grey, own[turn % len(own)], area, seen)
 
-    def _at(self, grey: Grey, level: float, seen: list[tuple[float, float, float]]) -> list[View]:
+    def _at(self, grey: Grey, level: float, area: float, seen: list[tuple[float, float, float]]) -> list[View]:
         """Outlines at one threshold, without those that were seen at another."""
         views = []
         height, width = grey.shape
         binary = kernels.soft_threshold(grey, 0, 0, width, height, level, self.polarity)
         if self.hidden is not None:
             binary[self.hidden != 0] = 0
-        for shape in trace(binary, 30.0, holes=self._holes > 0)[:CANDIDATES]:
-            if max(shape.box[2:]) < MIN_EXTENT:
+        for shape in trace(binary, max(area / MAX_ZOOM, 30.0), holes=self._holes > 0)[:CANDIDATES]:
+            if max(shape.box[2:]) < MIN_EXTENT or shape.area > area * MAX_ZOOM:
                 continue
             candidate = judge(grey, shape, self.polarity, self.hidden)
             if candidate is None or any(_same(_place(candidate.view), other) for other in seen):

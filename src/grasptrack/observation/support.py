@@ -34,6 +34,8 @@ RELATIVE_STRENGTH = 0.3
 OTHER_GROUND = 0.3
 """An edge whose far side differs from the ground round the rest of the outline by this share of the contrast may be the
 edge of something in front. It does not speak against the outline, but it fixes nothing."""
+HOPELESS = 0.5
+"""Where more of the samples than this miss their edge, it is not worth while to ask why."""
 LEAST = 8
 """Edges that must be found before their levels tell what ground and material look like."""
 LOOSE = 0.25
@@ -196,7 +198,7 @@ class OutlineSamples:
     ) -> int:
         """How many samples of the outline the image contradicts."""
         use = self.outline
-        if not (missed & use).any():
+        if not 0 < np.count_nonzero(missed & use) <= HOPELESS * len(missed):
             return 0
         against = contradicted(
             grey, points[use], normals[use], missed[use], material[use], ground[use], reach, size, self._hidden
