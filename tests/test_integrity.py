@@ -196,6 +196,20 @@ def test_print_at_the_border_is_no_bite_out_of_the_object() -> None:
     assert len(run.right) == 6
 
 
+def test_a_thin_handle_counts_as_material() -> None:
+    plate = np.array([(-1.0, -0.6), (0.5, -0.6), (0.5, 0.6), (-0.7, 0.6)])
+    handle = np.array([(0.5, -0.45), (1.4, -0.3), (1.4, 0.4), (0.5, 0.5)])
+    mug = Shape.of(
+        "mug", np.vstack([plate[:2], handle, plate[2:]]), [(handle - [0.45, 0.0]) * [0.8, 0.8] + [0.45, 0.02]]
+    )
+    run = Run()
+    for k in range(10):
+        H = pose(150.0 + 2 * k, 120.0, 2.0 * k, 75.0 - 4.5 * k)
+        run.see(photo([(mug, H)], seed=k), H)
+    assert run.wrong == []
+    assert run.statuses == ["tracked"] * 10
+
+
 @pytest.mark.parametrize("light", [0.6, 1.25])
 def test_a_step_of_the_light_is_survived(light: float) -> None:
     run = Run()

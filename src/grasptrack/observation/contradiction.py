@@ -82,15 +82,19 @@ def contradicted(
     return against
 
 
-def _levels(grey: Grey, points: Floats, normals: Floats, along: Floats, hidden: Grey | None) -> Floats:
-    """(m, k) grey levels at distances (k,) px along the normals; NaN outside the image and where it is hidden."""
-    at = points[:, None, :] + along[None, :, None] * normals[:, None, :]
-    column, row = np.rint(at[..., 0]).astype(np.intp), np.rint(at[..., 1]).astype(np.intp)
+def levels_at(grey: Grey, points: Floats, hidden: Grey | None = None) -> Floats:
+    """(...) grey levels of the pixels at points (..., 2) px; NaN outside the image and where it is hidden."""
+    column, row = np.rint(points[..., 0]).astype(np.intp), np.rint(points[..., 1]).astype(np.intp)
     out = (column < 0) | (row < 0) | (column >= grey.shape[1]) | (row >= grey.shape[0])
     column[out] = row[out] = 0
     values = grey[row, column].astype(np.float64)
     values[out if hidden is None else out | (hidden[row, column] != 0)] = math.nan
     return values
+
+
+def _levels(grey: Grey, points: Floats, normals: Floats, along: Floats, hidden: Grey | None) -> Floats:
+    """(m, k) grey levels at distances (k,) px along the normals."""
+    return levels_at(grey, points[:, None, :] + along[None, :, None] * normals[:, None, :], hidden)
 
 
 def _runs(index: NDArray[np.intp], count: int) -> list[NDArray[np.intp]]:

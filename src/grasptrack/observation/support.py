@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import Bools, View
 from grasptrack.errors import ConditioningError
-from grasptrack.observation.contradiction import CLEAR, contradicted
+from grasptrack.observation.contradiction import CLEAR, contradicted, levels_at
 from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
@@ -36,6 +36,8 @@ OTHER_GROUND = 0.3
 edge of something in front. It does not speak against the outline, but it fixes nothing."""
 HOPELESS = 0.5
 """Where more of the samples than this miss their edge, it is not worth while to ask why."""
+BESIDE = 1.75
+"""px from an edge, the material of a thin part begins and has not ended."""
 LEAST = 8
 """Edges that must be found before their levels tell what ground and material look like."""
 LOOSE = 0.25
@@ -157,7 +159,9 @@ class OutlineSamples:
         asked = int(np.count_nonzero(inside & self.outline))
         ground, material = self._levels(edges, found)
         # an edge without material on its inner side, a line on the ground for one, is none of the outline's
-        found = found & ~(np.abs(edges[:, 2] - ground) < np.abs(edges[:, 2] - material))
+        offset = np.where(found, edges[:, 0], 0.0) - BESIDE
+        within = levels_at(grey, points + offset[:, None] * normals)
+        found = found & ~(np.abs(within - ground) < np.abs(within - material))
         hits = np.abs(edges[found & self.outline, 0])
         return Support(
             len(hits) / asked if asked else 0.0,
