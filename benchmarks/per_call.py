@@ -7,15 +7,17 @@ import common
 
 # isort: split
 import argparse
-from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
 
 import grasptrack as gt
+from grasptrack import kernels
 from grasptrack.simulation import SHAPES, Camera, tilting_path
-from grasptrack.transfer import grasp_line, homography, rrp, transfer
+from grasptrack.transfer import homography
 
+STRATEGIES = {"rrp": "RRP transfer", "grasp-line": "grasp-line transfer", "homography": "homography transfer"}
 TARGETS = {"RRP transfer": 3.0, "grasp-line transfer": 8.0, "homography transfer": 35.0, "analysis": 20.0}
 LENGTHS = (300, 3000, 30000)
 
@@ -43,50 +45,50 @@ def views(count: int, calls: int) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def time_calls(count: int, calls: int) -> dict[str, float]:
-    """Median us of each call on outlines of `count` points."""
+    """Median us of each call on outlines of `count` points.
+
+    Every call gets a contour that was made for it alone, and the reference keeps nothing that a transfer could use. A
+    transfer is the whole of it: the grasp described in the reference and found in the other outline.
+    """
     first, others = views(count, 2 * calls)
     reference = gt.Contour(first)
     grasp = gt.synthesize(reference)[0]
     spots = grasp.on(reference)
-    fresh = lambda: [gt.Contour(points) for points in others]  # noqa: E731
-    rng = np.random.default_rng(1)
+    described = homography.describe(grasp, reference)
 
     def on(contour: gt.Contour) -> gt.Grasp:
-        from grasptrack import kernels
-
         return gt.Grasp(kernels.point_at(contour.points, contour.offsets, spots))
 
-    described = {m: m.describe(grasp, reference) for m in (rrp, grasp_line, homography)}
-    step = np.eye(3)
-    step[:2, 2] = rng.normal(0.0, 1.0, 2)
-
-    def transfer_by(module: object) -> Callable[[gt.Contour], object]:
-        apply, description = module.apply, described[module]  # type: ignore[attr-defined, index]
-        return lambda contour: _or_reason(apply, description, contour)
+    def pairs(strategy: str) -> list[tuple[gt.Grasp, gt.Contour, gt.Contour, str]]:
+        return [(grasp, reference, contour, strategy) for contour in map(gt.Contour, others)]
 
     times = {"construction of a Contour": common.each_once(gt.Contour, [(p,) for p in others])}
-    for name, module in (("RRP", rrp), ("grasp-line", grasp_line), ("homography", homography)):
-        carry, pool = transfer_by(module), fresh()
-        refused = sum(isinstance(carry(c), gt.GraspTrackError) for c in fresh()[:50])
-        if refused > 5:
-            print(f"note: {name} refused {refused} of 50 outlines of {count} points")
-        times[f"{name} transfer"] = common.each_once(carry, [(c,) for c in pool])
-        times[f"transfer(...), {name}"] = common.each_once(
-            _transfer_or_reason, [(grasp, reference, c, name.lower()) for c in fresh()]
-        )
-    times["analysis"] = common.each_once(gt.analyze, [(on(c), c) for c in fresh()])
+    for strategy, name in STRATEGIES.items():
+        carried = [carries(*arguments) for arguments in pairs(strategy)]
+        if not all(carried):
+            print(f"note: {strategy} refused {carried.count(False)} of {len(carried)} outlines of {count} points")
+        pool = [arguments for arguments, served in zip(pairs(strategy), carried, strict=True) if served]
+        times[name] = common.each_once(gt.transfer, pool)
+        if strategy == "homography":
+            served = [contour for _, _, contour, _ in pool]
+            times["- describe"] = common.each_once(homography.describe, [(on(c), c) for c in again(served)])
+            times["- apply"] = common.each_once(homography.apply, [(described, c) for c in again(served)])
+    times["analysis"] = common.each_once(gt.analyze, [(on(c), c) for c in map(gt.Contour, others)])
     return {name: 1e6 * s for name, s in times.items()}
 
 
-def _transfer_or_reason(*arguments: object) -> object:
-    return _or_reason(transfer, *arguments)
+def again(contours: list[gt.Contour]) -> list[gt.Contour]:
+    """The same outlines, made anew."""
+    return [gt.Contour(c.points) for c in contours]
 
 
-def _or_reason(call: Callable[..., object], *arguments: object) -> object:
+def carries(*arguments: Any) -> bool:
+    """Whether a transfer succeeds; a refusal costs another time than an answer."""
     try:
-        return call(*arguments)
-    except gt.TransferError as reason:
-        return reason
+        gt.transfer(*arguments)
+    except gt.TransferError:
+        return False
+    return True
 
 
 def time_opencv(count: int, calls: int) -> dict[str, float]:
@@ -121,8 +123,9 @@ def main() -> None:
         us = [measured[n][name] for n in LENGTHS]
         target = TARGETS.get(name)
         verdict = "" if target is None else ("yes" if us[0] <= target else "NO")
-        rows.append([name, us[0], target or "", verdict, us[1], us[2], us[1] / us[0], us[2] / us[1]])
-    head = ["call", "300 pts", "target", "met", "3,000 pts", "30,000 pts", "growth x10", "growth x100"]
+        linear = "yes" if us[2] <= us[0] * LENGTHS[2] / LENGTHS[0] else "NO"
+        rows.append([name, us[0], target or "", verdict, us[1], us[2], us[1] / us[0], us[2] / us[1], linear])
+    head = ["call", "300 pts", "target", "met", "3,000 pts", "30,000 pts", "first x10", "next x10", "at most linear"]
     common.table(head, rows)
     print("Comparable work in OpenCV on the same outlines: median us")
     peers = {n: time_opencv(n, max(60, calls * 300 // n // 4)) for n in LENGTHS}

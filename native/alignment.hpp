@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "geometry.hpp"
@@ -33,22 +34,54 @@ inline void centred_samples(Points points, const double *arc, std::size_t count,
     for (std::size_t k = 0; k < count; ++k) out[k] = scale * out[k];
 }
 
-// c_k = sum_i conj(a_i) b_(i + k), real and imaginary part, for all k.
-inline void cyclic_correlation(const Pair *a, const Pair *b, std::size_t count, Pair *out) {
-    constexpr std::size_t block = 4;  // shifts that are summed in registers
-    std::vector<Pair> real(2 * count + block), turned(2 * count + block);
-    for (std::size_t i = 0, j = 0; i < real.size(); ++i, j = j + 1 < count ? j + 1 : 0) {
-        real[i] = b[j];
-        turned[i] = Pair{b[j][1], -b[j][0]};
-    }
-    for (std::size_t k = 0; k < count; k += block) {
-        Pair sum[block] = {both(0), both(0), both(0), both(0)};
-        for (std::size_t i = 0; i < count; ++i) {
-            const Pair x = both(a[i][0]), y = both(a[i][1]);
-            for (std::size_t j = 0; j < block; ++j) sum[j] = sum[j] + (x * real[i + k + j] + y * turned[i + k + j]);
+// The discrete Fourier transform of a power of 2 of complex numbers (Stockham's form); `room` takes as many.
+class Fourier {
+  public:
+    explicit Fourier(std::size_t count) : count_(count), cosine_(count / 2), sine_(count / 2) {
+        for (std::size_t j = 0; j < count / 2; ++j) {
+            const double angle = -6.28318530717958647692 * static_cast<double>(j) / static_cast<double>(count);
+            cosine_[j] = both(std::cos(angle));
+            sine_[j] = Pair{-std::sin(angle), std::sin(angle)};
         }
-        for (std::size_t j = 0; j < block && k + j < count; ++j) out[k + j] = sum[j];
     }
+
+    std::size_t count() const { return count_; }
+
+    void transform(std::vector<Pair> &x, std::vector<Pair> &room) const {
+        for (std::size_t half = count_ / 2, stride = 1; half >= 1; half /= 2, stride *= 2) {
+            for (std::size_t p = 0; p < half; ++p) {
+                const Pair cosine = cosine_[p * stride], sine = sine_[p * stride];
+                const Pair *a = x.data() + stride * p, *b = a + stride * half;
+                Pair *out = room.data() + 2 * stride * p;
+                for (std::size_t q = 0; q < stride; ++q) {
+                    const Pair gap = a[q] - b[q];
+                    out[q] = a[q] + b[q];
+                    out[q + stride] = cosine * gap + sine * Pair{gap[1], gap[0]};
+                }
+            }
+            x.swap(room);
+        }
+    }
+
+  private:
+    std::size_t count_;
+    std::vector<Pair> cosine_, sine_;
+};
+
+// c_k = sum_i conj(a_i) b_(i + k), real and imaginary part, for all k, by the transforms of both.
+inline std::vector<Pair> cyclic_correlation(std::vector<Pair> a, std::vector<Pair> b) {
+    thread_local Fourier fourier(64);
+    if (fourier.count() != a.size()) fourier = Fourier(a.size());
+    std::vector<Pair> room(a.size());
+    fourier.transform(a, room);
+    fourier.transform(b, room);
+    // the inverse transform of b conj(a) is the conjugate of the transform of its conjugate
+    const double share = 1 / static_cast<double>(a.size());
+    for (std::size_t k = 0; k < a.size(); ++k)
+        a[k] = both(share) * Pair{a[k][0] * b[k][0] + a[k][1] * b[k][1], a[k][1] * b[k][0] - a[k][0] * b[k][1]};
+    fourier.transform(a, room);
+    for (Pair &c : a) c[1] = -c[1];
+    return a;
 }
 
 struct Fit {
@@ -57,10 +90,10 @@ struct Fit {
 
 inline std::vector<Fit> align_outlines(Points points1, const double *arc1, Points points2, const double *arc2,
                                        std::size_t count, double tie) {
-    std::vector<Pair> a(count), b(count), c(count);
+    std::vector<Pair> a(count), b(count);
     centred_samples(points1, arc1, count, a.data());
     centred_samples(points2, arc2, count, b.data());
-    cyclic_correlation(a.data(), b.data(), count, c.data());
+    const std::vector<Pair> c = cyclic_correlation(std::move(a), std::move(b));
     std::vector<double> square(count), residual(count);
     for (std::size_t k = 0; k < count; ++k) {
         square[k] = dot(c[k], c[k]);

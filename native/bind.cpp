@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The one place where kernels meet Python: arrays in, checks, arrays and tuples out.
 
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <array>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -14,12 +18,14 @@
 #include "curvature.hpp"
 #include "edges.hpp"
 #include "evidence.hpp"
+#include "grasp_line.hpp"
 #include "homography.hpp"
 #include "inertia.hpp"
 #include "lines.hpp"
 #include "matching.hpp"
 #include "outline.hpp"
 #include "peaks.hpp"
+#include "refine.hpp"
 #include "registration.hpp"
 #include "support.hpp"
 #include "threshold.hpp"
@@ -37,8 +43,6 @@ nb::object py_arc_length(const PointArray &points) {
     arc_length(contour, out.values());
     return out.array();
 }
-
-using FlagArray = nb::ndarray<const bool, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 
 nb::tuple py_curvature_vector(const PointArray &points, const std::optional<FlagArray> &clipped, double smoothing) {
     const Points contour = contour_of(points);
@@ -101,13 +105,17 @@ nb::tuple py_nearest_crossings(const PointArray &points, const IndexArray &offse
 
 nb::object py_locate(const PointArray &points, const IndexArray &offsets, const PointArray &queries) {
     const Outline outline = outline_of(points, offsets);
-    const Points wanted = points_of(queries);
-    Output out(wanted.size, 3);
-    double *v = out.values();
-    for (std::size_t k = 0; k < wanted.size; ++k) {
-        const Located at = locate(outline, wanted[k]);
-        *v++ = at.contour, *v++ = at.position, *v++ = at.distance;
-    }
+    static_assert(sizeof(Located) == 3 * sizeof(double));
+    Output out(queries.shape(0), 3);
+    locate(outline, points_of(queries), reinterpret_cast<Located *>(out.values()));
+    return out.array();
+}
+
+nb::object py_fixed_places(const PointArray &points, const IndexArray &offsets, const PointArray &queries) {
+    constexpr double grain = 4294967296.0;
+    Output out(queries.shape(0), 3);
+    locate(outline_of(points, offsets), points_of(queries), reinterpret_cast<Located *>(out.values()));
+    for (std::size_t i = 0; i < 3 * queries.shape(0); ++i) out.values()[i] = std::nearbyint(out.values()[i] * grain) / grain;
     return out.array();
 }
 
@@ -117,6 +125,14 @@ nb::object py_point_at(const PointArray &points, const IndexArray &offsets, cons
     Output out(count, 2);
     for (std::size_t k = 0; k < count; ++k) out.vectors()[k] = place_of(outline, places, k).point();
     return out.array();
+}
+
+nb::object py_carry_places(const RowArray &places, const IndexArray &offsets, const PointArray &points,
+                           const IndexArray &current) {
+    if (offsets.shape(0) != current.shape(0) ||
+        !std::equal(offsets.data(), offsets.data() + offsets.shape(0), current.data()))
+        throw std::invalid_argument("the outlines' points do not correspond");
+    return py_point_at(points, current, places);
 }
 
 nb::object py_contact_frames(const PointArray &points, const IndexArray &offsets, const RowArray &places,
@@ -145,6 +161,59 @@ nb::tuple py_distortion(const RowArray &H, const PointArray &points) {
     if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
     const Distortion worst = distortion(H.data(), points_of(points));
     return nb::make_tuple(worst.in_front, worst.determinant, worst.ratio);
+}
+
+void check_indices(const std::vector<std::int64_t> &indices, std::size_t points) {
+    for (std::int64_t i : indices)
+        if (i < 0 || i >= static_cast<std::int64_t>(points)) throw std::invalid_argument("index out of range");
+}
+
+nb::tuple py_fit_homography(const PointArray &points1, const std::vector<std::int64_t> &indices1,
+                            const PointArray &points2, const std::vector<std::int64_t> &indices2) {
+    if (indices1.size() != 4 || indices2.size() != 4)
+        throw std::invalid_argument("four points of each contour are needed");
+    check_indices(indices1, points1.shape(0));
+    check_indices(indices2, points2.shape(0));
+    Vec source[4], target[4];
+    for (int i = 0; i < 4; ++i) source[i] = vectors(points1)[indices1[i]], target[i] = vectors(points2)[indices2[i]];
+    Output H(3, 3);
+    homography_4(source, target, H.values());
+    const Distortion worst = distortion(H.values(), {source, 4});
+    return nb::make_tuple(H.array(), worst.in_front, worst.determinant, worst.ratio);
+}
+
+nb::tuple py_refine_contacts(const RowArray &H, const PointArray &contacts, const std::optional<PointArray> &normals,
+                             const PointArray &points, const IndexArray &offsets) {
+    const std::size_t count = contacts.shape(0);
+    if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
+    if (normals ? normals->shape(0) != count : count != 2)
+        throw std::invalid_argument(normals ? "each contact needs its normal" : "contacts without normals are two");
+    Output out(count, 2);
+    const Refined refined = refine_contacts(H.data(), points_of(contacts), normals ? vectors(*normals) : nullptr,
+                                            outline_of(points, offsets), out.vectors());
+    return nb::make_tuple(out.array(), refined.residual, refined.growth, refined.in_front);
+}
+
+nb::tuple py_grasp_line(const PointArray &points, const IndexArray &offsets, const PointArray &contacts) {
+    if (contacts.shape(0) != 2) throw std::invalid_argument("a grasp line has two contacts");
+    const Inertia m = inertia(outline_of(points, offsets));
+    const DescribedLine d = grasp_line(m, vectors(contacts)[0], vectors(contacts)[1]);
+    return nb::make_tuple(d.line.d_c, d.line.alpha_m, d.line.d_1, d.line.d_2, m.t30, m.t21, m.t12, m.t03, m.area, m.cx,
+                          m.cy, m.theta, m.major, m.minor, d.sine, d.opening);
+}
+
+nb::tuple py_carry_grasp_line(const PointArray &points, const IndexArray &offsets, const std::array<double, 4> &line,
+                              const std::array<double, 8> &reference, const std::array<double, 2> &ahead,
+                              double least_skewness) {
+    const Outline outline = outline_of(points, offsets);
+    const Inertia m = inertia(outline);
+    const auto &r = reference;
+    Output contacts(2, 2), H(3, 3);
+    const CarriedLine carried =
+        carry_grasp_line(outline, m, {line[0], line[1], line[2], line[3]},
+                         {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7]}, {ahead[0], ahead[1]}, least_skewness,
+                         contacts.vectors(), H.values());
+    return nb::make_tuple(contacts.array(), H.array(), carried.residual, m.area, m.major, m.minor, carried.told);
 }
 
 template <typename Pixel>
@@ -182,16 +251,13 @@ void check_arc(std::size_t points, const ValueArray &arc) {
         throw std::invalid_argument("arc needs one entry more than the contour has points");
 }
 
-nb::object indices(const std::vector<std::int64_t> &values) {
-    OutputOf<std::int64_t> out(values.size());
-    std::copy(values.begin(), values.end(), out.values());
-    return out.array();
-}
-
 nb::object py_curvature_peaks(const ValueArray &values, const ValueArray &arc, double separation, double prominence) {
     check_arc(values.shape(0), arc);
-    return indices(curvature_peaks(values.data(), arc.data(), static_cast<std::int64_t>(values.shape(0)), separation,
-                                   prominence));
+    const auto peaks = curvature_peaks(values.data(), arc.data(), static_cast<std::int64_t>(values.shape(0)),
+                                       separation, prominence);
+    OutputOf<std::int64_t> out(peaks.size());
+    std::copy(peaks.begin(), peaks.end(), out.values());
+    return out.array();
 }
 
 nb::tuple py_best_quadrilateral(const PointArray &points, const ValueArray &weights) {
@@ -206,12 +272,13 @@ nb::tuple py_select_points(const PointArray &points, const ValueArray &arc, cons
     check_arc(points.shape(0), arc);
     check_arc(values.shape(0), arc);
     const Selected selected = select_points(points_of(points), arc.data(), values.data(), separation, prominence);
-    return nb::make_tuple(indices(selected.peaks), selected.triangle);
+    return nb::make_tuple(selected.peaks, selected.triangle);
 }
 
 nb::list py_align_outlines(const PointArray &points1, const ValueArray &arc1, const PointArray &points2,
                            const ValueArray &arc2, std::int64_t count, double tie) {
-    if (count < 3) throw std::invalid_argument("count must be at least 3, not " + std::to_string(count));
+    if (count < 4 || (count & (count - 1)) != 0)
+        throw std::invalid_argument("count must be a power of 2, at least 4, not " + std::to_string(count));
     check_arc(points1.shape(0), arc1);
     check_arc(points2.shape(0), arc2);
     nb::list out;
@@ -221,21 +288,23 @@ nb::list py_align_outlines(const PointArray &points1, const ValueArray &arc1, co
     return out;
 }
 
-nb::object py_match_curvature(const ValueArray &v1, const ValueArray &arc1, const IndexArray &indices,
-                              const ValueArray &v2, const ValueArray &arc2, const ValueArray &centres, double kappa,
-                              double reach, int radius, double step, double tolerance) {
+nb::tuple py_match_curvature(const ValueArray &v1, const ValueArray &arc1, const std::vector<std::int64_t> &indices,
+                             const ValueArray &v2, const ValueArray &arc2, const std::vector<double> &centres,
+                             double kappa, double reach, int radius, double step, double tolerance) {
     check_arc(v1.shape(0), arc1);
     check_arc(v2.shape(0), arc2);
-    const auto n1 = static_cast<std::int64_t>(v1.shape(0)), m = static_cast<std::int64_t>(indices.shape(0));
+    check_indices(indices, v1.shape(0));
     if (radius < 0) throw std::invalid_argument("radius must be at least 0");
-    if (centres.shape(0) != indices.shape(0)) throw std::invalid_argument("each index needs its centre");
-    for (std::int64_t row = 0; row < m; ++row)
-        if (indices.data()[row] < 0 || indices.data()[row] >= n1) throw std::invalid_argument("index out of range");
-    Output out(static_cast<std::size_t>(m), 2);
-    match_curvature(v1.data(), arc1.data(), n1, indices.data(), m, v2.data(), arc2.data(),
-                    static_cast<std::int64_t>(v2.shape(0)), centres.data(), kappa, reach, radius, step, tolerance,
-                    out.values());
-    return out.array();
+    if (centres.size() != indices.size()) throw std::invalid_argument("each index needs its centre");
+    nb::list samples, errors;
+    for (const Match &match : match_curvature(
+             {v1.data(), arc1.data(), static_cast<std::int64_t>(v1.shape(0))}, indices,
+             {v2.data(), arc2.data(), static_cast<std::int64_t>(v2.shape(0))}, centres, kappa, reach, radius, step,
+             tolerance)) {
+        samples.append(match.sample);
+        errors.append(match.error);
+    }
+    return nb::make_tuple(samples, errors);
 }
 
 nb::tuple py_settle_edges(const PointArray &points, const PointArray &normals, const RowArray &edges,
@@ -352,7 +421,10 @@ NB_MODULE(_native, m) {
     m.def("arc_length", &py_arc_length, "points"_a);
     m.def("best_quadrilateral", &py_best_quadrilateral, "points"_a, "weights"_a);
     m.def("blend_normals", &py_blend_normals, "points"_a);
+    m.def("carry_grasp_line", &py_carry_grasp_line, "points"_a, "offsets"_a, "line"_a, "reference"_a, "ahead"_a,
+          "least_skewness"_a);
     m.def("carry_normals", &py_carry_normals, "H"_a, "points"_a, "normals"_a);
+    m.def("carry_places", &py_carry_places, "places"_a, "offsets"_a, "points"_a, "current"_a);
     m.def("contact_frames", &py_contact_frames, "points"_a, "offsets"_a, "places"_a, "width"_a);
     m.def("crossings", &py_crossings, "points"_a, "offsets"_a, "x"_a, "y"_a, "ux"_a, "uy"_a);
     m.def("curvature", &py_curvature, "points"_a, "step"_a);
@@ -363,7 +435,10 @@ NB_MODULE(_native, m) {
           "polarity"_a);
     m.def("edge_search", &py_edge_search<float>, "image"_a.noconvert(), "points"_a, "normals"_a, "reach"_a,
           "polarity"_a);
+    m.def("fit_homography", &py_fit_homography, "points1"_a, "indices1"_a, "points2"_a, "indices2"_a);
+    m.def("fixed_places", &py_fixed_places, "points"_a, "offsets"_a, "queries"_a);
     m.def("force_closure", &py_force_closure, "contacts"_a, "normals"_a, "cx"_a, "cy"_a, "rho"_a, "friction"_a);
+    m.def("grasp_line", &py_grasp_line, "points"_a, "offsets"_a, "contacts"_a);
     m.def("homography_4", &py_homography_4, "source"_a, "target"_a);
     m.def("inertia", &py_inertia, "points"_a, "offsets"_a);
     m.def("locate", &py_locate, "points"_a, "offsets"_a, "queries"_a);
@@ -374,6 +449,7 @@ NB_MODULE(_native, m) {
     m.def("point_at", &py_point_at, "points"_a, "offsets"_a, "places"_a);
     m.def("projective_step", &py_projective_step, "points"_a, "normals"_a, "offsets"_a, "contacts"_a, "radius"_a,
           "loose"_a);
+    m.def("refine_contacts", &py_refine_contacts, "H"_a, "contacts"_a, "normals"_a.none(), "points"_a, "offsets"_a);
     m.def("resample", &py_resample, "points"_a, "count"_a, "smooth"_a);
     m.def("select_points", &py_select_points, "points"_a, "arc"_a, "curvature"_a, "separation"_a, "prominence"_a);
     m.def("settle_edges", &py_settle_edges, "points"_a, "normals"_a, "edges"_a, "fixed"_a, "fallback"_a, "outlier"_a);

@@ -37,7 +37,7 @@ inline void curvature(Points points, const double *arc, double step, double scal
         throw std::invalid_argument("step must be above 0 and at most a quarter of the length " + number(arc[n]) +
                                     ", not " + number(step));
     const Integral curve(points, arc, 1.5 * step);
-    std::unique_ptr<double[]> parts(new double[2 * n]);
+    const Scratch<double> parts(2 * n);
     double *y = parts.get(), *x = y + n;
     Integral::Reader read_a(curve), read_b(curve), read_c(curve), read_d(curve);
     for (std::size_t i = 0; i < n; ++i) {
@@ -53,7 +53,7 @@ inline void curvature(Points points, const double *arc, double step, double scal
 }
 
 inline void curvature(Points points, double step, double *out) {
-    std::unique_ptr<double[]> arc(new double[points.size + 1]);
+    const Scratch<double> arc(points.size + 1);
     arc_length(points, arc.get());
     curvature(points, arc.get(), step, 1.0, out);
 }
@@ -77,7 +77,7 @@ inline void curvature_vector(Points points, const bool *clipped, double smoothin
 }
 
 inline void resample(Points points, std::size_t count, double smooth, Vec *out) {
-    std::unique_ptr<double[]> arc(new double[points.size + 1]);
+    const Scratch<double> arc(points.size + 1);
     arc_length(points, arc.get());
     const double whole = arc[points.size];
     if (!(smooth >= 0 && smooth <= whole))
@@ -85,7 +85,7 @@ inline void resample(Points points, std::size_t count, double smooth, Vec *out) 
                                     number(smooth));
     const double spacing = whole / static_cast<double>(count);
     const Integral curve(points, arc.get(), 0.5 * smooth);
-    if (smooth <= 1e-9 * whole) {
+    if (smooth <= 1e-7 * whole) {
         Integral::Reader read(curve);
         for (std::size_t j = 0; j < count; ++j) out[j] = curve.origin() + read.point(static_cast<double>(j) * spacing);
         return;

@@ -2,9 +2,8 @@
 // One closed contour as a curve of its arc length.
 #pragma once
 
-#include <memory>
-
 #include "geometry.hpp"
+#include "scratch.hpp"
 
 namespace grasptrack {
 
@@ -28,13 +27,11 @@ class Integral {
     };
 
   public:
-    Integral(Points points, const double *arc, double margin) : origin_(points[0]) {
+    Integral(Points points, const double *arc, double margin)
+        : before_(knots_before(points.size, arc, margin)), after_(knots_after(points.size, arc, margin)),
+          room_(before_ + points.size + after_ + 1), origin_(points[0]) {
         const std::size_t n = points.size;
-        std::size_t before = 0, after = 1;  // sides of the lap before and of the lap after
-        while (before < n && arc[n] - arc[n - before] < margin) ++before;
-        while (after < n && arc[after] <= margin) ++after;
-        room_.reset(new Knot[before + n + after + 1]);
-        Knot *knot = room_.get() + before;
+        Knot *knot = room_.get() + before_;
         const Pair origin = pair(origin_);
         Pair here = both(0), whole = both(0);
         for (std::size_t i = 0; i < n; ++i) {
@@ -44,12 +41,12 @@ class Integral {
             whole = whole + both(span) * (here + half);
             here = next;
         }
-        for (std::size_t i = 1; i <= before; ++i) {
+        for (std::size_t i = 1; i <= before_; ++i) {
             knot[-static_cast<std::ptrdiff_t>(i)] = knot[n - i];
             knot[-static_cast<std::ptrdiff_t>(i)].prefix = knot[n - i].prefix - whole;
             knot[-static_cast<std::ptrdiff_t>(i)].arc = arc[n - i] - arc[n];
         }
-        for (std::size_t i = 0; i <= after; ++i) {
+        for (std::size_t i = 0; i <= after_; ++i) {
             knot[n + i] = knot[i];
             knot[n + i].prefix = knot[i].prefix + whole;
             knot[n + i].arc = arc[n] + arc[i];
@@ -83,7 +80,20 @@ class Integral {
     };
 
   private:
-    std::unique_ptr<Knot[]> room_;
+    // How many sides of the lap before, and of the lap after, the margin reaches over.
+    static std::size_t knots_before(std::size_t n, const double *arc, double margin) {
+        std::size_t count = 0;
+        while (count < n && arc[n] - arc[n - count] < margin) ++count;
+        return count;
+    }
+    static std::size_t knots_after(std::size_t n, const double *arc, double margin) {
+        std::size_t count = 1;
+        while (count < n && arc[count] <= margin) ++count;
+        return count;
+    }
+
+    std::size_t before_, after_;
+    Scratch<Knot> room_;
     Vec origin_;
 };
 

@@ -36,23 +36,28 @@ struct Cyclic {
     }
 };
 
-// Eq. (3) for m points; out is (m, 2).
-inline void match_curvature(const double *v1, const double *arc1, std::int64_t n1, const std::int64_t *indices,
-                            std::int64_t m, const double *v2, const double *arc2, std::int64_t n2,
-                            const double *centres, double kappa, double reach, int radius, double step, double tolerance,
-                            double *out) {
+struct Match {
+    std::int64_t sample;
+    double error;
+};
+
+// Eq. (3) for some samples of the first contour.
+inline std::vector<Match> match_curvature(const Cyclic &first, const std::vector<std::int64_t> &indices,
+                                          const Cyclic &second, const std::vector<double> &centres, double kappa,
+                                          double reach, int radius, double step, double tolerance) {
     constexpr double circle = 6.28318530717958647692;
-    const Cyclic first{v1, arc1, n1}, second{v2, arc2, n2};
     const int size = 2 * radius + 1;
     // Neighbours from the middle outward, one ahead, one behind: where curves differ at a peak, the middle tells first.
     std::vector<double> ahead(size), wanted(size);
     for (int k = 0; k < size; ++k) ahead[k] = (k % 2 ? (k + 1) / 2 : -(k / 2)) * step;
     std::vector<std::int64_t> here(size);
     const auto start = [&](int k, std::int64_t middle) { return k > 1 ? here[k - 2] : middle; };
-    for (std::int64_t row = 0; row < m; ++row) {
+    std::vector<Match> out;
+    for (std::size_t row = 0; row < indices.size(); ++row) {
+        const std::int64_t i = indices[row];
         for (int k = 0; k < size; ++k) {
-            here[k] = start(k, indices[row]);
-            wanted[k] = first.read(arc1[indices[row]] + ahead[k], here[k]);
+            here[k] = start(k, i);
+            wanted[k] = first.read(first.arc[i] + ahead[k], here[k]);
         }
         double best = std::numeric_limits<double>::infinity();
         std::int64_t chosen = -1;
@@ -60,13 +65,13 @@ inline void match_curvature(const double *v1, const double *arc1, std::int64_t n
         const std::int64_t middle = second.at(centre);
         // Whether sample j is in the window; its error then replaces the best if it is smaller.
         const auto weigh = [&](std::int64_t j) {
-            double gap = std::abs(arc2[j] - centre);
+            double gap = std::abs(second.arc[j] - centre);
             gap = std::min(gap, second.length() - gap);
             if (!(gap <= limit)) return false;
             double error = 0.0;
             for (int k = 0; k < size; ++k) {
                 if (here[k] < 0) here[k] = start(k, j);
-                error += std::abs(wanted[k] - second.read(arc2[j] + kappa * ahead[k], here[k]));
+                error += std::abs(wanted[k] - second.read(second.arc[j] + kappa * ahead[k], here[k]));
                 if (error > best) return true;  // it only grows
             }
             if (error < best) best = error, chosen = j;  // never so for a NaN
@@ -74,16 +79,16 @@ inline void match_curvature(const double *v1, const double *arc1, std::int64_t n
         };
         // From the centre to either side: the match is near it, and the better the best, the sooner others are done.
         std::fill(here.begin(), here.end(), -1);
-        std::int64_t j = middle + 1 < n2 ? middle + 1 : 0, left = n2;
-        for (; left > 0 && weigh(j); --left) j = j + 1 < n2 ? j + 1 : 0;
+        std::int64_t j = middle + 1 < second.size ? middle + 1 : 0, left = second.size;
+        for (; left > 0 && weigh(j); --left) j = j + 1 < second.size ? j + 1 : 0;
         std::fill(here.begin(), here.end(), -1);
         j = middle;
-        for (; left > 0 && weigh(j); --left) j = j > 0 ? j - 1 : n2 - 1;
+        for (; left > 0 && weigh(j); --left) j = j > 0 ? j - 1 : second.size - 1;
         best /= size;
-        const bool good = best <= tolerance * std::max(std::abs(v1[indices[row]]), circle);
-        out[2 * row] = good ? static_cast<double>(chosen) : -1.0;
-        out[2 * row + 1] = best;
+        const bool good = best <= tolerance * std::max(std::abs(first.values[i]), circle);
+        out.push_back({good ? chosen : -1, best});
     }
+    return out;
 }
 
 }  // namespace grasptrack

@@ -55,12 +55,33 @@ def test_outline_kernels(outline):
     places = np.array([[c, rng.uniform(0, offsets[c + 1] - offsets[c])] for c in (0, 1, 0)])
     same("point_at", points, offsets, places)
     same("locate", points, offsets, middle + rng.uniform(-120, 120, (5, 2)))
+    same("locate", points, offsets, points[rng.integers(0, len(points), 3)])
+    same("fixed_places", points, offsets, middle + rng.uniform(-120, 120, (2, 2)))
+    same("carry_places", places, offsets, points, offsets.copy())
     for width in (3.0, 40.0, 400.0):
         same("contact_frames", points, offsets, places, width)
     turn = rng.uniform(0, 2 * np.pi)
     line = (*(middle + rng.uniform(-40, 40, 2)).tolist(), np.cos(turn), np.sin(turn))
     same("crossings", points, offsets, *line)
     same("nearest_crossings", points, offsets, *line, -60.0, 70.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(outlines(), outlines())
+def test_grasp_line_kernels(first, second):
+    points, offsets, rng = first
+    at = rng.choice(offsets[1] - 1, 2, replace=False)  # on sides: a line through a vertex may touch or cross
+    contacts = points[at] + 0.4 * (points[at + 1] - points[at])
+    wanted = reference.grasp_line(points, offsets, contacts)
+    same("grasp_line", points, offsets, contacts)
+    line, frame = wanted[:4], wanted[4:12]
+    for ahead, least in (((0.0, 0.0), 0.0), ((0.0, 0.0), 1.0), ((0.3, -2.0), 0.0)):
+        for current in (first, second):
+            arguments = current[0], current[1], line, frame, ahead, least
+            for found, expected in zip(
+                native.carry_grasp_line(*arguments), reference.carry_grasp_line(*arguments), strict=True
+            ):
+                np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
 @settings(max_examples=60, deadline=None)
@@ -104,6 +125,8 @@ def test_both_refuse_the_same():
         ("point_at", points, offsets, np.array([[0.0, 4.1]])),
         ("point_at", points, offsets, np.array([[0.0, -0.1]])),
         ("point_at", points, offsets, np.array([[np.nan, 0.0]])),
+        ("carry_places", np.zeros((1, 2)), offsets, points, np.array([0, 5])),
+        ("grasp_line", points, offsets, points[:3]),
         ("contact_frames", points, offsets, np.array([[0.0, 0.0]]), 0.0),
         ("homography_4", row, square),
         ("homography_4", square, row),

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from grasptrack import kernels
@@ -29,6 +29,72 @@ def test_peaks(points, prominence):
     assert found.tolist() == reference.curvature_peaks(v, arc, 0.03 * arc[-1], prominence).tolist()
     assert found.dtype == np.int64
     assert not set(found.tolist()) & set(range(4, 10))
+
+
+@FEW
+@given(blobs(count=400), st.integers(0, 1000), st.floats(0.5, 4.0))
+def test_peaks_among_very_many_crests(points, seed, prominence):
+    v, arc = vectors(points)
+    v += np.random.default_rng(seed).normal(0.0, 0.5 * prominence, len(v))
+    v[50] = np.nan
+    found = kernels.curvature_peaks(v, arc, 0.03 * arc[-1], prominence)
+    assert found.tolist() == reference.curvature_peaks(v, arc, 0.03 * arc[-1], prominence).tolist()
+
+
+@FEW
+@given(st.one_of(stars(), blobs()), st.integers(0, 299), st.booleans())
+def test_curvature_vectors_and_the_points_selected_by_them(points, cut, clip):
+    n = len(points)
+    clipped = (np.arange(n) - cut) % n < 5 if clip else None
+    found, wanted = kernels.curvature_vector(points, clipped, 0.012), reference.curvature_vector(points, clipped, 0.012)
+    for a, b in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-6)
+    assert np.isnan(found[1]).sum() == (5 + 2 * int(np.ceil(1.5 * 0.012 * n)) if clip else 0)
+    arc, v = wanted
+    for prominence in (1.0, 4.0):
+        arguments = points, arc, v, 0.03 * arc[-1], prominence
+        (peaks, triangle), (same, wanted_triangle) = (
+            kernels.select_points(*arguments),
+            reference.select_points(*arguments),
+        )
+        assert peaks == same
+        assert sorted(peaks) == sorted(kernels.curvature_peaks(v, arc, 0.03 * arc[-1], prominence).tolist())
+        assert triangle == pytest.approx(wanted_triangle)
+
+
+@FEW
+@given(stars(), frame_motions(), st.lists(st.integers(0, 290), min_size=4, max_size=4, unique=True))
+def test_homographies_of_samples_and_contacts_carried_by_them(points, H, samples):
+    current, offsets = apply_homography(H, points), np.array([0, len(points)])
+    arguments = points, samples, current, samples
+    assume(reference.best_quadrilateral(points[samples], np.ones(4))[4] > 100.0)
+    wanted = reference.fit_homography(*arguments)
+    assert wanted[1:] == pytest.approx(reference.distortion(wanted[0], points[samples]))
+    assume(wanted[1] > 1e-3)
+    for a, b in zip(kernels.fit_homography(*arguments), wanted, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6)
+    three = points[[20, 130, 240]]
+    normals = kernels.blend_normals(points)[[20, 130, 240]]
+    for contacts, along in ((three[:2], None), (three, normals)):
+        carried = H, contacts, along, current, offsets
+        for a, b in zip(kernels.refine_contacts(*carried), reference.refine_contacts(*carried), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6)
+
+
+def test_contacts_without_a_crossing_of_their_own_are_told():
+    square = np.array([[0.0, 0], [100, 0], [100, 100], [0, 100]])
+    offsets = np.array([0, 4])
+    for module in (kernels, reference):
+        off = module.refine_contacts(np.eye(3), np.array([[10.0, 300], [90, 300]]), None, square, offsets)
+        assert np.isnan(off[1])
+        same = module.refine_contacts(np.eye(3), np.array([[-20.0, 50], [-10, 50]]), None, square, offsets)
+        assert same[1] == np.inf
+        behind = np.array([[1.0, 0, 0], [0, 1, 0], [-0.02, 0, 1]])
+        assert module.refine_contacts(behind, np.array([[0.0, 50], [100, 50]]), None, square, offsets)[3] < 0
+        assert module.distortion(behind, square)[0] < 0
+        assert np.isnan(module.distortion(np.full((3, 3), np.nan), square)[0])
+        assert module.distortion(np.diag([-1.0, 1, 1]), square)[1] < 0
+        assert module.distortion(np.diag([20.0, 1, 1]), square)[2] == pytest.approx(20)
 
 
 @FEW
@@ -61,14 +127,15 @@ def test_eq_3(points, H, start, gap):
     peaks = np.argsort(-np.abs(v1))[:4].astype(np.int64)
     kappa = arc2[-1] / arc1[-1]
     centres = kappa * arc1[peaks] + 3.0
-    arguments = (v1, arc1, peaks, v2, arc2, centres, kappa, 0.04 * arc1[-1], 12, 0.0025 * arc1[-1])
+    arguments = (v1, arc1, peaks.tolist(), v2, arc2, centres.tolist(), kappa, 0.04 * arc1[-1], 12, 0.0025 * arc1[-1])
     strict, same = kernels.match_curvature(*arguments, 0.2), reference.match_curvature(*arguments, 0.2)
-    assert ((strict[:, 0] < 0) == (same[:, 0] < 0)).all()
+    assert [j < 0 for j in strict[0]] == [j < 0 for j in same[0]]
     found, wanted = kernels.match_curvature(*arguments, 1e9), reference.match_curvature(*arguments, 1e9)
-    np.testing.assert_allclose(found[:, 1], wanted[:, 1], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found[1], wanted[1], rtol=1e-9, atol=1e-9)
     # of samples that fit alike either may be taken; all must be samples
-    assert ((found[:, 0] >= -1) & (found[:, 0] < len(points))).all()
-    apart = np.abs(np.mod(arc2[found[:, 0].astype(int)] - centres + 0.5 * arc2[-1], arc2[-1]) - 0.5 * arc2[-1])
+    samples = np.array(found[0])
+    assert ((samples >= -1) & (samples < len(points))).all()
+    apart = np.abs(np.mod(arc2[samples] - centres + 0.5 * arc2[-1], arc2[-1]) - 0.5 * arc2[-1])
     assert (apart <= kappa * 0.04 * arc1[-1] + 1e-9).all() or gap
 
 
@@ -78,6 +145,12 @@ def test_bad_arguments():
         kernels.curvature_peaks(v, arc, 1.0, 1.0)
     with pytest.raises(ValueError, match="weight"):
         kernels.best_quadrilateral(np.zeros((4, 2)), np.ones(3))
+    with pytest.raises(ValueError, match="flag"):
+        kernels.curvature_vector(np.eye(9, 2), np.zeros(3, dtype=bool), 0.01)
+    with pytest.raises(ValueError, match="four points"):
+        kernels.fit_homography(np.eye(4, 2), [0, 1, 2], np.eye(4, 2), [0, 1, 2])
+    with pytest.raises(ValueError, match="two"):
+        kernels.refine_contacts(np.eye(3), np.ones((3, 2)), None, np.ones((4, 2)), np.array([0, 4]))
     with pytest.raises(ValueError, match="count"):
         kernels.align_outlines(np.eye(2), np.zeros(3), np.eye(2), np.zeros(3), 2, 0.1)
 

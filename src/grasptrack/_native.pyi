@@ -31,23 +31,40 @@ def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominenc
 def best_quadrilateral(points: Floats, weights: Floats) -> tuple[int, int, int, int, float]: ...
 def select_points(
     points: Floats, arc: Floats, curvature: Floats, separation: float, prominence: float
-) -> tuple[NDArray[np.int64], float]: ...
+) -> tuple[list[int], float]: ...
 def align_outlines(
     points1: Floats, arc1: Floats, points2: Floats, arc2: Floats, count: int, tie: float
 ) -> list[tuple[float, float, float]]: ...
 def match_curvature(
     v1: Floats,
     arc1: Floats,
-    indices: NDArray[np.int64],
+    indices: list[int],
     v2: Floats,
     arc2: Floats,
-    centres: Floats,
+    centres: list[float],
     kappa: float,
     reach: float,
     radius: int,
     step: float,
     tolerance: float,
-) -> Floats: ...
+) -> tuple[list[int], list[float]]: ...
+def fit_homography(
+    points1: Floats, indices1: list[int], points2: Floats, indices2: list[int]
+) -> tuple[Floats, float, float, float]: ...
+def refine_contacts(
+    H: Floats, contacts: Floats, normals: Floats | None, points: Floats, offsets: NDArray[np.int64]
+) -> tuple[Floats, float, float, float]: ...
+def grasp_line(points: Floats, offsets: NDArray[np.int64], contacts: Floats) -> tuple[float, ...]: ...
+def carry_grasp_line(
+    points: Floats,
+    offsets: NDArray[np.int64],
+    line: tuple[float, ...],
+    reference: tuple[float, ...],
+    ahead: tuple[float, float],
+    least_skewness: float,
+) -> tuple[Floats, Floats, float, float, float, float, bool]: ...
+def fixed_places(points: Floats, offsets: NDArray[np.int64], queries: Floats) -> Floats: ...
+def carry_places(places: Floats, offsets: NDArray[np.int64], points: Floats, current: NDArray[np.int64]) -> Floats: ...
 def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats: ...
 def settle_edges(
     points: Floats, normals: Floats, edges: Floats, fixed: NDArray[np.bool_], fallback: float, outlier: float

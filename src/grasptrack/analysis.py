@@ -34,7 +34,7 @@ class GraspAnalysis(NamedTuple):
             resist; 0 or less when refused. Forces count 1, torques 1 / rho.
         rho: px, sqrt(area) / 2: the length that torques are divided by, so that epsilon does not change with scale.
         centroid_distance: px from the centroid to the grasp line (two fingers) or to the contacts' mean (more).
-        flatness: (k,) rms distance of the outline under each finger from a straight line, divided by the finger's width.
+        flatness: (k,) rms distance of the outline under each finger from a straight line, in finger widths.
         normals: (k, 2) unit normals at the contacts, into the material, in the view that was judged.
         friction: the coefficient that was judged with.
         judged_in: the view that was judged, "reference" or "image".
@@ -125,7 +125,7 @@ def analyze(
 def _centroid_distance(contacts: Floats, cx: float, cy: float) -> float:
     if len(contacts) != 2:
         mx, my = contacts.mean(axis=0).tolist()
-        return float(math.hypot(mx - cx, my - cy))
+        return math.hypot(mx - cx, my - cy)
     (x1, y1), (x2, y2) = contacts.tolist()
     opening = math.hypot(x2 - x1, y2 - y1)
     if opening == 0.0:

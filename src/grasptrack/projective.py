@@ -34,19 +34,6 @@ def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
     return out
 
 
-def carry_few(H: Floats, points: list[list[float]]) -> list[tuple[float, float]]:
-    """Eq. (2) for a few points, in plain floats: what `apply_homography` says of them, sooner.
-
-    Raises:
-        ConditioningError: a point lies on or behind the line that H sends to infinity.
-    """
-    (a, b, c), (d, e, f), (g, h, i) = H.tolist()
-    depths = [g * x + h * y + i for x, y in points]  # lambda_i of eq. (2)
-    if not (min(depths) > HORIZON or max(depths) < -HORIZON):
-        raise ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
-    return [((a * x + b * y + c) / w, (d * x + e * y + f) / w) for (x, y), w in zip(points, depths, strict=True)]
-
-
 def jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]:
     """The four derivatives dx'/dx, dx'/dy, dy'/dx, dy'/dy of eq. (2) at one point."""
     (a, b, c), (d, e, f), (g, h, i) = H.tolist()
@@ -75,18 +62,36 @@ def check_plausible(H: Floats, points: Floats) -> None:
         points: (N, 2) a few points that span the object in the reference.
 
     Raises:
-        ConditioningError: not finite, mirrors the object, sends part of it to infinity, or flattens it beyond MAX_SHEAR.
+        ConditioningError: not finite, mirrors the object, sends part of it to infinity, or flattens it beyond
+            MAX_SHEAR.
     """
-    in_front, determinant, ratio = kernels.distortion(H, points)
+    judge_distortion(H, *kernels.distortion(H, points))
+
+
+def judge_distortion(H: Floats, in_front: float, determinant: float, ratio: float) -> None:
+    """`check_plausible` of a homography whose worst distortion, as `kernels.distortion` has it, is known already."""
     if in_front > HORIZON and determinant > 0.0 and ratio <= MAX_SHEAR:
         return
     if math.isnan(in_front):
         raise ConditioningError("the homography is not finite")
-    if not in_front > HORIZON:
-        raise ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
+    check_in_front(H, in_front)
     if determinant <= 0.0:
         raise ConditioningError("the homography mirrors the object", determinant=determinant)
     raise ConditioningError("the homography is badly conditioned: it flattens the object to a line", ratio=ratio)
+
+
+def check_in_front(H: Floats, in_front: float) -> None:
+    """Refuse a homography that carries points to infinity or behind the camera.
+
+    Args:
+        H: (3, 3).
+        in_front: the least lambda of eq. (2), after the sign of the first one.
+
+    Raises:
+        ConditioningError: it is not above 0.
+    """
+    if not in_front > HORIZON:
+        raise ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
 
 
 def normalised(H: Floats) -> Floats:

@@ -21,17 +21,17 @@ def align_outlines(
     Args:
         points1, points2: (N, 2), (N', 2) px.
         arc1, arc2: (N + 1,), (N' + 1,) arc length, px.
-        count: number of shifts, at least 3.
+        count: number of shifts, a power of 2, at least 4.
         tie: what may be left beyond the least that is left by any shift.
 
     Returns:
         Of each local maximum of |c_k| within the tie: shift k / count, angle in rad and what is left, the best first.
 
     Raises:
-        ValueError: count below 3, or arc lengths of another contour.
+        ValueError: no such count, or arc lengths of another contour.
     """
-    if count < 3:
-        raise ValueError(f"count must be at least 3, not {count}")
+    if count < 4 or count & (count - 1):
+        raise ValueError(f"count must be a power of 2, at least 4, not {count}")
     a, b = _centred(points1, arc1, count), _centred(points2, arc2, count)
     c = np.fft.ifft(np.fft.fft(b) * np.conj(np.fft.fft(a)))
     square = c.real**2 + c.imag**2

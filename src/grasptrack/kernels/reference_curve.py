@@ -125,7 +125,7 @@ def resample(points: Floats, count: int, smooth: float) -> Floats:
         raise ValueError(f"smooth must be between 0 and the length {F.length:g}, not {smooth:g}")
     s = np.arange(count, dtype=np.float64) * (F.length / count)
     # Below this the difference of two integrals has no digits left, and the mean is the point itself.
-    if smooth <= 1e-9 * F.length:
+    if smooth <= 1e-7 * F.length:
         return F.point(s)
     return np.asarray(F.origin + (F(s + 0.5 * smooth) - F(s - 0.5 * smooth)) / smooth)
 

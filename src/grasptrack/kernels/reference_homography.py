@@ -85,3 +85,22 @@ def distortion(H: Floats, points: Floats) -> tuple[float, float, float]:
         larger = 0.5 * (square + np.sqrt(np.maximum(square * square - 4 * det * det, 0.0)))
         front = float((w * (-1.0 if w[0] < 0 else 1.0)).min()) if np.isfinite(H).all() else math.nan
         return front, float(det.min()), max(1.0, float((larger / det).max()))
+
+
+def fit_homography(
+    points1: Floats, indices1: list[int], points2: Floats, indices2: list[int]
+) -> tuple[Floats, float, float, float]:
+    """`homography_4` of four points of each of two contours, and its `distortion` at those of the first.
+
+    Args:
+        points1, points2: (N, 2), (N', 2) px.
+        indices1, indices2: four each.
+
+    Raises:
+        ValueError: as `homography_4`, or other than four indices, or one out of range.
+    """
+    for points, indices in ((points1, indices1), (points2, indices2)):
+        if len(indices) != 4 or not 0 <= min(indices) <= max(indices) < len(points):
+            raise ValueError("four points of each contour are needed")
+    H = homography_4(points1[indices1], points2[indices2])
+    return H, *distortion(H, points1[indices1])

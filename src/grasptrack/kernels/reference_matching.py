@@ -12,23 +12,23 @@ Floats = NDArray[np.float64]
 def match_curvature(
     v1: Floats,
     arc1: Floats,
-    indices: NDArray[np.int64],
+    indices: list[int],
     v2: Floats,
     arc2: Floats,
-    centres: Floats,
+    centres: list[float],
     kappa: float,
     reach: float,
     radius: int,
     step: float,
     tolerance: float,
-) -> Floats:
+) -> tuple[list[int], list[float]]:
     """Eq. (3): the sample j of the second contour whose neighbourhood is most like that of sample i of the first.
 
     Args:
         v1, v2: (N,), (N',) scale-free curvature vectors.
         arc1, arc2: (N + 1,), (N' + 1,) arc length, px.
-        indices: (m,) samples i of the first contour.
-        centres: (m,) px: the arc length in the second contour about which each search is centred.
+        indices: samples i of the first contour.
+        centres: px: the arc length in the second contour about which each search is centred.
         kappa: the second contour's length over the first's.
         reach: xi in px of the first contour: the search runs over centre +- kappa xi.
         radius: n: neighbourhoods have 2 n + 1 values.
@@ -37,14 +37,14 @@ def match_curvature(
             is more.
 
     Returns:
-        (m, 2): the sample j, or -1 where none is a match, and the least matching error divided by 2 n + 1, infinite
+        Of each i the sample j, or -1 where none is a match, and the least matching error divided by 2 n + 1, infinite
         where no sample was comparable.
     """
     closed1, closed2 = np.append(v1, v1[0]), np.append(v2, v2[0])
     length1, length2 = arc1[-1], arc2[-1]
     k = np.arange(-radius, radius + 1)
-    out = np.empty((len(indices), 2))
-    for row, (i, centre) in enumerate(zip(indices.tolist(), centres.tolist(), strict=True)):
+    samples, errors = [], []
+    for i, centre in zip(indices, centres, strict=True):
         wanted = np.interp(np.mod(arc1[i] + k * step, length1), arc1, closed1)
         gap = np.mod(arc2[:-1] - centre + 0.5 * length2, length2) - 0.5 * length2
         window = np.flatnonzero(np.abs(gap) <= kappa * reach)
@@ -52,7 +52,8 @@ def match_curvature(
         error = np.abs(wanted - found).mean(axis=1)
         error[np.isnan(error)] = np.inf
         best = int(np.argmin(error)) if len(window) else -1
-        least = error[best] if best >= 0 else np.inf
+        least = float(error[best]) if best >= 0 else np.inf
         good = np.isfinite(least) and least <= tolerance * max(abs(v1[i]), 2.0 * np.pi)
-        out[row] = (float(window[best]) if good else -1.0, least)
-    return out
+        samples.append(int(window[best]) if good else -1)
+        errors.append(least)
+    return samples, errors

@@ -75,7 +75,7 @@ def _triangle(p: Floats) -> float:
 
 def select_points(
     points: Floats, arc: Floats, curvature: Floats, separation: float, prominence: float
-) -> tuple[Ints, float]:
+) -> tuple[list[int], float]:
     """The four points of a contour by which a homography is found, and what else may serve.
 
     Args:
@@ -85,11 +85,11 @@ def select_points(
         separation, prominence: see `curvature_peaks`.
 
     Returns:
-        (m,) indices of the peaks, the best four first in rising order of strength rank, then the others, strongest
+        Indices of the peaks, the best four first in rising order of strength rank, then the others, strongest
         first; and the smallest triangle of the four in px^2. With fewer than four peaks, these and 0.
     """
     peaks = curvature_peaks(curvature, arc, separation, prominence)
     if len(peaks) < 4:
-        return peaks, 0.0
+        return peaks.tolist(), 0.0
     *four, triangle = best_quadrilateral(points[peaks], np.abs(curvature[peaks]))
-    return np.concatenate([peaks[four], np.delete(peaks, four)]), triangle
+    return [*peaks[four].tolist(), *np.delete(peaks, four).tolist()], triangle

@@ -42,6 +42,28 @@ def locate(points: Floats, offsets: NDArray[np.int64], queries: Floats) -> Float
     return out
 
 
+def fixed_places(points: Floats, offsets: NDArray[np.int64], queries: Floats) -> Floats:
+    """`locate`, its numbers rounded to multiples of 2**-32, so that they can be told again without loss."""
+    return np.asarray(np.rint(locate(points, offsets, queries) * 2.0**32) / 2.0**32)
+
+
+def carry_places(places: Floats, offsets: NDArray[np.int64], points: Floats, current: NDArray[np.int64]) -> Floats:
+    """`point_at` of places that were found on another outline.
+
+    Args:
+        places: (k, >= 2) rows of contour, position.
+        offsets: (C + 1,) of the outline that they were found on.
+        points: (N, 2) px of the outline that they are wanted on.
+        current: (C + 1,) its offsets.
+
+    Raises:
+        ValueError: the outlines differ in their number of contours or points, or as `point_at`.
+    """
+    if not np.array_equal(offsets, current):
+        raise ValueError("the outlines' points do not correspond")
+    return point_at(points, current, places)
+
+
 def point_at(points: Floats, offsets: NDArray[np.int64], places: Floats) -> Floats:
     """The points of places on the outline.
 

@@ -42,7 +42,7 @@ class Alignment(NamedTuple):
 
 
 def alignments(first: Contour, second: Contour) -> list[Alignment]:
-    """All alignments that fit as well as the best one, the best first: more than one where the outline has symmetries."""
+    """All alignments that fit as well as the best one, the best first; several where the outline has symmetries."""
     return fits(first.points, first.arc_length, second.points, second.arc_length, second.area)
 
 

@@ -13,7 +13,7 @@ from grasptrack import kernels
 from grasptrack.contour import Outline, View
 from grasptrack.errors import AmbiguousError, AxesError, ClippedError, CrossingError, ParallelLineError, StrategyError
 from grasptrack.grasp import Grasp
-from grasptrack.projective import jacobian, similarity
+from grasptrack.projective import jacobian
 from grasptrack.transfer.base import Transfer
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,7 @@ class GraspLineDescription(NamedTuple):
     Attributes:
         d_c: distance of the centroid from the grasp line, positive when it lies to the left seen from contact 1 to 2.
         alpha_m: rad from I_min to the grasp line's direction, positive from x to y.
-        d_1, d_2: distances of the contacts along the line from where it meets I_min. All distances divide by sqrt(area).
+        d_1, d_2: distances of the contacts along the line from where it meets I_min. All distances are in sqrt(area).
         skewness: third-order moments in the axes, divided by area^2.5: what tells I_min's two directions apart.
         area, centroid, theta: of the reference silhouette: px^2, px, rad.
     """
@@ -72,33 +72,20 @@ def describe(grasp: Grasp, view: Outline) -> GraspLineDescription:
         raise StrategyError(
             f"grasp-line coordinates carry two fingers, not {len(grasp)}; use rrp or homography", fingers=len(grasp)
         )
-    area, cx, cy, theta, *skewness = _frame(view)
-    root = math.sqrt(area)
-    (x1, y1), (x2, y2) = grasp.contacts.tolist()
-    opening = math.hypot(x2 - x1, y2 - y1)
+    _check_whole(view)
+    d_c, alpha_m, d_1, d_2, *frame, major, minor, sine, opening = kernels.grasp_line(
+        view.points, view.offsets, grasp.contacts
+    )
+    _check_axes(major, minor)
     if opening == 0.0:
         raise ParallelLineError("both contacts are the same point: they have no grasp line")
-    ux, uy = (x2 - x1) / opening, (y2 - y1) / opening
-    ex, ey = math.cos(theta), math.sin(theta)
-    sine = ex * uy - ey * ux
     if abs(sine) < MIN_SINE:
+        apart = math.degrees(math.asin(abs(sine)))
         raise ParallelLineError(
-            f"the grasp line runs along I_min ({math.degrees(math.asin(abs(sine))):.1f} degrees apart) and never meets it",
-            sine=sine,
+            f"the grasp line runs along I_min ({apart:.1f} degrees apart) and never meets it", sine=sine
         )
-    along, left = (cx - x1) * ux + (cy - y1) * uy, (cx - x1) * uy - (cy - y1) * ux
-    # along the line, I_min passes the centroid's foot by left * cot(alpha)
-    meets = along - left * (ex * ux + ey * uy) / sine
-    return GraspLineDescription(
-        left / root,
-        math.atan2(sine, ex * ux + ey * uy),
-        -meets / root,
-        (opening - meets) / root,
-        (skewness[0], skewness[1], skewness[2], skewness[3]),
-        area,
-        (cx, cy),
-        theta,
-    )
+    t30, t21, t12, t03, area, cx, cy, theta = frame
+    return GraspLineDescription(d_c, alpha_m, d_1, d_2, (t30, t21, t12, t03), area, (cx, cy), theta)
 
 
 def apply(description: GraspLineDescription, view: Outline, prior: Floats | None = None) -> Transfer:
@@ -109,56 +96,44 @@ def apply(description: GraspLineDescription, view: Outline, prior: Floats | None
         AmbiguousError: the object maps to itself by a half turn, the grasp does not, and there is no prior.
         CrossingError: the line does not meet the outline where the contacts should be.
     """
-    area, cx, cy, theta, *skewness = _frame(view)
-    if not _same_direction(description, skewness, theta, prior):
-        theta += math.pi
-    root = math.sqrt(area)
-    ex, ey = math.cos(theta), math.sin(theta)
-    cosine, sine = math.cos(description.alpha_m), math.sin(description.alpha_m)
-    ux, uy = ex * cosine - ey * sine, ey * cosine + ex * sine
-    # from the centroid along I_min to where the line of that d_c crosses it
-    shift = -description.d_c * root / sine
-    qx, qy = cx + shift * ex, cy + shift * ey
-    t1, t2 = description.d_1 * root, description.d_2 * root
-    x1, y1, x2, y2 = kernels.nearest_crossings(view.points, view.offsets, qx, qy, ux, uy, t1, t2)
-    residual = max(abs((x1 - qx) * ux + (y1 - qy) * uy - t1), abs((x2 - qx) * ux + (y2 - qy) * uy - t2))
-    if not residual <= MAX_MISMATCH * root or (x1 == x2 and y1 == y2):
+    _check_whole(view)
+    reference = (*description.skewness, description.area, *description.centroid, description.theta)
+    ahead = (0.0, 0.0) if prior is None else _ahead(description, prior)
+    contacts, H, residual, area, major, minor, told = kernels.carry_grasp_line(
+        view.points, view.offsets, description[:4], reference, ahead, MIN_SKEWNESS
+    )
+    _check_axes(major, minor)
+    if not told and not _maps_to_itself(description):
+        raise AmbiguousError(
+            "the outline maps to itself by a half turn, so one pair of views cannot tell the grasp from its turned twin"
+        )
+    if not residual <= MAX_MISMATCH * math.sqrt(area):
         raise CrossingError(
             "the transferred grasp line does not meet the outline where the contacts should be", residual=residual
         )
-    H = similarity(root / math.sqrt(description.area), theta - description.theta, description.centroid, (cx, cy))
-    return Transfer(Grasp.of(np.array(((x1, y1), (x2, y2)))), H, None, residual)
+    return Transfer(Grasp.of(contacts), H, None, residual)
 
 
-def _frame(view: Outline) -> tuple[float, ...]:
-    """Area, centroid, direction of I_min, and skewness, or the reason why the silhouette has no such frame."""
+def _check_whole(view: Outline) -> None:
     if view.is_clipped if isinstance(view, View) else view.clipped is not None:
         raise ClippedError("the image border cuts the object, and grasp-line coordinates need it whole")
-    area, cx, cy, theta, major, minor, *skewness = kernels.inertia(view.points, view.offsets)
+
+
+def _check_axes(major: float, minor: float) -> None:
     if (major - minor) < MIN_ANISOTROPY * (major + minor):
         raise AxesError(
             f"the silhouette has no distinct inertia axes (moments {major:.0f} and {minor:.0f} px^2)",
             major=major,
             minor=minor,
         )
-    return area, cx, cy, theta, *skewness
 
 
-def _same_direction(
-    description: GraspLineDescription, skewness: list[float], theta: float, prior: Floats | None
-) -> bool:
-    """Whether I_min as the moments give it points the way it does in the reference, not against it."""
-    if prior is not None:
-        a, b, c, d = jacobian(prior, *description.centroid)
-        ex, ey = math.cos(description.theta), math.sin(description.theta)
-        return (a * ex + b * ey) * math.cos(theta) + (c * ex + d * ey) * math.sin(theta) > 0.0
-    s = description.skewness
-    agreement = sum(r * c for r, c in zip(s, skewness, strict=True))  # a half turn changes the sign of all four
-    norm = math.sqrt(sum(r * r for r in s) * sum(c * c for c in skewness))
-    if norm >= MIN_SKEWNESS**2 and min(sum(r * r for r in s), norm) >= MIN_SKEWNESS**2 and abs(agreement) >= 0.5 * norm:
-        return agreement > 0.0
-    if abs(description.d_c) < SELF_SYMMETRIC and abs(description.d_1 + description.d_2) < SELF_SYMMETRIC:
-        return True
-    raise AmbiguousError(
-        "the outline maps to itself by a half turn, so one pair of views cannot tell the grasp from its turned twin"
-    )
+def _ahead(description: GraspLineDescription, prior: Floats) -> tuple[float, float]:
+    """Where the reference's I_min points in the current view if a predicted homography is right."""
+    a, b, c, d = jacobian(prior, *description.centroid)
+    ex, ey = math.cos(description.theta), math.sin(description.theta)
+    return a * ex + b * ey, c * ex + d * ey
+
+
+def _maps_to_itself(description: GraspLineDescription) -> bool:
+    return abs(description.d_c) < SELF_SYMMETRIC and abs(description.d_1 + description.d_2) < SELF_SYMMETRIC

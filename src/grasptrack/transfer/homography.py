@@ -13,7 +13,7 @@ from grasptrack import kernels
 from grasptrack.contour import Contour, Outline
 from grasptrack.errors import ClippedError, ConditioningError, CrossingError, PeaksError
 from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography, carry_few, check_plausible, jacobian
+from grasptrack.projective import apply_homography, check_in_front, judge_distortion
 from grasptrack.transfer.alignment import choose, fits
 from grasptrack.transfer.base import Transfer
 
@@ -34,7 +34,7 @@ RADIUS = 12
 NEIGHBOURHOOD = 0.03
 """Half of eq. (3)'s neighbourhood as a fraction of the outline's length."""
 MAX_ERROR = 0.5
-"""A match whose mean curvature difference exceeds this share of the peak's own curvature, or of a circle's where that is
+"""A match whose mean curvature difference exceeds this share of the peak's own curvature, or of a circle's if that is
 more, is none."""
 MAX_REFINEMENT = 0.05
 """The outline must lie within this fraction of sqrt(area) of where the homography puts a contact."""
@@ -49,8 +49,8 @@ class HomographyDescription(NamedTuple):
         outline: the outer contour.
         arc: (N + 1,) its arc length, px.
         curvature: (N,) its curvature times its length.
-        peaks: (m,) indices of the outer contour's peaks: the four selected points first, then what may take the place
-            of one that a view does not show.
+        peaks: indices of the outer contour's peaks: the four selected points first, then what may take the place of one
+            that a view does not show.
     """
 
     contacts: Floats
@@ -58,7 +58,7 @@ class HomographyDescription(NamedTuple):
     outline: Contour
     arc: Floats
     curvature: Floats
-    peaks: NDArray[np.int64]
+    peaks: list[int]
 
 
 def describe(grasp: Grasp, view: Outline) -> HomographyDescription:
@@ -72,9 +72,7 @@ def describe(grasp: Grasp, view: Outline) -> HomographyDescription:
     length = arc.item(-1)
     peaks, triangle = kernels.select_points(outline.points, arc, curvature, SEPARATION * length, PROMINENCE)
     if len(peaks) < 4:
-        raise PeaksError(
-            f"the outline has {len(peaks)} peaks of curvature; a homography needs four", peaks=peaks.tolist()
-        )
+        raise PeaksError(f"the outline has {len(peaks)} peaks of curvature; a homography needs four", peaks=peaks)
     if triangle < MIN_TRIANGLE * outline.area:
         raise PeaksError("three of the outline's curvature peaks lie in a row; a homography needs four that do not")
     normals = None
@@ -98,20 +96,28 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
         ConditioningError: the four correspondences give no plausible homography.
         CrossingError: the outline is not where the homography puts a contact.
     """
-    source, matched = _correspondences(description, view.contours[0], prior)  # step 1, eq. (3)
-    try:
-        H = kernels.homography_4(source, matched)  # step 2, eq. (1)
+    current = view.contours[0]
+    reference = description.outline
+    selected, matched = _correspondences(description, current, prior)  # step 1, eq. (3)
+    try:  # step 2, eq. (1)
+        H, *distortion = kernels.fit_homography(reference.points, selected, current.points, matched)
     except ValueError:
         raise ConditioningError("the four correspondences give no homography: three lie in a row") from None
-    check_plausible(H, source)
-    contacts = carry_few(H, description.contacts.tolist())  # step 3, eq. (2)
-    return _refine(description, H, contacts, view)  # step 4
+    judge_distortion(H, *distortion)
+    # steps 3 and 4, eq. (2) and Fig. 11: two contacts move along their line onto the outline, more along their normals
+    contacts, residual, growth, in_front = kernels.refine_contacts(
+        H, description.contacts, description.normals, view.points, view.offsets
+    )
+    check_in_front(H, in_front)
+    if not residual <= MAX_REFINEMENT * growth * math.sqrt(reference.area):
+        raise CrossingError("the outline is not where the homography puts a contact", residual=residual)
+    return Transfer(Grasp.of(contacts), H, None, residual)
 
 
 def _correspondences(
     description: HomographyDescription, current: Contour, prior: Floats | None
-) -> tuple[Floats, Floats]:
-    """(4, 2) selected points of the reference and (4, 2) what matches them: the search of Section IV-C.1."""
+) -> tuple[list[int], list[int]]:
+    """Four selected samples of the reference and the four that match them: the search of Section IV-C.1."""
     first, peaks = description.outline, description.peaks
     if prior is None and current.clipped is not None:
         raise ClippedError("the image border cuts the object, and nothing says how large it is")
@@ -121,64 +127,32 @@ def _correspondences(
         length = arc1.item(-1)
         kappa = arc2.item(-1) / length
         shift = choose(fits(first.points, arc1, current.points, arc2, current.area)).shift * length
+        centres = [kappa * (arc1.item(i) + shift) for i in peaks]
     else:
         carried = apply_homography(prior, first.points)
         arc1, v1 = kernels.curvature_vector(carried, None, SMOOTHING)
         length = arc1.item(-1)
         kappa = 1.0
+        places = kernels.locate(current.points, current.offsets, carried[peaks])
+        centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), arc2).tolist()
 
-    def match(indices: NDArray[np.int64]) -> Floats:
-        """Eq. (3) for some peaks: the samples of the current contour that match them, or -1, and their errors."""
-        if prior is None:
-            centres = kappa * (arc1[indices] + shift)
-        else:
-            places = kernels.locate(current.points, current.offsets, carried[indices])
-            centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), arc2)
-        step = NEIGHBOURHOOD * length / RADIUS
+    def match(count: int) -> list[int]:
+        """Eq. (3) for the first peaks: the samples of the current contour that match them, or -1."""
+        reach, step = SEARCH * length, NEIGHBOURHOOD * length / RADIUS
         return kernels.match_curvature(
-            v1, arc1, indices, v2, arc2, centres, kappa, SEARCH * length, RADIUS, step, MAX_ERROR
-        )
+            v1, arc1, peaks[:count], v2, arc2, centres[:count], kappa, reach, RADIUS, step, MAX_ERROR
+        )[0]
 
-    four = peaks[:4]
-    samples = [int(j) for j, _ in match(four).tolist()]
+    samples = match(4)
     if min(samples) >= 0:
-        return first.points[four], current.points[samples]
-    found = match(peaks)[:, 0].astype(np.int64)
-    usable, found = peaks[found >= 0], found[found >= 0]
+        return peaks[:4], samples
+    usable = [(i, j) for i, j in zip(peaks, match(len(peaks)), strict=True) if j >= 0]
     if len(usable) < 4:
         raise PeaksError(
             f"only {len(usable)} peaks of the reference outline have a match in this view; four are needed"
         )
-    *best, triangle = kernels.best_quadrilateral(first.points[usable], np.abs(description.curvature[usable]))
+    seen = [i for i, _ in usable]
+    *best, triangle = kernels.best_quadrilateral(first.points[seen], np.abs(description.curvature[seen]))
     if triangle < MIN_TRIANGLE * first.area:
         raise PeaksError("three of the curvature peaks that this view shows lie in a row")
-    return first.points[usable[best]], current.points[found[best]]
-
-
-def _refine(
-    description: HomographyDescription, H: Floats, contacts: list[tuple[float, float]], view: Outline
-) -> Transfer:
-    """Fig. 11: two contacts move along their line onto the outline; more of them, each along its normal."""
-    if description.normals is None:
-        (x1, y1), (x2, y2) = contacts
-        opening = math.hypot(x2 - x1, y2 - y1)
-        ux, uy = (x2 - x1) / opening, (y2 - y1) / opening
-        p, q, r, s = kernels.nearest_crossings(view.points, view.offsets, x1, y1, ux, uy, 0.0, opening)
-        refined = [(p, q), (r, s)]
-    else:
-        refined = []
-        for before, (nx, ny), (x, y) in zip(
-            description.contacts.tolist(), description.normals.tolist(), contacts, strict=True
-        ):
-            a, b, c, d = jacobian(H, *before)
-            ux, uy = d * nx - c * ny, a * ny - b * nx  # normals go by the inverse transpose, up to scale
-            size = math.hypot(ux, uy)
-            p, q, *_ = kernels.nearest_crossings(view.points, view.offsets, x, y, ux / size, uy / size, 0.0, 0.0)
-            refined.append((p, q))
-    moved = [math.hypot(p - x, q - y) for (p, q), (x, y) in zip(refined, contacts, strict=True)]
-    residual = math.nan if any(map(math.isnan, moved)) else max(moved)
-    a, b, c, d = jacobian(H, *description.contacts[0].tolist())
-    limit = MAX_REFINEMENT * math.sqrt(description.outline.area * abs(a * d - b * c))
-    if not residual <= limit or (len(refined) == 2 and refined[0] == refined[1]):
-        raise CrossingError("the outline is not where the homography puts a contact", residual=residual)
-    return Transfer(Grasp.of(np.array(refined)), H, None, residual)
+    return [usable[k][0] for k in best], [usable[k][1] for k in best]

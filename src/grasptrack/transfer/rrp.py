@@ -23,9 +23,6 @@ Ints = NDArray[np.int64]
 
 INTERPOLATED = 6
 """Points of the outline per segment between reference points, as in Table IV: p = 6 ref + interp."""
-# Adding and taking away this number rounds to a multiple of 2**-32. Places are kept on that grid, so that the rounding
-# of one transfer cannot move the next: there and back ends on the very same floats.
-_ROUND = np.array(1.5 * 2.0**20)  # as an array it costs half
 
 
 class RRPDescription:
@@ -93,9 +90,9 @@ def describe(grasp: Grasp, view: Outline, interpolated: int = INTERPOLATED) -> R
         view: the outline in whose points they are expressed.
         interpolated: points per segment between reference points; it changes how places are printed, not where.
     """
-    places = kernels.locate(view.points, view.offsets, grasp.contacts)
-    places += _ROUND
-    places -= _ROUND
+    # Places lie on a grid of 2**-32, so that the rounding of one transfer cannot move the next: there and back ends on
+    # the very same floats.
+    places = kernels.fixed_places(view.points, view.offsets, grasp.contacts)
     return RRPDescription(places, view.offsets, grasp.quality, interpolated)
 
 
@@ -110,15 +107,15 @@ def apply(description: RRPDescription, view: Outline, prior: Floats | None = Non
     Raises:
         StrategyError: the outlines differ in their number of contours or points.
     """
-    offsets = description.offsets
-    if offsets is not view.offsets and offsets.tobytes() != view.offsets.tobytes():
+    try:
+        contacts = kernels.carry_places(description.places, description.offsets, view.points, view.offsets)
+    except ValueError:
         raise StrategyError(
             "RRP needs outlines whose points correspond one to one, not contours of "
-            f"{_counts(offsets)} and {_counts(view.offsets)} points",
-            reference=offsets.tolist(),
+            f"{_counts(description.offsets)} and {_counts(view.offsets)} points",
+            reference=description.offsets.tolist(),
             current=view.offsets.tolist(),
-        )
-    contacts = kernels.point_at(view.points, offsets, description.places)
+        ) from None
     return Transfer(Grasp.of(contacts, description.quality), None, None, math.nan)
 
 
