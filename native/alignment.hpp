@@ -104,7 +104,8 @@ inline std::vector<Fit> align_outlines(Points points1, const double *arc1, Point
     for (std::size_t k = 0; k < count; ++k)
         if (residual[k] <= limit && square[k] >= square[k > 0 ? k - 1 : count - 1] &&
             square[k] > square[k + 1 < count ? k + 1 : 0])
-            found.push_back({static_cast<double>(k) / static_cast<double>(count), std::atan2(c[k][1], c[k][0]), residual[k]});
+            found.push_back({static_cast<double>(k) / static_cast<double>(count), std::atan2(c[k][1], c[k][0]),
+                             residual[k]});
     std::stable_sort(found.begin(), found.end(), [](const Fit &a, const Fit &b) { return a.residual < b.residual; });
     return found;
 }

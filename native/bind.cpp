@@ -115,7 +115,8 @@ nb::object py_fixed_places(const PointArray &points, const IndexArray &offsets, 
     constexpr double grain = 4294967296.0;
     Output out(queries.shape(0), 3);
     locate(outline_of(points, offsets), points_of(queries), reinterpret_cast<Located *>(out.values()));
-    for (std::size_t i = 0; i < 3 * queries.shape(0); ++i) out.values()[i] = std::nearbyint(out.values()[i] * grain) / grain;
+    double *v = out.values();
+    for (std::size_t i = 0; i < 3 * queries.shape(0); ++i) v[i] = std::nearbyint(v[i] * grain) / grain;
     return out.array();
 }
 

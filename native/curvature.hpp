@@ -8,8 +8,8 @@
 
 namespace grasptrack {
 
-// scale * atan2 of many values at once. Up to a turn of 65 degrees, that is nearly everywhere on an outline, it is twice
-// the angle of half the turn by the rational function of Cephes' atan (S. Moshier, 1984-1995); else the library's.
+// scale * atan2 of many values at once. Up to a turn of 65 degrees, that is nearly everywhere on an outline, it is
+// twice the angle of half the turn by the rational function of Cephes' atan (S. Moshier, 1984-1995); else the library's.
 inline void turnings(const double *y, const double *x, std::size_t count, double scale, double *out) {
     constexpr double steep = 2.14;
     for (std::size_t i = 0; i < count; ++i) {  // no branches: the compiler takes two at a time

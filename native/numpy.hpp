@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// NumPy arrays, seen and made by NumPy's own C interface. Its layout and the numbers of its functions are fixed by its ABI
-// and have been the same since 1.0; written down here, as pybind11 does, they save a build from needing its headers. A
-// call with three arrays then takes a tenth of a microsecond, where buffers and calls into Python take one.
+// NumPy arrays, seen and made by NumPy's own C interface. Its layout and the numbers of its functions are fixed by its
+// ABI, the same for NumPy 1 and 2; written down here, as pybind11 does, they save a build from needing its headers.
+// A call with three arrays in and one out took 0.2 us this way, and 0.7 us by nanobind's buffers and numpy.empty.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -38,7 +38,7 @@ class NumPy {
         return *numpy;
     }
 
-    bool is_array(PyObject *object) const { return Py_TYPE(object) == type_ || PyType_IsSubtype(Py_TYPE(object), type_); }
+    bool is_array(PyObject *object) const { return PyObject_TypeCheck(object, type_) != 0; }
 
     PyObject *make(int dimensions, const Py_ssize_t *shape, int number) const {
         return new_(type_, dimensions, shape, number, nullptr, nullptr, 0, 0, nullptr);

@@ -30,7 +30,10 @@ class Surroundings {
   private:
     // Indices run on beyond the ends: -1 is the last sample of the lap before.
     std::int64_t wrapped(std::int64_t i) const { return i < 0 ? i + n_ : (i < n_ ? i : i - n_); }
-    double place(std::int64_t i) const { return i < 0 ? arc_[i + n_] - arc_[n_] : (i < n_ ? arc_[i] : arc_[i - n_] + arc_[n_]); }
+    double place(std::int64_t i) const {
+        if (i < 0) return arc_[i + n_] - arc_[n_];
+        return i < n_ ? arc_[i] : arc_[i - n_] + arc_[n_];
+    }
 
     // Whether the neighbour of `last`, seen from i, still belongs to the surroundings.
     bool goes_on(std::int64_t i, std::int64_t last) const {
