@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The hand: how far it opens and how large its fingers are, in px, in mm, or as shares of the object's size."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from grasptrack.errors import InputError
+
+Unit = Literal["px", "mm", "size"]
+
+
+class Length(NamedTuple):
+    """A length in one of three units.
+
+    Attributes:
+        value: how many of them.
+        unit: "px"; "mm", for which a scale is needed; or "size", shares of the object's sqrt(area).
+    """
+
+    value: float
+    unit: Unit = "px"
+
+    def in_px(self, size: float, px_per_mm: float | None) -> float:
+        """The length in px on an object of sqrt(area) = size px.
+
+        Raises:
+            InputError: in mm where nobody said how large a mm is.
+        """
+        if self.unit == "px" or self.value in (0.0, math.inf):
+            return self.value
+        if self.unit == "size":
+            return self.value * size
+        if px_per_mm is None:
+            raise InputError(f"{self.value:g} mm needs the scale of the image in px per mm", value=self.value)
+        return self.value * px_per_mm
+
+
+def parse_length(text: str, name: str) -> Length:
+    """A length from "120", "120px", "40mm" or "30%", which is a share of the object's sqrt(area).
+
+    Args:
+        text: the length.
+        name: what it is, for the message.
+
+    Raises:
+        InputError: anything else, or not positive.
+    """
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(px|mm|%)?\s*", text)
+    value = float(match[1]) if match else math.nan
+    if match is None or not value > 0.0:
+        raise InputError(f'{name} is a length such as 120px, 40mm or 30% of the object\'s size, not "{text}"', text=text)
+    if match[2] == "%":
+        return Length(value / 100.0, "size")
+    return Length(value, "mm" if match[2] == "mm" else "px")
+
+
+class HandPx(NamedTuple):
+    """A hand on one object: every length in px, as in Hand."""
+
+    min_opening: float
+    max_opening: float
+    finger_width: float
+    finger_thickness: float
+    clearance: float
+
+
+@dataclass(frozen=True)
+class Hand:
+    """Limits of a gripper whose fingers come down beside the object, or into a hole, and then close or spread.
+
+    In the image each finger is a rectangle: `finger_width` along the outline, `finger_thickness` away from it. Before
+    it moves it stands `clearance` farther back, and all of this must be free.
+
+    Args:
+        min_opening, max_opening: least and largest distance of opposite contacts.
+        finger_width: of the pad that touches, along the outline.
+        finger_thickness: of a finger, in the direction in which it moves.
+        clearance: of each finger before it closes or spreads.
+        px_per_mm: scale of the image, for lengths in mm.
+
+    Raises:
+        InputError: a length that is negative or not a number, a finger without width, openings that contradict each
+            other, or a scale that is not positive.
+    """
+
+    min_opening: Length | float = 0.0
+    max_opening: Length | float = math.inf
+    finger_width: Length | float = Length(0.1, "size")
+    finger_thickness: Length | float = Length(0.1, "size")
+    clearance: Length | float = Length(0.03, "size")
+    px_per_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check what can be checked without an object."""
+        for name in ("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance"):
+            value = as_length(getattr(self, name)).value
+            if not value >= 0.0 or (name == "finger_width" and not 0.0 < value < math.inf):
+                raise InputError(f"{name} must be a positive length, not {value:g}", name=name, value=value)
+            if name in ("finger_thickness", "clearance") and not math.isfinite(value):
+                raise InputError(f"{name} must be a finite length", name=name)
+        if self.px_per_mm is not None and not 0.0 < self.px_per_mm < math.inf:
+            raise InputError(f"the scale must be a positive number of px per mm, not {self.px_per_mm}")
+
+    def in_px(self, size: float) -> HandPx:
+        """The hand on an object of sqrt(area) = size px.
+
+        Raises:
+            InputError: mm without a scale; a least opening above the largest.
+        """
+        lengths = [self.min_opening, self.max_opening, self.finger_width, self.finger_thickness, self.clearance]
+        hand = HandPx(*(as_length(each).in_px(size, self.px_per_mm) for each in lengths))
+        if hand.min_opening > hand.max_opening:
+            raise InputError(
+                f"the least opening of {hand.min_opening:.0f} px is above the largest, {hand.max_opening:.0f} px",
+                min_opening=hand.min_opening,
+                max_opening=hand.max_opening,
+            )
+        return hand
+
+
+def as_length(value: Length | float) -> Length:
+    """A bare number counts px."""
+    return value if isinstance(value, Length) else Length(float(value))
