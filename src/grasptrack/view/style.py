@@ -27,6 +27,10 @@ STRATEGY_RGB: dict[str, Colour] = {
     "grasp-line": (204, 121, 167),
     "homography": (0, 114, 178),
 }
+FINGER_RGB: Colour = (86, 180, 233)
+CONE_RGB: Colour = (240, 228, 66)
+REGION_RGB: Colour = (230, 110, 0)
+NEIGHBOUR_RGB: Colour = (224, 150, 190)
 INK_RGB: Colour = (236, 239, 243)
 MUTED_RGB: Colour = (152, 161, 173)
 PANEL_RGB: Colour = (22, 26, 33)

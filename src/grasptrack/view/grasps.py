@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Synthesised grasps on one page: the best one large, the next ones small, and what the best one's rank rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.view.fingers import Floats, Window, window
+from grasptrack.view.grasp_panel import Panel, muted
+from grasptrack.view.grasp_text import Column, describe, legend
+
+if TYPE_CHECKING:
+    from grasptrack.contour import View
+    from grasptrack.hand import HandPx
+    from grasptrack.synthesis.result import GraspList, RankedGrasp
+
+WIDTH, HEIGHT = 16.0, 9.0
+"""inches; at 100 px each, a slide of 1600 by 900 px."""
+SHOWN = 9
+"""Grasps, or objects, that get a small panel."""
+_DPI = 100
+_MAIN = (0.2, 0.62, 9.7, 7.7)
+_RIGHT = (10.2, 0.25, 5.6, 8.07)
+_CAPTION = 0.27
+
+
+class Planned(NamedTuple):
+    """What was found for one object.
+
+    Attributes:
+        outline: the object.
+        neighbours: outlines of what else lies there.
+        hand: on this object, px.
+        grasps: best first, and why others were refused.
+    """
+
+    outline: View
+    neighbours: Sequence[View]
+    hand: HandPx
+    grasps: GraspList
+
+
+def write_grasps(
+    path: Path,
+    image: NDArray[Any],
+    objects: Sequence[Planned],
+    *,
+    friction: float,
+    title: str,
+    px_per_mm: float | None = None,
+) -> None:
+    """Write the page, 1600 by 900 px, as PNG. The file is complete at any moment or absent.
+
+    One object gets its best grasp large and the next ones small. Several get their best grasps in one large panel, and
+    a small panel each.
+
+    Args:
+        path: the picture.
+        image: (H, W), BGR (H, W, 3) or BGRA (H, W, 4), 8 or 16 bits.
+        objects: at least one; grasps may be missing.
+        friction: coefficient, which gives the cones their angle.
+        title: what the image is called.
+        px_per_mm: scale; openings are given in mm too.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, HEIGHT), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    picture = muted(image)
+    column = Column(figure, (WIDTH, HEIGHT), _RIGHT)
+    _main(figure, picture, objects, friction)
+    column.title(title, f"{_fingers(objects)}friction {friction:g}", _MAIN[0])
+    if len(objects) > 1:
+        _each(figure, picture, objects, column, px_per_mm)
+    elif objects[0].grasps:
+        column.best(objects[0].grasps[0], px_per_mm)
+        _next(figure, picture, objects[0], column, px_per_mm)
+    else:
+        column.nothing(objects[0].grasps)
+    partial = path.with_name(path.name + ".part")
+    figure.savefig(partial, dpi=_DPI, format="png")
+    partial.replace(path)
+
+
+def _fingers(objects: Sequence[Planned]) -> str:
+    count = next((len(o.grasps[0]) for o in objects if o.grasps), 0)
+    return f"{count} fingers, " if count else ""
+
+
+def _main(figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], friction: float) -> None:
+    several = len(objects) > 1
+    best = [o.grasps[0] for o in objects if o.grasps]
+    parts = [o.outline.points for o in objects] + [_ways_in(g) for g in best]
+    shown = window(parts, _shape(picture), _MAIN[2] / _MAIN[3], 0.1, 1.7)
+    panel = _panel(figure, picture, shown, _MAIN)
+    if not several:
+        panel.neighbours(objects[0].neighbours)
+    for o in objects:
+        panel.outline(o.outline, 1.8)
+    for i, o in enumerate(objects):
+        if o.grasps and several:
+            panel.small_grasp(o.grasps[0])
+        elif o.grasps:
+            panel.grasp(o.grasps[0], o.outline, friction)
+        if several:
+            panel.label(str(i + 1), _beside(o), 9.0)
+    legend(panel.axes, bool(best), several, any(o.neighbours for o in objects))
+
+
+def _next(figure: Any, picture: NDArray[np.uint8], found: Planned, column: Column, px_per_mm: float | None) -> None:
+    """The grasps after the best one, all in the same window."""
+    rest = found.grasps[1 : 1 + SHOWN]
+    if not rest:
+        return
+    left = len(found.grasps) - 1 - len(rest)
+    column.heading("The next best" + (f", and {left} more in grasps.json" if left else ""))
+    parts = [found.outline.points, *(g.fingers for g in rest)]
+    for i, (box, grasp) in enumerate(zip(_grid(column.free(), len(rest)), rest, strict=True)):
+        shown = window(parts, _shape(picture), box[2] / box[3], 0.05)
+        panel = _panel(figure, picture, shown, box)
+        panel.outline(found.outline, 1.0)
+        panel.small_grasp(grasp)
+        column.caption(box, str(i + 2), describe(grasp, px_per_mm))
+
+
+def _each(
+    figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], column: Column, px_per_mm: float | None
+) -> None:
+    """Every object with its best grasp, or the word that there is none."""
+    left = len(objects) - SHOWN
+    column.heading("The best grasp of each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
+    for i, (box, found) in enumerate(zip(_grid(column.free(), min(len(objects), SHOWN)), objects, strict=False)):
+        best = found.grasps[:1]
+        parts = [found.outline.points, *(g.fingers for g in best)]
+        panel = _panel(figure, picture, window(parts, _shape(picture), box[2] / box[3], 0.05), box)
+        panel.outline(found.outline, 1.0)
+        for grasp in best:
+            panel.small_grasp(grasp)
+        column.caption(box, str(i + 1), describe(best[0], px_per_mm) if best else "no grasp")
+
+
+def _grid(area: tuple[float, float, float, float], count: int) -> list[tuple[float, float, float, float]]:
+    """Places of small panels, left, bottom, width and height in inches, row by row, with room for captions."""
+    left, bottom, width, height = area
+    columns = 1 if count == 1 else 2 if count <= 4 else 3
+    rows = -(-count // columns)
+    gap = 0.12
+    wide = (width - (columns - 1) * gap) / columns
+    tall = min((height - (rows - 1) * gap) / rows, 0.9 * wide + _CAPTION)
+    places = []
+    for i in range(count):
+        row, position = divmod(i, columns)
+        top = bottom + height - row * (tall + gap)
+        places.append((left + position * (wide + gap), top - tall, wide, tall - _CAPTION))
+    return places
+
+
+def _panel(
+    figure: Any, picture: NDArray[np.uint8], shown: Window, box: tuple[float, float, float, float]
+) -> Panel:
+    left, bottom, width, height = box
+    axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
+    axes.set_anchor("NW")
+    return Panel(axes, picture, shown, (72.0 * width, 72.0 * height))
+
+
+def _beside(found: Planned) -> Floats:
+    """Where an object's number hides nothing of its grasp: its topmost point."""
+    points = found.outline.outer.points
+    return np.asarray(points[int(points[:, 1].argmin())])
+
+
+def _ways_in(grasp: RankedGrasp) -> Floats:
+    return np.concatenate([grasp.swept, grasp.fingers])
+
+
+def _shape(picture: NDArray[np.uint8]) -> tuple[int, int]:
+    return picture.shape[0], picture.shape[1]
