@@ -14,6 +14,7 @@ from typing import Annotated
 import typer
 
 from grasptrack.cli.demo import demo
+from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import INTERRUPTED, only_our_errors, tell_error
 from grasptrack.cli.track import track
 from grasptrack.cli.transfer import transfer
@@ -30,6 +31,7 @@ Examples:
   grasptrack track video.mp4        also a folder, "images/*.png", camera:0, an image
   grasptrack track photos --fps 30 --output run --strategy homography
   grasptrack track video.mp4 --grasp "193,308 157,99"
+  grasptrack synthesize photo.jpg   the best grasps on the object in one image
   grasptrack transfer a.png b.png   the same grasp in two views
 
 Each verb has its own --help. Exit status: 0 done, 2 bad input, 130 after Ctrl-C, 1 anything else.
@@ -65,6 +67,7 @@ def _options(
     pass
 
 
+app.command(short_help="Choose grasps on an object in one image.")(synthesize)
 app.command(short_help="Carry a grasp through a sequence of images.")(track)
 app.command(short_help="Carry a grasp from one image to another, by every strategy.")(transfer)
 app.command(short_help="Track in a rendered scene and compare with the truth.")(demo)

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from grasptrack.hand import Hand
+
 Fingers = Annotated[
     int | None,
     typer.Option(metavar="K", help="Fingers of the hand, 2 unless --grasp says otherwise.", show_default=False),
@@ -31,6 +33,18 @@ IgnorePath = Annotated[
         metavar="MASK", help="Image that is not black where nothing belongs to the scene, as the hand's own fingers."
     ),
 ]
+ObjectText = Annotated[str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object.")]
+BoxText = Annotated[
+    str | None, typer.Option("--box", metavar="X,Y,W,H", help="A rectangle round the object: left, top, width, height.")
+]
+MinOpening = Annotated[str | None, typer.Option(metavar="L", help="Least opening of the hand.")]
+MaxOpening = Annotated[str | None, typer.Option(metavar="L", help="Largest opening of the hand.")]
+FingerWidth = Annotated[
+    str | None, typer.Option(metavar="L", help="Of a finger, along the outline; 10 % if not given.")
+]
+FingerThickness = Annotated[str | None, typer.Option(metavar="L", help="Of a finger, across; 10 % if not given.")]
+Clearance = Annotated[str | None, typer.Option(metavar="L", help="Way of a finger to its contact; 3 % if not given.")]
+Scale = Annotated[float | None, typer.Option(metavar="PX_PER_MM", help="Scale of the image, for lengths in mm.")]
 NoVideo = Annotated[bool, typer.Option("--no-video", help="Write no overlay.mp4.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
 
@@ -82,6 +96,48 @@ def point(text: str | None, option: str) -> tuple[float, float] | None:
     if not (math.isfinite(x) and math.isfinite(y)):
         raise InputError(f'{option} is a pixel written x,y, not "{text}"', text=text)
     return x, y
+
+
+def rectangle(text: str | None, option: str) -> tuple[float, float, float, float] | None:
+    """left, top, width and height in px from "x,y,w,h".
+
+    Raises:
+        InputError: anything else, or nothing within.
+    """
+    if text is None:
+        return None
+    try:
+        x, y, w, h = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = w = h = math.nan
+    if not (math.isfinite(x + y + w + h) and w > 0.0 and h > 0.0):
+        raise InputError(f'{option} is left,top,width,height in px, not "{text}"', text=text)
+    return x, y, w, h
+
+
+def hand(scale: float | None, **lengths: str | None) -> Hand:
+    """The hand from the options that were given.
+
+    Args:
+        scale: px per mm.
+        **lengths: attributes of Hand as the user wrote them; None leaves the default.
+
+    Raises:
+        InputError: no length, mm without a scale, or lengths that contradict each other.
+    """
+    from grasptrack.hand import Hand, parse_length
+
+    if scale is not None and not 0.0 < scale < math.inf:
+        raise InputError(f"--scale must be a positive number of px per mm, not {scale:g}", scale=scale)
+    given = {}
+    for name, text in lengths.items():
+        if text is None:
+            continue
+        option = "--" + name.replace("_", "-")
+        given[name] = parse_length(text, option)
+        if given[name].unit == "mm" and scale is None:
+            raise InputError(f"{option} {text} needs --scale, the px per mm of the image", name=name)
+    return Hand(**given, px_per_mm=scale)
 
 
 def positive_friction(friction: float) -> float:

@@ -75,9 +75,7 @@ def strip(view: View, contour: int, position: float, half: float) -> Floats:
     return np.column_stack([np.interp(at, arc, closed[:, axis]) for axis in (0, 1)])
 
 
-def window(
-    parts: Iterable[Floats], shape: tuple[int, int], aspect: float, room: float, most: float = 1.0
-) -> Window:
+def window(parts: Iterable[Floats], shape: tuple[int, int], aspect: float, room: float, most: float = 1.0) -> Window:
     """The part of an image that shows everything given, in the proportions of its frame as far as the image reaches.
 
     Args:

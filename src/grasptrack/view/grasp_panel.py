@@ -125,7 +125,12 @@ class Panel:
         depth = float(((contact - swept) @ way).max())
         back = max(depth, 30.0 * self.px_per_point)
         tail, tip = contact - back * way, contact - max(back - 22.0 * self.px_per_point, 0.3 * back) * way
-        arrow = {"arrowstyle": "-|>,head_width=0.32,head_length=0.5", "color": "white", "lw": 2.0, "mutation_scale": 12.0}
+        arrow = {
+            "arrowstyle": "-|>,head_width=0.32,head_length=0.5",
+            "color": "white",
+            "lw": 2.0,
+            "mutation_scale": 12.0,
+        }
         arrow.update(shrinkA=0.0, shrinkB=0.0, path_effects=[withStroke(linewidth=4.0, foreground=DARK)])
         self.axes.annotate("", tip, xytext=tail, arrowprops=arrow, zorder=5, annotation_clip=True)
         away = 14.0 * self.px_per_point

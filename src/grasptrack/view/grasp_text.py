@@ -65,7 +65,9 @@ class Column:
         self.heading(f"Grasp 1, {kind}")
         mm = "" if px_per_mm is None else f" ({grasp.opening / px_per_mm:.1f} mm)"
         slip = " / ".join(f"{r:.0f}" for r in grasp.regions.tolist())
-        facts = f"opening {grasp.opening:.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    may slip ± {slip} px"
+        facts = (
+            f"opening {grasp.opening:.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    may slip ± {slip} px"
+        )
         self._lines(facts)
         self._y -= 0.06
         self._bar("quality", grasp.quality, INK)

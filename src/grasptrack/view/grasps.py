@@ -26,7 +26,10 @@ SHOWN = 9
 _DPI = 100
 _MAIN = (0.2, 0.62, 9.7, 7.7)
 _RIGHT = (10.2, 0.25, 5.6, 8.07)
-_CAPTION = 0.27
+_CAPTION, _GAP = 0.27, 0.12
+
+Box = tuple[float, float, float, float]
+"""left, bottom, width and height in inches."""
 
 
 class Planned(NamedTuple):
@@ -121,7 +124,8 @@ def _next(figure: Any, picture: NDArray[np.uint8], found: Planned, column: Colum
     left = len(found.grasps) - 1 - len(rest)
     column.heading("The next best" + (f", and {left} more in grasps.json" if left else ""))
     parts = [found.outline.points, *(g.fingers for g in rest)]
-    for i, (box, grasp) in enumerate(zip(_grid(column.free(), len(rest)), rest, strict=True)):
+    boxes = _grid(column.free(), len(rest), _aspect(parts))
+    for i, (box, grasp) in enumerate(zip(boxes, rest, strict=True)):
         shown = window(parts, _shape(picture), box[2] / box[3], 0.05)
         panel = _panel(figure, picture, shown, box)
         panel.outline(found.outline, 1.0)
@@ -135,7 +139,8 @@ def _each(
     """Every object with its best grasp, or the word that there is none."""
     left = len(objects) - SHOWN
     column.heading("The best grasp of each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
-    for i, (box, found) in enumerate(zip(_grid(column.free(), min(len(objects), SHOWN)), objects, strict=False)):
+    boxes = _grid(column.free(), min(len(objects), SHOWN), 1.0)
+    for i, (box, found) in enumerate(zip(boxes, objects, strict=False)):
         best = found.grasps[:1]
         parts = [found.outline.points, *(g.fingers for g in best)]
         panel = _panel(figure, picture, window(parts, _shape(picture), box[2] / box[3], 0.05), box)
@@ -145,25 +150,30 @@ def _each(
         column.caption(box, str(i + 1), describe(best[0], px_per_mm) if best else "no grasp")
 
 
-def _grid(area: tuple[float, float, float, float], count: int) -> list[tuple[float, float, float, float]]:
-    """Places of small panels, left, bottom, width and height in inches, row by row, with room for captions."""
-    left, bottom, width, height = area
-    columns = 1 if count == 1 else 2 if count <= 4 else 3
-    rows = -(-count // columns)
-    gap = 0.12
-    wide = (width - (columns - 1) * gap) / columns
-    tall = min((height - (rows - 1) * gap) / rows, 0.9 * wide + _CAPTION)
-    places = []
-    for i in range(count):
-        row, position = divmod(i, columns)
-        top = bottom + height - row * (tall + gap)
-        places.append((left + position * (wide + gap), top - tall, wide, tall - _CAPTION))
-    return places
+def _grid(area: Box, count: int, aspect: float) -> list[Box]:
+    """Places of small panels, row by row, in as many columns as make a subject of some proportions largest."""
+
+    def cell(columns: int) -> tuple[float, float]:
+        rows = -(-count // columns)
+        tall = (area[3] - (rows - 1) * _GAP) / rows - _CAPTION
+        return (area[2] - (columns - 1) * _GAP) / columns, tall
+
+    columns = max(range(1, min(count, 3) + 1), key=lambda n: min(cell(n)[0] / aspect, cell(n)[1]))
+    wide, tall = cell(columns)
+    tall = min(tall, 1.2 * max(wide, wide / aspect))
+    left, top = area[0], area[1] + area[3]
+    return [
+        (
+            left + (i % columns) * (wide + _GAP),
+            top - (i // columns) * (tall + _CAPTION + _GAP) - _CAPTION - tall,
+            wide,
+            tall,
+        )
+        for i in range(count)
+    ]
 
 
-def _panel(
-    figure: Any, picture: NDArray[np.uint8], shown: Window, box: tuple[float, float, float, float]
-) -> Panel:
+def _panel(figure: Any, picture: NDArray[np.uint8], shown: Window, box: Box) -> Panel:
     left, bottom, width, height = box
     axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
     axes.set_anchor("NW")
@@ -174,6 +184,12 @@ def _beside(found: Planned) -> Floats:
     """Where an object's number hides nothing of its grasp: its topmost point."""
     points = found.outline.outer.points
     return np.asarray(points[int(points[:, 1].argmin())])
+
+
+def _aspect(parts: Sequence[Floats]) -> float:
+    """Width over height of all that is to be shown."""
+    width, height = np.ptp(np.vstack([p.reshape(-1, 2) for p in parts]), axis=0).tolist()
+    return float(min(max(width / max(height, 1e-9), 0.2), 5.0))
 
 
 def _ways_in(grasp: RankedGrasp) -> Floats:

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack synthesize`: the best grasps on an object in one image, and what their rank rests on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from grasptrack.cli import options
+from grasptrack.errors import InputError, ObservationError
+
+if TYPE_CHECKING:
+    from grasptrack.contour import View
+    from grasptrack.hand import Hand
+    from grasptrack.synthesis.result import RankedGrasp
+    from grasptrack.view.grasps import Planned
+
+_HEADS = (
+    ("#", "right"),
+    ("contacts, px", "left"),
+    ("kind", "left"),
+    ("opening\npx", "right"),
+    ("margin", "right"),
+    ("slip\npx", "right"),
+    ("quality", "right"),
+    ("closure", "right"),
+    ("centre", "right"),
+    ("flat", "right"),
+    ("room", "right"),
+)
+
+
+def synthesize(
+    image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, seen from above.")],
+    object_: options.ObjectText = None,
+    box: options.BoxText = None,
+    mask: Annotated[
+        str | None, typer.Option(metavar="MASK", help="Your own segmentation: an image that is not black on objects.")
+    ] = None,
+    ignore: options.IgnorePath = None,
+    fingers: Annotated[int, typer.Option(metavar="K", help="Fingers of the hand, 2 or 3.")] = 2,
+    top: Annotated[int, typer.Option(metavar="N", help="At most so many grasps.")] = 10,
+    friction: options.Friction = 0.5,
+    min_opening: options.MinOpening = None,
+    max_opening: options.MaxOpening = None,
+    finger_width: options.FingerWidth = None,
+    finger_thickness: options.FingerThickness = None,
+    clearance: options.Clearance = None,
+    scale: options.Scale = None,
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for grasps.json and grasps.png.")] = Path(),
+    all_: Annotated[bool, typer.Option("--all", help="Grasps on every object in the image.")] = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Choose the best grasps on the object in an image, for a hand of a given size.
+
+    Every grasp closes with the friction given, fits the hand, and leaves room for each finger and its way in.
+    A length L is written 120px, 40mm (with --scale) or 30%, a share of the root of the object's area.
+
+    Writes grasps.json and grasps.png, the picture of them.
+
+    \b
+    Examples:
+      grasptrack synthesize photo.jpg
+      grasptrack synthesize photo.jpg --object 320,240 --fingers 3
+      grasptrack synthesize photo.jpg --max-opening 85mm --finger-width 12mm --scale 4.2
+      grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
+    """
+    place, frame = options.point(object_, "--object"), options.rectangle(box, "--box")
+    if all_ and (place is not None or frame is not None):
+        raise InputError("--all takes every object in the image: leave out --object and --box")
+    if place is not None and frame is not None:
+        raise InputError("--object and --box both say which object is meant: give one of them")
+    if fingers not in (2, 3):
+        raise InputError(f"--fingers is 2 or 3, not {fingers}", fingers=fingers)
+    if top < 1:
+        raise InputError(f"--top is at least 1, not {top}", top=top)
+    options.positive_friction(friction)
+    lengths = {
+        "min_opening": min_opening,
+        "max_opening": max_opening,
+        "finger_width": finger_width,
+        "finger_thickness": finger_thickness,
+        "clearance": clearance,
+    }
+    hand = options.hand(scale, **lengths)
+
+    from grasptrack.cli.scene import check_within, only_image, outlines
+    from grasptrack.io.grasps import write_grasps_json
+    from grasptrack.io.masks import read_mask
+    from grasptrack.io.run import prepare_folder
+    from grasptrack.view.grasps import write_grasps
+
+    picture = only_image(image, "synthesize").image
+    check_within(picture.shape, place, frame)
+    own, ignored = None if mask is None else read_mask(mask), options.ignore_mask(ignore)
+    prepare_folder(output)
+    try:
+        views = outlines(picture, place, frame, own, ignored)
+    except ObservationError as error:
+        raise InputError(f'"{image}": {error}') from None
+    planned = _plan(views, all_, fingers, friction, top, hand)
+
+    asked = {
+        "object": object_,
+        "box": box,
+        "mask": mask,
+        "ignore": ignore,
+        "fingers": fingers,
+        "top": top,
+        "friction": friction,
+        **lengths,
+        "scale": scale,
+        "all": all_,
+    }
+    data, page = output / "grasps.json", output / "grasps.png"
+    write_grasps_json(data, image, (picture.shape[0], picture.shape[1]), planned, asked, scale)
+    write_grasps(page, picture, planned, friction=friction, title=Path(image).name, px_per_mm=scale)
+    if not any(found.grasps for found in planned):
+        raise InputError(f'"{image}": {_why_none(planned)}')
+    if not quiet:
+        _show(planned, scale, [f"{data}, {page}"])
+
+
+def _plan(views: list[View], every: bool, fingers: int, friction: float, top: int, hand: Hand) -> list[Planned]:
+    """Grasps on the first outline, or on each; all others are in the way."""
+    from grasptrack import kernels
+    from grasptrack.synthesis import synthesize
+    from grasptrack.view.grasps import Planned
+
+    planned = []
+    for view in views if every else views[:1]:
+        others = [other for other in views if other is not view]
+        grasps = synthesize(view, fingers, friction, None, top, hand=hand, neighbours=others)
+        size = math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+        planned.append(Planned(view, others, hand.in_px(size), grasps))
+    return planned
+
+
+def _why_none(planned: Sequence[Planned]) -> str:
+    reason = planned[0].grasps.reason
+    return f"no grasp: {reason}" if len(planned) == 1 else f"no grasp on any of {len(planned)} objects: {reason}"
+
+
+def _show(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> None:
+    from grasptrack.cli.report import show_rows
+
+    several = len(planned) > 1
+    heads = [*([("object", "right")] if several else []), *_HEADS]
+    if scale is not None:
+        heads.insert(heads.index(("margin", "right")), ("\nmm", "right"))
+    rows, told = [], []
+    for i, found in enumerate(planned):
+        of = f"object {i + 1}: " if several else ""
+        for rank, grasp in enumerate(found.grasps):
+            rows.append([*([str(i + 1)] if several else []), *_cells(rank + 1, grasp, scale)])
+        if not found.grasps:
+            told.append(f"{of}no grasp: {found.grasps.reason}")
+        if found.grasps.refused:
+            counts = ", ".join(f"{count} {reason}" for reason, count in found.grasps.refused.items())
+            told.append(f"{of}refused: {counts}")
+    show_rows("Grasps, the best first", heads, rows, [*told, *notes])
+
+
+def _cells(rank: int, grasp: RankedGrasp, scale: float | None) -> list[str]:
+    return [
+        str(rank),
+        " ".join(f"{x:.0f},{y:.0f}" for x, y in grasp.contacts.tolist()),
+        "spread" if grasp.spread else "squeeze",
+        f"{grasp.opening:.1f}",
+        *([] if scale is None else [f"{grasp.opening / scale:.1f}"]),
+        f"{math.degrees(grasp.margin):.1f}°",
+        f"{grasp.regions.min():.1f}",
+        *(f"{value:.2f}" for value in (grasp.quality, *grasp.terms)),
+    ]

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""grasps.json: every object's grasps with what their rank rests on, for other programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.io.results import versions, write_json
+
+if TYPE_CHECKING:
+    from grasptrack.contour import View
+    from grasptrack.synthesis.result import RankedGrasp
+    from grasptrack.view.grasps import Planned
+
+FORMAT = 1
+"""Raised when a key changes its meaning or goes away; new keys alone do not raise it."""
+UNITS = {
+    "outline, contacts, fingers, swept, centroid": "px, the centre of the top-left pixel at (0, 0), x right, y down",
+    "area_px2": "px^2",
+    "directions": "unit vectors in the image, in which each finger moves to touch",
+    "quality, terms": "0 to 1",
+    "margin_deg": "degrees",
+    "opening_mm": "mm, null without a scale",
+    "regions_px, hand_px": "px; null: without limit",
+}
+
+
+def write_grasps_json(
+    path: Path,
+    name: str,
+    shape: tuple[int, int],
+    objects: Sequence[Planned],
+    options: Mapping[str, Any],
+    px_per_mm: float | None = None,
+) -> None:
+    """Write grasps.json; the file is complete at any moment or absent.
+
+    Args:
+        path: the file, written over.
+        name: the image's, as the user gave it.
+        shape: height and width of the image.
+        objects: outlines and their grasps, the object that was chosen first.
+        options: what was asked for.
+        px_per_mm: scale of the image.
+    """
+    write_json(
+        path,
+        {
+            "format": FORMAT,
+            "image": {"name": name, "width": shape[1], "height": shape[0]},
+            "options": options,
+            "versions": versions(),
+            "units": UNITS,
+            "objects": [_object(found, px_per_mm) for found in objects],
+            "neighbours": _neighbours(objects),
+        },
+    )
+
+
+def _object(found: Planned, px_per_mm: float | None) -> dict[str, Any]:
+    area, x, y, *_ = kernels.inertia(found.outline.points, found.outline.offsets)
+    return {
+        "outline": _outline(found.outline),
+        "area_px2": round(area, 3),
+        "centroid": [round(x, 3), round(y, 3)],
+        "hand_px": {key: _number(value) for key, value in found.hand._asdict().items()},
+        "grasps": [_grasp(grasp, i + 1, px_per_mm) for i, grasp in enumerate(found.grasps)],
+        "reason": found.grasps.reason,
+        "refused": found.grasps.refused,
+    }
+
+
+def _neighbours(objects: Sequence[Planned]) -> list[Any]:
+    """Outlines of what lies beside the objects and is none of them."""
+    own = {id(found.outline) for found in objects}
+    others = {id(view): view for found in objects for view in found.neighbours if id(view) not in own}
+    return [_outline(view) for view in others.values()]
+
+
+def _outline(view: View) -> list[list[list[float]]]:
+    """The outer contour, then its holes."""
+    return [_rounded(contour.points) for contour in view.contours]
+
+
+def _grasp(grasp: RankedGrasp, rank: int, px_per_mm: float | None) -> dict[str, Any]:
+    return {
+        "rank": rank,
+        "spread": grasp.spread,
+        "contacts": _rounded(grasp.contacts),
+        "directions": _rounded(grasp.directions, 6),
+        "opening_px": _number(grasp.opening),
+        "opening_mm": None if px_per_mm is None else _number(grasp.opening / px_per_mm),
+        "quality": _number(grasp.quality, 4),
+        "terms": {key: _number(value, 4) for key, value in grasp.terms._asdict().items()},
+        "margin_deg": _number(math.degrees(grasp.margin)),
+        "regions_px": [_number(value) for value in grasp.regions.tolist()],
+        "fingers": _rounded(grasp.fingers),
+        "swept": _rounded(grasp.swept),
+    }
+
+
+def _number(value: float, decimals: int = 3) -> float | None:
+    """JSON has no word for what is not finite."""
+    return round(float(value), decimals) if math.isfinite(value) else None
+
+
+def _rounded(values: NDArray[np.float64], decimals: int = 3) -> Any:
+    return np.round(values, decimals).tolist()
