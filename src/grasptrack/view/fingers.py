@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Window = tuple[float, float, float, float]
 """left, top, right, bottom in px."""
+_FARTHEST = 0.6
+"""Fingers are shown up to this share of the outline's extent beyond it."""
 
 
 def wedge(apex: Floats, direction: Floats, half_angle: float, length: float) -> Floats:
@@ -75,33 +77,50 @@ def strip(view: View, contour: int, position: float, half: float) -> Floats:
     return np.column_stack([np.interp(at, arc, closed[:, axis]) for axis in (0, 1)])
 
 
-def window(parts: Iterable[Floats], shape: tuple[int, int], aspect: float, room: float, most: float = 1.0) -> Window:
-    """The part of an image that shows everything given, in the proportions of its frame as far as the image reaches.
+def window(
+    outlines: Sequence[Floats],
+    fingers: Sequence[Floats],
+    shape: tuple[int, int],
+    aspect: float,
+    room: float,
+    most: float = 1.0,
+) -> Window:
+    """The part of an image that shows outlines and fingers, in the proportions of its frame.
+
+    Where the image is too small for that the window reaches beyond it, as fingers do.
 
     Args:
-        parts: arrays (..., 2) px to be shown.
+        outlines: arrays (n, 2) px, which are shown altogether.
+        fingers: arrays (..., 2) px, shown as far as they do not dwarf the outlines.
         shape: height and width of the image.
         aspect: width over height of the frame.
         room: share of the larger extent that is added on every side.
-        most: show the whole image where it is at most so many times as wide and high as the window.
+        most: show all that the frame can of an image that is at most so many times as wide and high as the window.
     """
+    low, high = _bounds(outlines)
+    reach = _FARTHEST * float((high - low).max())
+    if fingers:
+        first, last = _bounds(fingers)
+        low, high = np.maximum(np.minimum(low, first), low - reach), np.minimum(np.maximum(high, last), high + reach)
+    margin = room * float((high - low).max()) + 2.0
+    size, limit = high - low + 2.0 * margin, np.array([shape[1], shape[0]], dtype=np.float64)
+    size = np.maximum(size, [aspect * size[1], size[0] / aspect])
+    if (limit <= most * size).all():
+        filled = np.minimum(limit, [aspect * limit[1], limit[0] / aspect])
+        if (filled >= size).all():
+            size = filled  # as much of the image as fills the frame
+        else:
+            low, high = np.minimum(low, margin - 0.5), np.maximum(high, limit - 0.5 - margin)
+            size = high - low + 2.0 * margin
+            size = np.maximum(size, [aspect * size[1], size[0] / aspect])
+    # Moved into the image as far as that hides nothing, for what is outside of it says nothing.
+    start = 0.5 * (low + high - size)
+    start = np.where(size <= limit, np.minimum(np.maximum(start, -0.5), limit - 0.5 - size), start)
+    start = np.minimum(np.maximum(start, high + margin - size), low - margin)
+    left, top = start.tolist()
+    return left, top, left + float(size[0]), top + float(size[1])
+
+
+def _bounds(parts: Sequence[Floats]) -> tuple[Floats, Floats]:
     listed = np.vstack([p.reshape(-1, 2) for p in parts])
-    height, width = shape
-    low = np.maximum(listed.min(axis=0), -0.5)
-    high = np.minimum(listed.max(axis=0), [width - 0.5, height - 0.5])
-    margin = room * float((high - low).max()) + 4.0
-    size = high - low + 2.0 * margin
-    wide, tall = max(float(size[0]), aspect * float(size[1])), max(float(size[1]), float(size[0]) / aspect)
-    if max(width / wide, height / tall) <= most:
-        return -0.5, -0.5, width - 0.5, height - 0.5
-    middle = 0.5 * (low + high)
-    left, right = _placed(float(middle[0]), wide, width)
-    top, bottom = _placed(float(middle[1]), tall, height)
-    return left, top, right, bottom
-
-
-def _placed(middle: float, size: float, limit: int) -> tuple[float, float]:
-    """An interval of a size about a middle, moved and cut so that it lies within an image."""
-    size = min(size, float(limit))
-    start = min(max(middle - 0.5 * size, -0.5), limit - 0.5 - size)
-    return start, start + size
+    return listed.min(axis=0), listed.max(axis=0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from grasptrack.view.draw import as_bgr
 from grasptrack.view.fingers import Floats, Window, normals, strips, wedge
-from grasptrack.view.style import CONE_RGB, FINGER_RGB, NEIGHBOUR_RGB, REGION_RGB, STATUS_RGB, hexadecimal
+from grasptrack.view.style import CONE_RGB, FINGER_RGB, NEIGHBOUR_RGB, PANEL_RGB, REGION_RGB, STATUS_RGB, hexadecimal
 
 if TYPE_CHECKING:
     from grasptrack.contour import View
@@ -49,10 +49,12 @@ class Panel:
         x0, x1 = max(math.floor(left), 0), min(math.ceil(right) + 1, width)
         y0, y1 = max(math.floor(top), 0), min(math.ceil(bottom) + 1, height)
         extent = (x0 - 0.5, x1 - 0.5, y1 - 0.5, y0 - 0.5)
-        axes.imshow(picture[y0:y1, x0:x1], extent=extent, interpolation="hanning")
+        axes.imshow(picture[y0:y1, x0:x1], extent=extent, interpolation="hanning", aspect="auto")
         axes.set_xlim(left, right)
         axes.set_ylim(bottom, top)
-        axes.set_axis_off()
+        axes.set(xticks=(), yticks=(), facecolor=hexadecimal(PANEL_RGB))
+        for side in axes.spines.values():
+            side.set_visible(False)
 
     def line(self, points: Floats, colour: str, width: float, **more: Any) -> None:
         """A line through (n, 2) px, `width` points wide, on a dark casing."""
@@ -123,8 +125,10 @@ class Panel:
         from matplotlib.patheffects import withStroke
 
         depth = float(((contact - swept) @ way).max())
-        back = max(depth, 30.0 * self.px_per_point)
-        tail, tip = contact - back * way, contact - max(back - 22.0 * self.px_per_point, 0.3 * back) * way
+        length = 22.0 * self.px_per_point
+        # Along the clearance and the finger where these are large, behind them where the arrow would cover them.
+        back = depth if depth > 1.5 * length else depth + 1.15 * length
+        tail, tip = contact - back * way, contact - (back - length) * way
         arrow = {
             "arrowstyle": "-|>,head_width=0.32,head_length=0.5",
             "color": "white",

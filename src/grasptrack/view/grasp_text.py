@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 INK, MUTED, RULE = "#1d232b", "#5a6472", "#d5dae1"
 _ROW = 0.29
-_CHARACTERS = 62
+_CHARACTERS = 64
 """That a line of 11 points in the column holds."""
 
 
@@ -64,10 +64,8 @@ class Column:
         kind = "spread: pushed outward" if grasp.spread else "squeezed"
         self.heading(f"Grasp 1, {kind}")
         mm = "" if px_per_mm is None else f" ({grasp.opening / px_per_mm:.1f} mm)"
-        slip = " / ".join(f"{r:.0f}" for r in grasp.regions.tolist())
-        facts = (
-            f"opening {grasp.opening:.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    may slip ± {slip} px"
-        )
+        slip = "/".join(f"{r:.0f}" for r in grasp.regions.tolist())
+        facts = f"opening {grasp.opening:.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    slip ± {slip} px"
         self._lines(facts)
         self._y -= 0.06
         self._bar("quality", grasp.quality, INK)

@@ -17,7 +17,7 @@ from grasptrack.view.grasp_text import Column, describe, legend
 if TYPE_CHECKING:
     from grasptrack.contour import View
     from grasptrack.hand import HandPx
-    from grasptrack.synthesis.result import GraspList, RankedGrasp
+    from grasptrack.synthesis.result import GraspList
 
 WIDTH, HEIGHT = 16.0, 9.0
 """inches; at 100 px each, a slide of 1600 by 900 px."""
@@ -99,8 +99,8 @@ def _fingers(objects: Sequence[Planned]) -> str:
 def _main(figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], friction: float) -> None:
     several = len(objects) > 1
     best = [o.grasps[0] for o in objects if o.grasps]
-    parts = [o.outline.points for o in objects] + [_ways_in(g) for g in best]
-    shown = window(parts, _shape(picture), _MAIN[2] / _MAIN[3], 0.1, 1.7)
+    outlines, fingers = [o.outline.points for o in objects], [g.swept for g in best]
+    shown = window(outlines, fingers, _shape(picture), _MAIN[2] / _MAIN[3], 0.1, 1.7)
     panel = _panel(figure, picture, shown, _MAIN)
     if not several:
         panel.neighbours(objects[0].neighbours)
@@ -123,10 +123,10 @@ def _next(figure: Any, picture: NDArray[np.uint8], found: Planned, column: Colum
         return
     left = len(found.grasps) - 1 - len(rest)
     column.heading("The next best" + (f", and {left} more in grasps.json" if left else ""))
-    parts = [found.outline.points, *(g.fingers for g in rest)]
-    boxes = _grid(column.free(), len(rest), _aspect(parts))
+    outline, fingers = found.outline.points, [g.fingers for g in rest]
+    boxes = _grid(column.free(), len(rest), _aspect(outline))
     for i, (box, grasp) in enumerate(zip(boxes, rest, strict=True)):
-        shown = window(parts, _shape(picture), box[2] / box[3], 0.05)
+        shown = window([outline], fingers, _shape(picture), box[2] / box[3], 0.05)
         panel = _panel(figure, picture, shown, box)
         panel.outline(found.outline, 1.0)
         panel.small_grasp(grasp)
@@ -142,8 +142,9 @@ def _each(
     boxes = _grid(column.free(), min(len(objects), SHOWN), 1.0)
     for i, (box, found) in enumerate(zip(boxes, objects, strict=False)):
         best = found.grasps[:1]
-        parts = [found.outline.points, *(g.fingers for g in best)]
-        panel = _panel(figure, picture, window(parts, _shape(picture), box[2] / box[3], 0.05), box)
+        fingers = [g.fingers for g in best]
+        shown = window([found.outline.points], fingers, _shape(picture), box[2] / box[3], 0.05)
+        panel = _panel(figure, picture, shown, box)
         panel.outline(found.outline, 1.0)
         for grasp in best:
             panel.small_grasp(grasp)
@@ -176,7 +177,6 @@ def _grid(area: Box, count: int, aspect: float) -> list[Box]:
 def _panel(figure: Any, picture: NDArray[np.uint8], shown: Window, box: Box) -> Panel:
     left, bottom, width, height = box
     axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
-    axes.set_anchor("NW")
     return Panel(axes, picture, shown, (72.0 * width, 72.0 * height))
 
 
@@ -186,14 +186,10 @@ def _beside(found: Planned) -> Floats:
     return np.asarray(points[int(points[:, 1].argmin())])
 
 
-def _aspect(parts: Sequence[Floats]) -> float:
-    """Width over height of all that is to be shown."""
-    width, height = np.ptp(np.vstack([p.reshape(-1, 2) for p in parts]), axis=0).tolist()
+def _aspect(points: Floats) -> float:
+    """Width over height of an outline, a very thin one being taken as less so."""
+    width, height = np.ptp(points, axis=0).tolist()
     return float(min(max(width / max(height, 1e-9), 0.2), 5.0))
-
-
-def _ways_in(grasp: RankedGrasp) -> Floats:
-    return np.concatenate([grasp.swept, grasp.fingers])
 
 
 def _shape(picture: NDArray[np.uint8]) -> tuple[int, int]:
