@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -98,18 +98,40 @@ def show_run(summary: RunSummary, output: Path) -> None:
 
 
 def show_rows(
-    title: str, heads: Iterable[tuple[str, str]], rows: Iterable[Iterable[str]], notes: Iterable[str] = ()
+    title: str,
+    heads: Sequence[tuple[str, str]],
+    rows: Sequence[Sequence[str]],
+    notes: Iterable[str] = (),
+    *,
+    optional: int = 0,
 ) -> None:
-    """A table of short cells, and lines of text below it.
+    """A table of short cells, and lines of text below it. Where the output is no terminal it is as wide as it needs.
 
     Args:
         title: above it.
         heads: name and alignment, "left" or "right", of each column.
         rows: cells, which are printed as they are and not wrapped.
         notes: the lines.
+        optional: so many of the last columns are left out where a terminal has no room for all.
     """
-    from rich import box
     from rich.console import Console
+    from rich.markup import escape
+
+    console = Console(highlight=False)
+    table = _grid(title, heads, rows)
+    wide = console.options.update_width(10_000)
+    if not console.is_terminal:
+        console.width = max(console.width, console.measure(table, options=wide).maximum)
+    elif optional and console.measure(table, options=wide).maximum > console.width:
+        table = _grid(title, heads[:-optional], [row[:-optional] for row in rows])
+    console.print(table)
+    for note in notes:
+        console.print(escape(note), soft_wrap=True)
+    _print_warnings(console)
+
+
+def _grid(title: str, heads: Iterable[tuple[str, str]], rows: Iterable[Iterable[str]]) -> Any:
+    from rich import box
     from rich.markup import escape
     from rich.table import Table
 
@@ -118,11 +140,7 @@ def show_rows(
         table.add_column(name, justify="right" if justify == "right" else "left", no_wrap=True)
     for row in rows:
         table.add_row(*(escape(cell) for cell in row))
-    console = Console(highlight=False)
-    console.print(table)
-    for note in notes:
-        console.print(escape(note), soft_wrap=True)
-    _print_warnings(console)
+    return table
 
 
 def _print_warnings(console: Any) -> None:

@@ -68,6 +68,10 @@ def outlines(
         ObservationError: no object, or none where it should be.
         InputError: a mask of another size.
     """
+    if box is not None:  # a detector's may reach beyond the image
+        height, width = image.shape[:2]
+        left, top = max(box[0], 0.0), max(box[1], 0.0)
+        box = left, top, min(box[0] + box[2], width) - left, min(box[1] + box[3], height) - top
     kept: list[View] = []
     for view in _found(image, place, box, mask, ignore):
         if not any(_nested(view, other) for other in kept):
@@ -111,8 +115,8 @@ def _overlap(points: Floats, box: Box) -> float:
 
 
 def _nested(one: View, other: View) -> bool:
-    """Whether most of one outline lies within the other."""
-    return _share_within(one, other) > 0.5 or _share_within(other, one) > 0.5
+    """Whether one outline lies within the other, or both are the same, of which about half lies within the other."""
+    return _share_within(one, other) + _share_within(other, one) > 0.5
 
 
 def _share_within(inner: View, outer: View) -> float:

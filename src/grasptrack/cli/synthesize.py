@@ -162,7 +162,7 @@ def _show(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> 
         if found.grasps.refused:
             counts = ", ".join(f"{count} {reason}" for reason, count in found.grasps.refused.items())
             told.append(f"{of}refused: {counts}")
-    show_rows("Grasps, the best first", heads, rows, [*told, *notes])
+    show_rows("Grasps, the best first", heads, rows, [*told, *notes], optional=4)
 
 
 def _cells(rank: int, grasp: RankedGrasp, scale: float | None) -> list[str]:
