@@ -104,15 +104,19 @@ def test_version_names_the_backend(capsys: pytest.CaptureFixture[str]) -> None:
     assert re.fullmatch(r"grasptrack \S+ \(backend (native|numpy)\)\n", capsys.readouterr().out)
 
 
-@pytest.mark.parametrize("given", [[], ["--help"], ["-h"], ["track", "--help"], ["transfer", "-h"], ["demo", "--help"]])
+@pytest.mark.parametrize(
+    "given",
+    [[], ["--help"], ["-h"], ["synthesize", "-h"], ["track", "--help"], ["transfer", "-h"], ["demo", "--help"]],
+)
 def test_help_has_examples(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(given) == 0
     assert "Examples:\n  " in re.sub(r"\n +", "\n  ", capsys.readouterr().out)
 
 
-def test_help_imports_nothing_heavy() -> None:
+@pytest.mark.parametrize("verb", ["synthesize", "track"])
+def test_help_imports_nothing_heavy(verb: str) -> None:
     code = (
-        "import sys; from grasptrack.cli.main import main; main(['track', '--help']);"
+        f"import sys; from grasptrack.cli.main import main; main(['{verb}', '--help']);"
         "print(sorted({m.split('.')[0] for m in sys.modules} & {'numpy', 'cv2', 'av', 'matplotlib'}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -18,7 +18,7 @@ from recordings import plates
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
-VERBS = ("track", "transfer", "demo")
+VERBS = ("synthesize", "track", "transfer", "demo")
 PAGES = ("benchmarks.md", "cli.md", "conventions.md", "design.md", "paper-map.md")
 
 
@@ -129,6 +129,18 @@ def test_columns_and_keys_are_those_that_are_written(tmp_path: Path) -> None:
     keys = set(json.loads((tmp_path / "out" / "run.json").read_text()))
     told = set(re.findall(r"^\| `(\w+)` \|", text("cli.md").split("### run.json")[1].split("\n## ")[0], re.MULTILINE))
     assert told == keys | {"error"}
+
+
+def test_keys_of_grasps_json_are_those_that_are_written(tmp_path: Path) -> None:
+    source = plates(tmp_path / "in", 1) / "000.png"
+    assert main(["synthesize", str(source), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+    written = json.loads((tmp_path / "out" / "grasps.json").read_text())
+    one = written["objects"][0]
+    told = text("cli.md").split("### grasps.json")[1].split("\n### ")[0]
+    for head, keys in (("key", written), ("key of an object", one), ("key of a grasp", one["grasps"][0])):
+        table = told.split(f"| {head} |")[1].split("\n\n")[0]
+        first = re.findall(r"^\| (`[^|]+`) \|", table, re.MULTILINE)
+        assert set(re.findall(r"`(\w+)`", " ".join(first))) == set(keys)
 
 
 # --- imports -------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import csv
 import json
 import math
 import platform
+import re
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -106,7 +107,10 @@ def versions() -> dict[str, str]:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write strict JSON: what is not finite becomes null. The file is complete at any moment or absent."""
     partial = path.with_name(path.name + ".part")
-    partial.write_text(json.dumps(_strict(content), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    text = json.dumps(_strict(content), indent=2, ensure_ascii=False, allow_nan=False)
+    # A point on one line. Within a string no line ends, so that nothing else can match.
+    text = re.sub(r"\[\n\s+([-+.,eE\d\s]+?)\n\s+\]", lambda m: f"[{' '.join(m[1].split())}]", text)
+    partial.write_text(text + "\n", encoding="utf-8")
     partial.replace(path)
 
 
