@@ -18,8 +18,12 @@ if TYPE_CHECKING:
     Box = tuple[float, float, float, float]
 
 
-def only_image(name: str, verb: str) -> Frame:
+def only_image(name: str, taken: str) -> Frame:
     """The image of a file.
+
+    Args:
+        name: of the file.
+        taken: what the verb takes, for the message.
 
     Raises:
         SourceError, InputError: missing, unreadable, or more than one image.
@@ -28,7 +32,7 @@ def only_image(name: str, verb: str) -> Frame:
 
     with open_source(name) as source:
         if source.kind != "image":
-            raise InputError(f'"{name}" is a {source.kind}; {verb} takes one image')
+            raise InputError(f'"{name}" is a {source.kind}; {taken}')
         return next(iter(source))
 
 

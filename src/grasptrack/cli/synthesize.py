@@ -94,7 +94,7 @@ def synthesize(
     from grasptrack.io.run import prepare_folder
     from grasptrack.view.grasps import write_grasps
 
-    picture = only_image(image, "synthesize").image
+    picture = only_image(image, "synthesize takes one image").image
     check_within(picture.shape, place, frame)
     own, ignored = None if mask is None else read_mask(mask), options.ignore_mask(ignore)
     prepare_folder(output)

@@ -5,15 +5,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from grasptrack.cli import options
+from grasptrack.cli.scene import only_image
 from grasptrack.errors import GraspTrackError, InputError
-
-if TYPE_CHECKING:
-    from grasptrack.io.base import Frame
 
 _HEADS = (
     ("strategy", "left"),
@@ -54,7 +52,7 @@ def transfer(
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     place_a, place_b = options.point(object_, "--object"), options.point(object_b, "--object-b")
     hidden = options.ignore_mask(ignore)
-    first, second = _only_image(image_a), _only_image(image_b)
+    first, second = (only_image(name, "transfer takes two images") for name in (image_a, image_b))
     _check_folder(output)
 
     from grasptrack.grasp import Grasp
@@ -116,15 +114,6 @@ def _written(contacts: Any) -> str:
 
 def _number(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "-"
-
-
-def _only_image(name: str) -> Frame:
-    from grasptrack.io.sources import open_source
-
-    with open_source(name) as source:
-        if source.kind != "image":
-            raise InputError(f'"{name}" is a {source.kind}; transfer takes two images')
-        return next(iter(source))
 
 
 def _check_folder(output: Path) -> None:

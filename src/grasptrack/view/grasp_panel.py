@@ -120,6 +120,16 @@ class Panel:
             self.line(spoke, LINE, width)
         self.axes.plot(contacts[:, 0], contacts[:, 1], "o", color=LINE, ms=mark, mec="white", mew=0.2 * mark, zorder=4)
 
+    def _room(self, start: Floats, way: Floats) -> float:
+        """px from a point to the window's border in a direction."""
+        left, top, right, bottom = self.window
+        rooms = [
+            (high - at if step > 0.0 else low - at) / step
+            for at, step, low, high in zip(start.tolist(), way.tolist(), (left, top), (right, bottom), strict=True)
+            if abs(step) > 1e-9
+        ]
+        return min(rooms, default=math.inf)
+
     def _motion(self, contact: Floats, way: Floats, swept: Floats, number: str, spread: bool) -> None:
         """An arrow along the way in, long enough to be seen, and the number where nothing else is."""
         from matplotlib.patheffects import withStroke
@@ -128,6 +138,7 @@ class Panel:
         length = 22.0 * self.px_per_point
         # Along the clearance and the finger where these are large, behind them where the arrow would cover them.
         back = depth if depth > 1.5 * length else depth + 1.15 * length
+        back = max(min(back, self._room(contact, -way) - 1.4 * length), length)
         tail, tip = contact - back * way, contact - (back - length) * way
         arrow = {
             "arrowstyle": "-|>,head_width=0.32,head_length=0.5",
