@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,26 @@ def test_the_table_and_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "squeeze" in said.out and "…" not in said.out and " mm" not in said.out
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["grasps.json", "grasps.png"]
     assert cv2.imread(str(tmp_path / "out" / "grasps.png")).shape == (900, 1600, 3)
+
+
+def test_a_narrow_terminal_leaves_the_terms_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = write(tmp_path / "a.png", plate())
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as if it were a terminal
+    for columns, shown in ((80, False), (120, True)):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        assert main(given(source, tmp_path)) == 0
+        said = capsys.readouterr().out
+        assert "quality" in said and ("closure" in said) is shown and "…" not in said
+
+
+def test_a_point_is_one_line_of_the_json(tmp_path: Path) -> None:
+    assert main(given(write(tmp_path / "a.png", plate()), tmp_path, "-q", "--top", "1")) == 0
+    text = (tmp_path / "out" / "grasps.json").read_text()
+    assert re.search(r'"centroid": \[[\d.]+, [\d.]+\]', text) and re.search(
+        r"^ +\[[\d.]+, [\d.]+\],$", text, re.MULTILINE
+    )
 
 
 def test_the_json_says_all_of_every_grasp(tmp_path: Path) -> None:
