@@ -12,7 +12,7 @@ import pytest
 
 from grasptrack.contour import Contour, View
 from grasptrack.synthesis.result import GraspList
-from grasptrack.view.fingers import normals, strip, strips, wedge, window
+from grasptrack.view.fingers import normals, opening, strip, strips, wedge, window
 from grasptrack.view.grasps import Planned, write_grasps
 from ranked import across, ellipse, hand_for, ranked
 
@@ -139,3 +139,9 @@ def test_a_window_holds_outline_and_fingers_in_the_frame_s_proportions(shape: tu
         assert (right - left) / (bottom - top) == pytest.approx(aspect)
     far = window([outline], [np.add(finger, [1e6, 0.0])], shape, aspect, 0.1)
     assert far[2] - far[0] < 4.0 * 70.0 * max(1.0, aspect)
+
+
+def test_three_fingers_open_by_the_way_of_the_farthest() -> None:
+    assert opening(ranked(PLATE, [[80, 120], [240, 120]])) == pytest.approx(160.0)
+    three = across(ellipse(50, 50, (160, 120), 300), 1, 3)[0]
+    assert opening(three) == pytest.approx(100.0, rel=1e-3) and three.opening < 90.0

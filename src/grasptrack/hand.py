@@ -52,9 +52,7 @@ def parse_length(text: str, name: str) -> Length:
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(px|mm|%)?\s*", text)
     value = float(match[1]) if match else math.nan
     if match is None or not value > 0.0:
-        raise InputError(
-            f'{name} is a length such as 120px, 40mm or 30% of the object\'s size, not "{text}"', text=text
-        )
+        raise InputError(f'{name} is a length such as 120px, 40mm or 30% of the object\'s size, not "{text}"', text=text)
     if match[2] == "%":
         return Length(value / 100.0, "size")
     return Length(value, "mm" if match[2] == "mm" else "px")

@@ -166,12 +166,14 @@ def _show(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> 
 
 
 def _cells(rank: int, grasp: RankedGrasp, scale: float | None) -> list[str]:
+    from grasptrack.view.fingers import opening
+
     return [
         str(rank),
         " ".join(f"{x:.0f},{y:.0f}" for x, y in grasp.contacts.tolist()),
         "spread" if grasp.spread else "squeeze",
-        f"{grasp.opening:.1f}",
-        *([] if scale is None else [f"{grasp.opening / scale:.1f}"]),
+        f"{opening(grasp):.1f}",
+        *([] if scale is None else [f"{opening(grasp) / scale:.1f}"]),
         f"{math.degrees(grasp.margin):.1f}°",
         f"{grasp.regions.min():.1f}",
         *(f"{value:.2f}" for value in (grasp.quality, *grasp.terms)),

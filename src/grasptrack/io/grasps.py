@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.io.results import versions, write_json
+from grasptrack.view.fingers import opening
 
 if TYPE_CHECKING:
     from grasptrack.contour import View
@@ -95,8 +96,8 @@ def _grasp(grasp: RankedGrasp, rank: int, px_per_mm: float | None) -> dict[str, 
         "spread": grasp.spread,
         "contacts": _rounded(grasp.contacts),
         "directions": _rounded(grasp.directions, 6),
-        "opening_px": _number(grasp.opening),
-        "opening_mm": None if px_per_mm is None else _number(grasp.opening / px_per_mm),
+        "opening_px": _number(opening(grasp)),
+        "opening_mm": None if px_per_mm is None else _number(opening(grasp) / px_per_mm),
         "quality": _number(grasp.quality, 4),
         "terms": {key: _number(value, 4) for key, value in grasp.terms._asdict().items()},
         "margin_deg": _number(math.degrees(grasp.margin)),

@@ -21,6 +21,13 @@ _FARTHEST = 0.6
 """Fingers are shown up to this share of the outline's extent beyond it."""
 
 
+def opening(grasp: RankedGrasp) -> float:
+    """Px by which the hand opens: two contacts' distance; twice the way of the farthest of more to their mean."""
+    if len(grasp) == 2:
+        return grasp.opening
+    return 2.0 * float(np.linalg.norm(grasp.contacts - grasp.contacts.mean(axis=0), axis=1).max())
+
+
 def wedge(apex: Floats, direction: Floats, half_angle: float, length: float) -> Floats:
     """A sector as a closed polygon (m, 2) px.
 

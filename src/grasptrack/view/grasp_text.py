@@ -7,6 +7,7 @@ import math
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+from grasptrack.view.fingers import opening
 from grasptrack.view.grasp_panel import CONE, FINGER, LINE, NEIGHBOUR, REGION
 
 if TYPE_CHECKING:
@@ -20,12 +21,8 @@ _CHARACTERS = 64
 
 def describe(grasp: RankedGrasp, px_per_mm: float | None) -> str:
     """Quality, opening and kind in a few words."""
-    return f"{grasp.quality:.2f}   {opening(grasp, px_per_mm)}{'   spread' if grasp.spread else ''}"
-
-
-def opening(grasp: RankedGrasp, px_per_mm: float | None) -> str:
-    """The opening in the unit that the user thinks in."""
-    return f"{grasp.opening:.0f} px" if px_per_mm is None else f"{grasp.opening / px_per_mm:.1f} mm"
+    wide = f"{opening(grasp):.0f} px" if px_per_mm is None else f"{opening(grasp) / px_per_mm:.1f} mm"
+    return f"{grasp.quality:.2f}   {wide}{'   spread' if grasp.spread else ''}"
 
 
 class Column:
@@ -63,9 +60,9 @@ class Column:
         """The best grasp: what it is, and its quality with the terms that it is the product of."""
         kind = "spread: pushed outward" if grasp.spread else "squeezed"
         self.heading(f"Grasp 1, {kind}")
-        mm = "" if px_per_mm is None else f" ({grasp.opening / px_per_mm:.1f} mm)"
+        mm = "" if px_per_mm is None else f" ({opening(grasp) / px_per_mm:.1f} mm)"
         slip = "/".join(f"{r:.0f}" for r in grasp.regions.tolist())
-        facts = f"opening {grasp.opening:.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    slip ± {slip} px"
+        facts = f"opening {opening(grasp):.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    slip ± {slip} px"
         self._lines(facts)
         self._y -= 0.06
         self._bar("quality", grasp.quality, INK)
