@@ -39,8 +39,9 @@ struct Hull {
         }
     }
 
-    // Signed distance of the origin from the nearest facet, positive inside; 0 where the hull is flat.
-    double depth() const {
+    // Signed distance of the origin from the nearest facet, positive inside; 0 where the hull is flat. Who only wants to
+    // know whether the origin is inside needs no more than one facet that it is beyond.
+    double depth(bool only_inside = false) const {
         double scale = 0;
         for (std::size_t i = 0; i < size; ++i)
             scale = std::max({scale, std::fabs(w[i].x), std::fabs(w[i].y), std::fabs(w[i].z)});
@@ -65,6 +66,7 @@ struct Hull {
                         least = std::min(least, at);
                     else if (!below)
                         least = std::min(least, -at);
+                    if (only_inside && least <= 0) return least;
                 }
         return std::isfinite(least) ? least : 0.0;
     }

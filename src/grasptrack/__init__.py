@@ -31,9 +31,10 @@ if TYPE_CHECKING:
         TransferError,
     )
     from grasptrack.grasp import Grasp
+    from grasptrack.hand import Hand, Length
     from grasptrack.io.sources import Frame, open_source
     from grasptrack.result import TrackResult
-    from grasptrack.synthesis import synthesize
+    from grasptrack.synthesis import GraspList, RankedGrasp, synthesize
     from grasptrack.tracker import GraspTracker
     from grasptrack.transfer import Transfer, transfer
 
@@ -60,9 +61,10 @@ _HOME = {
         "TransferError",
     ),
     "grasp": ("Grasp",),
+    "hand": ("Hand", "Length"),
     "io.sources": ("Frame", "open_source"),
     "result": ("TrackResult",),
-    "synthesis": ("synthesize",),
+    "synthesis": ("GraspList", "RankedGrasp", "synthesize"),
     "tracker": ("GraspTracker",),
     "transfer": ("Transfer", "transfer"),
 }
@@ -80,12 +82,16 @@ __all__ = [
     "Grasp",
     "GraspAnalysis",
     "GraspError",
+    "GraspList",
     "GraspTrackError",
     "GraspTracker",
+    "Hand",
     "InputError",
+    "Length",
     "ObservationError",
     "ParallelLineError",
     "PeaksError",
+    "RankedGrasp",
     "SourceError",
     "StrategyError",
     "TrackResult",

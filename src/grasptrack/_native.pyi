@@ -105,3 +105,36 @@ def outline_support(
     other_ground: float,
     loose: float,
 ) -> tuple[float, float, Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], Floats, Floats]: ...
+def closing_triples(
+    contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float
+) -> tuple[NDArray[np.int64], Floats, Floats]: ...
+def finger_rooms(
+    points: Floats,
+    offsets: NDArray[np.int64],
+    contacts: Floats,
+    directions: Floats,
+    places: Floats | None,
+    width: float,
+    depth: float,
+    reach: float,
+) -> Floats: ...
+def opposed_pairs(
+    contacts: Floats, normals: Floats, worth: Floats, group: int, friction: float
+) -> tuple[NDArray[np.int64], Floats, Floats]: ...
+def rank_grasps(
+    contacts: Floats,
+    normals: Floats,
+    usable: NDArray[np.bool_],
+    starts: NDArray[np.int64],
+    steps: Floats,
+    grasps: NDArray[np.int64],
+    strength: Floats,
+    bound: Floats,
+    friction: float,
+    cx: float,
+    cy: float,
+    rho: float,
+    most: float,
+    gap: float,
+    top: int,
+) -> tuple[NDArray[np.int64], Floats, Floats]: ...

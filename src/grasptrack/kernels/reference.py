@@ -12,17 +12,21 @@ from grasptrack.kernels.reference_contact import contact_frames
 from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvature, curvature_vector, resample
 from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_evidence import carry_normals, projective_step, settle_edges
+from grasptrack.kernels.reference_fingers import finger_rooms
 from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
 from grasptrack.kernels.reference_homography import distortion, fit_homography, homography_4
 from grasptrack.kernels.reference_inertia import inertia
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
 from grasptrack.kernels.reference_matching import match_curvature
+from grasptrack.kernels.reference_opposed import opposed_pairs
 from grasptrack.kernels.reference_outline import trace_edges
 from grasptrack.kernels.reference_peaks import best_quadrilateral, curvature_peaks, select_points
 from grasptrack.kernels.reference_places import carry_places, fixed_places, locate, point_at
+from grasptrack.kernels.reference_ranking import rank_grasps
 from grasptrack.kernels.reference_refine import refine_contacts
 from grasptrack.kernels.reference_support import outline_support
 from grasptrack.kernels.reference_threshold import soft_threshold
+from grasptrack.kernels.reference_triples import closing_triples
 from grasptrack.kernels.reference_wrench import force_closure
 
 __all__ = [
@@ -33,6 +37,7 @@ __all__ = [
     "carry_grasp_line",
     "carry_normals",
     "carry_places",
+    "closing_triples",
     "contact_frames",
     "crossings",
     "curvature",
@@ -40,6 +45,7 @@ __all__ = [
     "curvature_vector",
     "distortion",
     "edge_search",
+    "finger_rooms",
     "fit_homography",
     "fixed_places",
     "force_closure",
@@ -49,9 +55,11 @@ __all__ = [
     "locate",
     "match_curvature",
     "nearest_crossings",
+    "opposed_pairs",
     "outline_support",
     "point_at",
     "projective_step",
+    "rank_grasps",
     "refine_contacts",
     "resample",
     "select_points",

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From an outline to its list of grasps: candidates, what the hand refuses, the order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import Outline, View
+from grasptrack.hand import Hand, HandPx
+from grasptrack.synthesis.candidates import Candidates, candidates
+from grasptrack.synthesis.limits import Limits, refuse, sentence
+from grasptrack.synthesis.rectangles import rectangles
+from grasptrack.synthesis.result import GraspList, RankedGrasp, Terms
+from grasptrack.synthesis.terms import Stable, stable
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+DISTINCT = 0.12
+"""Grasps whose contacts all lie within this fraction of sqrt(area), or a finger's width, of a better one's are alike."""
+
+
+def search(
+    view: View,
+    fingers: int,
+    friction: float,
+    top: int,
+    hand: Hand,
+    neighbours: Sequence[Outline],
+    limits: Limits,
+) -> GraspList:
+    """As `synthesize`, with the limits on how uneven the outline under a finger may be."""
+    area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
+    px = hand.in_px(math.sqrt(area))
+    at = candidates(view, area, np.array([cx, cy]), px.finger_width)
+    found = stable(at, fingers, friction)
+    if not len(found):
+        return GraspList([], _nothing_closes(view, at, fingers, friction))
+    left, refused = refuse(found, at, view, px, neighbours, limits)
+    if not len(left):
+        return GraspList([], sentence(found, refused, px), refused)
+    chosen, quality, regions = kernels.rank_grasps(
+        at.contacts,
+        at.normals,
+        at.usable,
+        at.starts,
+        at.steps,
+        found.index[left],
+        found.strength[left],
+        found.terms[left].prod(axis=1),
+        friction,
+        cx,
+        cy,
+        0.5 * at.size,
+        px.finger_width,
+        alike(at.size, px.finger_width),
+        max(top, 0),
+    )
+    return GraspList(_ranked(found, at, left[chosen], quality, regions, px, friction), "", refused)
+
+
+def alike(size: float, width: float) -> float:
+    """Px within which the contacts of grasps that are alike lie, for an object of sqrt(area) and a finger's width."""
+    return max(DISTINCT * size, width)
+
+
+def _nothing_closes(view: View, at: Candidates, fingers: int, friction: float) -> str:
+    """Why no candidates are stable."""
+    if view.is_clipped and len(stable(at, fingers, friction, cut_too=True)):
+        return "the object is cut by the border where the fingers would have to stand"
+    contacts = "no pair of contacts closes" if fingers == 2 else "no three contacts close"
+    return f"{contacts} with friction {friction:g}"
+
+
+def _ranked(
+    found: Stable, at: Candidates, rows: Ints, quality: Floats, regions: Floats, hand: HandPx, friction: float
+) -> list[RankedGrasp]:
+    """The chosen grasps with all that is said of them."""
+    contacts, directions, index = found.contacts[rows], found.directions[rows], found.index[rows]
+    standing = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness)
+    swept = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness + hand.clearance)
+    terms = found.terms[rows]
+    room = 0.2 + 0.8 * np.sqrt(np.minimum(regions.min(axis=1, initial=math.inf) / hand.finger_width, 1.0))
+    cx, cy = at.centroid.tolist()
+    grasps = []
+    for i, row in enumerate(rows.tolist()):
+        if index.shape[1] == 2:
+            needed = math.atan(found.strength[row])
+        else:
+            _, needed = kernels.force_closure(contacts[i], at.normals[index[i]], cx, cy, 0.5 * at.size, friction)
+        grasps.append(
+            RankedGrasp(
+                contacts[i],
+                float(quality[i]),
+                Terms(*terms[i].tolist(), float(room[i])),
+                spread=bool(found.sense[row] < 0.0),
+                margin=math.atan(friction) - needed,
+                directions=directions[i],
+                regions=regions[i],
+                fingers=standing[i],
+                swept=swept[i],
+            )
+        )
+    return grasps
