@@ -160,7 +160,7 @@ def _show(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> 
         if not found.grasps:
             told.append(f"{of}no grasp: {found.grasps.reason}")
         if found.grasps.refused:
-            counts = ", ".join(f"{count} {reason}" for reason, count in found.grasps.refused.items())
+            counts = ", ".join(f"{reason} ({count})" for reason, count in found.grasps.refused.items())
             told.append(f"{of}refused: {counts}")
     show_rows("Grasps, the best first", heads, rows, [*told, *notes], optional=4)
 

@@ -110,22 +110,46 @@ def window(
         first, last = _bounds(fingers)
         low, high = np.maximum(np.minimum(low, first), low - reach), np.minimum(np.maximum(high, last), high + reach)
     margin = room * float((high - low).max()) + 2.0
-    size, limit = high - low + 2.0 * margin, np.array([shape[1], shape[0]], dtype=np.float64)
-    size = np.maximum(size, [aspect * size[1], size[0] / aspect])
+    limit = np.array([shape[1], shape[0]], dtype=np.float64)
+    # Room is left beyond the image only where something is drawn there.
+    low = np.where(low >= -0.5, np.maximum(low - margin, -0.5), low - margin)
+    high = np.where(high <= limit - 0.5, np.minimum(high + margin, limit - 0.5), high + margin)
+    size = _framed(high - low, aspect)
     if (limit <= most * size).all():
         filled = np.minimum(limit, [aspect * limit[1], limit[0] / aspect])
-        if (filled >= size).all():
+        if (filled >= high - low).all():
             size = filled  # as much of the image as fills the frame
         else:
-            low, high = np.minimum(low, margin - 0.5), np.maximum(high, limit - 0.5 - margin)
-            size = high - low + 2.0 * margin
-            size = np.maximum(size, [aspect * size[1], size[0] / aspect])
+            low, high = np.minimum(low, -0.5), np.maximum(high, limit - 0.5)
+            size = _framed(high - low, aspect)
     # Moved into the image as far as that hides nothing, for what is outside of it says nothing.
     start = 0.5 * (low + high - size)
     start = np.where(size <= limit, np.minimum(np.maximum(start, -0.5), limit - 0.5 - size), start)
-    start = np.minimum(np.maximum(start, high + margin - size), low - margin)
-    left, top = start.tolist()
+    left, top = np.minimum(np.maximum(start, high - size), low).tolist()
     return left, top, left + float(size[0]), top + float(size[1])
+
+
+def _framed(size: Floats, aspect: float) -> Floats:
+    """The least size of some proportions that holds another."""
+    return np.maximum(size, [aspect * size[1], size[0] / aspect])
+
+
+def quiet_corner(frame: Window, share: float, crowd: Floats) -> int | None:
+    """Which corner of a window is the emptiest: 0 to 3 as read, None where each has something that must be seen.
+
+    Args:
+        frame: the window.
+        share: of its width and height that is needed.
+        crowd: (n, 2) px, points that must be seen.
+    """
+    left, top, right, bottom = frame
+    x, y = (crowd[:, 0] - left) / (right - left), (crowd[:, 1] - top) / (bottom - top)
+    inside = [
+        int(np.count_nonzero((x > 1.0 - share if i % 2 else x < share) & (y > 1.0 - share if i > 1 else y < share)))
+        for i in range(4)
+    ]
+    least = min(inside)
+    return inside.index(least) if least == 0 else None
 
 
 def _bounds(parts: Sequence[Floats]) -> tuple[Floats, Floats]:

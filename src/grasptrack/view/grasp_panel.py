@@ -56,6 +56,17 @@ class Panel:
         for side in axes.spines.values():
             side.set_visible(False)
 
+    def frame(self) -> None:
+        """A white border, for a panel that lies on another one."""
+        for side in self.axes.spines.values():
+            side.set(visible=True, color="white", linewidth=2.0)
+
+    def mark(self, part: Window) -> None:
+        """A white rectangle round a part."""
+        left, top, right, bottom = part
+        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
+        self.line(corners, "white", 1.2)
+
     def line(self, points: Floats, colour: str, width: float, **more: Any) -> None:
         """A line through (n, 2) px, `width` points wide, on a dark casing."""
         self.axes.plot(points[:, 0], points[:, 1], color=DARK, lw=width + 1.6, alpha=0.75, solid_capstyle="butt")

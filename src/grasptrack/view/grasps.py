@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.view.fingers import Floats, Window, window
+from grasptrack.view.fingers import Floats, Window, quiet_corner, window
 from grasptrack.view.grasp_panel import Panel, muted
 from grasptrack.view.grasp_text import Column, describe, legend
 
@@ -26,6 +26,8 @@ SHOWN = 9
 _DPI = 100
 _MAIN = (0.2, 0.62, 9.7, 7.7)
 _RIGHT = (10.2, 0.25, 5.6, 8.07)
+_SMALL, _INSET = 0.3, 0.4
+"""A grasp that takes up less of the large panel is drawn once more in an inset, whose share of it is the second."""
 _CAPTION, _GAP = 0.27, 0.12
 
 Box = tuple[float, float, float, float]
@@ -109,11 +111,34 @@ def _main(figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], f
     for i, o in enumerate(objects):
         if o.grasps and several:
             panel.small_grasp(o.grasps[0])
-        elif o.grasps:
+        elif o.grasps and not _close_up(figure, picture, panel, o, friction):
             panel.grasp(o.grasps[0], o.outline, friction)
         if several:
             panel.label(str(i + 1), _beside(o), 9.0)
     legend(panel.axes, bool(best), several, any(o.neighbours for o in objects))
+
+
+def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Planned, friction: float) -> bool:
+    """Where the grasp is small on the object: draw it large in a corner that hides neither, if there is one."""
+    grasp, outline = found.grasps[0], found.outline.points
+    extent = float(np.ptp(grasp.swept.reshape(-1, 2), axis=0).max())
+    if extent > _SMALL * (panel.window[3] - panel.window[1]):
+        return False
+    corner = quiet_corner(panel.window, _INSET, np.vstack([outline, grasp.swept.reshape(-1, 2)]))
+    if corner is None:
+        return False
+    left, bottom, width, height = _MAIN
+    size = width * _INSET, height * _INSET
+    place = left + (width - size[0]) * (corner % 2), bottom + (height - size[1]) * (corner < 2), *size
+    near = [grasp.swept.reshape(-1, 2)]
+    inset = _panel(figure, picture, window(near, [], _shape(picture), size[0] / size[1], 0.35), place)
+    inset.frame()
+    inset.neighbours(found.neighbours)
+    inset.outline(found.outline, 1.6)
+    inset.grasp(grasp, found.outline, friction)
+    panel.small_grasp(grasp)
+    panel.mark(inset.window)
+    return True
 
 
 def _next(figure: Any, picture: NDArray[np.uint8], found: Planned, column: Column, px_per_mm: float | None) -> None:
