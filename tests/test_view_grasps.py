@@ -12,8 +12,9 @@ import pytest
 
 from grasptrack.contour import Contour, View
 from grasptrack.synthesis.result import GraspList
-from grasptrack.view.fingers import normals, opening, strip, strips, wedge, window
+from grasptrack.view.fingers import normals, opening, strip, strips, wedge
 from grasptrack.view.grasps import Planned, write_grasps
+from grasptrack.view.layout import grid, quiet_corner, window
 from ranked import across, ellipse, hand_for, ranked
 
 SQUARE = Contour([[10, 10], [25, 10], [40, 10], [40, 25], [40, 40], [25, 40], [10, 40], [10, 25]])
@@ -145,3 +146,33 @@ def test_three_fingers_open_by_the_way_of_the_farthest() -> None:
     assert opening(ranked(PLATE, [[80, 120], [240, 120]])) == pytest.approx(160.0)
     three = across(ellipse(50, 50, (160, 120), 300), 1, 3)[0]
     assert opening(three) == pytest.approx(100.0, rel=1e-3) and three.opening < 90.0
+
+
+def test_an_inset_takes_the_corner_that_hides_least() -> None:
+    frame, near = (0.0, 0.0, 100.0, 100.0), [np.array([[90.0, 10.0], [95.0, 12.0]]), np.array([[10.0, 90.0]])]
+    assert quiet_corner(frame, 0.4, np.array([[50.0, 50.0]]), []) == 0
+    assert quiet_corner(frame, 0.4, np.array([[20.0, 30.0], [90.0, 90.0]]), near) == 2
+    assert quiet_corner(frame, 0.4, np.array([[20.0, 30.0]]), [*near, np.array([[200.0, 200.0]])]) == 3
+    assert quiet_corner(frame, 0.4, np.array([[5.0, 5], [95, 5], [5, 95], [95, 95]]), near) is None
+
+
+def test_a_grasp_that_is_small_on_its_object_is_shown_large_too(tmp_path: Path) -> None:
+    rod = ellipse(150.0, 5.0, (160, 120), 600)
+    page = drawn(
+        tmp_path, np.full((240, 320), 128, np.uint8), planned(rod, GraspList([ranked(rod, [[160, 115], [160, 125]])]))
+    )
+    corner = page[70:370, 20:400].reshape(-1, 3).astype(int)
+    assert np.count_nonzero(corner[:, 0] > corner[:, 2] + 60) > 500  # the inset's fingers
+
+
+@pytest.mark.parametrize("count", range(1, 10))
+@pytest.mark.parametrize("aspect", [0.2, 1.0, 5.0])
+def test_small_panels_stay_in_their_area_and_apart(count: int, aspect: float) -> None:
+    boxes = grid((1.0, 2.0, 5.6, 4.0), count, aspect)
+    assert len(boxes) == count
+    for i, (x, y, w, h) in enumerate(boxes):
+        assert (
+            w > 1.0 and h > 0.1 and x >= 1.0 - 1e-9 and x + w <= 6.6 + 1e-9 and y >= 2.0 - 1e-9 and y + h <= 6.0 + 1e-9
+        )
+        for u, v, a, b in boxes[:i]:
+            assert x >= u + a or u >= x + w or y >= v + b or v >= y + h

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the parts of a grasp's drawing lie: cones, the strips in which contacts may slip, and the window around all."""
+"""Where the parts of a grasp's drawing lie: cones, and the strips in which contacts may slip."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,10 +14,6 @@ if TYPE_CHECKING:
     from grasptrack.synthesis.result import RankedGrasp
 
 Floats = NDArray[np.float64]
-Window = tuple[float, float, float, float]
-"""left, top, right, bottom in px."""
-_FARTHEST = 0.6
-"""Fingers are shown up to this share of the outline's extent beyond it."""
 
 
 def opening(grasp: RankedGrasp) -> float:
@@ -82,76 +77,3 @@ def strip(view: View, contour: int, position: float, half: float) -> Floats:
     between = knots[(knots > middle - half) & (knots < middle + half)]
     at = np.concatenate([[middle - half], between, [middle + half]]) % length
     return np.column_stack([np.interp(at, arc, closed[:, axis]) for axis in (0, 1)])
-
-
-def window(
-    outlines: Sequence[Floats],
-    fingers: Sequence[Floats],
-    shape: tuple[int, int],
-    aspect: float,
-    room: float,
-    most: float = 1.0,
-) -> Window:
-    """The part of an image that shows outlines and fingers, in the proportions of its frame.
-
-    Where the image is too small for that the window reaches beyond it, as fingers do.
-
-    Args:
-        outlines: arrays (n, 2) px, which are shown altogether.
-        fingers: arrays (..., 2) px, shown as far as they do not dwarf the outlines.
-        shape: height and width of the image.
-        aspect: width over height of the frame.
-        room: share of the larger extent that is added on every side.
-        most: show all that the frame can of an image that is at most so many times as wide and high as the window.
-    """
-    low, high = _bounds(outlines)
-    reach = _FARTHEST * float((high - low).max())
-    if fingers:
-        first, last = _bounds(fingers)
-        low, high = np.maximum(np.minimum(low, first), low - reach), np.minimum(np.maximum(high, last), high + reach)
-    margin = room * float((high - low).max()) + 2.0
-    limit = np.array([shape[1], shape[0]], dtype=np.float64)
-    # Room is left beyond the image only where something is drawn there.
-    low = np.where(low >= -0.5, np.maximum(low - margin, -0.5), low - margin)
-    high = np.where(high <= limit - 0.5, np.minimum(high + margin, limit - 0.5), high + margin)
-    size = _framed(high - low, aspect)
-    if (limit <= most * size).all():
-        filled = np.minimum(limit, [aspect * limit[1], limit[0] / aspect])
-        if (filled >= high - low).all():
-            size = filled  # as much of the image as fills the frame
-        else:
-            low, high = np.minimum(low, -0.5), np.maximum(high, limit - 0.5)
-            size = _framed(high - low, aspect)
-    # Moved into the image as far as that hides nothing, for what is outside of it says nothing.
-    start = 0.5 * (low + high - size)
-    start = np.where(size <= limit, np.minimum(np.maximum(start, -0.5), limit - 0.5 - size), start)
-    left, top = np.minimum(np.maximum(start, high - size), low).tolist()
-    return left, top, left + float(size[0]), top + float(size[1])
-
-
-def _framed(size: Floats, aspect: float) -> Floats:
-    """The least size of some proportions that holds another."""
-    return np.maximum(size, [aspect * size[1], size[0] / aspect])
-
-
-def quiet_corner(frame: Window, share: float, crowd: Floats) -> int | None:
-    """Which corner of a window is the emptiest: 0 to 3 as read, None where each has something that must be seen.
-
-    Args:
-        frame: the window.
-        share: of its width and height that is needed.
-        crowd: (n, 2) px, points that must be seen.
-    """
-    left, top, right, bottom = frame
-    x, y = (crowd[:, 0] - left) / (right - left), (crowd[:, 1] - top) / (bottom - top)
-    inside = [
-        int(np.count_nonzero((x > 1.0 - share if i % 2 else x < share) & (y > 1.0 - share if i > 1 else y < share)))
-        for i in range(4)
-    ]
-    least = min(inside)
-    return inside.index(least) if least == 0 else None
-
-
-def _bounds(parts: Sequence[Floats]) -> tuple[Floats, Floats]:
-    listed = np.vstack([p.reshape(-1, 2) for p in parts])
-    return listed.min(axis=0), listed.max(axis=0)

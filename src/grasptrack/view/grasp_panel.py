@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.view.draw import as_bgr
-from grasptrack.view.fingers import Floats, Window, normals, strips, wedge
+from grasptrack.view.fingers import normals, strips, wedge
+from grasptrack.view.layout import Floats, Window
 from grasptrack.view.style import CONE_RGB, FINGER_RGB, NEIGHBOUR_RGB, PANEL_RGB, REGION_RGB, STATUS_RGB, hexadecimal
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.view.fingers import Floats, Window, quiet_corner, window
 from grasptrack.view.grasp_panel import Panel, muted
 from grasptrack.view.grasp_text import Column, describe, legend
+from grasptrack.view.layout import Box, Floats, Window, aspect_of, grid, quiet_corner, window
 
 if TYPE_CHECKING:
     from grasptrack.contour import View
@@ -26,12 +26,8 @@ SHOWN = 9
 _DPI = 100
 _MAIN = (0.2, 0.62, 9.7, 7.7)
 _RIGHT = (10.2, 0.25, 5.6, 8.07)
-_SMALL, _INSET = 0.3, 0.4
+_SMALL, _INSET = 0.22, 0.4
 """A grasp that takes up less of the large panel is drawn once more in an inset, whose share of it is the second."""
-_CAPTION, _GAP = 0.27, 0.12
-
-Box = tuple[float, float, float, float]
-"""left, bottom, width and height in inches."""
 
 
 class Planned(NamedTuple):
@@ -124,14 +120,15 @@ def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Plan
     extent = float(np.ptp(grasp.swept.reshape(-1, 2), axis=0).max())
     if extent > _SMALL * (panel.window[3] - panel.window[1]):
         return False
-    corner = quiet_corner(panel.window, _INSET, np.vstack([outline, grasp.swept.reshape(-1, 2)]))
-    if corner is None:
-        return False
     left, bottom, width, height = _MAIN
     size = width * _INSET, height * _INSET
+    near = window([grasp.swept.reshape(-1, 2)], [], _shape(picture), size[0] / size[1], 0.25)
+    seen = np.vstack([outline, [near[:2], near[2:], (near[0], near[3]), (near[2], near[1])]])
+    corner = quiet_corner(panel.window, _INSET, seen, [o.outer.points for o in found.neighbours])
+    if corner is None:
+        return False
     place = left + (width - size[0]) * (corner % 2), bottom + (height - size[1]) * (corner < 2), *size
-    near = [grasp.swept.reshape(-1, 2)]
-    inset = _panel(figure, picture, window(near, [], _shape(picture), size[0] / size[1], 0.35), place)
+    inset = _panel(figure, picture, near, place)
     inset.frame()
     inset.neighbours(found.neighbours)
     inset.outline(found.outline, 1.6)
@@ -149,7 +146,7 @@ def _next(figure: Any, picture: NDArray[np.uint8], found: Planned, column: Colum
     left = len(found.grasps) - 1 - len(rest)
     column.heading("The next best" + (f", and {left} more in grasps.json" if left else ""))
     outline, fingers = found.outline.points, [g.fingers for g in rest]
-    boxes = _grid(column.free(), len(rest), _aspect(outline))
+    boxes = grid(column.free(), len(rest), aspect_of(outline))
     for i, (box, grasp) in enumerate(zip(boxes, rest, strict=True)):
         shown = window([outline], fingers, _shape(picture), box[2] / box[3], 0.05)
         panel = _panel(figure, picture, shown, box)
@@ -164,7 +161,7 @@ def _each(
     """Every object with its best grasp, or the word that there is none."""
     left = len(objects) - SHOWN
     column.heading("The best grasp of each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
-    boxes = _grid(column.free(), min(len(objects), SHOWN), 1.0)
+    boxes = grid(column.free(), min(len(objects), SHOWN), 1.0)
     for i, (box, found) in enumerate(zip(boxes, objects, strict=False)):
         best = found.grasps[:1]
         fingers = [g.fingers for g in best]
@@ -174,29 +171,6 @@ def _each(
         for grasp in best:
             panel.small_grasp(grasp)
         column.caption(box, str(i + 1), describe(best[0], px_per_mm) if best else "no grasp")
-
-
-def _grid(area: Box, count: int, aspect: float) -> list[Box]:
-    """Places of small panels, row by row, in as many columns as make a subject of some proportions largest."""
-
-    def cell(columns: int) -> tuple[float, float]:
-        rows = -(-count // columns)
-        tall = (area[3] - (rows - 1) * _GAP) / rows - _CAPTION
-        return (area[2] - (columns - 1) * _GAP) / columns, tall
-
-    columns = max(range(1, min(count, 3) + 1), key=lambda n: min(cell(n)[0] / aspect, cell(n)[1]))
-    wide, tall = cell(columns)
-    tall = min(tall, 1.2 * max(wide, wide / aspect))
-    left, top = area[0], area[1] + area[3]
-    return [
-        (
-            left + (i % columns) * (wide + _GAP),
-            top - (i // columns) * (tall + _CAPTION + _GAP) - _CAPTION - tall,
-            wide,
-            tall,
-        )
-        for i in range(count)
-    ]
 
 
 def _panel(figure: Any, picture: NDArray[np.uint8], shown: Window, box: Box) -> Panel:
@@ -209,12 +183,6 @@ def _beside(found: Planned) -> Floats:
     """Where an object's number hides nothing of its grasp: its topmost point."""
     points = found.outline.outer.points
     return np.asarray(points[int(points[:, 1].argmin())])
-
-
-def _aspect(points: Floats) -> float:
-    """Width over height of an outline, a very thin one being taken as less so."""
-    width, height = np.ptp(points, axis=0).tolist()
-    return float(min(max(width / max(height, 1e-9), 0.2), 5.0))
 
 
 def _shape(picture: NDArray[np.uint8]) -> tuple[int, int]:
