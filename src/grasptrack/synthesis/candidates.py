@@ -14,11 +14,11 @@ from grasptrack.contour import View
 
 Floats = NDArray[np.float64]
 
-GROUPS = 240
+GROUPS = 120
 """Stretches of outline of which each two give at most one pair."""
-GROUP = 4
+GROUP = 8
 """Candidates in each of them: a pair that closes only in a narrow place needs them close together."""
-CANDIDATES_3 = 60
+CANDIDATES_3 = 48
 """Contact candidates for triples, of which there are n^3 / 6."""
 LEAST_GROUPS = 4
 """On each contour, however short; twice as many candidates for triples."""
