@@ -67,7 +67,8 @@ def candidates(view: View, area: float, centroid: Floats, width: float) -> Candi
         if contour.clipped is not None:
             cut = contour.arc_length[:-1][contour.clipped]
             gap = np.abs(s[:, None] - cut[None, :])
-            usable[-1] = np.minimum(gap, contour.length - gap).min(axis=1) > width
+            between = (contour.clipped & np.roll(contour.clipped, -1))[rows[-1][:, 1].astype(np.int64)]
+            usable[-1] = (np.minimum(gap, contour.length - gap).min(axis=1) > width) & ~between
         few = min(max(round(CANDIDATES_3 * contour.length / total), 2 * LEAST_GROUPS), n)
         thinned.append(starts[-1] + np.arange(few) * n // few)
         starts.append(starts[-1] + n)
