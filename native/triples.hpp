@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Triples of contacts that close while all fingers move toward their mean, or all away from it.
+// Triples of contacts that close while all fingers push toward their mean, or all away from it, without slipping.
 #pragma once
 
 #include <array>
@@ -27,8 +27,9 @@ inline std::vector<Triple> closing_triples(Points contacts, const Vec *normals, 
                 const Vec mean = (1.0 / 3.0) * (at[0] + at[1] + at[2]);
                 int toward = 0, away = 0;
                 for (int f = 0; f < 3; ++f) {
-                    const double lean = dot(along[f], mean - at[f]);
-                    toward += lean > 0, away += lean < 0;
+                    const double straight = dot(along[f], mean - at[f]);
+                    const double aside = std::fabs(cross(along[f], mean - at[f]));
+                    toward += aside < friction * straight, away += aside < -friction * straight;
                 }
                 if (toward != 3 && away != 3) continue;
                 // forces that all have a part in one direction cannot balance

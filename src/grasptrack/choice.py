@@ -47,7 +47,7 @@ def others(found: list[Candidate], chosen: Candidate) -> list[Candidate]:
 
 def grasps(view: View, strategy: str, fingers: int, friction: float) -> list[Grasp]:
     """Synthesised grasps in the order in which they are to be tried."""
-    ranked = synthesize(view, fingers, friction, top=10)
+    ranked: list[Grasp] = [*synthesize(view, fingers, friction, top=10)]
     if strategy == AUTO and ranked:
         # among grasps that are nearly as good, the first that most descriptions can carry
         good = [g for g in ranked if g.quality >= NEARLY_AS_GOOD * ranked[0].quality]

@@ -39,6 +39,12 @@ class Length(NamedTuple):
         return self.value * px_per_mm
 
 
+FINGER = Length(0.1, "size")
+"""Width and thickness of a finger of which nothing is known."""
+CLEARANCE = Length(0.03, "size")
+"""Clearance of a finger of which nothing is known."""
+
+
 def parse_length(text: str, name: str) -> Length:
     """A length from "120", "120px", "40mm" or "30%", which is a share of the object's sqrt(area).
 
@@ -52,7 +58,9 @@ def parse_length(text: str, name: str) -> Length:
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(px|mm|%)?\s*", text)
     value = float(match[1]) if match else math.nan
     if match is None or not value > 0.0:
-        raise InputError(f'{name} is a length such as 120px, 40mm or 30% of the object\'s size, not "{text}"', text=text)
+        raise InputError(
+            f'{name} is a length such as 120px, 40mm or 30% of the object\'s size, not "{text}"', text=text
+        )
     if match[2] == "%":
         return Length(value / 100.0, "size")
     return Length(value, "mm" if match[2] == "mm" else "px")
@@ -89,9 +97,9 @@ class Hand:
 
     min_opening: Length | float = 0.0
     max_opening: Length | float = math.inf
-    finger_width: Length | float = Length(0.1, "size")
-    finger_thickness: Length | float = Length(0.1, "size")
-    clearance: Length | float = Length(0.03, "size")
+    finger_width: Length | float = FINGER
+    finger_thickness: Length | float = FINGER
+    clearance: Length | float = CLEARANCE
     px_per_mm: float | None = None
 
     def __post_init__(self) -> None:

@@ -76,16 +76,19 @@ def _under(points: Floats, offsets: Ints, place: Floats, reach: float) -> NDArra
     """(N,) which segments begin within `reach` px of arc length of a place, the place's own among them."""
     first, n, i, f = find_place(offsets, place)
     contour = points[first : first + n]
-    sides = [math.dist(contour[j], contour[(j + 1) % n]) for j in range(n)]
     under = np.zeros(len(points), dtype=np.bool_)
     under[first + i] = True
-    for way, left in ((1, reach - (1 - f) * sides[i]), (-1, reach - f * sides[i])):
+
+    def side(j: int) -> float:
+        return math.dist(contour[j], contour[(j + 1) % n])
+
+    for way, left in ((1, reach - (1 - f) * side(i)), (-1, reach - f * side(i))):
         j = (i + way) % n
         for _ in range(n - 1):
             if not left > 0:
                 break
             under[first + j] = True
-            left -= sides[j]
+            left -= side(j)
             j = (j + way) % n
     return under
 

@@ -85,7 +85,8 @@ def rank_grasps(
     while queue and len(chosen) < top:
         lost, exact, g, regions = heapq.heappop(queue)
         at = contacts[grasps[g]]
-        if any((np.hypot(*(held[:, order] - at).T).T < gap).all(axis=1).any() for order in orders):
+        away = [np.hypot(*(held[:, order] - at).T).max(axis=0, initial=0.0) for order in orders]
+        if any((far < gap).any() for far in away):
             continue
         if exact:
             chosen.append((g, -lost, regions))

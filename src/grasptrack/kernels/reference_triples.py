@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Triples of contacts that close while all fingers move toward their mean, or all away from it ([14])."""
+"""Triples of contacts that close while all fingers push toward their mean, or all away from it ([14])."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CHUNK = 20_000
 def closing_triples(
     contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float
 ) -> tuple[Ints, Floats, Floats]:
-    """All triples in force closure whose normals point toward the contacts' mean, or all away from it.
+    """All triples in force closure whose friction cones hold the way to the contacts' mean, or all the way from it.
 
     Args:
         contacts: (n, 2) px.
@@ -34,21 +34,22 @@ def closing_triples(
         friction: coefficient, above 0.
 
     Returns:
-        triples (t, 3), rising; sense (t,), 1 where the normals point toward the mean (squeeze) and -1 where they
-        point away (spread); (t,) epsilon as in `force_closure`, above 1e-6.
+        triples (t, 3), rising; sense (t,), 1 where the fingers push toward the mean (squeeze) and -1 where they
+        push away from it (spread); (t,) epsilon as in `force_closure`, above 1e-6.
 
     Raises:
         ValueError: arrays of different lengths, rho or friction not above 0.
     """
-    n = len(contacts)
-    if len(normals) != n:
+    if len(normals) != len(contacts):
         raise ValueError("each candidate needs its normal")
     if not rho > 0 or not (friction > 0 and math.isfinite(friction)):
         raise ValueError(f"rho and friction must be above 0, not {rho:g} and {friction:g}")
-    every = np.array(list(itertools.combinations(range(n), 3)), dtype=np.int64).reshape(-1, 3)
+    every = np.array(list(itertools.combinations(range(len(contacts)), 3)), dtype=np.int64).reshape(-1, 3)
     mean = contacts[every].mean(axis=1, keepdims=True)
-    lean = np.einsum("tki,tki->tk", normals[every], mean - contacts[every])
-    toward, away = (lean > 0).all(axis=1), (lean < 0).all(axis=1)
+    way, n = mean - contacts[every], normals[every]
+    straight = friction * (n[..., 0] * way[..., 0] + n[..., 1] * way[..., 1])
+    aside = np.abs(n[..., 0] * way[..., 1] - n[..., 1] * way[..., 0])
+    toward, away = (aside < straight).all(axis=1), (aside < -straight).all(axis=1)
     every, sense = every[toward | away], np.where(toward, 1.0, -1.0)[toward | away]
     epsilon = np.empty(len(every))
     for start in range(0, len(every), CHUNK):
@@ -78,9 +79,8 @@ def _depths(edges: Floats) -> Floats:
         m = m / np.where(plane, size, 1.0)[:, None]
         heights = np.einsum("tki,ti->tk", w - w[:, i : i + 1], m)
         at = np.einsum("ti,ti->t", w[:, i], m)
-        above, below = (heights > (ON_PLANE * scale)[:, None]).any(axis=1), (heights < -(ON_PLANE * scale)[:, None]).any(
-            axis=1
-        )
+        above = (heights > (ON_PLANE * scale)[:, None]).any(axis=1)
+        below = (heights < -(ON_PLANE * scale)[:, None]).any(axis=1)
         flat |= plane & ~above & ~below
         depth = np.where(plane & ~above, np.minimum(depth, at), depth)
         depth = np.where(plane & ~below & above, np.minimum(depth, -at), depth)

@@ -11,7 +11,7 @@ from grasptrack.errors import InputError, StrategyError
 from grasptrack.hand import Hand
 from grasptrack.synthesis.limits import Limits
 from grasptrack.synthesis.result import GraspList, RankedGrasp, Terms
-from grasptrack.synthesis.search import search
+from grasptrack.synthesis.search import find_grasps
 
 __all__ = ["GraspList", "RankedGrasp", "Terms", "synthesize"]
 
@@ -60,7 +60,7 @@ def synthesize(
     Returns:
         The grasps. Where there is none, `reason` says why in one sentence. `refused` counts what each reason removed
         of all stable candidates before those that are alike are thinned: of two fingers the best pair for every two
-        of some 240 stretches of outline, of three all triples of some 60 places.
+        of some 120 stretches of outline, of three all triples of some 48 places.
 
     Raises:
         StrategyError: a number of fingers that has no synthesis.
@@ -77,4 +77,4 @@ def synthesize(
         raise InputError("give the finger's width with the hand, not beside it", finger_width=finger_width)
     if hand is None:
         hand = Hand() if finger_width is None else Hand(finger_width=finger_width)
-    return search(as_view(outline), fingers, friction, top, hand, neighbours, Limits())
+    return find_grasps(as_view(outline), fingers, friction, top, hand, neighbours, Limits())

@@ -14,11 +14,11 @@ from grasptrack.contour import View
 
 Floats = NDArray[np.float64]
 
-GROUPS = 240
+GROUPS = 120
 """Stretches of outline of which each two give at most one pair."""
-GROUP = 4
+GROUP = 8
 """Candidates in each of them: a pair that closes only in a narrow place needs them close together."""
-CANDIDATES_3 = 60
+CANDIDATES_3 = 48
 """Contact candidates for triples, of which there are n^3 / 6."""
 LEAST_GROUPS = 4
 """On each contour, however short; twice as many candidates for triples."""
@@ -67,7 +67,8 @@ def candidates(view: View, area: float, centroid: Floats, width: float) -> Candi
         if contour.clipped is not None:
             cut = contour.arc_length[:-1][contour.clipped]
             gap = np.abs(s[:, None] - cut[None, :])
-            usable[-1] = np.minimum(gap, contour.length - gap).min(axis=1) > width
+            between = (contour.clipped & np.roll(contour.clipped, -1))[rows[-1][:, 1].astype(np.int64)]
+            usable[-1] = (np.minimum(gap, contour.length - gap).min(axis=1) > width) & ~between
         few = min(max(round(CANDIDATES_3 * contour.length / total), 2 * LEAST_GROUPS), n)
         thinned.append(starts[-1] + np.arange(few) * n // few)
         starts.append(starts[-1] + n)

@@ -25,7 +25,7 @@ DISTINCT = 0.12
 """Grasps whose contacts all lie within this fraction of sqrt(area), or a finger's width, of a better one's are alike."""
 
 
-def search(
+def find_grasps(
     view: View,
     fingers: int,
     friction: float,
@@ -84,7 +84,7 @@ def _ranked(
     contacts, directions, index = found.contacts[rows], found.directions[rows], found.index[rows]
     standing = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness)
     swept = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness + hand.clearance)
-    terms = found.terms[rows]
+    terms = found.terms[rows].tolist()
     room = 0.2 + 0.8 * np.sqrt(np.minimum(regions.min(axis=1, initial=math.inf) / hand.finger_width, 1.0))
     cx, cy = at.centroid.tolist()
     grasps = []
@@ -97,7 +97,7 @@ def _ranked(
             RankedGrasp(
                 contacts[i],
                 float(quality[i]),
-                Terms(*terms[i].tolist(), float(room[i])),
+                Terms(terms[i][0], terms[i][1], terms[i][2], float(room[i])),
                 spread=bool(found.sense[row] < 0.0),
                 margin=math.atan(friction) - needed,
                 directions=directions[i],

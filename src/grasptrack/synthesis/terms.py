@@ -76,7 +76,5 @@ def stable(at: Candidates, fingers: int, friction: float, *, cut_too: bool = Fal
         return Stable(at, index, sense, need, friction)
     few = at.thinned[usable[at.thinned]]
     cx, cy = at.centroid.tolist()
-    index, sense, epsilon = kernels.closing_triples(
-        at.contacts[few], at.normals[few], cx, cy, 0.5 * at.size, friction
-    )
+    index, sense, epsilon = kernels.closing_triples(at.contacts[few], at.normals[few], cx, cy, 0.5 * at.size, friction)
     return Stable(at, few[index], sense, epsilon, friction)
