@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from grasptrack.view.fingers import opening
 from grasptrack.view.grasp_panel import CONE, FINGER, LINE, NEIGHBOUR, REGION
+from grasptrack.view.style import text_width
 
 if TYPE_CHECKING:
     from grasptrack.synthesis.result import GraspList, RankedGrasp
@@ -22,7 +23,7 @@ _CHARACTERS = 64
 def describe(grasp: RankedGrasp, px_per_mm: float | None) -> str:
     """Quality, opening and kind in a few words."""
     wide = f"{opening(grasp):.0f} px" if px_per_mm is None else f"{opening(grasp) / px_per_mm:.1f} mm"
-    return f"{grasp.quality:.2f}   {wide}{'   spread' if grasp.spread else ''}"
+    return f"{grasp.quality:.2f}  {wide}{'  spread' if grasp.spread else ''}"
 
 
 class Column:
@@ -83,8 +84,10 @@ class Column:
     def caption(self, box: tuple[float, float, float, float], rank: str, text: str) -> None:
         """Rank and a few words above a small panel."""
         left, y = box[0], box[1] + box[3] + 0.07
+        start = 0.13 + 0.09 * len(rank)
+        wide = text_width(text, 100) / 7200.0  # inches at one point
         self._write(left, y, rank, 11.0, weight="bold")
-        self._write(left + 0.13 + 0.09 * len(rank), y, text, 10.0, color=MUTED)
+        self._write(left + start, y, text, min(10.0, 0.92 * (box[2] - start) / wide), color=MUTED)
 
     def _lines(self, text: str) -> None:
         for line in wrap(text, _CHARACTERS):
