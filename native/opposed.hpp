@@ -75,6 +75,8 @@ inline std::vector<Opposed> opposed_pairs(Points contacts, const Vec *normals, c
                 if (!(worth[i] > 0)) continue;
                 for (std::size_t j = std::max(h * group, i + 1); j < (h + 1) * group; ++j) {
                     if (!(worth[j] > 0)) continue;
+                    const Vec d = contacts[j] - contacts[i];
+                    if (!(std::fabs(cross(normals[i], d)) <= friction * std::fabs(dot(normals[i], d)))) continue;
                     const Opposition here = opposition(contacts[i], normals[i], contacts[j], normals[j]);
                     if (!(here.friction < most)) continue;
                     const double least = std::min(worth[i], worth[j]);

@@ -42,7 +42,7 @@ class Along {
     // candidate and the line with half a step at either end, so that what lies between candidates closes as well.
     double pair(std::size_t a, std::size_t b, double needed, double most) const {
         const double step_a = step(a), step_b = step(b), step_least = std::min(step_a, step_b);
-        const std::int64_t limit = std::min({static_cast<std::int64_t>(most / step_least), count(a) / 2, count(b) / 2});
+        const std::int64_t limit = std::min({steps_within(most, step_least), count(a) / 2, count(b) / 2});
         const double sense = dot(normals_[a], contacts_[b] - contacts_[a]) > 0 ? 1.0 : -1.0;
         const double slip = (step_a + step_b) / 2;
         std::int64_t k = 0;
@@ -66,7 +66,7 @@ class Along {
     // As long as no edge of a cone moves by epsilon, in wrenches, the hull still holds the origin.
     double one_of_three(std::size_t i, double epsilon, double most) const {
         const double step_i = step(i);
-        const std::int64_t limit = std::min(static_cast<std::int64_t>(most / step_i), count(i) / 2);
+        const std::int64_t limit = std::min(steps_within(most, step_i), count(i) / 2);
         double first = 0;
         std::int64_t k = 1;
         for (; k <= std::max<std::int64_t>(limit, 1); ++k) {
@@ -85,6 +85,11 @@ class Along {
     }
 
   private:
+    // Steps that reach as far as `most`: where all of them are good the room is 1, and nothing can be better.
+    static std::int64_t steps_within(double most, double step) {
+        return static_cast<std::int64_t>(std::ceil(most / step - 1e-9));
+    }
+
     std::int64_t count(std::size_t i) const { return starts_[home_[i] + 1] - starts_[home_[i]]; }
 
     std::size_t moved(std::size_t i, std::int64_t by) const {

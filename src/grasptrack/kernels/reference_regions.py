@@ -78,7 +78,7 @@ class Along:
         """
         step_a, step_b = self.step(a), self.step(b)
         step, slip = min(step_a, step_b), (step_a + step_b) / 2
-        limit = min(int(most / step), self.count(a) // 2, self.count(b) // 2)
+        limit = min(math.ceil(most / step - 1e-9), self.count(a) // 2, self.count(b) // 2)
         sense = 1.0 if self.normals[a] @ (self.contacts[b] - self.contacts[a]) > 0 else -1.0
         k = 0
         if self._close([a], [b], sense, slip):
@@ -122,7 +122,7 @@ class Along:
         step would add counts too, for what lies between candidates.
         """
         step = self.step(i)
-        limit = max(min(int(most / step), self.count(i) // 2), 1)
+        limit = max(min(math.ceil(most / step - 1e-9), self.count(i) // 2), 1)
         first, k = 0.0, 0
         for far in range(1, limit + 1):
             good = True
