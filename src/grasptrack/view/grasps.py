@@ -26,8 +26,8 @@ SHOWN = 9
 _DPI = 100
 _MAIN = (0.2, 0.62, 9.7, 7.7)
 _RIGHT = (10.2, 0.25, 5.6, 8.07)
-_SMALL, _INSET = 0.22, 0.4
-"""A grasp that takes up less of the large panel is drawn once more in an inset, whose share of it is the second."""
+_INSET, _LARGER = 0.4, 1.8
+"""Share of the large panel that an inset takes, and by how much it must enlarge to be worth that."""
 
 
 class Planned(NamedTuple):
@@ -117,12 +117,11 @@ def _main(figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], f
 def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Planned, friction: float) -> bool:
     """Where the grasp is small on the object: draw it large in a corner that hides neither, if there is one."""
     grasp, outline = found.grasps[0], found.outline.points
-    extent = float(np.ptp(grasp.swept.reshape(-1, 2), axis=0).max())
-    if extent > _SMALL * (panel.window[3] - panel.window[1]):
-        return False
     left, bottom, width, height = _MAIN
     size = width * _INSET, height * _INSET
     near = window([grasp.swept.reshape(-1, 2)], [], _shape(picture), size[0] / size[1], 0.25)
+    if _LARGER * (near[2] - near[0]) > _INSET * (panel.window[2] - panel.window[0]):
+        return False
     seen = np.vstack([outline, [near[:2], near[2:], (near[0], near[3]), (near[2], near[1])]])
     corner = quiet_corner(panel.window, _INSET, seen, [o.outer.points for o in found.neighbours])
     if corner is None:
