@@ -14,7 +14,7 @@ from grasptrack.synthesis import synthesize
 from grasptrack.synthesis.candidates import GROUP, GROUPS, candidates
 from grasptrack.synthesis.limits import Limits, refuse
 from grasptrack.synthesis.search import alike, find_grasps
-from grasptrack.synthesis.terms import stable
+from grasptrack.synthesis.terms import stable_pairs
 from outlines import blobs, stars
 from synthesis_shapes import SHAPES, SILHOUETTES, every_stable_pair, traced
 
@@ -74,7 +74,7 @@ def test_what_the_hand_can_do_with_something_to_spare_is_not_refused(name, frict
     stretch = sum(c.length for c in view.contours) / GROUPS
     hand, limits = Hand().in_px(size), Limits()
     at = candidates(view, area, np.array([cx, cy]), hand.finger_width)
-    found = stable(at, 2, friction)
+    found = stable_pairs(at, friction)
     left, _ = refuse(found, at, view, hand, (), limits)
     rough = [kernels.contact_frames(view.points, view.offsets, places, f * hand.finger_width)[:, 2] for f in (1, 2)]
     flat = np.maximum(rough[0], 0.5 * rough[1])
@@ -113,7 +113,7 @@ def test_more_friction_and_more_opening_lose_nothing():
     at = candidates(view, area, np.array([cx, cy]), 0.1 * math.sqrt(area))
     before: set[tuple[int, int]] = set()
     for friction in FRICTIONS:
-        now = {tuple(pair) for pair in (stable(at, 2, friction).index // GROUP).tolist()}
+        now = {tuple(pair) for pair in (stable_pairs(at, friction).index // GROUP).tolist()}
         assert before <= now
         before = now
     few, many = (synthesize(view, top=ALL, hand=Hand(max_opening=o)) for o in (150.0, 250.0))

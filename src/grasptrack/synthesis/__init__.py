@@ -60,7 +60,8 @@ def synthesize(
     Returns:
         The grasps. Where there is none, `reason` says why in one sentence. `refused` counts what each reason removed
         of all stable candidates before those that are alike are thinned: of two fingers the best pair for every two
-        of some 120 stretches of outline, of three all triples of some 48 places.
+        of some 120 stretches of outline, of three all triples of some 48 places
+        or, where those leave nothing, of some 144.
 
     Raises:
         StrategyError: a number of fingers that has no synthesis.

@@ -18,10 +18,8 @@ GROUPS = 120
 """Stretches of outline of which each two give at most one pair."""
 GROUP = 8
 """Candidates in each of them: a pair that closes only in a narrow place needs them close together."""
-CANDIDATES_3 = 48
-"""Contact candidates for triples, of which there are n^3 / 6."""
 LEAST_GROUPS = 4
-"""On each contour, however short; twice as many candidates for triples."""
+"""On each contour, however short."""
 
 
 class Candidates(NamedTuple):
@@ -36,7 +34,6 @@ class Candidates(NamedTuple):
         usable: (m,) False within a finger's width of where the image border cuts the object.
         starts: (C + 1,) contour c has the candidates ``starts[c]:starts[c + 1]``.
         steps: (C,) px of arc length between neighbours.
-        thinned: (n,) indices of fewer of them, for triples.
         size: px, sqrt(area).
         centroid: (2,) px.
     """
@@ -48,7 +45,6 @@ class Candidates(NamedTuple):
     usable: NDArray[np.bool_]
     starts: NDArray[np.int64]
     steps: Floats
-    thinned: NDArray[np.int64]
     size: float
     centroid: Floats
 
@@ -56,7 +52,7 @@ class Candidates(NamedTuple):
 def candidates(view: View, area: float, centroid: Floats, width: float) -> Candidates:
     """Candidates on all contours of a view, for fingers of a width in px."""
     total = sum(c.length for c in view.contours)
-    rows, usable, thinned, starts, steps = [], [], [], [0], []
+    rows, usable, starts, steps = [], [], [0], []
     for index, contour in enumerate(view.contours):
         n = GROUP * max(round(GROUPS * contour.length / total), LEAST_GROUPS)
         s = np.arange(n) * (contour.length / n)
@@ -69,8 +65,6 @@ def candidates(view: View, area: float, centroid: Floats, width: float) -> Candi
             gap = np.abs(s[:, None] - cut[None, :])
             between = (contour.clipped & np.roll(contour.clipped, -1))[rows[-1][:, 1].astype(np.int64)]
             usable[-1] = (np.minimum(gap, contour.length - gap).min(axis=1) > width) & ~between
-        few = min(max(round(CANDIDATES_3 * contour.length / total), 2 * LEAST_GROUPS), n)
-        thinned.append(starts[-1] + np.arange(few) * n // few)
         starts.append(starts[-1] + n)
         steps.append(contour.length / n)
     places = np.concatenate(rows)
@@ -84,7 +78,18 @@ def candidates(view: View, area: float, centroid: Floats, width: float) -> Candi
         np.concatenate(usable),
         np.array(starts, dtype=np.int64),
         np.array(steps),
-        np.concatenate(thinned),
         math.sqrt(area),
         centroid,
     )
+
+
+def thinned(at: Candidates, count: int) -> NDArray[np.int64]:
+    """Indices of about so many usable candidates, evenly spread, at least two for each of a contour's least groups."""
+    lengths = np.diff(at.starts) * at.steps
+    rows = []
+    for start, end, length in zip(at.starts[:-1], at.starts[1:], lengths, strict=True):
+        n = int(end - start)
+        few = min(max(round(count * float(length / lengths.sum())), 2 * LEAST_GROUPS), n)
+        rows.append(start + np.arange(few) * n // few)
+    chosen: NDArray[np.int64] = np.concatenate(rows)
+    return chosen[at.usable[chosen]]

@@ -16,13 +16,16 @@ from grasptrack.synthesis.candidates import Candidates, candidates
 from grasptrack.synthesis.limits import Limits, refuse, sentence
 from grasptrack.synthesis.rectangles import rectangles
 from grasptrack.synthesis.result import GraspList, RankedGrasp, Terms
-from grasptrack.synthesis.terms import Stable, stable
+from grasptrack.synthesis.terms import Stable, stable_pairs, stable_triples
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 DISTINCT = 0.12
 """Grasps whose contacts all lie within this fraction of sqrt(area), or a finger's width, of a better one's are alike."""
+
+FIRST_LOOK, SECOND_LOOK = 48, 144
+"""Candidates for triples, of which there are n^3 / 6; more of them, flat ones alone, where the first leave nothing."""
 
 
 def find_grasps(
@@ -38,10 +41,15 @@ def find_grasps(
     area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
     at = candidates(view, area, np.array([cx, cy]), px.finger_width)
-    found = stable(at, fingers, friction)
+    found = _stable(at, fingers, friction)
+    left, refused = refuse(found, at, view, px, neighbours, limits)
+    if fingers == 3 and not len(left):
+        finer = stable_triples(at, friction, SECOND_LOOK, limits.roughness)
+        left, beside = refuse(finer, at, view, px, neighbours, limits)
+        if len(left) or not len(found):
+            found, refused = finer, beside
     if not len(found):
         return GraspList([], _nothing_closes(view, at, fingers, friction))
-    left, refused = refuse(found, at, view, px, neighbours, limits)
     if not len(left):
         return GraspList([], sentence(found, refused, px), refused)
     chosen, quality, regions = kernels.rank_grasps(
@@ -69,9 +77,14 @@ def alike(size: float, width: float) -> float:
     return max(DISTINCT * size, width)
 
 
+def _stable(at: Candidates, fingers: int, friction: float) -> Stable:
+    return stable_pairs(at, friction) if fingers == 2 else stable_triples(at, friction, FIRST_LOOK)
+
+
 def _nothing_closes(view: View, at: Candidates, fingers: int, friction: float) -> str:
     """Why no candidates are stable."""
-    if view.is_clipped and len(stable(at, fingers, friction, cut_too=True)):
+    anywhere = at._replace(usable=np.ones_like(at.usable))
+    if view.is_clipped and len(_stable(anywhere, fingers, friction)):
         return "the object is cut by the border where the fingers would have to stand"
     contacts = "no pair of contacts closes" if fingers == 2 else "no three contacts close"
     return f"{contacts} with friction {friction:g}"

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.synthesis.candidates import GROUP, Candidates
+from grasptrack.synthesis.candidates import GROUP, Candidates, thinned
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -67,14 +67,17 @@ def flatness(roughness: Floats) -> Floats:
     return 1.0 / (1.0 + (roughness / ROUGH) ** 2)
 
 
-def stable(at: Candidates, fingers: int, friction: float, *, cut_too: bool = False) -> Stable:
-    """All stable pairs or triples of candidates; with `cut_too` also those where the border cuts the object."""
-    usable = np.ones_like(at.usable) if cut_too else at.usable
-    if fingers == 2:
-        worth = np.where(usable, flatness(at.roughness), -1.0)
-        index, sense, need = kernels.opposed_pairs(at.contacts, at.normals, worth, GROUP, friction)
-        return Stable(at, index, sense, need, friction)
-    few = at.thinned[usable[at.thinned]]
+def stable_pairs(at: Candidates, friction: float) -> Stable:
+    """For every two stretches of candidates the best stable pair."""
+    worth = np.where(at.usable, flatness(at.roughness), -1.0)
+    index, sense, need = kernels.opposed_pairs(at.contacts, at.normals, worth, GROUP, friction)
+    return Stable(at, index, sense, need, friction)
+
+
+def stable_triples(at: Candidates, friction: float, count: int, roughness: float = np.inf) -> Stable:
+    """All stable triples of some `count` candidates, none of them rougher than a limit."""
+    few = thinned(at, count)
+    few = few[at.roughness[few] <= roughness]
     cx, cy = at.centroid.tolist()
     index, sense, epsilon = kernels.closing_triples(at.contacts[few], at.normals[few], cx, cy, 0.5 * at.size, friction)
     return Stable(at, few[index], sense, epsilon, friction)
