@@ -15,22 +15,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from real_videos import data_folder
-from sheets import found_tile, judged_tile, sheet
 
+from baselines import BASELINES
 from grasptrack.errors import ObservationError
-from grasptrack.evaluation.baselines import BASELINES
-from grasptrack.evaluation.segmentation import (
-    ENOUGH_F,
-    ENOUGH_IOU,
-    band_iou,
-    boundary_f,
-    deepest,
-    iou,
-    mask_of,
-)
+from grasptrack.evaluation.segmentation import ENOUGH_F, ENOUGH_IOU, band_iou, boundary_f, iou, mask_of
 from grasptrack.observation.images import to_grey
 from grasptrack.observation.segmentation import Candidate, candidates
+from photos import Photo, deepest, read_photos
+from real_videos import data_folder
+from sheets import found_tile, judged_tile, sheet
 
 PARTS = "pca_test1"  # six equal parts
 STILLS = (PARTS, "stuff", "choriginal", "shape")
@@ -38,16 +31,6 @@ ALIKE = 1.3  # ratio of the areas up to which two objects look like the same par
 
 Array = np.ndarray
 Hint = tuple[float, float] | None
-
-
-@dataclass(frozen=True)
-class Photo:
-    """A photo and its true mask."""
-
-    name: str
-    scene: str
-    image: Array
-    truth: Array
 
 
 @dataclass(frozen=True)
@@ -86,22 +69,6 @@ def ours(image: Array, object_at: Hint = None) -> Array:
 METHODS: dict[str, Callable[[Array, Hint], Array]] = {"ours": ours, **BASELINES}
 
 
-def photos(folder: Path, only: str | None) -> list[Photo]:
-    """The photos that index.csv lists, in its order; `only` those whose names contain a text."""
-    with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
-        listed = [(row["name"], row["scene"]) for row in csv.DictReader(file)]
-    return [
-        Photo(
-            name,
-            scene,
-            cv2.imread(str(folder / "images" / f"{name}.jpg")),
-            cv2.imread(str(folder / "masks" / f"{name}.png"), cv2.IMREAD_UNCHANGED) > 0,
-        )
-        for name, scene in listed
-        if only is None or only in name
-    ]
-
-
 def judge(photo: Photo, method: str, hint: bool) -> Row:
     """One method on one photo; its time includes no scoring, but for ours the drawing of the mask."""
     object_at = deepest(photo.truth) if hint else None
@@ -134,10 +101,14 @@ def print_table(listed: Sequence[Photo], rows: Sequence[Row]) -> None:
     for scene in [*scenes, "all"]:
         bands = [band_iou(photo.truth) for photo in listed if scene in (photo.scene, "all")]
         eroded, dilated = np.median(bands, axis=0)
-        print(f"{scene}: masks 2 px smaller have a median IoU of {eroded:.3f} with themselves, 2 px larger {dilated:.3f}")
+        print(
+            f"{scene}: masks 2 px smaller have a median IoU of {eroded:.3f} with themselves, 2 px larger {dilated:.3f}"
+        )
     first = [row.ms for row in rows if row.method == "ours" and not row.hint]
     if first:
-        print("first look of ours at 640x480: median {:.1f} ms, 99 % {:.1f} ms\n".format(*np.percentile(first, [50, 99])))
+        print(
+            "first look of ours at 640x480: median {:.1f} ms, 99 % {:.1f} ms\n".format(*np.percentile(first, [50, 99]))
+        )
 
 
 def write_photos(listed: Sequence[Photo], rows: Sequence[Row], output: Path) -> None:
@@ -183,7 +154,7 @@ def main() -> None:
     args = parser.parse_args()
     if not (args.data / "tools" / "index.csv").is_file():
         raise SystemExit(f"no tools/index.csv in {args.data}: give --data or set GRASPTRACK_DATA")
-    listed = photos(args.data / "tools", args.only)
+    listed = read_photos(args.data / "tools", args.only)
     if not listed:
         raise SystemExit(f'no photo has "{args.only}" in its name')
     common.heading("Segmentation: photos of one tool each against their masks")

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-import cv2
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +17,6 @@ ENOUGH_F = 0.9
 """Of an object that counts as found: the outline is where it should be almost everywhere."""
 ENOUGH_IOU = 0.7
 """Of an object that counts as found. Low, because a slender object loses much of it to a mask's own error of 2 px."""
-
-_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=np.uint8)
 
 
 def mask_of(view: View | Contour, shape: tuple[int, int]) -> Mask:
@@ -41,11 +40,22 @@ def iou(a: Mask, b: Mask) -> float:
     return float(np.count_nonzero(a & b) / either) if either else 1.0
 
 
+def near(mask: Mask, radius: float) -> Mask:
+    """(H, W) the pixels no farther than `radius` px from one of a mask (H, W): the mask dilated by a disc."""
+    height, width = mask.shape
+    reach = math.floor(radius)
+    padded = np.pad(mask, reach)
+    grown = np.zeros_like(mask)
+    for dy in range(-reach, reach + 1):
+        for dx in range(-reach, reach + 1):
+            if math.hypot(dx, dy) <= radius:
+                grown |= padded[reach + dy : reach + dy + height, reach + dx : reach + dx + width]
+    return grown
+
+
 def boundary(mask: Mask) -> Mask:
     """(H, W) the mask's pixels beside one that is not of it, across a side; beyond the image nothing is of it."""
-    binary = mask.astype(np.uint8)
-    inner = cv2.erode(binary, _CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    return np.asarray(binary > inner)
+    return mask & near(np.pad(~mask, 1, constant_values=True), 1.0)[1:-1, 1:-1]
 
 
 def boundary_f(a: Mask, b: Mask, tolerance: float = 4.0) -> float:
@@ -62,41 +72,18 @@ def boundary_f(a: Mask, b: Mask, tolerance: float = 4.0) -> float:
     edge_a, edge_b = boundary(a), boundary(b)
     if not edge_a.any() or not edge_b.any():
         return float(edge_a.any() == edge_b.any())
-    one, other = _share_near(edge_a, edge_b, tolerance), _share_near(edge_b, edge_a, tolerance)
+    one, other = float(near(edge_b, tolerance)[edge_a].mean()), float(near(edge_a, tolerance)[edge_b].mean())
     return 2.0 * one * other / (one + other) if one + other else 0.0
 
 
-def band_iou(mask: Mask, radius: int = 2) -> tuple[float, float]:
-    """IoU of a mask (H, W) with itself eroded and with itself dilated by a disc: the most that masks so exact can say.
+def band_iou(mask: Mask, radius: float = 2.0) -> tuple[float, float]:
+    """IoU of a mask with itself eroded and with itself dilated by a disc: what masks no more exact than this can tell.
 
     Args:
-        mask: (H, W), with room for the dilation.
+        mask: (H, W), clear of the image's border.
         radius: px.
     """
-    x, y = np.mgrid[-radius : radius + 1, -radius : radius + 1]
-    disc = (x * x + y * y <= radius * radius).astype(np.uint8)
-    binary = mask.astype(np.uint8)
-    eroded = cv2.erode(binary, disc, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    return iou(mask, eroded > 0), iou(mask, cv2.dilate(binary, disc) > 0)
-
-
-def deepest(mask: Mask) -> tuple[float, float]:
-    """(x, y) px of the mask's pixel that is farthest from all that is not of it: where a user would point.
-
-    Raises:
-        ValueError: the mask is empty.
-    """
-    if not mask.any():
-        raise ValueError("an empty mask has no inside to point at")
-    padded = np.pad(mask, 1).astype(np.uint8)
-    depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-    y, x = np.unravel_index(int(np.argmax(depth)), mask.shape)
-    return float(x), float(y)
-
-
-def _share_near(edge: Mask, other: Mask, tolerance: float) -> float:
-    distance = cv2.distanceTransform((~other).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return float(np.mean(distance[edge] <= tolerance + 1e-3))  # the distances are rounded to single precision
+    return iou(mask, ~near(~mask, radius)), iou(mask, near(mask, radius))
 
 
 def _same_size(a: Mask, b: Mask) -> None:
