@@ -14,6 +14,7 @@
 
 #include "alignment.hpp"
 #include "arrays.hpp"
+#include "bind_edges.hpp"
 #include "bind_grasp.hpp"
 #include "contact.hpp"
 #include "curvature.hpp"
@@ -462,5 +463,6 @@ NB_MODULE(_native, m) {
     m.def("outline_support", &py_outline_support, "image"_a.noconvert(), "H"_a, "points"_a, "normals"_a, "strength"_a,
           "contacts"_a, "polarity"_a, "area"_a, "reach_share"_a, "least_reach"_a, "most_reach"_a, "least_strength"_a,
           "relative_strength"_a, "other_ground"_a, "loose"_a);
+    bind_edges(m);
     bind_grasp(m);
 }

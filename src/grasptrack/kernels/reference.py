@@ -17,6 +17,7 @@ from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
 from grasptrack.kernels.reference_homography import distortion, fit_homography, homography_4
 from grasptrack.kernels.reference_inertia import inertia
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
+from grasptrack.kernels.reference_links import edge_links
 from grasptrack.kernels.reference_matching import match_curvature
 from grasptrack.kernels.reference_opposed import opposed_pairs
 from grasptrack.kernels.reference_outline import trace_edges
@@ -44,6 +45,7 @@ __all__ = [
     "curvature_peaks",
     "curvature_vector",
     "distortion",
+    "edge_links",
     "edge_search",
     "finger_rooms",
     "fit_homography",
