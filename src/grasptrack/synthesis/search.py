@@ -26,7 +26,7 @@ DISTINCT = 0.12
 
 FIRST_LOOK, SECOND_LOOK = 48, 144
 """Candidates for triples, of which there are n^3 / 6; more of them where the first leave nothing."""
-SCARCE = 400
+SCARCE = 2000
 """So many stable triples that a second look would hardly find what a hand refused of all of them."""
 
 
