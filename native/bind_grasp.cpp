@@ -72,7 +72,8 @@ nb::object py_finger_rooms(const PointArray &points, const IndexArray &offsets, 
         UnderPad under;
         if (places) {
             const Place place = place_of(outline, *places, k);
-            under = UnderPad(static_cast<std::size_t>(places->data()[k * places->shape(1)]), place, reach);
+            const auto contour = static_cast<std::size_t>(places->data()[k * places->shape(1)]);
+            under = UnderPad(contour, place, boxed.sides(contour), reach);
         }
         const FingerRoom room = finger_room(boxed, vectors(contacts)[k], vectors(directions)[k], under, width, depth);
         out.values()[2 * k] = room.protrusion, out.values()[2 * k + 1] = room.nearest;

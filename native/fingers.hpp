@@ -39,7 +39,11 @@ class Boxed {
             const Points contour = outline.contour(c);
             for (std::size_t i = 0; i < contour.size; i += few) {
                 Block block{c, i, std::min(i + few, contour.size), Box(contour[i])};
-                for (std::size_t j = i; j < block.last; ++j) block.box.hold(contour[j + 1 < contour.size ? j + 1 : 0]);
+                for (std::size_t j = i; j < block.last; ++j) {
+                    const Vec next = contour[j + 1 < contour.size ? j + 1 : 0];
+                    block.box.hold(next);
+                    sides_.push_back(length(next - contour[j]));
+                }
                 blocks_.push_back(block);
             }
         }
@@ -67,9 +71,13 @@ class Boxed {
 
     const Outline &outline() const { return outline_; }
 
+    // Lengths of a contour's segments.
+    const double *sides(std::size_t contour) const { return sides_.data() + outline_.offsets[contour]; }
+
   private:
     Outline outline_;
     std::vector<Block> blocks_;
+    std::vector<double> sides_;
 };
 
 // The segments of one contour that lie under a pad: a run that may go round the first point.
@@ -77,19 +85,17 @@ struct UnderPad {
     std::size_t contour = 0, first = 0, count = 0, size = 1;
 
     UnderPad() = default;
-    UnderPad(std::size_t index, const Place &place, double reach) : contour(index), first(place.i), count(1) {
-        const Points points = place.contour;
-        size = points.size;
-        const auto side = [&](std::size_t i) { return length(points[i + 1 < size ? i + 1 : 0] - points[i]); };
-        const double own = side(place.i);
+    UnderPad(std::size_t index, const Place &place, const double *sides, double reach)
+        : contour(index), first(place.i), count(1), size(place.contour.size) {
+        const double own = sides[place.i];
         double ahead = reach - (1 - place.fraction) * own, behind = reach - place.fraction * own;
         for (std::size_t i = place.following(); ahead > 0 && count < size; i = i + 1 < size ? i + 1 : 0) {
-            ahead -= side(i);
+            ahead -= sides[i];
             ++count;
         }
         while (behind > 0 && count < size) {
             first = first > 0 ? first - 1 : size - 1;
-            behind -= side(first);
+            behind -= sides[first];
             ++count;
         }
     }

@@ -45,19 +45,24 @@ class Along {
         const std::int64_t limit = std::min({steps_within(most, step_least), count(a) / 2, count(b) / 2});
         const double sense = dot(normals_[a], contacts_[b] - contacts_[a]) > 0 ? 1.0 : -1.0;
         const double slip = (step_a + step_b) / 2;
+        const double distance = length(contacts_[b] - contacts_[a]), slant = slip * (1 + friction_ * friction_);
         std::int64_t k = 0;
-        if (closes(a, b, sense, slip)) {
+        if (closes(a, b, sense, slant, 0)) {
             for (k = 1; k <= limit; ++k) {
+                // far contacts stay far: one distance serves the ring
+                const double near = distance - static_cast<double>(k) * (step_a + step_b);
+                const double lean = near > 0.75 * distance ? slant / near : 0;
                 bool good = true;
                 for (std::int64_t e = -k; good && e <= k; ++e)
-                    good = closes(moved(a, e), moved(b, -k), sense, slip) && closes(moved(a, e), moved(b, k), sense, slip) &&
-                           closes(moved(a, -k), moved(b, e), sense, slip) && closes(moved(a, k), moved(b, e), sense, slip);
+                    good = closes(moved(a, e), moved(b, -k), sense, slant, lean) &&
+                           closes(moved(a, e), moved(b, k), sense, slant, lean) &&
+                           closes(moved(a, -k), moved(b, e), sense, slant, lean) &&
+                           closes(moved(a, k), moved(b, e), sense, slant, lean);
                 if (!good) break;
             }
             --k;
         }
         if (k > 0) return std::min(static_cast<double>(k) * step_least, most);
-        const double distance = length(contacts_[b] - contacts_[a]);
         const double spare = std::atan(friction_) - std::atan(needed);
         const double change = std::max(turn_[a], turn_[b]) + 2 * slip / distance;
         return std::min({step_least, most, step_least * spare / (2 * change)});
@@ -100,12 +105,13 @@ class Along {
         return static_cast<std::size_t>(first + at);
     }
 
-    bool closes(std::size_t i, std::size_t j, double sense, double slip) const {
+    // lean: an upper bound of what the line's slant by half a step adds to the friction needed, or 0 where unknown.
+    bool closes(std::size_t i, std::size_t j, double sense, double slant, double lean) const {
         if (!(cone_[i] > 0 && cone_[j] > 0)) return false;
         const Vec d = contacts_[j] - contacts_[i];
         const double p = sense * dot(normals_[i], d), q = -sense * dot(normals_[j], d);
         if (!(p > 0 && q > 0)) return false;
-        const double lean = slip / length(d) * (1 + friction_ * friction_);
+        if (lean == 0) lean = slant / length(d);
         return std::fabs(cross(normals_[i], d)) < (cone_[i] - lean) * p &&
                std::fabs(cross(normals_[j], d)) < (cone_[j] - lean) * q;
     }

@@ -208,8 +208,8 @@ def test_reasons(hand, friction, neighbours, reason):
 
 def test_reasons_before_any_hand():
     wedge = Contour(np.array([[0, 0], [100, 33], [200, 67], [300, 100], [200, 133], [100, 167], [0, 200], [0, 100]]))
-    assert synthesize(wedge, friction=0.02).reason == "no pair of contacts closes with friction 0.02"
-    assert synthesize(wedge, 3, friction=0.02).reason == "no three contacts close with friction 0.02"
+    assert synthesize(wedge, friction=0.001).reason == "no pair of contacts closes with friction 0.001"
+    assert synthesize(wedge, 3, friction=0.001).reason == "no three contacts close with friction 0.001"
     cut = Contour(SQUARE.points, clipped=np.ones(8, dtype=bool))
     assert "cut by the border" in synthesize(cut).reason
     small = View([SQUARE, Contour(circle(50, 50, 6, 16), hole=True)])

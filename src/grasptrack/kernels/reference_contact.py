@@ -61,10 +61,13 @@ def contact_frames(points: Floats, offsets: NDArray[np.int64], places: Floats, w
     if not (width > 0 and math.isfinite(width)):
         raise ValueError(f"width must be above 0, not {width:g}")
     out = np.empty((len(places), 4))
+    lengths: dict[int, float] = {}
     for row, where in zip(out, places, strict=True):
         first, n, i, f = find_place(offsets, where)
         contour = points[first : first + n]
-        length = sum(math.dist(contour[j], contour[(j + 1) % n]) for j in range(n))
+        if first not in lengths:
+            lengths[first] = sum(math.dist(contour[j], contour[(j + 1) % n]) for j in range(n))
+        length = lengths[first]
         pieces, used = _pieces(contour, i, f, min(width, length) / 2)
         # Coordinates about the place, x along its segment: a straight stretch then has exactly no variance across.
         side = contour[(i + 1) % n] - contour[i]

@@ -81,28 +81,34 @@ class Along:
         limit = min(math.ceil(most / step - 1e-9), self.count(a) // 2, self.count(b) // 2)
         sense = 1.0 if self.normals[a] @ (self.contacts[b] - self.contacts[a]) > 0 else -1.0
         k = 0
-        if self._close([a], [b], sense, slip):
+        distance = math.dist(self.contacts[a], self.contacts[b])
+        slant = slip * (1 + self.friction**2)
+        if self._close([a], [b], sense, slant, 0.0):
             for k in range(1, limit + 2):
                 if k > limit:
                     break
                 around = range(-k, k + 1)
+                near = distance - k * (step_a + step_b)
+                lean = slant / near if near > 0.75 * distance else 0.0
                 at_a = [self.moved(a, e) for e in around]
                 at_b = [self.moved(b, e) for e in around]
                 if not (
-                    self._close([at_a[0], at_a[-1]], at_b, sense, slip)
-                    and self._close(at_a, [at_b[0], at_b[-1]], sense, slip)
+                    self._close([at_a[0], at_a[-1]], at_b, sense, slant, lean)
+                    and self._close(at_a, [at_b[0], at_b[-1]], sense, slant, lean)
                 ):
                     break
             k -= 1
         if k > 0:
             return min(k * step, most)
-        distance = math.dist(self.contacts[a], self.contacts[b])
         spare = math.atan(self.friction) - math.atan(needed)
         change = max(float(self.turn[a]), float(self.turn[b])) + 2 * slip / distance
         return min(step, most, step * spare / (2 * change))
 
-    def _close(self, first: list[int], second: list[int], sense: float, slip: float) -> bool:
-        """Whether every pair of one of `first` and one of `second` closes with room to spare."""
+    def _close(self, first: list[int], second: list[int], sense: float, slant: float, lean: float) -> bool:
+        """Whether every pair of one of `first` and one of `second` closes with room to spare.
+
+        The line's slant by half a step at either end adds `lean` to the friction needed, slant / distance where it is 0.
+        """
         d = self.contacts[second][None] - self.contacts[first][:, None]
         n, m = self.normals[first][:, None], self.normals[second][None]
         p = sense * (n[..., 0] * d[..., 0] + n[..., 1] * d[..., 1])
@@ -110,9 +116,9 @@ class Along:
         cone_a, cone_b = self.cone[first][:, None], self.cone[second][None]
         if not ((p > 0) & (q > 0) & (cone_a > 0) & (cone_b > 0)).all():
             return False
-        lean = slip / np.hypot(d[..., 0], d[..., 1]) * (1 + self.friction**2)
-        at_a = np.abs(n[..., 0] * d[..., 1] - n[..., 1] * d[..., 0]) < (cone_a - lean) * p
-        at_b = np.abs(m[..., 0] * d[..., 1] - m[..., 1] * d[..., 0]) < (cone_b - lean) * q
+        leans = lean or slant / np.hypot(d[..., 0], d[..., 1])
+        at_a = np.abs(n[..., 0] * d[..., 1] - n[..., 1] * d[..., 0]) < (cone_a - leans) * p
+        at_b = np.abs(m[..., 0] * d[..., 1] - m[..., 1] * d[..., 0]) < (cone_b - leans) * q
         return bool((at_a & at_b).all())
 
     def one_of_three(self, i: int, epsilon: float, most: float) -> float:

@@ -41,8 +41,8 @@ def synthesize(
       middle; exp(-(b / 0.3)^2) for three. In units of sqrt(area).
     - flatness: 1 / (1 + (f / 0.01)^2), f the rms distance of the outline from a straight line under the worst
       finger, or half of that over twice a finger's width, in finger widths.
-    - room: 0.2 + 0.8 sqrt(r / width), r the least half-length of the independent regions of contact, at most a
-      finger's width.
+    - room: 0.2 + 0.8 sqrt(r / most), r the least half-length of the independent regions of contact; `most`, beyond
+      which nothing is looked at, is a finger's width, or 12 % of sqrt(area) where that is less.
 
     Of grasps that are alike the best stays: those whose contacts, in any order, all lie within 12 % of sqrt(area) or
     a finger's width of its contacts.
@@ -61,7 +61,7 @@ def synthesize(
         The grasps. Where there is none, `reason` says why in one sentence. `refused` counts what each reason removed
         of all stable candidates before those that are alike are thinned: of two fingers the best pair for every two
         of some 120 stretches of outline, of three all triples of some 48 places
-        or, where those leave nothing, of some 144.
+        or, where those are few and leave nothing, of some 144.
 
     Raises:
         StrategyError: a number of fingers that has no synthesis.

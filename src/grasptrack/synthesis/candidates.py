@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 GROUPS = 120
 """Stretches of outline of which each two give at most one pair."""
-GROUP = 8
+GROUP = 6
 """Candidates in each of them: a pair that closes only in a narrow place needs them close together."""
 LEAST_GROUPS = 4
 """On each contour, however short."""

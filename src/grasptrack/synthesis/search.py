@@ -25,7 +25,9 @@ DISTINCT = 0.12
 """Grasps whose contacts all lie within this fraction of sqrt(area), or a finger's width, of a better one's are alike."""
 
 FIRST_LOOK, SECOND_LOOK = 48, 144
-"""Candidates for triples, of which there are n^3 / 6; more of them, flat ones alone, where the first leave nothing."""
+"""Candidates for triples, of which there are n^3 / 6; more of them where the first leave nothing."""
+SCARCE = 2000
+"""So many stable triples that a second look would hardly find what a hand refused of all of them."""
 
 
 def find_grasps(
@@ -43,11 +45,9 @@ def find_grasps(
     at = candidates(view, area, np.array([cx, cy]), px.finger_width)
     found = _stable(at, fingers, friction)
     left, refused = refuse(found, at, view, px, neighbours, limits)
-    if fingers == 3 and not len(left):
-        finer = stable_triples(at, friction, SECOND_LOOK, limits.roughness)
-        left, beside = refuse(finer, at, view, px, neighbours, limits)
-        if len(left) or not len(found):
-            found, refused = finer, beside
+    if fingers == 3 and not len(left) and len(found) < SCARCE:
+        found = stable_triples(at, friction, SECOND_LOOK)
+        left, refused = refuse(found, at, view, px, neighbours, limits)
     if not len(found):
         return GraspList([], _nothing_closes(view, at, fingers, friction))
     if not len(left):
@@ -65,7 +65,7 @@ def find_grasps(
         cx,
         cy,
         0.5 * at.size,
-        px.finger_width,
+        far_enough(at.size, px.finger_width),
         alike(at.size, px.finger_width),
         max(top, 0),
     )
@@ -75,6 +75,11 @@ def find_grasps(
 def alike(size: float, width: float) -> float:
     """Px within which the contacts of grasps that are alike lie, for an object of sqrt(area) and a finger's width."""
     return max(DISTINCT * size, width)
+
+
+def far_enough(size: float, width: float) -> float:
+    """Px by which contacts may slip where the room is 1; farther is not looked."""
+    return min(DISTINCT * size, width)
 
 
 def _stable(at: Candidates, fingers: int, friction: float) -> Stable:
@@ -98,7 +103,8 @@ def _ranked(
     standing = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness)
     swept = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness + hand.clearance)
     terms = found.terms[rows].tolist()
-    room = 0.2 + 0.8 * np.sqrt(np.minimum(regions.min(axis=1, initial=math.inf) / hand.finger_width, 1.0))
+    most = far_enough(at.size, hand.finger_width)
+    room = 0.2 + 0.8 * np.sqrt(np.minimum(regions.min(axis=1, initial=math.inf) / most, 1.0))
     cx, cy = at.centroid.tolist()
     grasps = []
     for i, row in enumerate(rows.tolist()):

@@ -74,10 +74,9 @@ def stable_pairs(at: Candidates, friction: float) -> Stable:
     return Stable(at, index, sense, need, friction)
 
 
-def stable_triples(at: Candidates, friction: float, count: int, roughness: float = np.inf) -> Stable:
-    """All stable triples of some `count` candidates, none of them rougher than a limit."""
+def stable_triples(at: Candidates, friction: float, count: int) -> Stable:
+    """All stable triples of some `count` candidates."""
     few = thinned(at, count)
-    few = few[at.roughness[few] <= roughness]
     cx, cy = at.centroid.tolist()
     index, sense, epsilon = kernels.closing_triples(at.contacts[few], at.normals[few], cx, cy, 0.5 * at.size, friction)
     return Stable(at, few[index], sense, epsilon, friction)
