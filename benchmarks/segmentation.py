@@ -20,7 +20,8 @@ from baselines import BASELINES
 from grasptrack.errors import ObservationError
 from grasptrack.evaluation.segmentation import ENOUGH_F, ENOUGH_IOU, band_iou, boundary_f, iou, mask_of
 from grasptrack.observation.images import to_grey
-from grasptrack.observation.segmentation import Candidate, candidates
+from grasptrack.observation.candidate import Candidate
+from grasptrack.observation.segmentation import objects
 from photos import Photo, deepest, read_photos
 from real_videos import data_folder
 from sheets import found_tile, judged_tile, sheet
@@ -52,10 +53,10 @@ class Row:
         return self.f >= ENOUGH_F and self.iou >= ENOUGH_IOU
 
 
-def objects(image: Array, object_at: Hint = None) -> list[Candidate]:
+def found_in(image: Array, object_at: Hint = None) -> list[Candidate]:
     """Our objects in a BGR image, the best first; none where it refuses."""
     try:
-        return candidates(to_grey(image), object_at)
+        return objects(image, object_at)
     except ObservationError:
         return []
 
@@ -67,7 +68,7 @@ def first_of(found: Array | list[Candidate], shape: tuple[int, int]) -> Array:
     return mask_of(found[0].view, shape) if found else np.zeros(shape, dtype=bool)
 
 
-METHODS: dict[str, Callable[[Array, Hint], Array | list[Candidate]]] = {"ours": objects, **BASELINES}
+METHODS: dict[str, Callable[[Array, Hint], Array | list[Candidate]]] = {"ours": found_in, **BASELINES}
 
 
 def judge(photo: Photo, method: str, hint: bool) -> Row:

@@ -9,7 +9,7 @@ from grasptrack.analysis import ON_OUTLINE
 from grasptrack.contour import View
 from grasptrack.errors import GraspError
 from grasptrack.grasp import Grasp
-from grasptrack.observation.segmentation import Candidate
+from grasptrack.observation.candidate import Candidate
 from grasptrack.reference import AUTO, describable
 from grasptrack.synthesis import synthesize
 

@@ -13,7 +13,8 @@ from grasptrack.contour import View
 from grasptrack.errors import GraspTrackError
 from grasptrack.grasp import Grasp
 from grasptrack.observation.images import Grey, to_grey, to_mask
-from grasptrack.observation.segmentation import Candidate, candidates, grow
+from grasptrack.observation.candidate import Candidate
+from grasptrack.observation.segmentation import candidates, grow
 from grasptrack.reference import Reference
 from grasptrack.transfer import STRATEGIES
 from grasptrack.transfer.alignment import align, alignments, as_similarity

@@ -15,7 +15,7 @@ from grasptrack.contour import Contour, View
 from grasptrack.errors import AmbiguousError, ConditioningError, TransferError
 from grasptrack.observation.images import Grey
 from grasptrack.observation.observer import Observer
-from grasptrack.observation.segmentation import Candidate
+from grasptrack.observation.candidate import Candidate
 from grasptrack.reference import Reference
 from grasptrack.transfer.alignment import Alignment, align, alignments, as_similarity
 from grasptrack.whereabouts import Whereabouts

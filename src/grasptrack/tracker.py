@@ -24,7 +24,8 @@ from grasptrack.errors import (
 from grasptrack.grasp import Grasp
 from grasptrack.observation.images import Grey, as_scene, to_grey, to_mask
 from grasptrack.observation.observer import Observer
-from grasptrack.observation.segmentation import Candidate, grow
+from grasptrack.observation.candidate import Candidate
+from grasptrack.observation.segmentation import grow
 from grasptrack.observation.support import Support
 from grasptrack.reference import AUTO, Reference
 from grasptrack.result import TrackResult

@@ -23,6 +23,25 @@ def to_grey(image: NDArray[Any]) -> Grey:
     Raises:
         SourceError: another type or shape, or a side under 32 px.
     """
+    array = _checked(image)
+    if array.ndim == 3:
+        code = cv2.COLOR_BGR2GRAY if array.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
+        array = cv2.cvtColor(np.ascontiguousarray(array), code)
+    return np.ascontiguousarray(array)
+
+
+def to_bgr(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """(H, W) or (H, W, 3) uint8, an image of any kind that `to_grey` takes with its colours, where it has some.
+
+    Raises:
+        SourceError: as `to_grey`.
+    """
+    array = _checked(image)
+    return np.ascontiguousarray(array if array.ndim == 2 else array[:, :, :3])
+
+
+def _checked(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """The image as 8 bit, (H, W), (H, W, 3) or (H, W, 4)."""
     array = np.asarray(image)
     if array.ndim == 3 and array.shape[2] == 1:
         array = array[:, :, 0]
@@ -34,15 +53,12 @@ def to_grey(image: NDArray[Any]) -> Grey:
             shape=array.shape,
         )
     if array.dtype == np.uint16:
-        array = (array >> 8).astype(np.uint8)
-    elif array.dtype == np.bool_:
-        array = array.astype(np.uint8) * 255
-    elif array.dtype != np.uint8:
+        return (array >> 8).astype(np.uint8)
+    if array.dtype == np.bool_:
+        return array.astype(np.uint8) * 255
+    if array.dtype != np.uint8:
         raise SourceError(f"an image has 8 or 16 bit unsigned values, not {array.dtype}", dtype=str(array.dtype))
-    if array.ndim == 3:
-        code = cv2.COLOR_BGR2GRAY if array.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
-        array = cv2.cvtColor(np.ascontiguousarray(array), code)
-    return np.ascontiguousarray(array)
+    return array
 
 
 def to_mask(mask: NDArray[Any], shape: tuple[int, int], what: str) -> Grey:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,9 @@ from grasptrack.contour import Contour, View
 from grasptrack.errors import ContourError
 from grasptrack.observation.images import Grey
 from grasptrack.observation.outline import localise
-from grasptrack.observation.segmentation import CANDIDATES, MIN_EXTENT, Candidate, candidates, judge
+from grasptrack.observation.candidate import Candidate, of_one_level
+from grasptrack.observation.proposals import PER_THRESHOLD, silhouettes
+from grasptrack.observation.segmentation import MIN_EXTENT, candidates
 from grasptrack.observation.silhouettes import Silhouette, trace
 from grasptrack.observation.thresholds import thresholds
 
@@ -51,18 +54,18 @@ class Observer:
         self._holes = 0
         self._levels: dict[int, tuple[float, float, float]] = {}  # of the outlines of this image
 
-    def first(self, grey: Grey, masked: bool, object_at: tuple[float, float] | None = None) -> list[Candidate]:
+    def first(self, image: NDArray[Any], masked: bool, object_at: tuple[float, float] | None = None) -> list[Candidate]:
         """Objects of the first image, the most outstanding first.
 
         Args:
-            grey: (H, W), an image or a softened mask.
+            image: grey or colour, or a softened mask.
             masked: it is a mask, in which objects are white and nothing else is meant.
             object_at: (x, y) px that the object covers.
 
         Raises:
             ObservationError: none.
         """
-        return candidates(grey, object_at, self.hidden, (-1,) if masked else (1, -1))
+        return candidates(image, object_at, self.hidden, masked=masked)
 
     def choose(self, candidate: Candidate) -> None:
         """From now on it is this object that is looked for."""
@@ -126,10 +129,10 @@ class Observer:
         binary = kernels.soft_threshold(grey, 0, 0, width, height, level, self.polarity)
         if self.hidden is not None:
             binary[self.hidden != 0] = 0
-        for shape in trace(binary, max(area / MAX_ZOOM, 30.0), holes=self._holes > 0)[:CANDIDATES]:
+        for shape in trace(binary, max(area / MAX_ZOOM, 30.0), holes=self._holes > 0)[:PER_THRESHOLD]:
             if max(shape.box[2:]) < MIN_EXTENT or shape.area > area * MAX_ZOOM:
                 continue
-            candidate = judge(grey, shape, self.polarity, self.hidden)
+            candidate = of_one_level(grey, shape, self.polarity, self.hidden)
             if candidate is None or any(_same(_place(candidate.view), other) for other in seen):
                 continue
             seen.append(_place(candidate.view))

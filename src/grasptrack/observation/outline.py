@@ -34,7 +34,12 @@ class Localised(NamedTuple):
 
 
 def localise(
-    grey: Grey, chain: NDArray[np.int32], *, hole: bool, polarity: int, hidden: Grey | None = None
+    grey: Grey,
+    chain: NDArray[np.int32],
+    *,
+    hole: bool,
+    polarity: int,
+    hidden: Grey | None = None,
 ) -> Localised:
     """Sub-pixel contour from the chain (N, 2) of a silhouette's boundary pixels.
 
@@ -42,7 +47,7 @@ def localise(
         grey: (H, W) image.
         chain: as cv2.findContours gives it: pixel centres just inside the material.
         hole: the chain runs round a hole.
-        polarity: +1 for an object darker than what surrounds it, -1 for a lighter one.
+        polarity: +1 for an object darker than what surrounds it, -1 for a lighter one, 0 for either.
         hidden: (H, W) nonzero where nothing was looked at; points beside it count as cut off.
 
     Raises:

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Silhouettes from edges that close: for objects of several colours, glossy ones, and ground as bright or dark as they.
+
+Edges are thinned at several levels, their broken ends linked by good continuation, what gaps are left bridged by a
+closing, and all that is enclosed is filled. The right level and the right closing are not known: each choice proposes,
+and one rating decides.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.observation.edge_field import EdgeField, Planes
+from grasptrack.observation.images import Grey
+from grasptrack.observation.silhouettes import Silhouette, trace
+
+WORKING_SIDE = 800
+"""px; larger images are looked at from farther away, and outlines localised in the image itself afterwards."""
+SOFTENING = (1.0, 1.6)
+"""px, before slopes are taken: the first follows fine parts, the second sees through grain."""
+RECIPES = (
+    (0, 2.5, 1),
+    (0, 4.0, 2),
+    (0, 7.5, 3),
+    (0, 3.0, 6),
+    (0, 2.5, 8),
+    (0, 5.5, 8),
+    (1, 3.0, 3),
+    (1, 2.0, 3),
+    (1, 1.6, 4),
+)
+"""Softening, level in units of grain, and radius of closing in px of each proposal: low levels see faint edges and much
+else, wide closings bridge gaps and fill notches."""
+REACH = 0.125
+"""Ends are linked across gaps of at most this share of the image's longer side, ..."""
+BEND, LOOSE = float(np.radians(25.0)), float(np.radians(70.0))
+"""... and by how much they may point aside: rad, the latter across a few px."""
+MAX_SHARE = 0.6
+"""Edges that enclose more of the image than this enclose the ground."""
+
+
+class Closure(NamedTuple):
+    """A region that edges enclose.
+
+    Attributes:
+        silhouette: in px of the image, without holes.
+        bridge: px, the widest gap that its closing bridges.
+        recipe: index into RECIPES, what found it.
+    """
+
+    silhouette: Silhouette
+    bridge: float
+    recipe: int
+
+
+class Scenery:
+    """The edges of one image.
+
+    Args:
+        image: planes, (H, W, C).
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+
+    Attributes:
+        shrink: px of the image for one px here.
+        fields: for each softening.
+    """
+
+    def __init__(self, image: Planes, hidden: Grey | None = None) -> None:
+        self.shrink = max(1, -(-max(image.shape[:2]) // WORKING_SIDE))
+        if self.shrink > 1:
+            image, hidden = _smaller(image, self.shrink), _fewer(hidden, self.shrink)
+        self.fields = tuple(EdgeField(image, softening, hidden) for softening in SOFTENING)
+
+    def closures(self, least: float) -> list[Closure]:
+        """What edges enclose by any recipe, of at least so many px^2 of the image."""
+        px = self.shrink
+        return [
+            Closure(_scaled(shape, px), 2.0 * radius * px, recipe)
+            for recipe, (field, level, radius) in enumerate(RECIPES)
+            for shape in enclosed(self.fields[field].thin(level), radius, least / px**2)
+        ]
+
+
+def enclosed(edges: Grey, radius: int, least: float) -> list[Silhouette]:
+    """Silhouettes of what thin edges enclose.
+
+    Args:
+        edges: (H, W) one pixel wide.
+        radius: px, of the closing that bridges gaps.
+        least: px^2.
+    """
+    for x0, y0, x1, y1 in kernels.edge_links(edges, REACH * max(edges.shape), BEND, LOOSE).tolist():
+        cv2.line(edges, (x0, y0), (x1, y1), (255,), 1)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    found: list[Silhouette] = []
+    for shape in trace(np.asarray(cv2.dilate(edges, disc), dtype=np.uint8), least, holes=False):
+        x, y, w, h = shape.box
+        if shape.area > MAX_SHARE * edges.size:
+            continue
+        filled = np.zeros((h + 2, w + 2), np.uint8)
+        cv2.drawContours(filled, [shape.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED, offset=(1 - x, 1 - y))
+        shrunk = np.asarray(cv2.erode(filled, disc, borderValue=0), dtype=np.uint8)
+        found.extend(trace(shrunk, least, (x - 1, y - 1), holes=False))
+    return found
+
+
+def _smaller(image: Planes, times: int) -> Planes:
+    height, width = image.shape[0] // times, image.shape[1] // times
+    small = cv2.resize(image[: height * times, : width * times], (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.float32).reshape(height, width, -1)
+
+
+def _fewer(hidden: Grey | None, times: int) -> Grey | None:
+    if hidden is None:
+        return None
+    height, width = hidden.shape[0] // times, hidden.shape[1] // times
+    blocks = hidden[: height * times, : width * times].reshape(height, times, width, times)
+    return np.where((blocks != 0).any(axis=(1, 3)), np.uint8(255), np.uint8(0))
+
+
+def _scaled(shape: Silhouette, px: int) -> Silhouette:
+    """A silhouette of a smaller image in px of the larger one: centres of pixels go to centres of blocks."""
+    if px == 1:
+        return shape
+    outer: NDArray[np.int32] = shape.outer * px + (px - 1) // 2
+    return Silhouette(outer, (), shape.area * px**2, cv2.boundingRect(outer.reshape(-1, 1, 2)))  # type: ignore[arg-type]
