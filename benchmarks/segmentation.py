@@ -19,7 +19,6 @@ import numpy as np
 from baselines import BASELINES
 from grasptrack.errors import ObservationError
 from grasptrack.evaluation.segmentation import ENOUGH_F, ENOUGH_IOU, band_iou, boundary_f, iou, mask_of
-from grasptrack.observation.images import to_grey
 from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.segmentation import objects
 from photos import Photo, deepest, read_photos

@@ -9,6 +9,7 @@ from grasptrack.analysis import ON_OUTLINE
 from grasptrack.contour import View
 from grasptrack.errors import GraspError
 from grasptrack.grasp import Grasp
+from grasptrack.hand import Hand
 from grasptrack.observation.candidate import Candidate
 from grasptrack.reference import AUTO, describable
 from grasptrack.synthesis import synthesize
@@ -45,14 +46,24 @@ def others(found: list[Candidate], chosen: Candidate) -> list[Candidate]:
     return [c for c in found if _gap(c.view, chosen.view) > APART]
 
 
-def grasps(view: View, strategy: str, fingers: int, friction: float) -> list[Grasp]:
-    """Synthesised grasps in the order in which they are to be tried."""
-    ranked: list[Grasp] = [*synthesize(view, fingers, friction, top=10)]
+def grasps(
+    view: View, strategy: str, fingers: int, friction: float, hand: Hand | None, beside: list[View]
+) -> tuple[list[Grasp], str]:
+    """Synthesised grasps in the order in which they are to be tried, and why there is none.
+
+    Args:
+        view: the object.
+        strategy: that will carry the grasp.
+        fingers, friction, hand: as in synthesis.
+        beside: outlines of what lies beside the object.
+    """
+    found = synthesize(view, fingers, friction, top=10, hand=hand, neighbours=beside)
+    ranked: list[Grasp] = [*found]
     if strategy == AUTO and ranked:
         # among grasps that are nearly as good, the first that most descriptions can carry
         good = [g for g in ranked if g.quality >= NEARLY_AS_GOOD * ranked[0].quality]
-        return sorted(good, key=lambda g: -describable(g, view))
-    return ranked
+        ranked = sorted(good, key=lambda g: -describable(g, view))
+    return ranked, found.reason
 
 
 def _gap(one: View, other: View) -> float:

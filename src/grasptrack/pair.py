@@ -12,8 +12,8 @@ from grasptrack.analysis import GraspAnalysis
 from grasptrack.contour import View
 from grasptrack.errors import GraspTrackError
 from grasptrack.grasp import Grasp
-from grasptrack.observation.images import Grey, to_grey, to_mask
 from grasptrack.observation.candidate import Candidate
+from grasptrack.observation.images import Grey, to_bgr, to_mask
 from grasptrack.observation.segmentation import candidates, grow
 from grasptrack.reference import Reference
 from grasptrack.transfer import STRATEGIES
@@ -83,9 +83,10 @@ def carry_to(
         SourceError, InputError: an image or mask that cannot be used.
         AmbiguousError: the outline fits itself in more than one way and no turn is clearly the smallest.
     """
-    grey_a, grey_b = to_grey(first), to_grey(second)
-    hidden = None if ignore is None else grow(to_mask(ignore, grey_b.shape, "ignore mask"))
-    found = _most_alike(candidates(grey_b, object_at, hidden), reference)
+    colours = to_bgr(second)
+    hidden = None if ignore is None else grow(to_mask(ignore, colours.shape[:2], "ignore mask"))
+    found = _most_alike(candidates(colours, object_at, hidden), reference)
+    grey_a, grey_b = found.channel.grey(to_bgr(first)), found.channel.grey(colours)
     outer = found.view.outer
     chosen = align(reference.outer, outer)
     prior = as_similarity(chosen, reference.outer, outer)

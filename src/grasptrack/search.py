@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from grasptrack.contour import Contour, View
 from grasptrack.errors import AmbiguousError, ConditioningError, TransferError
+from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.images import Grey
 from grasptrack.observation.observer import Observer
-from grasptrack.observation.candidate import Candidate
 from grasptrack.reference import Reference
 from grasptrack.transfer.alignment import Alignment, align, alignments, as_similarity
 from grasptrack.whereabouts import Whereabouts

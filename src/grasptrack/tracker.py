@@ -22,10 +22,11 @@ from grasptrack.errors import (
     TransferError,
 )
 from grasptrack.grasp import Grasp
-from grasptrack.observation.images import Grey, as_scene, to_grey, to_mask
-from grasptrack.observation.observer import Observer
+from grasptrack.hand import Hand
 from grasptrack.observation.candidate import Candidate
-from grasptrack.observation.segmentation import grow
+from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
+from grasptrack.observation.observer import Observer
+from grasptrack.observation.segmentation import Segmenter, apart, grow
 from grasptrack.observation.support import Support
 from grasptrack.reference import AUTO, Reference
 from grasptrack.result import TrackResult
@@ -53,6 +54,8 @@ class GraspTracker:
         object_at: (x, y) px of the object in the first image.
         ignore: (H, W) nonzero where nothing belongs to the scene.
         resynthesize: choose a new grasp, with a new grasp_id, when the analysis refuses the present one.
+        hand: opening and fingers that a synthesised grasp must suit; default fingers in proportion to the object.
+        segmenter: your own segmentation, asked for a mask of every image that comes without one.
 
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
@@ -70,6 +73,8 @@ class GraspTracker:
         object_at: tuple[float, float] | None = None,
         ignore: NDArray[Any] | None = None,
         resynthesize: bool = False,
+        hand: Hand | None = None,
+        segmenter: Segmenter | None = None,
     ) -> None:
         if strategy not in (AUTO, *STRATEGIES):
             raise StrategyError(f'unknown strategy "{strategy}"; choose from {", ".join((AUTO, *STRATEGIES))}')
@@ -86,9 +91,10 @@ class GraspTracker:
             )
         self.fingers, self.strategy, self.friction = fingers, strategy, friction
         self._object_at, self._ignore, self._resynthesize = object_at, ignore, resynthesize
+        self._hand, self._segmenter = hand, segmenter
         self._frame = -1
         self._grasp_id = 0
-        self._shape: tuple[int, ...] | None = None
+        self._shape: tuple[int, int] | None = None
         self._reference: Reference | None = None
         self._observer = Observer()
         self._search: Search | None = None
@@ -111,32 +117,35 @@ class GraspTracker:
             InputError: a mask of another size than the image.
         """
         started = clock.perf_counter()
-        grey = self._prepare(image, mask)
+        grey = self._prepare(image, self._segmenter.segment(image) if mask is None and self._segmenter else mask)
         self._frame += 1
         self._reasons = []
         if self._reference is None or self._search is None:
-            result = self._begin(grey, masked=mask is not None)  # grasp synthesis, once
+            result = self._begin(masked=mask is not None or self._segmenter is not None)  # grasp synthesis, once
         else:
             result = self._follow(grey, self._reference, self._search)
         latency = 1e3 * (clock.perf_counter() - started)
         return TrackResult(frame=self._frame, time=time, latency_ms=latency, **result)
 
-    def _begin(self, grey: Grey, *, masked: bool) -> dict[str, Any]:
+    def _begin(self, *, masked: bool) -> dict[str, Any]:
         """Choose the object and a grasp on it."""
         try:
-            found = self._observer.first(grey, masked, self._object_at)
+            found = self._observer.first(masked, self._object_at)
         except ObservationError as error:
             return {"status": "searching", "reason": str(error)}
         candidate = self._chosen(found)
         if candidate is None:
             return {"status": "searching", "reason": "the object that needs a new grasp is not where it was"}
+        grey = self._observer.choose(candidate)
         if self._given is not None:
             grasps = [self._given.snapped(candidate.view)]
         else:
-            grasps = choice.grasps(candidate.view, self.strategy, self.fingers, self.friction)
-        if not grasps:
-            reason = f"no stable grasp with {self.fingers} fingers and friction {self.friction:g} on this object"
-            return {"status": "searching", "reason": reason, "view": candidate.view}
+            beside = [c.view for c in apart([candidate, *found])[1:]]
+            grasps, reason = choice.grasps(
+                candidate.view, self.strategy, self.fingers, self.friction, self._hand, beside
+            )
+            if not grasps:
+                return {"status": "searching", "reason": f"no stable grasp: {reason}", "view": candidate.view}
         for grasp in grasps:
             try:
                 reference = Reference(
@@ -152,7 +161,7 @@ class GraspTracker:
                 self._reasons.append(str(error))
                 continue
             if self._object_at is not None:
-                found = self._observer.first(grey, masked)
+                found = self._observer.first(masked)
             return self._start(reference, candidate, choice.others(found, candidate))
         reason = f"no grasp that {self.strategy} can carry: {self._reasons[0]}"
         return {"status": "searching", "reason": reason, "view": candidate.view}
@@ -160,7 +169,6 @@ class GraspTracker:
     def _start(self, reference: Reference, candidate: Candidate, others: list[Candidate]) -> dict[str, Any]:
         self._reference = reference
         self._grasp_id += 1
-        self._observer.choose(candidate)
         self._search = Search(self._observer, reference, others)
         grasp, analysis = reference.grasp, reference.analysis
         return {
@@ -246,18 +254,19 @@ class GraspTracker:
     # --- the first view --------------------------------------------------------------------------
 
     def _prepare(self, image: NDArray[Any], mask: NDArray[Any] | None) -> Grey:
-        grey = to_grey(image)
+        colours = to_bgr(image)
+        height, width = colours.shape[:2]
         if self._shape is None:
-            self._shape = grey.shape
+            self._shape = height, width
             if self._ignore is not None:
-                self._observer = Observer(grow(to_mask(self._ignore, grey.shape, "ignore mask")))
-        if grey.shape != self._shape:
+                self._observer = Observer(grow(to_mask(self._ignore, self._shape, "ignore mask")))
+        if (height, width) != self._shape:
             raise SourceError(
-                f"image {self._frame + 1} is {grey.shape[1]}x{grey.shape[0]} px, but the first was "
+                f"image {self._frame + 1} is {width}x{height} px, but the first was "
                 f"{self._shape[1]}x{self._shape[0]}; all must have one size",
-                shape=grey.shape,
+                shape=(height, width),
             )
-        return grey if mask is None else as_scene(to_mask(mask, grey.shape, "mask"))
+        return self._observer.look(colours if mask is None else as_scene(to_mask(mask, self._shape, "mask")))
 
     def _chosen(self, found: list[Candidate]) -> Candidate | None:
         """The object that is meant: the given contacts', the one whose grasp was refused, or the most outstanding."""

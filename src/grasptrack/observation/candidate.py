@@ -42,6 +42,7 @@ class Candidate(NamedTuple):
         recipe: which closing of edges found it; -1 for a threshold.
         channel: the mixture of colours that shows it; grey levels are levels of that.
         rating: the terms of the score.
+        grain: Lab units per px of the image's own slopes, as that closing saw them.
     """
 
     view: View
@@ -53,6 +54,7 @@ class Candidate(NamedTuple):
     recipe: int = -1
     channel: Channel = PLAIN
     rating: Rating | None = None
+    grain: float = math.nan
 
 
 def plausible(shape: Silhouette, size: tuple[int, ...]) -> bool:
@@ -89,9 +91,7 @@ def of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | No
     return Candidate(View([outer, *(h for h in holes if h is not None)]), polarity, edge.inside, edge.outside)
 
 
-def of_closed_edges(
-    image: NDArray[np.uint8], seen: Planes, shape: Silhouette, hidden: Grey | None
-) -> Candidate | None:
+def of_closed_edges(image: NDArray[np.uint8], seen: Planes, shape: Silhouette, hidden: Grey | None) -> Candidate | None:
     """The contours of a silhouette that closed edges found, in the mixture of colours that shows it best.
 
     Args:

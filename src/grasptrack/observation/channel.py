@@ -82,4 +82,4 @@ def clearest(image: NDArray[np.uint8], outline: Contour) -> Channel:
 def _colours(image: NDArray[np.uint8], points: Floats) -> Floats:
     """(n, 3) colours at the pixels of points (n, 2) px, those beyond the border at it."""
     column, row = np.rint(points).astype(np.intp).T
-    return image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)].astype(np.float64)
+    return np.asarray(image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)], dtype=np.float64)

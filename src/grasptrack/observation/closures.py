@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.observation.edge_field import EdgeField, Planes
@@ -51,11 +50,13 @@ class Closure(NamedTuple):
         silhouette: in px of the image, without holes.
         bridge: px, the widest gap that its closing bridges.
         recipe: index into RECIPES, what found it.
+        grain: unit of the field in which it was found.
     """
 
     silhouette: Silhouette
     bridge: float
     recipe: int
+    grain: float
 
 
 class Scenery:
@@ -71,30 +72,62 @@ class Scenery:
     """
 
     def __init__(self, image: Planes, hidden: Grey | None = None) -> None:
-        self.shrink = max(1, -(-max(image.shape[:2]) // WORKING_SIDE))
+        self.shrink = _shrink(image.shape)
         if self.shrink > 1:
             image, hidden = _smaller(image, self.shrink), _fewer(hidden, self.shrink)
+        self._reach = REACH * max(image.shape[:2])
         self.fields = tuple(EdgeField(image, softening, hidden) for softening in SOFTENING)
 
     def closures(self, least: float) -> list[Closure]:
         """What edges enclose by any recipe, of at least so many px^2 of the image."""
         px = self.shrink
         return [
-            Closure(_scaled(shape, px), 2.0 * radius * px, recipe)
+            Closure(_scaled(shape, px), 2.0 * radius * px, recipe, self.fields[field].unit)
             for recipe, (field, level, radius) in enumerate(RECIPES)
-            for shape in enclosed(self.fields[field].thin(level), radius, least / px**2)
+            for shape in enclosed(self.fields[field].thin(level), radius, least / px**2, self._reach)
         ]
 
 
-def enclosed(edges: Grey, radius: int, least: float) -> list[Silhouette]:
+class Closing:
+    """One recipe, applied again to images in which the object is looked for.
+
+    Args:
+        recipe: index into RECIPES.
+        grain: of the image in which it found the object: a window that the object fills has more slopes than grain.
+        size: height and width of the image.
+    """
+
+    def __init__(self, recipe: int, grain: float, size: tuple[int, ...]) -> None:
+        self._softening, self._level, self._radius = RECIPES[recipe]
+        self._grain, self._shrink = grain, _shrink(size)
+        self._reach = REACH * max(size[:2]) / self._shrink
+
+    def shapes(self, image: Planes, hidden: Grey | None, least: float, origin: tuple[int, int]) -> list[Silhouette]:
+        """What edges enclose.
+
+        Args:
+            image: planes of an image or of a window of it.
+            hidden: (H, W) nonzero where nothing belongs to the scene.
+            least: px^2.
+            origin: (x, y) px of the window's first pixel in the image.
+        """
+        px = self._shrink
+        if px > 1:
+            image, hidden = _smaller(image, px), _fewer(hidden, px)
+        edges = EdgeField(image, SOFTENING[self._softening], hidden, self._grain).thin(self._level)
+        return [_scaled(shape, px, origin) for shape in enclosed(edges, self._radius, least / px**2, self._reach)]
+
+
+def enclosed(edges: Grey, radius: int, least: float, reach: float) -> list[Silhouette]:
     """Silhouettes of what thin edges enclose.
 
     Args:
         edges: (H, W) one pixel wide.
         radius: px, of the closing that bridges gaps.
         least: px^2.
+        reach: px, the longest gap across which ends are linked.
     """
-    for x0, y0, x1, y1 in kernels.edge_links(edges, REACH * max(edges.shape), BEND, LOOSE).tolist():
+    for x0, y0, x1, y1 in kernels.edge_links(edges, reach, BEND, LOOSE).tolist():
         cv2.line(edges, (x0, y0), (x1, y1), (255,), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     found: list[Silhouette] = []
@@ -107,6 +140,10 @@ def enclosed(edges: Grey, radius: int, least: float) -> list[Silhouette]:
         shrunk = np.asarray(cv2.erode(filled, disc, borderValue=0), dtype=np.uint8)
         found.extend(trace(shrunk, least, (x - 1, y - 1), holes=False))
     return found
+
+
+def _shrink(size: tuple[int, ...]) -> int:
+    return max(1, -(-max(size[:2]) // WORKING_SIDE))
 
 
 def _smaller(image: Planes, times: int) -> Planes:
@@ -123,9 +160,10 @@ def _fewer(hidden: Grey | None, times: int) -> Grey | None:
     return np.where((blocks != 0).any(axis=(1, 3)), np.uint8(255), np.uint8(0))
 
 
-def _scaled(shape: Silhouette, px: int) -> Silhouette:
-    """A silhouette of a smaller image in px of the larger one: centres of pixels go to centres of blocks."""
-    if px == 1:
+def _scaled(shape: Silhouette, px: int, origin: tuple[int, int] = (0, 0)) -> Silhouette:
+    """A silhouette of a smaller window in px of the image: centres of pixels go to centres of blocks."""
+    if px == 1 and origin == (0, 0):
         return shape
-    outer: NDArray[np.int32] = shape.outer * px + (px - 1) // 2
-    return Silhouette(outer, (), shape.area * px**2, cv2.boundingRect(outer.reshape(-1, 1, 2)))  # type: ignore[arg-type]
+    outer = shape.outer * px + (px - 1) // 2 + np.array(origin, np.int32)
+    x, y, w, h = cv2.boundingRect(outer.reshape(-1, 1, 2))
+    return Silhouette(outer, (), shape.area * px**2, (x, y, w, h))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -15,6 +16,8 @@ from grasptrack.observation.images import Grey
 Planes = NDArray[np.float32]
 """(H, W, C): lightness, and for colour images the two chromas, in units of CIE Lab."""
 
+LIGHTNESS = 100.0 / 255.0
+"""Lab units of a step of OpenCV's lightness."""
 CHROMA = 1.4
 """Weight of the chromas against lightness: shadow and glare change lightness, another material both."""
 LEAST_GRAIN = 0.8
@@ -26,9 +29,16 @@ FINE = 100.0
 def planes(image: NDArray[np.uint8]) -> Planes:
     """Lightness and chromas of a grey (H, W) or BGR (H, W, 3) image."""
     if image.ndim == 2:
-        return (image.astype(np.float32) * np.float32(100.0 / 255.0))[:, :, None]
+        return cv2.LUT(image, _lightness()).astype(np.float32)[:, :, None] * np.float32(LIGHTNESS)
     lab = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2Lab), dtype=np.float32)
-    return np.asarray(lab * np.array([100.0 / 255.0, CHROMA, CHROMA], np.float32))
+    return np.asarray(lab * np.array([LIGHTNESS, CHROMA, CHROMA], np.float32))
+
+
+@lru_cache(maxsize=1)
+def _lightness() -> NDArray[np.uint8]:
+    """(256,) OpenCV's lightness of each grey level."""
+    greys = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
+    return np.ascontiguousarray(cv2.cvtColor(greys, cv2.COLOR_BGR2Lab)[0, :, 0], dtype=np.uint8)
 
 
 class EdgeField:
@@ -38,12 +48,14 @@ class EdgeField:
         image: planes.
         softening: px, sigma of the Gaussian before slopes are taken: more sees through grain, less follows fine parts.
         hidden: (H, W) nonzero where nothing belongs to the scene, or None.
+        unit: the image's grain where it is known, Lab units per px; else it is measured.
 
     Attributes:
+        unit: as used.
         strength: (H, W) float32, slope in units of the image's grain, which is the median slope, LEAST_GRAIN allowed for.
     """
 
-    def __init__(self, image: Planes, softening: float, hidden: Grey | None = None) -> None:
+    def __init__(self, image: Planes, softening: float, hidden: Grey | None = None, unit: float | None = None) -> None:
         soft = cv2.GaussianBlur(image, (0, 0), softening)
         across, along, steep = _slopes(soft if soft.ndim == 2 else np.ascontiguousarray(soft[:, :, 0]))
         for k in range(1, image.shape[2]):
@@ -55,9 +67,10 @@ class EdgeField:
         if hidden is not None:
             for each in (across, along, steep):
                 each[hidden != 0] = 0.0
-        some = steep[::2, ::2]
-        grain = float(np.median(some if hidden is None else some[hidden[::2, ::2] == 0]))
-        self.unit = math.hypot(0.0 if math.isnan(grain) else grain, LEAST_GRAIN)
+        if unit is None:
+            some = steep[::2, ::2] if hidden is None else steep[::2, ::2][hidden[::2, ::2] == 0]
+            unit = math.hypot(float(np.median(some)) if some.size else 0.0, LEAST_GRAIN)
+        self.unit = unit
         self.strength: NDArray[np.float32] = np.asarray(steep / np.float32(self.unit), dtype=np.float32)
         self._dx, self._dy = (np.asarray(np.rint(d * np.float32(FINE)), dtype=np.int16) for d in (across, along))
 

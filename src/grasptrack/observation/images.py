@@ -26,7 +26,7 @@ def to_grey(image: NDArray[Any]) -> Grey:
     array = _checked(image)
     if array.ndim == 3:
         code = cv2.COLOR_BGR2GRAY if array.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
-        array = cv2.cvtColor(np.ascontiguousarray(array), code)
+        return np.ascontiguousarray(cv2.cvtColor(np.ascontiguousarray(array), code), dtype=np.uint8)
     return np.ascontiguousarray(array)
 
 
@@ -61,7 +61,7 @@ def _checked(image: NDArray[Any]) -> NDArray[np.uint8]:
     return array
 
 
-def to_mask(mask: NDArray[Any], shape: tuple[int, int], what: str) -> Grey:
+def to_mask(mask: NDArray[Any], shape: tuple[int, ...], what: str) -> Grey:
     """(H, W) uint8 of 0 and 255 from any mask of the image's size, nonzero being set.
 
     Raises:

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import Contour, View
 from grasptrack.errors import ContourError
-from grasptrack.observation.images import Grey
+from grasptrack.observation.candidate import Candidate, of_one_level, plausible
+from grasptrack.observation.channel import PLAIN
+from grasptrack.observation.closures import Closing
+from grasptrack.observation.edge_field import planes
+from grasptrack.observation.images import Grey, to_bgr
 from grasptrack.observation.outline import localise
-from grasptrack.observation.candidate import Candidate, of_one_level
-from grasptrack.observation.proposals import PER_THRESHOLD, silhouettes
+from grasptrack.observation.proposals import PER_THRESHOLD
 from grasptrack.observation.segmentation import MIN_EXTENT, candidates
 from grasptrack.observation.silhouettes import Silhouette, trace
 from grasptrack.observation.thresholds import thresholds
@@ -49,30 +52,45 @@ class Observer:
     def __init__(self, hidden: Grey | None = None) -> None:
         self.hidden = hidden
         self.polarity = 1
+        self._channel = PLAIN
+        self._closing: Closing | None = None
+        self._colours: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
         self._inside = self._outside = math.nan
         self._balance = 0.5
         self._holes = 0
         self._levels: dict[int, tuple[float, float, float]] = {}  # of the outlines of this image
 
-    def first(self, image: NDArray[Any], masked: bool, object_at: tuple[float, float] | None = None) -> list[Candidate]:
-        """Objects of the first image, the most outstanding first.
+    def look(self, image: NDArray[Any]) -> Grey:
+        """The next image as everything that follows will see it: in the mixture of colours that shows the object best.
+
+        Raises:
+            SourceError: an image that cannot be used.
+        """
+        self._colours = to_bgr(image)
+        return self._channel.grey(self._colours)
+
+    def first(self, masked: bool, object_at: tuple[float, float] | None = None) -> list[Candidate]:
+        """Objects of the image that was looked at, the most outstanding first.
 
         Args:
-            image: grey or colour, or a softened mask.
-            masked: it is a mask, in which objects are white and nothing else is meant.
+            masked: it is a softened mask, in which objects are white and nothing else is meant.
             object_at: (x, y) px that the object covers.
 
         Raises:
             ObservationError: none.
         """
-        return candidates(image, object_at, self.hidden, masked=masked)
+        return candidates(self._colours, object_at, self.hidden, masked=masked)
 
-    def choose(self, candidate: Candidate) -> None:
-        """From now on it is this object that is looked for."""
+    def choose(self, candidate: Candidate) -> Grey:
+        """From now on it is this object that is looked for; the image it was found in, in its mixture of colours."""
         self.polarity = candidate.polarity
+        self._channel = candidate.channel
+        size = self._colours.shape
+        self._closing = None if candidate.recipe < 0 else Closing(candidate.recipe, candidate.grain, size)
         self._inside, self._outside = candidate.inside, candidate.outside
         self._learn_balance(candidate.level, candidate.inside, candidate.outside)
         self._holes = len(candidate.view.contours) - 1
+        return self._channel.grey(self._colours)
 
     def near(self, grey: Grey, expected: Floats, centres: Floats) -> View | None:
         """The outline in a window round the expected one, or None. Call it first for each new image.
@@ -91,15 +109,37 @@ class Observer:
         if right - left < 8 or bottom - top < 8 or math.isnan(self._inside):
             return None
         area, x, y = _area_and_centre(expected)
-        level = self._level
-        binary = kernels.soft_threshold(grey, left, top, right, bottom, level, self.polarity)
-        if self.hidden is not None:
-            binary[self.hidden[top:bottom, left:right] != 0] = 0
-        shapes = trace(binary, max(area / MAX_GROWTH, 30.0), (left, top), holes=self._holes > 0)
-        best = _most_alike(shapes, area, x, y)
-        if best is None or _cut_by_window(best, (left, top, right, bottom), (width, height)):
-            return None
-        return self._localised(grey, best, centres)
+        window = left, top, right, bottom
+        for level, shapes in self._shapes(grey, window, area / MAX_GROWTH):
+            best = _most_alike(shapes, area, x, y)
+            if best is not None and not _cut_by_window(best, window, (width, height)):
+                return self._localised(grey, best, centres, level)
+        return None
+
+    def _shapes(
+        self, grey: Grey, window: tuple[int, int, int, int], least: float
+    ) -> Iterator[tuple[float, list[Silhouette]]]:
+        """Silhouettes in a window and the level that gave them, as the object was found last; then by its own levels,
+        for the light may have changed."""
+        left, top, right, bottom = window
+        if self._closing is not None:
+            part = self._colours[top:bottom, left:right]
+            hidden = None if self.hidden is None else self.hidden[top:bottom, left:right]
+            yield math.nan, self._closing.shapes(planes(part), hidden, max(least, 30.0), (left, top))
+            return
+        own: list[float] | None = None
+        while own is None or own:
+            level = self._level if own is None else own.pop(0)
+            binary = kernels.soft_threshold(grey, *window, level, self.polarity)
+            if self.hidden is not None:
+                binary[self.hidden[top:bottom, left:right] != 0] = 0
+            yield level, trace(binary, max(least, 30.0), (left, top), holes=self._holes > 0)
+            if own is None:
+                own = [
+                    other
+                    for other in thresholds(grey[top:bottom:2, left:right:2])[:1]
+                    if abs(other - level) >= DISTINCT
+                ]
 
     @property
     def levels(self) -> tuple[float, float]:
@@ -116,6 +156,9 @@ class Observer:
             known: an outline that has been looked at already.
         """
         seen = [] if known is None else [_place(known)]
+        if self._closing is not None:
+            yield self._enclosed(grey, area, seen)
+            return
         yield self._at(grey, self._level, area, seen)
         own = thresholds(grey if self.hidden is None else grey[self.hidden == 0])
         own = [level for level in own if abs(level - self._level) >= DISTINCT]
@@ -141,7 +184,21 @@ class Observer:
             views.append(view)
         return views
 
-    def _localised(self, grey: Grey, shape: Silhouette, centres: Floats) -> View | None:
+    def _enclosed(self, grey: Grey, area: float, seen: list[tuple[float, float, float]]) -> list[View]:
+        """Outlines that closed edges give in the whole image, without those that were seen before."""
+        assert self._closing is not None
+        shapes = self._closing.shapes(planes(self._colours), self.hidden, max(area / MAX_ZOOM, 30.0), (0, 0))
+        views = []
+        for shape in sorted(shapes, key=lambda s: -s.area)[:PER_THRESHOLD]:
+            if max(shape.box[2:]) < MIN_EXTENT or shape.area > area * MAX_ZOOM or not plausible(shape, grey.shape):
+                continue
+            view = self._localised(grey, shape, np.zeros((0, 2)), math.nan)
+            if view is not None and not any(_same(_place(view), other) for other in seen):
+                seen.append(_place(view))
+                views.append(view)
+        return views
+
+    def _localised(self, grey: Grey, shape: Silhouette, centres: Floats, level: float) -> View | None:
         try:
             edge = localise(grey, shape.outer, hole=False, polarity=self.polarity, hidden=self.hidden)
         except ContourError:
@@ -153,16 +210,18 @@ class Observer:
             except ContourError:
                 return None
         view = View([edge.contour, *holes])
-        self._levels[id(view)] = edge.inside, edge.outside, self._level
+        self._levels[id(view)] = edge.inside, edge.outside, level
         return view
 
     def believe(self, view: View) -> None:
         """Learn the grey levels of an outline that the verdict accepted, if it was segmented here."""
         inside, outside, level = self._levels.get(id(view), (math.nan, math.nan, math.nan))
         if (outside - inside) * self.polarity > 0.0:
+            # what its own levels found may be lit otherwise altogether
+            share = LEARNING if abs(level - self._level) < DISTINCT else 1.0
             self._learn_balance(level, inside, outside)
-            self._inside += LEARNING * (inside - self._inside)
-            self._outside += LEARNING * (outside - self._outside)
+            self._inside += share * (inside - self._inside)
+            self._outside += share * (outside - self._outside)
 
     @property
     def _level(self) -> float:

@@ -39,6 +39,7 @@ class Proposal(NamedTuple):
         level: grey level of the threshold that found it; NaN where closed edges did.
         bridge: px, the widest gap that was bridged.
         recipe: which closing of edges found it; -1 for a threshold.
+        grain: Lab units per px of the image's own slopes, as that closing saw them.
     """
 
     silhouette: Silhouette
@@ -47,6 +48,7 @@ class Proposal(NamedTuple):
     level: float
     bridge: float
     recipe: int
+    grain: float = math.nan
 
     @property
     def worth(self) -> float:
@@ -79,7 +81,9 @@ def propose(grey: Grey, scenery: Scenery, hidden: Grey | None, masked: bool) -> 
     if not masked:
         for closure in scenery.closures(LEAST_AREA):
             rating = rater.rate(closure.silhouette, closure.bridge)
-            found.append(Proposal(closure.silhouette, rating, 0, math.nan, closure.bridge, closure.recipe))
+            found.append(
+                Proposal(closure.silhouette, rating, 0, math.nan, closure.bridge, closure.recipe, closure.grain)
+            )
     found.sort(key=lambda p: -p.worth)
     return _distinct(found)
 
@@ -106,7 +110,7 @@ def _distinct(found: list[Proposal]) -> list[Proposal]:
     places = np.zeros((len(found), 5))
     for p in found:
         x, y, w, h = p.silhouette.box
-        place = np.array([x, y, x + w, y + h, 4.0 * math.sqrt(p.silhouette.area)])
+        place = np.array([x, y, x + w, y + h, 2.0 * math.sqrt(p.silhouette.area)])
         limit = ALIKE * max(math.sqrt(p.silhouette.area), 20.0)
         same = np.flatnonzero(np.abs(places[: len(kept)] - place).max(axis=1, initial=0.0) < limit)
         if not len(same):

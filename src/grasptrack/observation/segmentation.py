@@ -8,7 +8,7 @@ and the best become contours.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -19,15 +19,25 @@ from grasptrack.errors import ObservationError
 from grasptrack.observation.candidate import Candidate, holds, of_closed_edges, of_one_level
 from grasptrack.observation.closures import Scenery
 from grasptrack.observation.edge_field import Planes, planes
-from grasptrack.observation.images import Grey, to_bgr, to_grey, to_mask
+from grasptrack.observation.images import Grey, as_scene, to_bgr, to_grey, to_mask
 from grasptrack.observation.proposals import Box, Proposal, overlap, propose
 
 MIN_EXTENT = 20
 """px across; a smaller object has no outline worth following."""
 LOOKED_AT = 12
-"""Proposals that become contours, the best first."""
+"""Proposals that become contours, the best first; after them only those that lie apart from all that was found."""
+MOST = 60
+"""Proposals that become contours at all."""
 WORTH = 0.02
 """Ratings below this are chance."""
+
+
+class Segmenter(Protocol):
+    """Your own segmentation, a network or a model of the object, in the place of this one."""
+
+    def segment(self, image: NDArray[Any]) -> NDArray[Any]:
+        """(H, W) nonzero on objects, of an image (H, W) or (H, W, 3)."""
+        ...
 
 
 def segment(
@@ -55,6 +65,7 @@ def objects(
     object_at: tuple[float, float] | None = None,
     box: Box | None = None,
     ignore: NDArray[Any] | None = None,
+    mask: NDArray[Any] | None = None,
 ) -> list[Candidate]:
     """All flat objects in an image, none within another: the one that is meant first, then the most outstanding.
 
@@ -63,14 +74,16 @@ def objects(
         object_at: (x, y) px of the object that is meant.
         box: left, top, width and height of it, px.
         ignore: (H, W) nonzero where nothing belongs to the scene.
+        mask: (H, W) nonzero on objects: your own segmentation, which takes the image's place.
 
     Raises:
         ObservationError: no object, or none there.
         InputError: a mask of another size.
     """
-    shape = (image.shape[0], image.shape[1])
+    shape = image.shape[:2]
     hidden = None if ignore is None else grow(to_mask(ignore, shape, "ignore mask"))
-    return apart(candidates(image, object_at, hidden, box=box, others=True))
+    scene = image if mask is None else as_scene(to_mask(mask, shape, "mask"))
+    return apart(candidates(scene, object_at, hidden, masked=mask is not None, box=box, others=True))
 
 
 def grow(hidden: Grey | None) -> Grey | None:
@@ -135,22 +148,21 @@ def _contours(
     for p in proposals:
         if max(p.silhouette.box[2:]) < MIN_EXTENT or p.rating.score < WORTH:
             continue
-        if looked >= LOOKED_AT:
-            break
+        if looked >= LOOKED_AT and (looked >= MOST or any(_covers(o, p) for o in found)):
+            continue
         looked += 1
         if p.recipe < 0:
             candidate = of_one_level(grey, p.silhouette, p.polarity, hidden)
         else:
             candidate = of_closed_edges(colours, seen, p.silhouette, hidden)
         if candidate is not None and not any(_same(candidate.view, other.view) for other in found):
-            rated = {"score": p.rating.score, "rating": p.rating}
-            found.append(candidate._replace(level=p.level, recipe=p.recipe, **rated))
+            found.append(
+                candidate._replace(score=p.rating.score, rating=p.rating, level=p.level, recipe=p.recipe, grain=p.grain)
+            )
     return found
 
 
-def _nothing(
-    meant: list[Proposal], object_at: tuple[float, float] | None, box: Box | None
-) -> ObservationError:
+def _nothing(meant: list[Proposal], object_at: tuple[float, float] | None, box: Box | None) -> ObservationError:
     """Why there is no object."""
     where = "" if object_at is None else f" at {object_at[0]:g},{object_at[1]:g}"
     where = where if box is None else " in the box"
@@ -167,6 +179,16 @@ def _same(one: View, other: View) -> bool:
     area, a = one.outer.area, other.outer.area
     apart_by = one.outer.points.mean(axis=0) - other.outer.points.mean(axis=0)
     return 0.8 < area / a < 1.25 and math.hypot(*apart_by.tolist()) < 0.1 * math.sqrt(a)
+
+
+def _covers(found: Candidate, proposal: Proposal) -> bool:
+    """Whether a proposal and what was found lie one within the other, at least for a good part."""
+    shape = proposal.silhouette
+    some = shape.outer[:: max(1, len(shape.outer) // 12)].tolist()
+    if sum(holds(found.view, x, y) for x, y in some) > 0.4 * len(some):
+        return True
+    points = found.view.outer.points[:: max(1, len(found.view.outer) // 12)].tolist()
+    return sum(shape.contains(x, y) for x, y in points) > 0.4 * len(points)
 
 
 def _within(inner: View, outer: View) -> float:
