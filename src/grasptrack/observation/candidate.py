@@ -91,12 +91,14 @@ def of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | No
     return Candidate(View([outer, *(h for h in holes if h is not None)]), polarity, edge.inside, edge.outside)
 
 
-def of_closed_edges(image: NDArray[np.uint8], seen: Planes, shape: Silhouette, hidden: Grey | None) -> Candidate | None:
+def of_closed_edges(
+    image: NDArray[np.uint8], seen: Planes | None, shape: Silhouette, hidden: Grey | None
+) -> Candidate | None:
     """The contours of a silhouette that closed edges found, in the mixture of colours that shows it best.
 
     Args:
         image: (H, W) or BGR (H, W, 3).
-        seen: its planes.
+        seen: its planes, in which holes are looked for; None to look for none.
         shape: the silhouette.
         hidden: (H, W) nonzero where nothing belongs to the scene.
     """
@@ -116,7 +118,8 @@ def of_closed_edges(image: NDArray[np.uint8], seen: Planes, shape: Silhouette, h
         return None
     if edge.contour.clipped is not None and edge.contour.clipped.mean() > 0.5:
         return None
-    holes = [true_hole(grey, chain, edge, polarity, hidden) for chain in ground_within(seen, shape)]
+    chains = [] if seen is None else ground_within(seen, shape)
+    holes = [true_hole(grey, chain, edge, polarity, hidden) for chain in chains]
     view = View([edge.contour, *(h for h in holes if h is not None)])
     return Candidate(view, polarity, edge.inside, edge.outside, channel=channel)
 

@@ -8,6 +8,7 @@ and one rating decides.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import cv2
@@ -78,14 +79,17 @@ class Scenery:
         self._reach = REACH * max(image.shape[:2])
         self.fields = tuple(EdgeField(image, softening, hidden) for softening in SOFTENING)
 
-    def closures(self, least: float) -> list[Closure]:
-        """What edges enclose by any recipe, of at least so many px^2 of the image."""
+    def closures(self, least: float, extent: float) -> list[Closure]:
+        """What edges enclose by any recipe, of at least so many px^2 of the image and px across."""
         px = self.shrink
-        return [
-            Closure(_scaled(shape, px), 2.0 * radius * px, recipe, self.fields[field].unit)
-            for recipe, (field, level, radius) in enumerate(RECIPES)
-            for shape in enclosed(self.fields[field].thin(level), radius, least / px**2, self._reach)
-        ]
+        found: list[Closure] = []
+        edges: dict[tuple[int, float], Grey] = {}
+        for recipe, (field, level, radius) in enumerate(RECIPES):
+            if (field, level) not in edges:
+                edges[field, level] = linked(self.fields[field].thin(level), self._reach)
+            for shape in enclosed(edges[field, level], radius, least / px**2, extent / px):
+                found.append(Closure(_scaled(shape, px), 2.0 * radius * px, recipe, self.fields[field].unit))
+        return found
 
 
 class Closing:
@@ -114,26 +118,32 @@ class Closing:
         px = self._shrink
         if px > 1:
             image, hidden = _smaller(image, px), _fewer(hidden, px)
-        edges = EdgeField(image, SOFTENING[self._softening], hidden, self._grain).thin(self._level)
-        return [_scaled(shape, px, origin) for shape in enclosed(edges, self._radius, least / px**2, self._reach)]
+        field = EdgeField(image, SOFTENING[self._softening], hidden, self._grain)
+        edges = linked(field.thin(self._level), self._reach)
+        return [_scaled(s, px, origin) for s in enclosed(edges, self._radius, least / px**2, math.sqrt(least) / px)]
 
 
-def enclosed(edges: Grey, radius: int, least: float, reach: float) -> list[Silhouette]:
+def linked(edges: Grey, reach: float) -> Grey:
+    """Thin edges (H, W) with their broken ends linked, in place, across gaps of at most so many px."""
+    for x0, y0, x1, y1 in kernels.edge_links(edges, reach, BEND, LOOSE).tolist():
+        cv2.line(edges, (x0, y0), (x1, y1), (255,), 1)
+    return edges
+
+
+def enclosed(edges: Grey, radius: int, least: float, extent: float) -> list[Silhouette]:
     """Silhouettes of what thin edges enclose.
 
     Args:
         edges: (H, W) one pixel wide.
         radius: px, of the closing that bridges gaps.
         least: px^2.
-        reach: px, the longest gap across which ends are linked.
+        extent: px across at least.
     """
-    for x0, y0, x1, y1 in kernels.edge_links(edges, reach, BEND, LOOSE).tolist():
-        cv2.line(edges, (x0, y0), (x1, y1), (255,), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     found: list[Silhouette] = []
     for shape in trace(np.asarray(cv2.dilate(edges, disc), dtype=np.uint8), least, holes=False):
         x, y, w, h = shape.box
-        if shape.area > MAX_SHARE * edges.size:
+        if shape.area > MAX_SHARE * edges.size or max(w, h) < extent + 2 * radius:
             continue
         filled = np.zeros((h + 2, w + 2), np.uint8)
         cv2.drawContours(filled, [shape.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED, offset=(1 - x, 1 - y))

@@ -12,7 +12,7 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.observation.closures import Scenery
 from grasptrack.observation.images import Grey
-from grasptrack.observation.rating import Rater, Rating
+from grasptrack.observation.rating import NONE, Rater, Rating
 from grasptrack.observation.silhouettes import Silhouette, trace
 from grasptrack.observation.thresholds import thresholds
 
@@ -62,7 +62,7 @@ class Proposal(NamedTuple):
         return box is None or overlap(self.silhouette.box, box) > 0.3
 
 
-def propose(grey: Grey, scenery: Scenery, hidden: Grey | None, masked: bool) -> list[Proposal]:
+def propose(grey: Grey, scenery: Scenery, hidden: Grey | None, masked: bool, extent: float) -> list[Proposal]:
     """All silhouettes of an image, the best rated first, each once.
 
     Args:
@@ -70,6 +70,7 @@ def propose(grey: Grey, scenery: Scenery, hidden: Grey | None, masked: bool) -> 
         scenery: the image's edges.
         hidden: (H, W) nonzero where nothing belongs to the scene.
         masked: the image is a softened mask: only what is light is meant, and thresholds find all of it.
+        extent: px across; what is smaller is not rated, and not looked for by closed edges.
     """
     rater = Rater(scenery.fields[0], scenery.shrink, grey.shape)
     found: list[Proposal] = []
@@ -77,9 +78,10 @@ def propose(grey: Grey, scenery: Scenery, hidden: Grey | None, masked: bool) -> 
     for level in thresholds(soft if hidden is None else soft[hidden == 0]):
         for polarity in (-1,) if masked else (1, -1):
             for shape in silhouettes(grey, level, polarity, hidden)[:PER_THRESHOLD]:
-                found.append(Proposal(shape, rater.rate(shape), polarity, level, 0.0, -1))
+                rating = rater.rate(shape) if max(shape.box[2:]) >= extent else NONE
+                found.append(Proposal(shape, rating, polarity, level, 0.0, -1))
     if not masked:
-        for closure in scenery.closures(LEAST_AREA):
+        for closure in scenery.closures(LEAST_AREA, extent):
             rating = rater.rate(closure.silhouette, closure.bridge)
             found.append(
                 Proposal(closure.silhouette, rating, 0, math.nan, closure.bridge, closure.recipe, closure.grain)

@@ -52,6 +52,10 @@ class Rating(NamedTuple):
         return self.closed * self.contrast * self.complete * self.smooth * self.exact * self.size
 
 
+NONE = Rating(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Of what nobody looked at."""
+
+
 class Rater:
     """Rates silhouettes by the edges of one image.
 

@@ -21,6 +21,7 @@ from grasptrack.observation.closures import Scenery
 from grasptrack.observation.edge_field import Planes, planes
 from grasptrack.observation.images import Grey, as_scene, to_bgr, to_grey, to_mask
 from grasptrack.observation.proposals import Box, Proposal, overlap, propose
+from grasptrack.observation.silhouettes import Silhouette
 
 MIN_EXTENT = 20
 """px across; a smaller object has no outline worth following."""
@@ -116,7 +117,7 @@ def candidates(
     colours = to_bgr(image)
     grey = to_grey(colours)
     seen = planes(colours)
-    proposals = propose(grey, Scenery(seen, hidden), hidden, masked)
+    proposals = propose(grey, Scenery(seen, hidden), hidden, masked, MIN_EXTENT)
     meant = [p for p in proposals if p.is_meant(object_at, box)]
     if box is not None:
         meant.sort(key=lambda p: -p.worth * overlap(p.silhouette.box, box))
@@ -144,22 +145,35 @@ def _contours(
 ) -> list[Candidate]:
     """The best proposals as contours, each object once."""
     found: list[Candidate] = []
+    taken = np.zeros(grey.shape, np.uint8)
     looked = 0
     for p in proposals:
-        if max(p.silhouette.box[2:]) < MIN_EXTENT or p.rating.score < WORTH:
+        if max(p.silhouette.box[2:]) < MIN_EXTENT or p.rating.score < WORTH or looked >= MOST:
             continue
-        if looked >= LOOKED_AT and (looked >= MOST or any(_covers(o, p) for o in found)):
+        part = _overlaps(p.silhouette, taken, found)
+        if part and looked >= LOOKED_AT:
             continue
         looked += 1
         if p.recipe < 0:
             candidate = of_one_level(grey, p.silhouette, p.polarity, hidden)
         else:
-            candidate = of_closed_edges(colours, seen, p.silhouette, hidden)
+            candidate = of_closed_edges(colours, None if part else seen, p.silhouette, hidden)
         if candidate is not None and not any(_same(candidate.view, other.view) for other in found):
-            found.append(
-                candidate._replace(score=p.rating.score, rating=p.rating, level=p.level, recipe=p.recipe, grain=p.grain)
-            )
+            rated = candidate._replace(score=p.rating.score, rating=p.rating)
+            found.append(rated._replace(level=p.level, recipe=p.recipe, grain=p.grain))
+            cv2.drawContours(taken, [p.silhouette.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
     return found
+
+
+def _overlaps(shape: Silhouette, taken: NDArray[np.uint8], found: list[Candidate]) -> bool:
+    """Whether a silhouette lies within what was taken, or round it, at least for a good part."""
+    if not found:
+        return False
+    column, row = shape.outer.T
+    if taken[row.clip(0, taken.shape[0] - 1), column.clip(0, taken.shape[1] - 1)].mean() > 0.4 * 255.0:
+        return True
+    corners = (c.view.outer.points[k * len(c.view.outer) // 3] for c in found for k in range(3))
+    return any(shape.contains(x, y) for x, y in (corner.tolist() for corner in corners))
 
 
 def _nothing(meant: list[Proposal], object_at: tuple[float, float] | None, box: Box | None) -> ObservationError:
@@ -179,16 +193,6 @@ def _same(one: View, other: View) -> bool:
     area, a = one.outer.area, other.outer.area
     apart_by = one.outer.points.mean(axis=0) - other.outer.points.mean(axis=0)
     return 0.8 < area / a < 1.25 and math.hypot(*apart_by.tolist()) < 0.1 * math.sqrt(a)
-
-
-def _covers(found: Candidate, proposal: Proposal) -> bool:
-    """Whether a proposal and what was found lie one within the other, at least for a good part."""
-    shape = proposal.silhouette
-    some = shape.outer[:: max(1, len(shape.outer) // 12)].tolist()
-    if sum(holds(found.view, x, y) for x, y in some) > 0.4 * len(some):
-        return True
-    points = found.view.outer.points[:: max(1, len(found.view.outer) // 12)].tolist()
-    return sum(shape.contains(x, y) for x, y in points) > 0.4 * len(points)
 
 
 def _within(inner: View, outer: View) -> float:
