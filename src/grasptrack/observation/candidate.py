@@ -26,6 +26,8 @@ MAX_SHARE = 0.85
 MIN_STEP = 1.0
 """Across its outline an object differs from the ground by as much as the edge rises in so many px at least: the grain of
 a table has slopes, and the same grey on both sides."""
+NEAR = 1.5
+"""px: closed edges run along the very edge; farther off lies the other side of a thin part."""
 ONE_SIGN = 0.9
 """Where at least this share of an outline rises outward, or falls, the object is dark, or light; else it is both."""
 
@@ -37,7 +39,7 @@ class Candidate(NamedTuple):
         view: its outline.
         polarity: +1 darker than its surroundings, -1 lighter, 0 where its parts differ.
         inside, outside: median grey levels on either side of the outer contour.
-        score: 0 to 1: the product of the rating's terms.
+        score: 0 to 1: the product of the rating's terms, less a little for a threshold's.
         level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
         recipe: which closing of edges found it; -1 for a threshold.
         channel: the mixture of colours that shows it; grey levels are levels of that.
@@ -106,14 +108,14 @@ def of_closed_edges(
         return None
     grey = PLAIN.grey(image)
     try:
-        edge = localise(grey, shape.outer, hole=False, polarity=0, hidden=hidden)
+        edge = localise(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
         channel = clearest(image, edge.contour)
         if channel is not PLAIN:
             grey = channel.grey(image)
-            edge = localise(grey, shape.outer, hole=False, polarity=0, hidden=hidden)
+            edge = localise(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
         polarity = sign_of(grey, edge.contour)
         if polarity:
-            edge = localise(grey, shape.outer, hole=False, polarity=polarity, hidden=hidden)
+            edge = localise(grey, shape.outer, hole=False, polarity=polarity, hidden=hidden, reach=NEAR)
     except ContourError:
         return None
     if edge.contour.clipped is not None and edge.contour.clipped.mean() > 0.5:

@@ -40,6 +40,7 @@ def localise(
     hole: bool,
     polarity: int,
     hidden: Grey | None = None,
+    reach: float = REACH,
 ) -> Localised:
     """Sub-pixel contour from the chain (N, 2) of a silhouette's boundary pixels.
 
@@ -49,11 +50,12 @@ def localise(
         hole: the chain runs round a hole.
         polarity: +1 for an object darker than what surrounds it, -1 for a lighter one, 0 for either.
         hidden: (H, W) nonzero where nothing was looked at; points beside it count as cut off.
+        reach: px on either side of the chain in which the edge is searched.
 
     Raises:
         ContourError: fewer than 8 points or no area.
     """
     points, strength, cut, inside, outside = kernels.trace_edges(
-        grey, chain, hidden, hole, polarity, SPACING, MAX_POINTS, SMOOTHING, REACH, BORDER, OUTLIER
+        grey, chain, hidden, hole, polarity, SPACING, MAX_POINTS, SMOOTHING, reach, BORDER, OUTLIER
     )
     return Localised(Contour(points, hole=hole, strength=strength, clipped=cut), inside, outside)

@@ -120,4 +120,4 @@ def _distinct(found: list[Proposal]) -> list[Proposal]:
             kept.append(p)
         elif p.recipe < 0 <= kept[same[0]].recipe:
             kept[same[0]] = p
-    return kept
+    return sorted(kept, key=lambda p: -p.worth)

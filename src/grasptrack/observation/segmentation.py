@@ -159,7 +159,7 @@ def _contours(
         else:
             candidate = of_closed_edges(colours, None if part else seen, p.silhouette, hidden)
         if candidate is not None and not any(_same(candidate.view, other.view) for other in found):
-            rated = candidate._replace(score=p.rating.score, rating=p.rating)
+            rated = candidate._replace(score=p.worth, rating=p.rating)
             found.append(rated._replace(level=p.level, recipe=p.recipe, grain=p.grain))
             cv2.drawContours(taken, [p.silhouette.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
     return found

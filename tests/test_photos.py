@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Real photos, which are no part of the repository: tools on a glossy and on a dirty bench, several parts at once."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from grasptrack.evaluation.segmentation import boundary_f, iou, mask_of
+from grasptrack.observation.segmentation import objects
+from grasptrack.pair import carry_to
+from grasptrack.synthesis import synthesize
+
+DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+
+pytestmark = pytest.mark.skipif(
+    not (DATA / "tools").is_dir(), reason=f"no photos in {DATA}; set GRASPTRACK_DATA to the folder that holds tools/"
+)
+
+
+@pytest.mark.parametrize(("bench", "share"), [("2023-08", 0.45), ("2023110", 0.75)])
+def test_most_tools_are_found_whole_without_a_hint(bench: str, share: float) -> None:
+    """Black and glossy, white and dirty; the shares are what was reached, less three photos."""
+    good = []
+    for photo in sorted((DATA / "tools" / "images").glob(f"{bench}*.jpg")):
+        truth = cv2.imread(str(DATA / "tools" / "masks" / f"{photo.stem}.png"), cv2.IMREAD_UNCHANGED) > 0
+        image = cv2.imread(str(photo))
+        found = mask_of(objects(image)[0].view, truth.shape)
+        good.append(boundary_f(found, truth) >= 0.9 and iou(found, truth) >= 0.7)
+    assert np.mean(good) >= share, f"{sum(good)} of {len(good)}"
+
+
+def test_six_parts_are_six() -> None:
+    found = objects(cv2.imread(str(DATA / "stills" / "pca_test1.jpg")))
+    areas = np.array([c.view.outer.area for c in found])
+    assert len(found) == 6
+    assert areas.max() < 1.25 * areas.min()
+
+
+def test_a_grasp_of_one_part_is_found_on_the_other_five() -> None:
+    image = cv2.imread(str(DATA / "stills" / "pca_test1.jpg"))
+    first, *others = objects(image)
+    grasp = synthesize(first.view)[0]
+    for other in others:
+        x, y = other.view.outer.points.mean(axis=0).tolist()
+        pair = carry_to(grasp, first.view, image, image, 0.5, object_at=(x, y))
+        believed = [o for o in pair.outcomes if not o.reason and o.analysis is not None and o.analysis.stable]
+        assert believed, [o.reason for o in pair.outcomes]
+        for outcome in believed:
+            assert outcome.contacts is not None
+            assert np.abs(other.view.outer.points.mean(axis=0) - outcome.contacts.mean(axis=0)).max() < 120.0
