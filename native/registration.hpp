@@ -13,6 +13,7 @@ namespace grasptrack {
 constexpr int kRounds = 3;
 constexpr double kLeastNoise = 0.2;
 constexpr double kSliding = 0.05;
+constexpr double kSlight = 1e-6;
 
 using Row8 = std::array<double, 8>;
 using Matrix8 = std::array<Row8, 8>;
@@ -65,6 +66,28 @@ inline double lower_median(std::vector<double> values) {
     return *middle;
 }
 
+// Parameters of eight motions that each displace the points by 1 px rms, as columns.
+inline Matrix8 whitening(const std::vector<Row8> &across, const std::vector<Row8> &along) {
+    Matrix8 energy{}, own{}, V;
+    for (std::size_t i = 0; i < across.size(); ++i)
+        for (int r = 0; r < 8; ++r)
+            for (int c = 0; c < 8; ++c) energy[r][c] += across[i][r] * across[i][c] + along[i][r] * along[i][c];
+    for (auto &row : energy)
+        for (double &value : row) value /= static_cast<double>(across.size());
+    const Row8 size = eigen(energy, V);
+    const double least = kSlight * *std::max_element(size.begin(), size.end());
+    for (int r = 0; r < 8; ++r)
+        for (int c = 0; c < 8; ++c) own[r][c] = V[r][c] / std::sqrt(std::max(size[c], least));
+    return own;
+}
+
+inline Row8 combined(const Row8 &row, const Matrix8 &own) {
+    Row8 out{};
+    for (int r = 0; r < 8; ++r)
+        for (int c = 0; c < 8; ++c) out[c] += row[r] * own[r][c];
+    return out;
+}
+
 inline void projective_step(const double *points, const double *normals, const double *offsets, std::int64_t m,
                             const double *contacts, std::int64_t k, double radius, double loose, double *shift,
                             double *covariance) {
@@ -75,12 +98,17 @@ inline void projective_step(const double *points, const double *normals, const d
     cx /= static_cast<double>(count);
     cy /= static_cast<double>(count);
 
-    std::vector<Row8> A(m);
+    std::vector<Row8> A(m), across(m), down(m);
     std::vector<double> weight(m, 1.0), residual(m);
     Row8 fx, fy;
+    for (std::int64_t i = 0; i < m; ++i)
+        fields((points[2 * i] - cx) / radius, (points[2 * i + 1] - cy) / radius, across[i], down[i]);
+    Matrix8 own{};
+    for (int i = 0; i < 8; ++i) own[i][i] = 1.0;
+    if (m > 0) own = whitening(across, down);
     for (std::int64_t i = 0; i < m; ++i) {
-        fields((points[2 * i] - cx) / radius, (points[2 * i + 1] - cy) / radius, fx, fy);
-        for (int j = 0; j < 8; ++j) A[i][j] = normals[2 * i] * fx[j] + normals[2 * i + 1] * fy[j];
+        for (int j = 0; j < 8; ++j) A[i][j] = normals[2 * i] * across[i][j] + normals[2 * i + 1] * down[i][j];
+        A[i] = combined(A[i], own);
         residual[i] = std::abs(offsets[i]);
     }
     double noise = std::max(1.4826 * lower_median(residual), kLeastNoise);
@@ -130,6 +158,7 @@ inline void projective_step(const double *points, const double *normals, const d
     }
     for (std::int64_t i = 0; i < k; ++i) {
         fields((contacts[2 * i] - cx) / radius, (contacts[2 * i + 1] - cy) / radius, fx, fy);
+        fx = combined(fx, own), fy = combined(fy, own);
         double c[4] = {0.0, 0.0, 0.0, 0.0}, sx = 0.0, sy = 0.0;
         for (int r = 0; r < 8; ++r) {
             sx += fx[r] * x[r];

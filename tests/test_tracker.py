@@ -11,7 +11,7 @@ from grasptrack import GraspTracker
 from grasptrack.errors import GraspError, InputError, SourceError, StrategyError
 from grasptrack.projective import apply_homography
 from grasptrack.result import TrackResult
-from grasptrack.simulation import SHAPES, brushed, plain
+from grasptrack.simulation import SHAPES, Shape, brushed, plain
 from stages import EVEN, HEIGHT, WIDTH, Run, photo, pose, regular
 
 BRACKET, PLATE, GASKET = (SHAPES[n]() for n in ("bracket", "notched-plate", "gasket"))
@@ -318,3 +318,14 @@ def test_a_regular_polygon_is_followed_while_it_stays_in_sight() -> None:
         run.see(photo([(regular(5), H)], seed=k), H)
     assert run.statuses == ["tracked"] * 6
     assert run.wrong == []
+
+
+def test_a_strip_is_followed_though_little_of_its_outline_tells_across() -> None:
+    corners = np.array([[-2.2, -0.22], [1.0, -0.22], [1.0, -0.05], [1.4, -0.05], [1.4, -0.22], [2.2, -0.22]])
+    strip = Shape.of("strip", np.vstack([corners, [[2.2, 0.22], [-2.2, 0.22]]]))
+    run = Run()
+    for k in range(10):
+        H = pose(150.0 + 2 * k, 118.0 + k, 3.0 * k, scale=48.0 + 0.4 * k, tilt=0.6 * k)
+        run.see(photo([(strip, H)], seed=k), H)
+    assert not run.wrong
+    assert len(run.right) >= 9

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from grasptrack.analysis import GraspAnalysis
 from grasptrack.contour import View
-from grasptrack.errors import GraspTrackError
+from grasptrack.errors import AmbiguousError, GraspTrackError
 from grasptrack.grasp import Grasp
 from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.images import Grey, to_bgr, to_mask
 from grasptrack.observation.segmentation import candidates, grow
 from grasptrack.reference import Reference
 from grasptrack.transfer import STRATEGIES
-from grasptrack.transfer.alignment import align, alignments, as_similarity
+from grasptrack.transfer.alignment import alignments, as_similarity, choose
 from grasptrack.verdict import error, refuse
 
 Floats = NDArray[np.float64]
@@ -68,8 +68,8 @@ def carry_to(
 ) -> Pair:
     """Carry a grasp to a second image by every strategy.
 
-    One pair of views cannot tell a symmetric object from its turned twin: the smallest turn is taken, and the others
-    are told.
+    One pair of views cannot tell a symmetric object from its turned twin: the smallest turn is taken, or where none is
+    clearly the smallest the one that fits best, and the others are told.
 
     Args:
         grasp, reference: in the first image.
@@ -81,16 +81,22 @@ def carry_to(
     Raises:
         ObservationError: no object in the second image.
         SourceError, InputError: an image or mask that cannot be used.
-        AmbiguousError: the outline fits itself in more than one way and no turn is clearly the smallest.
+        AmbiguousError: the outline fits itself in every turn, as a disc does.
     """
     colours = to_bgr(second)
     hidden = None if ignore is None else grow(to_mask(ignore, colours.shape[:2], "ignore mask"))
     found = _most_alike(candidates(colours, object_at, hidden), reference)
     grey_a, grey_b = found.channel.grey(to_bgr(first)), found.channel.grey(colours)
     outer = found.view.outer
-    chosen = align(reference.outer, outer)
+    ways = alignments(reference.outer, outer)
+    try:
+        chosen = choose(ways, 0.0)
+    except AmbiguousError:
+        if not ways:
+            raise
+        chosen = ways[0]  # none is clearly the smallest turn; the others are told
     prior = as_similarity(chosen, reference.outer, outer)
-    turns = [np.degrees(a.angle) for a in alignments(reference.outer, outer) if a is not chosen and a != chosen]
+    turns = [np.degrees(a.angle) for a in ways if a is not chosen]
     outcomes = [_by(name, grasp, reference, grey_a, grey_b, found, prior, friction) for name in STRATEGIES]
     return Pair(outcomes, found.view, turns)
 

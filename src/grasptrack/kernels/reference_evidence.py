@@ -61,6 +61,8 @@ LEAST_NOISE = 0.2
 """px; edges are never believed to be better than this."""
 SLIDING = 0.05
 """A motion whose part along the normals is, rms, less than this share of itself is not seen."""
+SLIGHT = 1e-6
+"""Motions that displace the outline by less than the root of this, relative to the largest, are none of their own."""
 
 
 def displacement_fields(points: Floats) -> Floats:
@@ -90,16 +92,18 @@ def projective_step(
         points, normals: (m, 2) px, (m, 2) unit: the outline where a transfer puts it.
         offsets: (m,) px along the normals at which edges were found.
         contacts: (k, 2) px.
-        radius: px, the outline's, which makes the 8 parameters alike.
-        loose: px; standard deviation that each parameter has before any edge is looked at, so that what the edges leave
-            open stays that uncertain.
+        radius: px, the outline's, which makes the 8 parameters alike to begin with.
+        loose: px; standard deviation, rms along the outline, that each motion has before any edge is looked at, so that
+            what the edges leave open stays that uncertain.
 
     Returns:
         (k, 2) px shift of each contact, (k, 2, 2) px^2 its covariance.
     """
     centre = points.mean(axis=0) if len(points) else contacts.mean(axis=0)
     fields = displacement_fields((points - centre) / radius)
-    A = np.einsum("mi,mij->mj", normals, fields)
+    # motions of their own, each moving the outline by 1 px rms: on a strip the 8 parameters are very unlike
+    own = _whitening(fields)
+    A = np.einsum("mi,mij->mj", normals, fields) @ own
     weight = np.ones(len(points))
     noise = max(1.4826 * _lower_median(np.abs(offsets)), LEAST_NOISE)
     x, C = np.zeros(8), np.eye(8)
@@ -114,8 +118,16 @@ def projective_step(
             residual = np.abs(offsets - A @ x)
             noise = max(1.4826 * _lower_median(residual), LEAST_NOISE)
             weight = np.minimum(1.0, 2.0 * noise / np.maximum(residual, 1e-12))
-    at = displacement_fields((contacts - centre) / radius)
+    at = displacement_fields((contacts - centre) / radius) @ own
     return at @ x, at @ C @ at.transpose(0, 2, 1)
+
+
+def _whitening(fields: Floats) -> Floats:
+    """(8, 8) parameters of eight motions that each displace points by 1 px rms, the least of them bounded."""
+    if not len(fields):
+        return np.eye(8)
+    size, V = np.linalg.eigh(np.einsum("mik,mil->kl", fields, fields) / len(fields))
+    return np.asarray(V / np.sqrt(np.maximum(size, SLIGHT * size[-1])))
 
 
 def _lower_median(values: Floats) -> float:
