@@ -30,8 +30,8 @@ def planes(image: NDArray[np.uint8]) -> Planes:
     """Lightness and chromas of a grey (H, W) or BGR (H, W, 3) image."""
     if image.ndim == 2:
         return cv2.LUT(image, _lightness()).astype(np.float32)[:, :, None] * np.float32(LIGHTNESS)
-    lab = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2Lab), dtype=np.float32)
-    return np.asarray(lab * np.array([LIGHTNESS, CHROMA, CHROMA], np.float32))
+    lab = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2Lab))
+    return np.multiply(lab, np.array([LIGHTNESS, CHROMA, CHROMA], np.float32), dtype=np.float32)
 
 
 @lru_cache(maxsize=1)
@@ -51,8 +51,7 @@ class EdgeField:
         unit: the image's grain where it is known, Lab units per px; else it is measured.
 
     Attributes:
-        unit: as used.
-        strength: (H, W) float32, slope in units of the image's grain, which is the median slope, LEAST_GRAIN allowed for.
+        unit: Lab units per px, the median slope, LEAST_GRAIN allowed for.
     """
 
     def __init__(self, image: Planes, softening: float, hidden: Grey | None = None, unit: float | None = None) -> None:
@@ -69,10 +68,15 @@ class EdgeField:
                 each[hidden != 0] = 0.0
         if unit is None:
             some = steep[::2, ::2] if hidden is None else steep[::2, ::2][hidden[::2, ::2] == 0]
-            unit = math.hypot(float(np.median(some)) if some.size else 0.0, LEAST_GRAIN)
+            unit = math.hypot(float(np.median(some)) / FINE if some.size else 0.0, LEAST_GRAIN)
         self.unit = unit
-        self.strength: NDArray[np.float32] = np.asarray(steep / np.float32(self.unit), dtype=np.float32)
-        self._dx, self._dy = (np.asarray(np.rint(d * np.float32(FINE)), dtype=np.int16) for d in (across, along))
+        self._steep = np.asarray(steep, dtype=np.float32)
+        self._dx, self._dy = np.asarray(across).astype(np.int16), np.asarray(along).astype(np.int16)
+
+    @property
+    def strength(self) -> NDArray[np.float32]:
+        """(H, W) slope in units of the image's grain."""
+        return np.asarray(self._steep * np.float32(1.0 / (FINE * self.unit)), dtype=np.float32)
 
     def thin(self, level: float) -> Grey:
         """(H, W) 255 along edges of at least `level` units that somewhere reach twice as much, one pixel wide."""
@@ -81,7 +85,7 @@ class EdgeField:
 
 
 def _slopes(plane: NDArray[Any]) -> tuple[Any, Any, Any]:
-    """Slopes across and along in units per px, and their size."""
-    dx = cv2.Scharr(plane, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
-    dy = cv2.Scharr(plane, cv2.CV_32F, 0, 1, scale=1.0 / 32.0)
+    """Slopes across and along in FINE steps of units per px, and their size."""
+    dx = cv2.Scharr(plane, cv2.CV_32F, 1, 0, scale=FINE / 32.0)
+    dy = cv2.Scharr(plane, cv2.CV_32F, 0, 1, scale=FINE / 32.0)
     return dx, dy, cv2.magnitude(dx, dy)

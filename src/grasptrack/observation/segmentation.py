@@ -25,12 +25,14 @@ from grasptrack.observation.silhouettes import Silhouette
 
 MIN_EXTENT = 20
 """px across; a smaller object has no outline worth following."""
-LOOKED_AT = 12
+LOOKED_AT = 8
 """Proposals that become contours, the best first; after them only those that lie apart from all that was found."""
 MOST = 60
 """Proposals that become contours at all."""
 WORTH = 0.02
-"""Ratings below this are chance."""
+"""Ratings below this are chance, ..."""
+FAINT = 0.15
+"""... and those below this share of the best are clutter beside it."""
 
 
 class Segmenter(Protocol):
@@ -147,8 +149,9 @@ def _contours(
     found: list[Candidate] = []
     taken = np.zeros(grey.shape, np.uint8)
     looked = 0
+    least = max(WORTH, FAINT * max((p.rating.score for p in proposals), default=0.0))
     for p in proposals:
-        if max(p.silhouette.box[2:]) < MIN_EXTENT or p.rating.score < WORTH or looked >= MOST:
+        if max(p.silhouette.box[2:]) < MIN_EXTENT or p.rating.score < least or looked >= MOST:
             continue
         part = _overlaps(p.silhouette, taken, found)
         if part and looked >= LOOKED_AT:
