@@ -42,7 +42,7 @@ def ranked(
     return RankedGrasp(
         at,
         quality,
-        Terms(0.9, 0.95, 0.98, quality),
+        Terms(0.9, 0.95, 0.98, quality, 0.97),
         spread=spread,
         margin=0.3,
         directions=ways,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import os
 import re
 import signal
@@ -27,6 +28,30 @@ HEAD = "frame,time_s,status,strategy,grasp_id,x1,y1,x2,y2,seen1,seen2,margin,con
 def rows(folder: Path) -> list[dict[str, str]]:
     with (folder / "grasps.csv").open(newline="") as file:
         return list(csv.DictReader(file))
+
+
+def test_the_hand_decides_which_grasp_is_tracked(tmp_path: Path) -> None:
+    folder, out = plates(tmp_path / "in", 2), tmp_path / "out"
+    given = ["track", str(folder), "--output", str(out), "-q", "--no-video"]
+    openings = []
+    for more in (["--max-opening", "20mm", "--scale", "4"], ["--min-opening", "110", "--finger-width", "5%"]):
+        assert main([*given, *more]) == 0
+        first = rows(out)[0]
+        openings.append(math.dist(*((float(first[f"x{i}"]), float(first[f"y{i}"])) for i in (1, 2))))
+    assert openings[0] <= 80.0 and openings[1] >= 110.0
+    asked = json.loads((out / "run.json").read_text())["options"]
+    assert (asked["min_opening"], asked["max_opening"], asked["finger_width"]) == ("110", None, "5%")
+    contacts = " ".join(f"{first[f'x{i}']},{first[f'y{i}']}" for i in (1, 2))
+    assert main([*given, "--grasp", contacts, "--max-opening", "80"]) == 2
+    assert main([*given, "--grasp", contacts, "--max-opening", "80", "--resynthesize"]) == 0
+
+
+def test_without_a_grasp_every_frame_says_why(tmp_path: Path) -> None:
+    given = ["track", str(plates(tmp_path / "in", 2)), "--output", str(tmp_path / "out"), "-q", "--no-video"]
+    assert main([*given, "--max-opening", "9"]) == 2
+    found = rows(tmp_path / "out")
+    assert [r["status"] for r in found] == ["searching"] * 2
+    assert all(r["reason"].startswith("no stable grasp: too wide for the opening of 9 px: the narrow") for r in found)
 
 
 def test_track_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,7 +52,19 @@ def test_the_table_and_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(given(source, tmp_path, "--top", "4")) == 0
     said = capsys.readouterr()
     assert said.err == "" and "grasps.json" in said.out and "grasps.png" in said.out
-    for head in ("contacts", "kind", "opening", "quality", "closure", "centre", "flat", "room", "margin", "slip"):
+    for head in (
+        "contacts",
+        "kind",
+        "opening",
+        "quality",
+        "closure",
+        "centre",
+        "flat",
+        "room",
+        "span",
+        "margin",
+        "slip",
+    ):
         assert head in said.out
     assert "squeeze" in said.out and "…" not in said.out and " mm" not in said.out
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["grasps.json", "grasps.png"]
@@ -101,7 +113,7 @@ def test_the_json_says_all_of_every_grasp(tmp_path: Path) -> None:
         assert grasp["opening_mm"] == pytest.approx(grasp["opening_px"] / 4, abs=0.01)
         assert np.array(grasp["fingers"]).shape == np.array(grasp["swept"]).shape == (2, 4, 2)
         np.testing.assert_allclose(np.linalg.norm(grasp["directions"], axis=1), 1.0, atol=1e-5)
-        assert set(grasp["terms"]) == {"closure", "centre", "flatness", "room"}
+        assert set(grasp["terms"]) == {"closure", "centre", "flatness", "room", "span"}
         assert 0.0 < grasp["margin_deg"] < 27.0 and len(grasp["regions_px"]) == 2 and grasp["spread"] is False
         nearest = np.linalg.norm(outline[:, None] - contacts, axis=2).min(axis=0)
         assert (nearest < 1.5).all()

@@ -3,6 +3,7 @@
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -204,6 +205,30 @@ def test_reasons(hand, friction, neighbours, reason):
     found = synthesize(SQUARE, friction=friction, hand=hand, neighbours=neighbours)
     assert found == [] and found.reason.startswith(reason)
     assert sum(found.refused.values()) > 0 and list(found.refused.values()) == sorted(found.refused.values())[::-1]
+
+
+@pytest.mark.parametrize("fingers", [2, 3])
+@pytest.mark.parametrize("outline", [NOTCHED, RING, BAR])
+def test_what_a_reason_asks_for_is_enough(outline, fingers):
+    for key, limit, words in (("max_opening", 6.0, "needs"), ("min_opening", 2000.0, "has")):
+        reason = synthesize(outline, fingers, hand=Hand(**{key: limit})).reason
+        asked = float(reason.split(f"grasp {words} ")[1].removesuffix(" px"))
+        assert synthesize(outline, fingers, hand=Hand(**{key: asked}))
+    large = Hand(finger_width=170.0, finger_thickness=40.0, px_per_mm=2.0)
+    reason = synthesize(outline, fingers, hand=large).reason
+    wide, thick = (float(v) for v in re.findall(r"([\d.]+) px", reason))
+    assert f"({wide / 2:g} mm)" in reason
+    assert synthesize(outline, fingers, hand=Hand(finger_width=wide, finger_thickness=thick))
+
+
+def test_a_long_part_is_taken_across():
+    for size in (1.0, 40.0):
+        blade = Contour(
+            size
+            * np.array([[0, 0], [2, -0.3], [4, 0.0], [6, -0.3], [8, 0], [8, 1], [6, 1.3], [4, 1], [2, 1.3], [0, 1]])
+        )
+        blade = Contour(kernels.resample(blade.points, 300, 0.0))
+        assert synthesize(blade)[0].opening < 2.0 * size
 
 
 def test_reasons_before_any_hand():

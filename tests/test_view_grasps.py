@@ -29,10 +29,15 @@ def planned(outline: Contour | View, grasps: GraspList, *neighbours: Contour) ->
 
 
 def drawn(
-    tmp_path: Path, image: np.ndarray, *objects: Planned, title: str = "plate.png", mm: float | None = None
+    tmp_path: Path,
+    image: np.ndarray,
+    *objects: Planned,
+    title: str = "plate.png",
+    mm: float | None = None,
+    fingers: int = 2,
 ) -> np.ndarray:
     before = image.copy()
-    write_grasps(tmp_path / "g.png", image, objects, friction=0.5, title=title, px_per_mm=mm)
+    write_grasps(tmp_path / "g.png", image, objects, fingers=fingers, friction=0.5, title=title, px_per_mm=mm)
     assert [p.name for p in tmp_path.iterdir()] == ["g.png"] and (image == before).all()
     page = cv2.imread(str(tmp_path / "g.png"))
     assert page is not None and page.shape == (900, 1600, 3)
@@ -61,7 +66,7 @@ def test_any_image(image: np.ndarray, tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [0, 1, 2, 5, 10, 14])
 def test_any_number_of_grasps(count: int, fingers: int, tmp_path: Path) -> None:
     grasps = across(PLATE, count, fingers) if count else NONE
-    drawn(tmp_path, np.full((240, 320), 128, np.uint8), planned(PLATE, grasps), mm=4.2)
+    drawn(tmp_path, np.full((240, 320), 128, np.uint8), planned(PLATE, grasps), mm=4.2, fingers=fingers)
 
 
 @pytest.mark.parametrize("axes", [(150.0, 110.0), (5.0, 100.0), (140.0, 6.0), (12.0, 9.0), (900.0, 700.0)])

@@ -140,6 +140,22 @@ def hand(scale: float | None, **lengths: str | None) -> Hand:
     return Hand(**given, px_per_mm=scale)
 
 
+def hand_for_first(
+    scale: float | None, lengths: dict[str, str | None], grasp: str | None, resynthesize: bool
+) -> Hand | None:
+    """The hand for the grasp of the first image, or None where nothing was said of one.
+
+    Raises:
+        InputError: as in `hand`; or contacts given, for which nothing is ever chosen.
+    """
+    named = [("--" + name.replace("_", "-")) for name, text in {**lengths, "scale": scale}.items() if text is not None]
+    if not named:
+        return None
+    if grasp is not None and not resynthesize:
+        raise InputError(f"{named[0]} is for choosing a grasp, but --grasp gives one: leave out one of them")
+    return hand(scale, **lengths)
+
+
 def positive_friction(friction: float) -> float:
     """The coefficient of friction.
 

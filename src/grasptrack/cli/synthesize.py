@@ -31,6 +31,7 @@ _HEADS = (
     ("centre", "right"),
     ("flat", "right"),
     ("room", "right"),
+    ("span", "right"),
 )
 
 
@@ -118,7 +119,7 @@ def synthesize(
     }
     data, page = output / "grasps.json", output / "grasps.png"
     write_grasps_json(data, image, (picture.shape[0], picture.shape[1]), planned, asked, scale)
-    write_grasps(page, picture, planned, friction=friction, title=Path(image).name, px_per_mm=scale)
+    write_grasps(page, picture, planned, fingers=fingers, friction=friction, title=Path(image).name, px_per_mm=scale)
     if not any(found.grasps for found in planned):
         raise InputError(f'"{image}": {_why_none(planned)}')
     if not quiet:
@@ -159,14 +160,17 @@ def _show(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> 
             rows.append([*([str(i + 1)] if several else []), *_cells(rank + 1, grasp, scale)])
         if not found.grasps:
             told.append(f"{of}no grasp: {found.grasps.reason}")
+        elif found.outline.is_clipped:
+            told.append(f"{of}cut by the border: its centre is that of the part in view")
         if found.grasps.refused:
             counts = ", ".join(f"{reason} ({count})" for reason, count in found.grasps.refused.items())
             told.append(f"{of}refused: {counts}")
-    show_rows("Grasps, the best first", heads, rows, [*told, *notes], optional=4)
+    show_rows("Grasps, the best first", heads, rows, [*told, *notes], optional=5)
 
 
 def _cells(rank: int, grasp: RankedGrasp, scale: float | None) -> list[str]:
     from grasptrack.view.fingers import opening
+    from grasptrack.view.grasp_text import rated
 
     return [
         str(rank),
@@ -176,5 +180,6 @@ def _cells(rank: int, grasp: RankedGrasp, scale: float | None) -> list[str]:
         *([] if scale is None else [f"{opening(grasp) / scale:.1f}"]),
         f"{math.degrees(grasp.margin):.1f}°",
         f"{grasp.regions.min():.1f}",
-        *(f"{value:.2f}" for value in (grasp.quality, *grasp.terms)),
+        rated(grasp.quality),
+        *(f"{value:.2f}" for value in grasp.terms),
     ]

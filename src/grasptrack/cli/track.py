@@ -40,6 +40,12 @@ def track(
     fps: Annotated[
         float | None, typer.Option(metavar="RATE", help="Frames/s: gives times to folders and globs, which have none.")
     ] = None,
+    min_opening: options.MinOpening = None,
+    max_opening: options.MaxOpening = None,
+    finger_width: options.FingerWidth = None,
+    finger_thickness: options.FingerThickness = None,
+    clearance: options.Clearance = None,
+    scale: options.Scale = None,
     resynthesize: Annotated[
         bool, typer.Option("--resynthesize", help="Choose a new grasp when the analysis refuses the present one.")
     ] = False,
@@ -47,6 +53,9 @@ def track(
     quiet: options.Quiet = False,
 ) -> None:
     """Carry a grasp through a sequence of images, or say for each why not.
+
+    The grasp is chosen in the first image with an object, for a hand as in `grasptrack synthesize`: a length L is
+    written 120px, 40mm (with --scale) or 30%, a share of the root of the object's area.
 
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
 
@@ -57,7 +66,15 @@ def track(
       grasptrack track "images/*.png" --object 320,240 --no-video
       grasptrack track video.mp4 --grasp "193,308 157,99" --strategy rrp
       grasptrack track camera:0 --ignore fingers.png
+      grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
+    lengths = {
+        "min_opening": min_opening,
+        "max_opening": max_opening,
+        "finger_width": finger_width,
+        "finger_thickness": finger_thickness,
+        "clearance": clearance,
+    }
     asked = {
         "strategy": options.strategy_choice(strategy),
         "fingers": fingers,
@@ -67,11 +84,14 @@ def track(
         "masks": masks,
         "ignore": ignore,
         "fps": fps,
+        **lengths,
+        "scale": scale,
         "resynthesize": resynthesize,
         "video": not no_video,
     }
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     place = options.point(object_, "--object")
+    hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
 
     from grasptrack.cli.report import Progress, show_run
     from grasptrack.io.masks import open_masks
@@ -89,6 +109,7 @@ def track(
         object_at=place,
         ignore=options.ignore_mask(ignore),
         resynthesize=resynthesize,
+        hand=hand,
     )
     done = 0
     with Interruption() as interruption:
@@ -107,14 +128,16 @@ def track(
         except KeyboardInterrupt:
             tell_error(f'interrupted after {done} frames; what was computed is in "{output}"')
             raise typer.Exit(INTERRUPTED) from None
-    if not summary.object_seen:
-        raise InputError(_nothing_seen(summary))
+    if not summary.grasps:
+        raise InputError(_nothing_to_track(summary))
     if not quiet:
         show_run(summary, output)
 
 
-def _nothing_seen(summary: RunSummary) -> str:
+def _nothing_to_track(summary: RunSummary) -> str:
     reasons = summary.reasons.get("searching", {})
     why = next(iter(reasons), "")
+    if summary.object_seen:
+        return f"no frame has a grasp to track: {why}"
     frames = "the only frame" if summary.frames == 1 else f"any of the {summary.frames} frames"
     return f"no object in {frames}" + (f": {why}" if why else "")

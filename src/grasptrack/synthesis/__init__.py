@@ -33,7 +33,7 @@ def synthesize(
     way in there may be nothing of the object, of its neighbours and of the other fingers; the outline under the pad
     may reach into it by a quarter of the pad's width.
 
-    The quality is the product of four terms, each from 0 to 1:
+    The quality is the product of five terms, each from 0 to 1:
 
     - closure: sqrt(1 - needed / friction), needed being the least friction with which two fingers close;
       1 - exp(-epsilon / 0.15) for three.
@@ -43,6 +43,8 @@ def synthesize(
       finger, or half of that over twice a finger's width, in finger widths.
     - room: 0.2 + 0.8 sqrt(r / most), r the least half-length of the independent regions of contact; `most`, beyond
       which nothing is looked at, is a finger's width, or 12 % of sqrt(area) where that is less.
+    - span: 1 / (1 + (o / 2.4)^4), o the opening in units of sqrt(area). A long part is taken across and not from tip
+      to tip, unless there it is much flatter.
 
     Of grasps that are alike the best stays: those whose contacts, in any order, all lie within 12 % of sqrt(area) or
     a finger's width of its contacts.

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -102,13 +101,3 @@ def too_wide(hand: HandPx) -> str:
 def too_narrow(hand: HandPx) -> str:
     """Reason: below the least opening."""
     return f"narrower than the least opening of {hand.min_opening:.0f} px"
-
-
-def sentence(found: Stable, refused: dict[str, int], hand: HandPx) -> str:
-    """Why no stable candidate is left: the most frequent refusal, with what the hand would have needed."""
-    reason = next(iter(refused))
-    if reason == too_wide(hand):
-        return f"{reason}: the narrowest stable grasp needs {math.ceil(found.opening.min())} px"
-    if reason == too_narrow(hand):
-        return f"{reason}: the widest stable grasp has {math.floor(found.opening.max())} px"
-    return reason

@@ -21,12 +21,14 @@ class Terms(NamedTuple):
         centre: how near the grasp lies to the centroid.
         flatness: how straight the outline is under the pads and beside them.
         room: how far the contacts may slip along the outline before the grasp no longer closes.
+        span: how little the hand opens for the object's size: across a body rather than from tip to tip.
     """
 
     closure: float
     centre: float
     flatness: float
     room: float
+    span: float
 
 
 class RankedGrasp(Grasp):

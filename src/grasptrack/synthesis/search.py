@@ -13,7 +13,8 @@ from grasptrack import kernels
 from grasptrack.contour import Outline, View
 from grasptrack.hand import Hand, HandPx
 from grasptrack.synthesis.candidates import Candidates, candidates
-from grasptrack.synthesis.limits import Limits, refuse, sentence
+from grasptrack.synthesis.limits import Limits, refuse
+from grasptrack.synthesis.reasons import Tried, why_none
 from grasptrack.synthesis.rectangles import rectangles
 from grasptrack.synthesis.result import GraspList, RankedGrasp, Terms
 from grasptrack.synthesis.terms import Stable, stable_pairs, stable_triples
@@ -42,16 +43,26 @@ def find_grasps(
     """As `synthesize`, with the limits on how uneven the outline under a finger may be."""
     area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
-    at = candidates(view, area, np.array([cx, cy]), px.finger_width)
-    found = _stable(at, fingers, friction)
-    left, refused = refuse(found, at, view, px, neighbours, limits)
-    if fingers == 3 and not len(left) and len(found) < SCARCE:
-        found = stable_triples(at, friction, SECOND_LOOK)
-        left, refused = refuse(found, at, view, px, neighbours, limits)
+
+    def look(size: HandPx) -> tuple[Candidates, Stable, Ints, dict[str, int]]:
+        at = candidates(view, area, np.array([cx, cy]), size.finger_width)
+        found = _stable(at, fingers, friction)
+        left, refused = refuse(found, at, view, size, neighbours, limits)
+        if fingers == 3 and not len(left) and len(found) < SCARCE:
+            found = stable_triples(at, friction, SECOND_LOOK)
+            left, refused = refuse(found, at, view, size, neighbours, limits)
+        return at, found, left, refused
+
+    at, found, left, refused = look(px)
     if not len(found):
         return GraspList([], _nothing_closes(view, at, fingers, friction))
     if not len(left):
-        return GraspList([], sentence(found, refused, px), refused)
+        reason = why_none(
+            Tried(found.opening, refused, px, hand.px_per_mm),
+            lambda other: refuse(found, at, view, other, neighbours, limits)[0],
+            lambda other: bool(len(look(other)[2])),
+        )
+        return GraspList([], reason, refused)
     chosen, quality, regions = kernels.rank_grasps(
         at.contacts,
         at.normals,
@@ -116,7 +127,7 @@ def _ranked(
             RankedGrasp(
                 contacts[i],
                 float(quality[i]),
-                Terms(terms[i][0], terms[i][1], terms[i][2], float(room[i])),
+                Terms(*terms[i][:3], float(room[i]), terms[i][3]),
                 spread=bool(found.sense[row] < 0.0),
                 margin=math.atan(friction) - needed,
                 directions=directions[i],

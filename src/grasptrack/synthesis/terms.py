@@ -19,6 +19,8 @@ LINE_OFF = 0.3
 sqrt(area), at which the term of the centre is 1 / e."""
 MIDDLE_OFF = 1.0
 """The same for the middle of two contacts, along the line."""
+WIDE = 2.4
+"""Opening in sqrt(area) at which the term of the span is one half."""
 ENOUGH_EPSILON = 0.15
 """Epsilon of three fingers at which the term of the closure is 1 - 1 / e."""
 
@@ -35,7 +37,7 @@ class Stable:
             mean or away from it for three.
         opening: (g,) px: distance of two contacts, twice the largest distance of three from their mean.
         roughness: (g,) of the worst contact.
-        terms: (g, 3) closure, centre, flatness.
+        terms: (g, 4) closure, centre, flatness, span.
     """
 
     def __init__(self, at: Candidates, index: Ints, sense: Floats, strength: Floats, friction: float) -> None:
@@ -56,7 +58,8 @@ class Stable:
         else:
             distance = (off**2).sum(axis=1) / LINE_OFF**2
             closure = 1.0 - np.exp(-strength / ENOUGH_EPSILON)
-        self.terms: Floats = np.column_stack([closure, np.exp(-distance), flatness(self.roughness)])
+        span = 1.0 / (1.0 + (self.opening / (WIDE * at.size)) ** 4)
+        self.terms: Floats = np.column_stack([closure, np.exp(-distance), flatness(self.roughness), span])
 
     def __len__(self) -> int:
         return len(self.index)

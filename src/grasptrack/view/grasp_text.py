@@ -12,6 +12,7 @@ from grasptrack.view.grasp_panel import CONE, FINGER, LINE, NEIGHBOUR, REGION
 from grasptrack.view.style import text_width
 
 if TYPE_CHECKING:
+    from grasptrack.hand import HandPx
     from grasptrack.synthesis.result import GraspList, RankedGrasp
 
 INK, MUTED, RULE = "#1d232b", "#5a6472", "#d5dae1"
@@ -20,10 +21,25 @@ _CHARACTERS = 64
 """That a line of 11 points in the column holds."""
 
 
+def rated(quality: float) -> str:
+    """A quality with two decimals, or so many more that something of a small one is seen."""
+    return f"{quality:.2f}" if quality >= 0.01 else f"{quality:.1g}" if quality >= 0.001 else "<0.001"
+
+
+def described(hand: HandPx, px_per_mm: float | None) -> str:
+    """The hand on an object in a few words."""
+    scale, unit = (1.0, "px") if px_per_mm is None else (px_per_mm, "mm")
+    size = f"{hand.finger_width / scale:.3g} x {hand.finger_thickness / scale:.3g} {unit}"
+    low, high = hand.min_opening / scale, hand.max_opening / scale
+    if math.isfinite(high):
+        return f"of {size}, opening {f'{low:.4g} to' if low else 'up to'} {high:.4g} {unit}"
+    return f"of {size}" + (f", opening from {low:.4g} {unit}" if low else "")
+
+
 def describe(grasp: RankedGrasp, px_per_mm: float | None) -> str:
     """Quality, opening and kind in a few words."""
     wide = f"{opening(grasp):.0f} px" if px_per_mm is None else f"{opening(grasp) / px_per_mm:.1f} mm"
-    return f"{grasp.quality:.2f}  {wide}{'  spread' if grasp.spread else ''}"
+    return f"{rated(grasp.quality)}  {wide}{'  spread' if grasp.spread else ''}"
 
 
 class Column:
@@ -57,14 +73,16 @@ class Column:
         self._write(self._left, self._y, text, 13.0, weight="bold")
         self._y -= 0.1
 
-    def best(self, grasp: RankedGrasp, px_per_mm: float | None) -> None:
+    def best(self, grasp: RankedGrasp, px_per_mm: float | None, cut: bool) -> None:
         """The best grasp: what it is, and its quality with the terms that it is the product of."""
         kind = "spread: pushed outward" if grasp.spread else "squeezed"
         self.heading(f"Grasp 1, {kind}")
         mm = "" if px_per_mm is None else f" ({opening(grasp) / px_per_mm:.1f} mm)"
-        slip = "/".join(f"{r:.0f}" for r in grasp.regions.tolist())
+        slip = "/".join(f"{r:.0f}" if r >= 9.5 else f"{r:.1f}" for r in grasp.regions.tolist())
         facts = f"opening {opening(grasp):.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    slip ± {slip} px"
         self._lines(facts)
+        if cut:
+            self._lines("The border cuts the object: its centre is that of the part in view.")
         self._y -= 0.06
         self._bar("quality", grasp.quality, INK)
         for name, value in grasp.terms._asdict().items():
@@ -105,7 +123,7 @@ class Column:
             low, size = (start / self._size[0], (self._y - 0.02) / self._size[1]), share * room / self._size[0]
             bar = Rectangle(low, size, 0.17 / self._size[1], facecolor=shade, transform=self._figure.transFigure)
             self._figure.add_artist(bar)
-        self._write(self._left + self._width, self._y, f"{value:.2f}", 11.0, weight=weight, ha="right")
+        self._write(self._left + self._width, self._y, rated(value), 11.0, weight=weight, ha="right")
 
     def _write(self, x: float, y: float, text: str, size: float, **more: Any) -> None:
         style = {"color": INK, "va": "baseline", "parse_math": False, **more}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.view.grasp_panel import Panel, muted
-from grasptrack.view.grasp_text import Column, describe, legend
+from grasptrack.view.grasp_text import Column, describe, described, legend
 from grasptrack.view.layout import Box, Floats, Window, aspect_of, grid, quiet_corner, window
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ def write_grasps(
     image: NDArray[Any],
     objects: Sequence[Planned],
     *,
+    fingers: int,
     friction: float,
     title: str,
     px_per_mm: float | None = None,
@@ -64,6 +65,7 @@ def write_grasps(
         path: the picture.
         image: (H, W), BGR (H, W, 3) or BGRA (H, W, 4), 8 or 16 bits.
         objects: at least one; grasps may be missing.
+        fingers: of the hand.
         friction: coefficient, which gives the cones their angle.
         title: what the image is called.
         px_per_mm: scale; openings are given in mm too.
@@ -76,22 +78,19 @@ def write_grasps(
     picture = muted(image)
     column = Column(figure, (WIDTH, HEIGHT), _RIGHT)
     _main(figure, picture, objects, friction)
-    column.title(title, f"{_fingers(objects)}friction {friction:g}", _MAIN[0])
+    hands = {described(o.hand, px_per_mm) for o in objects}
+    size = f" {hands.pop()}" if len(hands) == 1 else ""
+    column.title(title, f"{fingers} fingers{size}, friction {friction:g}", _MAIN[0])
     if len(objects) > 1:
         _each(figure, picture, objects, column, px_per_mm)
     elif objects[0].grasps:
-        column.best(objects[0].grasps[0], px_per_mm)
+        column.best(objects[0].grasps[0], px_per_mm, objects[0].outline.is_clipped)
         _next(figure, picture, objects[0], column, px_per_mm)
     else:
         column.nothing(objects[0].grasps)
     partial = path.with_name(path.name + ".part")
     figure.savefig(partial, dpi=_DPI, format="png")
     partial.replace(path)
-
-
-def _fingers(objects: Sequence[Planned]) -> str:
-    count = next((len(o.grasps[0]) for o in objects if o.grasps), 0)
-    return f"{count} fingers, " if count else ""
 
 
 def _main(figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], friction: float) -> None:
@@ -159,7 +158,7 @@ def _each(
 ) -> None:
     """Every object with its best grasp, or the word that there is none."""
     left = len(objects) - SHOWN
-    column.heading("The best grasp of each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
+    column.heading("The best on each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
     boxes = grid(column.free(), min(len(objects), SHOWN), 1.0)
     for i, (box, found) in enumerate(zip(boxes, objects, strict=False)):
         best = found.grasps[:1]
