@@ -113,8 +113,10 @@ struct Profile {
     }
 };
 
-template <typename Pixel>
-void edge_search(const Image<Pixel> &image, Points points, const Vec *normals, double reach, int polarity, Edge *out) {
+// The direction in which grey is to change is asked for each point: polarity(k) is +1, -1, or 0 for either.
+template <typename Pixel, typename Polarity>
+void edge_search_each(const Image<Pixel> &image, Points points, const Vec *normals, double reach, Polarity polarity,
+                      Edge *out) {
     const auto half = static_cast<std::ptrdiff_t>(reach / spacing + 1e-9);
     // Beyond its reach an edge is not looked for, but the window of one found near the end needs its samples.
     constexpr auto margin = static_cast<std::ptrdiff_t>((window + 1) / spacing) + 1;
@@ -142,7 +144,7 @@ void edge_search(const Image<Pixel> &image, Points points, const Vec *normals, d
                 }
         }
         if (profile.last - profile.first + 1 < min_samples) continue;
-        const std::ptrdiff_t peak = profile.peak(polarity);
+        const std::ptrdiff_t peak = profile.peak(polarity(k));
         if (peak == profile.first) continue;
         const double strength = profile.slope(peak);
         Profile wide = profile;
@@ -150,6 +152,11 @@ void edge_search(const Image<Pixel> &image, Points points, const Vec *normals, d
         while (wide.last < peak + margin && take(wide.last + 1)) ++wide.last;
         out[k] = profile.edge(wide.centre(strength > 0 ? 1.0 : -1.0, Profile::at(peak)), strength);
     }
+}
+
+template <typename Pixel>
+void edge_search(const Image<Pixel> &image, Points points, const Vec *normals, double reach, int polarity, Edge *out) {
+    edge_search_each(image, points, normals, reach, [polarity](std::size_t) { return polarity; }, out);
 }
 
 }  // namespace grasptrack

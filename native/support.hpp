@@ -60,7 +60,11 @@ inline SupportValues outline_support(const Image<std::uint8_t> &image, const dou
     if (!(values.size > 0)) return {};
     centre = (1.0 / static_cast<double>(m)) * centre;
     values.reach = std::min(std::max(rules.reach_share * values.size, rules.least_reach), rules.most_reach);
-    edge_search(image, {out.points, m}, out.normals, values.reach + 2.0, rules.polarity, out.edges);
+    const auto direction = [&](std::size_t i) {
+        if (rules.polarity != 0 || std::isinf(strength[i])) return rules.polarity;
+        return strength[i] > 0 ? 1 : -1;
+    };
+    edge_search_each(image, {out.points, m}, out.normals, values.reach + 2.0, direction, out.edges);
 
     std::vector<double> gains;
     double spread = 0.0;
@@ -71,11 +75,11 @@ inline SupportValues outline_support(const Image<std::uint8_t> &image, const dou
                         p.y <= static_cast<double>(image.height - 2);
         const double size = std::fabs(out.edges[i].strength);
         out.found[i] = out.inside[i] && std::fabs(out.edges[i].offset) <= values.reach && size >= rules.least_strength;
-        if (out.found[i]) gains.push_back(size / strength[i]);
+        if (out.found[i]) gains.push_back(size / std::fabs(strength[i]));
     }
     const double gain = gains.empty() ? 0.0 : median_of(gains);
     for (std::size_t i = 0; i < m; ++i) {
-        const double wanted = std::isinf(strength[i]) ? 0.0 : rules.relative_strength * gain * strength[i];
+        const double wanted = std::isinf(strength[i]) ? 0.0 : rules.relative_strength * gain * std::fabs(strength[i]);
         out.found[i] = out.found[i] && std::fabs(out.edges[i].strength) >= wanted;
     }
     const std::vector<bool> ground = on_the_ground(out.edges, out.found, m, rules.other_ground);

@@ -48,7 +48,7 @@ class Search:
 
     def __init__(self, observer: Observer, reference: Reference, others: list[Candidate]) -> None:
         self._observer, self._reference = observer, reference
-        equals = any(c.polarity == observer.polarity and _likeness(reference, c.view) <= EQUAL for c in others)
+        equals = any(c.polarity * observer.polarity >= 0 and _likeness(reference, c.view) <= EQUAL for c in others)
         self.whereabouts = Whereabouts(reference, equals)
         self._nearby: View | None = None
 
@@ -64,11 +64,12 @@ class Search:
         if not on_silhouettes:
             yield Hypothesis(None, None if missed == 0 else predicted)
         with contextlib.suppress(ConditioningError):
-            self._nearby = self._observer.near(grey, *reference.expected(predicted))
-        if self._nearby is not None:
-            if on_silhouettes:
-                yield Hypothesis(self._nearby, reference.corrected(predicted, self._nearby))
-            yield from self._aligned(self._nearby, reasons)
+            expected = reference.expected(predicted)
+            for view in self._observer.near(grey, *expected):
+                self._nearby = view
+                if on_silhouettes:
+                    yield Hypothesis(view, reference.corrected(predicted, view))
+                yield from self._aligned(view, reasons)
         for views in self._observer.anywhere(grey, self.whereabouts.area, missed, self._nearby):
             alike = sorted(
                 (v for v in views if _likeness(reference, v) <= UNLIKE), key=lambda v: _likeness(reference, v)

@@ -39,9 +39,10 @@ def outline_support(
         image: (H, W).
         H: (3, 3) reference to current.
         points, normals, strength: (m, 2) px, (m, 2) unit and (m,) grey levels per px of the reference's samples; an
-            infinite strength asks for none in particular.
+            infinite strength asks for none in particular. Where the polarity is 0, its sign is the edge's: positive for
+            grey that rises outward.
         contacts: (k, 2) px in the image.
-        polarity: +1 object darker than its surroundings, -1 lighter, 0 either.
+        polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ.
         area: px^2 of the object in the reference.
         reach_share, least_reach, most_reach: px searched on either side: a share of sqrt(area), within bounds.
         least_strength: grey levels per px of an edge.
@@ -62,19 +63,33 @@ def outline_support(
         none = np.zeros(m, dtype=np.bool_)
         return 0.0, 0.0, at, along, np.zeros((m, 4)), none, none, np.zeros((k, 2)), np.zeros((k, 2, 2))
     reach = min(max(reach_share * size, least_reach), most_reach)
-    edges = edge_search(image, at, along, reach + 2.0, polarity)
+    edges = _search(image, at, along, reach + 2.0, polarity, strength)
     last = (image.shape[1] - 2.0, image.shape[0] - 2.0)
     inside: Bools = np.all((at >= 1.0) & (at <= last), axis=1)
     offset, size_of = np.abs(edges[:, 0]), np.abs(edges[:, 1])
     found = inside & (offset <= reach) & (size_of >= least_strength)
     if found.any():
-        gain = float(np.median((size_of / strength)[found]))
-        found &= size_of >= relative_strength * gain * np.where(np.isinf(strength), 0.0, strength)
+        gain = float(np.median((size_of / np.abs(strength))[found]))
+        found &= size_of >= relative_strength * gain * np.where(np.isinf(strength), 0.0, np.abs(strength))
     sure = found & _on_the_ground(edges, found, other_ground)
     centre = at.mean(axis=0)
     radius = math.sqrt(float(np.einsum("ni,ni->", at - centre, at - centre)) / m)
     shift, covariance = projective_step(at[sure], along[sure], edges[sure, 0], contacts, radius, loose * size)
     return size, reach, at, along, edges, inside, found, shift, covariance
+
+
+def _search(
+    image: NDArray[np.uint8], at: Floats, along: Floats, reach: float, polarity: int, strength: Floats
+) -> Floats:
+    """(m, 4) `edge_search` with the polarity, or where that is 0 in the direction of each sample's own strength."""
+    if polarity:
+        return edge_search(image, at, along, reach, polarity)
+    edges = np.empty((len(at), 4))
+    direction = np.where(np.isinf(strength), 0.0, np.where(strength > 0.0, 1.0, -1.0))
+    for each in (-1, 0, 1):
+        which = direction == each
+        edges[which] = edge_search(image, at[which], along[which], reach, each)
+    return edges
 
 
 def _on_the_ground(edges: Floats, found: Bools, other_ground: float) -> Bools:

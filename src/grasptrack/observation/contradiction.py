@@ -21,12 +21,16 @@ ALIKE = 0.3
 """A grey level is the ground's or the object's within this share of the contrast between them."""
 BEYOND = 0.4
 """A tab ends within this fraction of sqrt(area) of the outline, ..."""
+ATTACHED = 0.7
+"""... or of this where several colours hide how wide it is, ..."""
 SLENDER = 1.3
 """... or within so many times its own width; what goes on farther in any direction lies in front of the object."""
 DIRECTIONS = np.radians(np.arange(-80.0, 81.0, 10.0))
 """rad from the normal, in which it is followed."""
 DEEP = 2.0
 """It is no contradiction but a transfer that is a little off when the edge lies within so many times the reach."""
+COLOURS = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Quantiles of the grey along the inner side of an outline that stand for the object's colours."""
 CLEAR = 3.0
 """The contrast must exceed so many times the levels' own spread, or they tell nothing apart."""
 
@@ -69,17 +73,72 @@ def contradicted(
     )
     against[index] = ground_like
     for run in _runs(index[material_like], len(points)) if material_like.any() else []:
-        width = math.hypot(*(points[run[-1]] - points[run[0]]).tolist()) * (1.0 + 1.0 / len(run))
-        along = np.arange(DEEP * reach, max(BEYOND * size, SLENDER * width, DEEP * reach + 4.0), 2.0)
-        nx, ny = normals[run].mean(axis=0).tolist()
-        cosine, sine = np.cos(DIRECTIONS), np.sin(DIRECTIONS)
-        rays = np.column_stack([nx * cosine - ny * sine, nx * sine + ny * cosine]) / max(math.hypot(nx, ny), 1e-9)
-        middle = np.broadcast_to(points[run].mean(axis=0), rays.shape)
-        low = inside[run].mean()
-        depths = (_levels(grey, middle, rays, along, hidden) - low) / (outside[run].mean() - low)
-        goes_on = ~(np.abs(depths) > ALIKE).any(axis=1)  # out of the image it may go on as well
-        against[run] = not goes_on.any()
+        against[run] = _ends(
+            grey, points, normals, run, inside[run].mean(), outside[run].mean(), reach, BEYOND * size, hidden
+        )
     return against
+
+
+def attached(
+    grey: Grey,
+    points: Floats,
+    normals: Floats,
+    inside: Floats,
+    outside: Floats,
+    reach: float,
+    size: float,
+    hidden: Grey | None = None,
+) -> Bools:
+    """(m,) samples of the outline of an object of several colours beyond which one of its colours ends farther out.
+
+    Where a dark part joins a light one there is an edge, as there was between the light one and the ground: samples that
+    show their edge are asked as well.
+
+    Args:
+        grey, points, normals, inside, outside, reach, size, hidden: as for `contradicted`.
+    """
+    against = np.zeros(len(points), dtype=np.bool_)
+    told = np.isfinite(inside + outside)
+    if not told.any():
+        return against
+    ground = float(np.median(outside[told]))
+    colours = np.quantile(inside[told], COLOURS)
+    depth = np.linspace(0.6, 1.0, 3) * DEEP * reach  # nearer to the outline, other colours come and go
+    beyond = _levels(grey, points, normals, depth, hidden)
+    alike = np.abs(beyond[:, :, None] - colours) <= ALIKE * np.abs(ground - colours)
+    index = np.flatnonzero(alike.all(axis=1).max(axis=1))
+    for run in _runs(index, len(points)) if len(index) else []:
+        against[run] = _ends(grey, points, normals, run, beyond[run].mean(), ground, reach, ATTACHED * size, hidden)
+    return against
+
+
+def _ends(
+    grey: Grey,
+    points: Floats,
+    normals: Floats,
+    run: NDArray[np.intp],
+    low: float,
+    high: float,
+    reach: float,
+    far: float,
+    hidden: Grey | None,
+) -> bool:
+    """Whether what lies beyond samples that follow one another ends farther out in every direction.
+
+    Args:
+        run: the samples.
+        low, high: grey levels of what lies there and of the ground.
+        far: px within which it ends.
+    """
+    width = math.hypot(*(points[run[-1]] - points[run[0]]).tolist()) * (1.0 + 1.0 / len(run))
+    along = np.arange(DEEP * reach, max(far, SLENDER * width, DEEP * reach + 4.0), 2.0)
+    nx, ny = normals[run].mean(axis=0).tolist()
+    cosine, sine = np.cos(DIRECTIONS), np.sin(DIRECTIONS)
+    rays = np.column_stack([nx * cosine - ny * sine, nx * sine + ny * cosine]) / max(math.hypot(nx, ny), 1e-9)
+    middle = np.broadcast_to(points[run].mean(axis=0), rays.shape)
+    depths = (_levels(grey, middle, rays, along, hidden) - low) / (high - low)
+    goes_on = ~(np.abs(depths) > ALIKE).any(axis=1)  # out of the image it may go on as well
+    return not goes_on.any()
 
 
 def levels_at(grey: Grey, points: Floats, hidden: Grey | None = None) -> Floats:

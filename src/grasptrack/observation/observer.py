@@ -36,6 +36,10 @@ BALANCE = 0.25
 """A threshold is at least by this share of the contrast away from the object's and the ground's own level."""
 DISTINCT = 6.0
 """Thresholds that differ by fewer grey levels give the same outlines."""
+OTHER_LIGHT = 1.12
+"""A window whose contrast differs from the last one's by more than this factor may be exposed otherwise."""
+MOST_GAIN = 3.0
+"""Edges do not get steeper or fainter than by so many times."""
 MAX_ZOOM = 16.0
 """After a loss, an area that differs from the last one by more than this factor is another object's."""
 MAX_GROWTH = 2.5
@@ -53,12 +57,16 @@ class Observer:
         self.hidden = hidden
         self.polarity = 1
         self._channel = PLAIN
-        self._closing: Closing | None = None
+        self._recipe = -1, math.nan
         self._colours: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
         self._inside = self._outside = math.nan
         self._balance = 0.5
         self._holes = 0
         self._levels: dict[int, tuple[float, float, float]] = {}  # of the outlines of this image
+        self._sharpness = math.nan  # of the outline as it was found first
+        self._gain = 1.0  # of its edges since then
+        self._contrast = math.nan  # of the window, in this image and where the object was believed last
+        self._last_contrast = math.nan
 
     def look(self, image: NDArray[Any]) -> Grey:
         """The next image as everything that follows will see it: in the mixture of colours that shows the object best.
@@ -85,15 +93,15 @@ class Observer:
         """From now on it is this object that is looked for; the image it was found in, in its mixture of colours."""
         self.polarity = candidate.polarity
         self._channel = candidate.channel
-        size = self._colours.shape
-        self._closing = None if candidate.recipe < 0 else Closing(candidate.recipe, candidate.grain, size)
+        self._recipe = candidate.recipe, candidate.grain
+        self._sharpness, self._gain, self._last_contrast = _sharpness(candidate.view), 1.0, math.nan
         self._inside, self._outside = candidate.inside, candidate.outside
         self._learn_balance(candidate.level, candidate.inside, candidate.outside)
         self._holes = len(candidate.view.contours) - 1
         return self._channel.grey(self._colours)
 
-    def near(self, grey: Grey, expected: Floats, centres: Floats) -> View | None:
-        """The outline in a window round the expected one, or None. Call it first for each new image.
+    def near(self, grey: Grey, expected: Floats, centres: Floats) -> Iterator[View]:
+        """Outlines in a window round the expected one, the likeliest first. Call it first for each new image.
 
         Args:
             grey: (H, W).
@@ -107,14 +115,17 @@ class Observer:
         left, top = max(0, math.floor(x0 - margin)), max(0, math.floor(y0 - margin))
         right, bottom = min(width, math.ceil(x1 + margin) + 1), min(height, math.ceil(y1 + margin) + 1)
         if right - left < 8 or bottom - top < 8 or math.isnan(self._inside):
-            return None
+            return
         area, x, y = _area_and_centre(expected)
         window = left, top, right, bottom
         for level, shapes in self._shapes(grey, window, area / MAX_GROWTH):
             best = _most_alike(shapes, area, x, y)
             if best is not None and not _cut_by_window(best, window, (width, height)):
-                return self._localised(grey, best, centres, level)
-        return None
+                view = self._localised(grey, best, centres, level)
+                if view is not None:
+                    yield view
+                if self._recipe[0] < 0:
+                    return
 
     def _shapes(
         self, grey: Grey, window: tuple[int, int, int, int], least: float
@@ -122,10 +133,12 @@ class Observer:
         """Silhouettes in a window and the level that gave them, as the object was found last; then by its own levels,
         for the light may have changed."""
         left, top, right, bottom = window
-        if self._closing is not None:
-            part = self._colours[top:bottom, left:right]
+        if self._recipe[0] >= 0:
+            part = planes(self._colours[top:bottom, left:right])
             hidden = None if self.hidden is None else self.hidden[top:bottom, left:right]
-            yield math.nan, self._closing.shapes(planes(part), hidden, max(least, 30.0), (left, top))
+            self._contrast = float(part[:, :, 0].std())
+            for gain in self._gains():
+                yield math.nan, self._closing(gain).shapes(part, hidden, max(least, 30.0), (left, top))
             return
         own: list[float] | None = None
         while own is None or own:
@@ -140,6 +153,18 @@ class Observer:
                     for other in thresholds(grey[top:bottom:2, left:right:2])[:1]
                     if abs(other - level) >= DISTINCT
                 ]
+
+    def _gains(self) -> Iterator[float]:
+        """By how much edges may be steeper than in the first image: as learned, then as this image's contrast says."""
+        yield self._gain
+        change = self._contrast / max(self._last_contrast, 1.0)
+        if not 1.0 / OTHER_LIGHT < change < OTHER_LIGHT and math.isfinite(change):
+            yield self._gain * change
+
+    def _closing(self, gain: float) -> Closing:
+        """The closing that found the object, for edges that are so many times as steep."""
+        recipe, grain = self._recipe
+        return Closing(recipe, grain * gain, self._colours.shape)
 
     @property
     def levels(self) -> tuple[float, float]:
@@ -156,8 +181,9 @@ class Observer:
             known: an outline that has been looked at already.
         """
         seen = [] if known is None else [_place(known)]
-        if self._closing is not None:
-            yield self._enclosed(grey, area, seen)
+        if self._recipe[0] >= 0:
+            for gain in self._gains():
+                yield self._enclosed(grey, area, seen, gain)
             return
         yield self._at(grey, self._level, area, seen)
         own = thresholds(grey if self.hidden is None else grey[self.hidden == 0])
@@ -184,10 +210,10 @@ class Observer:
             views.append(view)
         return views
 
-    def _enclosed(self, grey: Grey, area: float, seen: list[tuple[float, float, float]]) -> list[View]:
+    def _enclosed(self, grey: Grey, area: float, seen: list[tuple[float, float, float]], gain: float) -> list[View]:
         """Outlines that closed edges give in the whole image, without those that were seen before."""
-        assert self._closing is not None
-        shapes = self._closing.shapes(planes(self._colours), self.hidden, max(area / MAX_ZOOM, 30.0), (0, 0))
+        least = max(area / MAX_ZOOM, 30.0)
+        shapes = self._closing(gain).shapes(planes(self._colours), self.hidden, least, (0, 0))
         views = []
         for shape in sorted(shapes, key=lambda s: -s.area)[:PER_THRESHOLD]:
             if max(shape.box[2:]) < MIN_EXTENT or shape.area > area * MAX_ZOOM or not plausible(shape, grey.shape):
@@ -214,9 +240,14 @@ class Observer:
         return view
 
     def believe(self, view: View) -> None:
-        """Learn the grey levels of an outline that the verdict accepted, if it was segmented here."""
+        """Learn the grey levels and the light of an outline that the verdict accepted, if it was segmented here."""
         inside, outside, level = self._levels.get(id(view), (math.nan, math.nan, math.nan))
-        if (outside - inside) * self.polarity > 0.0:
+        self._last_contrast = self._contrast
+        if math.isfinite(inside) and self._recipe[0] >= 0:
+            self._gain = min(max(_sharpness(view) / self._sharpness, 1.0 / MOST_GAIN), MOST_GAIN)
+        if not self.polarity and math.isfinite(inside + outside):
+            self._inside, self._outside = inside, outside
+        elif (outside - inside) * self.polarity > 0.0:
             # what its own levels found may be lit otherwise altogether
             share = LEARNING if abs(level - self._level) < DISTINCT else 1.0
             self._learn_balance(level, inside, outside)
@@ -236,6 +267,12 @@ class Observer:
     def _with_holes(self, view: View) -> View:
         """At most as many holes as the reference has: what is printed on an object comes and goes with a threshold."""
         return view if len(view.contours) <= self._holes + 1 else View(view.contours[: self._holes + 1])
+
+
+def _sharpness(view: View) -> float:
+    """Grey levels per px of the outer contour's edges."""
+    strength = view.outer.strength
+    return math.nan if strength is None else max(float(np.median(strength)), 1.0)
 
 
 def _place(view: View) -> tuple[float, float, float]:

@@ -21,6 +21,10 @@ SEEN = 1.75
 """px from the fitted curve within which an edge supports it."""
 BEND = 0.05
 """Share of the object's size by which shear and perspective may plausibly bend it where nothing is seen."""
+SAME, SAME_LEVELS = 0.35, 12.0
+"""The material is the same within this share of the contrast, and so many grey levels."""
+LIT = 0.8
+"""Where of the edges that fit otherwise fewer than this show the same material, the light may have changed."""
 SMALL = 0.3
 """px of bias below which weighing the edges again would change nothing."""
 THIN = 3
@@ -79,8 +83,13 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
     visible = (x >= BORDER) & (y >= BORDER) & (x <= width - 1 - BORDER) & (y <= height - 1 - BORDER)
     contrast = template.contrast
     like = np.abs(edges[:, 3] - edges[:, 2]) >= 2.0 * FAINTEST * contrast
-    like &= np.abs(edges[:, 2] - template.inside) <= 0.35 * contrast + 12.0
     like &= rows.used & visible
+    alike = like & (np.abs(edges[:, 2] - template.inside) <= SAME * contrast + SAME_LEVELS)
+    if int(np.count_nonzero(alike)) < LIT * int(np.count_nonzero(like)):
+        # so many that differ together are lit otherwise: what the ground says of the light is asked
+        light = float(np.median(edges[like, 3])) / max(float(np.median(template.outside[like])), 1.0)
+        alike = like & (np.abs(edges[:, 2] - light * template.inside) <= light * SAME * contrast + SAME_LEVELS)
+    like = alike
     seen = like & (np.abs(gap) <= SEEN)
     if int(seen.sum()) <= 8:
         nothing = np.full((8, 8), math.inf)
@@ -105,8 +114,8 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
     variance = max(float(r @ r) / max(int(seen.sum()) - 8, 1), FLOOR * FLOOR)
     common = max(float(r[:-1] @ r[1:]) / max(int((seen[:-1] & seen[1:]).sum()), 1), 0.0)
     # residuals that go together count once: the variance of a mean of an AR(1) series
-    alike = min(common / variance, 0.8)
-    variance *= (1.0 + alike) / (1.0 - alike)
+    together = min(common / variance, 0.8)
+    variance *= (1.0 + together) / (1.0 - together)
     # twice the variance: the template carries the first image's noise
     covariance = np.linalg.inv(N / (2.0 * variance) + np.diag(prior + 1e-9))
     A = rows.A[seen]

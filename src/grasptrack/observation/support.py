@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import Bools, View
 from grasptrack.errors import ConditioningError
-from grasptrack.observation.contradiction import CLEAR, contradicted, levels_at
+from grasptrack.observation.contradiction import CLEAR, attached, contradicted, levels_at
 from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
@@ -42,6 +42,11 @@ LEAST = 8
 """Edges that must be found before their levels tell what ground and material look like."""
 LOOSE = 0.25
 """What the outline does not show of a motion may be as large as this fraction of sqrt(area)."""
+
+
+MATERIAL = 0.3
+"""Across an edge of an object of several colours, grey changes at least by this share of what it does elsewhere: on
+either side of a line on the ground it is the same."""
 
 
 class Support(NamedTuple):
@@ -82,7 +87,8 @@ class OutlineSamples:
         grey: the image it came from.
         contacts: (k, 2) px on the outline.
         width: px, of a finger.
-        polarity: +1 object darker than its surroundings, -1 lighter, 0 either.
+        polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ: each sample then asks for an
+            edge of its own direction.
         hidden: (H, W) nonzero where nothing belongs to the scene, in this image and in those that follow.
     """
 
@@ -117,15 +123,27 @@ class OutlineSamples:
         keep = strong | ~outline
         self.points: Floats = np.ascontiguousarray(points[keep])
         self.normals: Floats = np.ascontiguousarray(-frames[keep, :2])
-        self.strength: Floats = np.where(strong, strength, np.inf)[keep]
+        self.strength: Floats = np.where(strong, strength if polarity else edges[:, 1], np.inf)[keep]
         self.outline: Bools = outline[keep]
         self.inside: Floats = edges[keep, 2]
+        self.outside: Floats = edges[keep, 3]
         self.polarity = polarity
         self._hidden = hidden
         self.contacts = len(contacts)
         self.count = int(np.count_nonzero(self.outline))
         self.area = kernels.inertia(view.points, view.offsets)[0]
         self.share = float(strong[outline].mean())
+        self._beside: Bools = np.zeros(self.count, dtype=np.bool_)
+        if not polarity:
+            # what lies at the object from the first tells nothing later
+            self._beside = self._attached(
+                grey,
+                self.points,
+                self.normals,
+                *self._levels(edges[keep], strong[keep]),
+                MIN_REACH,
+                math.sqrt(self.area),
+            )
 
     def support(self, grey: Grey, H: Floats, contacts: Floats) -> Support:
         """Look for the outline in an image under H (3, 3), reference to current, that puts the contacts at (k, 2).
@@ -161,7 +179,11 @@ class OutlineSamples:
         # an edge without material on its inner side, a line on the ground for one, is none of the outline's
         offset = np.where(found, edges[:, 0], 0.0) - BESIDE
         within = levels_at(grey, points + offset[:, None] * normals)
-        found = found & ~(np.abs(within - ground) < np.abs(within - material))
+        if self.polarity:
+            found = found & ~(np.abs(within - ground) < np.abs(within - material))
+        else:  # in shadow both sides are darker
+            lit = np.clip(edges[:, 3] / np.maximum(ground, 1.0), 0.0, 1.0)
+            found = found & ~(np.abs(within - edges[:, 3]) < MATERIAL * lit * np.abs(material - ground))
         hits = np.abs(edges[found & self.outline, 0])
         return Support(
             len(hits) / asked if asked else 0.0,
@@ -173,7 +195,7 @@ class OutlineSamples:
             covariance,
             found[~self.outline].reshape(self.contacts, PER_CONTACT).mean(axis=1),
             size,
-            self._contradicted(grey, points, normals, inside & ~found, ground, material, reach, size) / asked
+            self._contradicted(grey, points, normals, inside, found, ground, material, reach, size) / asked
             if asked
             else 0.0,
         )
@@ -186,28 +208,51 @@ class OutlineSamples:
         beyond = edges[found, 3]
         light = float(np.median(beyond))
         spread = 1.4826 * float(np.median(np.abs(beyond - light)))
-        material = self.inside + float(np.median(edges[found, 2] - self.inside[found]))
+        if self.polarity:
+            material = self.inside + float(np.median(edges[found, 2] - self.inside[found]))
+        else:
+            material = light + self._gain(edges, found, light) * (self.inside - float(np.median(self.outside[found])))
         return np.where(np.abs(light - material) > CLEAR * spread, light, math.nan), material
+
+    def _gain(self, edges: Floats, found: Bools, light: float) -> float:
+        """By how much more the material differs from the ground than in the reference: what is lighter and what is
+        darker than the ground changes alike."""
+        then = self.inside[found] - float(np.median(self.outside[found]))
+        clear = np.abs(then) >= 0.5 * float(np.nanmax(np.abs(then)))
+        return float(np.median((edges[found, 2] - light)[clear] / then[clear]))
 
     def _contradicted(
         self,
         grey: Grey,
         points: Floats,
         normals: Floats,
-        missed: Bools,
+        inside: Bools,
+        found: Bools,
         ground: Floats,
         material: Floats,
         reach: float,
         size: float,
     ) -> int:
         """How many samples of the outline the image contradicts."""
-        use = self.outline
-        if not 0 < np.count_nonzero(missed & use) <= HOPELESS * len(missed):
+        use, missed = self.outline, inside & ~found
+        if np.count_nonzero(missed & use) > HOPELESS * len(missed):
             return 0
-        against = contradicted(
-            grey, points[use], normals[use], missed[use], material[use], ground[use], reach, size, self._hidden
-        )
+        against = np.zeros(self.count, dtype=np.bool_)
+        if (missed & use).any():
+            against = contradicted(
+                grey, points[use], normals[use], missed[use], material[use], ground[use], reach, size, self._hidden
+            )
+        if not self.polarity:
+            more = self._attached(grey, points, normals, ground, material, reach, size)
+            against = against | (more & inside[use] & ~self._beside)
         return int(np.count_nonzero(against))
+
+    def _attached(
+        self, grey: Grey, points: Floats, normals: Floats, ground: Floats, material: Floats, reach: float, size: float
+    ) -> Bools:
+        """(count,) samples of the outline beyond which something of one of the object's colours ends farther out."""
+        use = self.outline
+        return attached(grey, points[use], normals[use], material[use], ground[use], reach, size, self._hidden)
 
     def _covered(self, H: Floats) -> Bools | None:
         """(n,) samples that H puts where nothing belongs to the scene; None where that is nowhere."""

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Objects that differ from their ground by colour, or are darker here and lighter there: followed, never mistaken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from grasptrack import kernels
+from grasptrack.projective import apply_homography
+from grasptrack.simulation import SHAPES, Renderer, Shape, Texture
+from stages import HEIGHT, WIDTH, Run, bar, mirrored, pose, twin
+
+BRACKET, PLATE = (SHAPES[n]() for n in ("bracket", "notched-plate"))
+Colour = tuple[float, float, float]
+Light = Callable[[np.ndarray], np.ndarray]
+GREY: Colour = (150.0, 150.0, 150.0)
+RED: Colour = (70.0, 60.0, 150.0)
+WHITE: Colour = (245.0, 245.0, 245.0)
+DARK: Colour = (60.0, 55.0, 50.0)
+BLUE: Colour = (240.0, 132.0, 72.0)
+"""Of very nearly GREY's lightness to a camera without colours."""
+
+
+def paint(first: Colour, second: Colour, second_at: np.ndarray) -> Texture:
+    picture = np.where(second_at[..., None], np.array(second), np.array(first)).astype(np.uint8)
+    return Texture(cv2.GaussianBlur(picture, (0, 0), 0.8), 4.0)
+
+
+y, x = np.mgrid[:512, :512] - 255.5
+GROUND = paint(GREY, GREY, x > 0)
+SURFACES = {
+    "colour": paint(BLUE, BLUE, x > 0),
+    "halves": paint(WHITE, DARK, x * np.cos(0.4) + y * np.sin(0.4) > 0),
+    "print": paint(RED, WHITE, np.hypot(x, y) < 30),
+}
+
+
+def photo(
+    parts: list[tuple[Shape, np.ndarray]],
+    surface: Texture,
+    light: Light = lambda image: image,
+    bars: tuple[tuple[np.ndarray, Colour], ...] = (),
+    seed: int = 0,
+) -> np.ndarray:
+    """(HEIGHT, WIDTH, 3) parts on a grey table in some light."""
+    view = Renderer(BRACKET, GROUND, surface, width=WIDTH, height=HEIGHT, blur=0.7, colour=True)
+    image = view._warp(GROUND, pose(scale=60.0)).copy()
+    for shape, H in parts:
+        view._over(image, tuple(apply_homography(H, p) for p in shape.polygons), view._warp(surface, H))
+    for polygon, colour in bars:
+        view._over(image, (polygon,), np.broadcast_to(np.array(colour, np.float32), image.shape))
+    image = light(image) + 2.0 * np.random.default_rng((seed, 3)).standard_normal(image.shape)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def moved(k: int) -> np.ndarray:
+    return pose(150.0 + 2 * k, 118.0 + k, 2.0 * k, 70.0, 0.8 * k)
+
+
+def times(*gain: float) -> Light:
+    return lambda image: image * np.array(gain)
+
+
+@pytest.mark.parametrize("strategy", ["auto", "rrp"])
+@pytest.mark.parametrize("light", [times(0.5), times(0.7), times(0.75, 1.0, 1.2)], ids=["half", "less", "balance"])
+@pytest.mark.parametrize("surface", SURFACES)
+def test_a_sudden_change_of_light_is_followed(surface: str, light: Light, strategy: str) -> None:
+    run = Run(strategy=strategy)
+    for k in range(8):
+        image = photo([(BRACKET, moved(k))], SURFACES[surface], light if k >= 4 else times(1.0), seed=k)
+        run.see(image, moved(k))
+    assert run.wrong == []
+    assert len(run.right) >= 7
+    assert run.results[0].view is not None
+
+
+@pytest.mark.parametrize("surface", ["halves", "print"])
+def test_light_that_changes_slowly_is_followed(surface: str) -> None:
+    run = Run()
+    for k in range(12):
+        run.see(photo([(BRACKET, moved(k))], SURFACES[surface], times(1.0 - 0.04 * k), seed=k), moved(k))
+    assert run.wrong == []
+    assert len(run.right) >= 11
+
+
+@pytest.mark.parametrize("strategy", ["auto", "rrp"])
+@pytest.mark.parametrize("surface", SURFACES)
+@pytest.mark.parametrize(
+    "stranger",
+    [mirrored(BRACKET), twin(BRACKET, 0.08, 0.8), twin(BRACKET, 0.08, -0.8), None],
+    ids=["mirrored", "tab", "notch", "gone"],
+)
+def test_an_exchanged_object_is_not_the_object(stranger: Shape | None, surface: str, strategy: str) -> None:
+    run = Run(strategy=strategy)
+    for k in range(7):
+        shape = BRACKET if k < 4 else stranger
+        image = photo([] if shape is None else [(shape, moved(k))], SURFACES[surface], seed=k)
+        run.see(image, moved(k) if k < 4 else None)
+    assert run.right == [0, 1, 2, 3]
+    assert run.wrong == []
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_a_cover_is_never_taken_for_the_object(surface: str) -> None:
+    run = Run()
+    for k in range(16):
+        bars = ((bar(30.0 + 16 * (k - 4), 40.0), (120.0, 128.0, 131.0)),) if k >= 4 else ()
+        run.see(photo([(BRACKET, moved(k))], SURFACES[surface], bars=bars, seed=k), moved(k))
+    assert run.wrong == []
+
+
+def test_of_an_object_of_several_colours_each_edge_keeps_its_direction() -> None:
+    image = np.full((80, 120), 100, np.uint8)
+    image[:, 60:] = 160
+    points, normals = np.array([[59.5, 20.0], [59.5, 40.0], [59.5, 60.0]]), np.tile([1.0, 0.0], (3, 1))
+    for strength, found in ((20.0, True), (-20.0, False)):
+        seen = kernels.outline_support(
+            image, np.eye(3), points, normals, np.array([strength, strength, np.inf]), points[:1].copy(), 0,
+            1000.0, 0.02, 3.0, 12.0, 2.0, 0.3, 0.3, 0.25,
+        )  # fmt: skip
+        assert seen[6].tolist() == [found, found, True]
