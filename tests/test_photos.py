@@ -13,7 +13,9 @@ import pytest
 from grasptrack.evaluation.segmentation import boundary_f, iou, mask_of
 from grasptrack.observation.segmentation import objects
 from grasptrack.pair import carry_to
+from grasptrack.projective import apply_homography
 from grasptrack.synthesis import synthesize
+from grasptrack.transfer.alignment import alignments, as_similarity
 
 DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 
@@ -41,15 +43,30 @@ def test_six_parts_are_six() -> None:
     assert areas.max() < 1.25 * areas.min()
 
 
-def test_a_grasp_of_one_part_is_found_on_the_other_five() -> None:
+def test_the_best_grasp_of_one_part_is_the_best_of_the_other_five() -> None:
+    """Up to the part's half turn, and as well as the outlines agree: laid on each other they are 2 to 6 px apart, rms."""
+    first, *others = objects(cv2.imread(str(DATA / "stills" / "pca_test1.jpg")))
+    best = synthesize(first.view)[0].contacts
+    for other in others:
+        own = synthesize(other.view)[0].contacts
+        ways = alignments(first.view.outer, other.view.outer)
+        moved = [apply_homography(as_similarity(a, first.view.outer, other.view.outer), best) for a in ways]
+        apart = min(np.hypot(*(m[order] - own).T).max() for m in moved for order in ([0, 1], [1, 0]))
+        assert apart < 0.05 * np.sqrt(other.view.outer.area)
+
+
+def test_a_grasp_of_one_part_is_carried_to_its_neighbours() -> None:
+    """The sixth part lies across, and its outline differs by more than the edges allow: it is refused, with a reason."""
     image = cv2.imread(str(DATA / "stills" / "pca_test1.jpg"))
     first, *others = objects(image)
     grasp = synthesize(first.view)[0]
+    carried = 0
     for other in others:
         x, y = other.view.outer.points.mean(axis=0).tolist()
         pair = carry_to(grasp, first.view, image, image, 0.5, object_at=(x, y))
-        believed = [o for o in pair.outcomes if not o.reason and o.analysis is not None and o.analysis.stable]
-        assert believed, [o.reason for o in pair.outcomes]
+        believed = [o for o in pair.outcomes if not o.reason]
+        carried += bool(believed)
         for outcome in believed:
-            assert outcome.contacts is not None
-            assert np.abs(other.view.outer.points.mean(axis=0) - outcome.contacts.mean(axis=0)).max() < 120.0
+            assert outcome.contacts is not None and outcome.analysis is not None and outcome.analysis.stable
+            assert np.hypot(*(outcome.contacts.mean(axis=0) - (x, y))) < 0.1 * np.sqrt(other.view.outer.area)
+    assert carried >= 4

@@ -37,7 +37,7 @@ def given_contacts() -> np.ndarray:
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_a_tracked_frame_tells_all_there_is(strategy: str) -> None:
-    results = track(IMAGES, strategy=strategy)
+    results = track(IMAGES, strategy=strategy, grasp=[[215.0, 110.0], [104.5, 113.3]])
     assert [r.status for r in results] == ["tracked"] * 6
     assert [r.frame for r in results] == list(range(6))
     for k, r in enumerate(results):

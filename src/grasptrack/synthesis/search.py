@@ -127,7 +127,7 @@ def _ranked(
             RankedGrasp(
                 contacts[i],
                 float(quality[i]),
-                Terms(*terms[i][:3], float(room[i]), terms[i][3]),
+                Terms(terms[i][0], terms[i][1], terms[i][2], float(room[i]), terms[i][3]),
                 spread=bool(found.sense[row] < 0.0),
                 margin=math.atan(friction) - needed,
                 directions=directions[i],
