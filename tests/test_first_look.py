@@ -22,7 +22,7 @@ from grasptrack.observation.silhouettes import trace
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES
 from outlines import dense
-from stages import HEIGHT, WIDTH, photo, pose
+from stages import HEIGHT, WIDTH, Run, photo, pose
 from test_segmentation import distances
 
 BRACKET, GASKET, PLATE = (SHAPES[n]() for n in ("bracket", "gasket", "notched-plate"))
@@ -195,3 +195,39 @@ def test_objects_of_a_mask() -> None:
     cv2.circle(mask, (230, 150), 40, (255,), cv2.FILLED)
     found = objects(np.zeros((HEIGHT, WIDTH, 3), np.uint8), mask=mask)
     assert sorted(c.view.outer.area for c in found) == pytest.approx([np.pi * 40.5**2, 91.0 * 61.0], rel=0.04)
+
+
+def with_shadow(shape, H, colour, depth, blur, by, seed=0):  # type: ignore[no-untyped-def]
+    """BGR image of a part that casts a shadow on a light table."""
+    cover = coverage([apply_homography(H, p) for p in shape.polygons])[:, :, None]
+    cast = coverage([apply_homography(H, p) + by for p in shape.polygons])
+    ground = np.array([190.0, 195.0, 200.0]) * (1 - (1 - depth) * cv2.GaussianBlur(cast, (0, 0), blur))[:, :, None]
+    image = cv2.GaussianBlur(cover * np.array(colour, float) + (1 - cover) * ground, (0, 0), 0.8)
+    image += 2.0 * np.random.default_rng(seed).standard_normal(image.shape)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("colour", [(235, 235, 235), (40, 60, 160), (150, 140, 60)], ids=["white", "red", "teal"])
+@pytest.mark.parametrize(("depth", "blur"), [(0.45, 1.5), (0.65, 1.5), (0.45, 4.0)])
+def test_a_shadow_is_no_part_of_its_object(colour, depth: float, blur: float) -> None:  # type: ignore[no-untyped-def]
+    H = pose(158.0, 121.0, 24.0, scale=80.0)
+    for shape in (BRACKET, GASKET):
+        view = segment(with_shadow(shape, H, colour, depth, blur, (8.0, 6.0)))
+        assert view.outer.area == pytest.approx(Contour(dense(apply_homography(H, shape.outer))).area, rel=0.06)
+
+
+def test_no_part_of_a_two_coloured_object_is_taken_for_a_shadow() -> None:
+    for colours in ([(40, 40, 40), (80, 80, 80)], [(90, 90, 90), (215, 215, 215)], [(40, 40, 40), (215, 215, 215)]):
+        for shape in (BRACKET, GASKET, PLATE):
+            H = pose(158.0, 121.0, 24.0, scale=100.0)
+            area = Contour(dense(apply_homography(H, shape.outer))).area
+            assert segment(painted(shape, H, colours)).outer.area == pytest.approx(area, rel=0.05)
+
+
+def test_an_object_with_a_shadow_is_followed_without_it() -> None:
+    run = Run()
+    for k in range(8):
+        H = pose(150.0 + 3 * k, 118.0, 2.0 * k, scale=80.0 + 0.5 * k)
+        run.see(with_shadow(BRACKET, H, (150, 140, 60), 0.45, 1.5, (8.0, 6.0), seed=k), H)
+    assert not run.wrong
+    assert len(run.right) >= 6, [r.reason for r in run.results]

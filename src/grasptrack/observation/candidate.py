@@ -45,6 +45,7 @@ class Candidate(NamedTuple):
         channel: the mixture of colours that shows it; grey levels are levels of that.
         rating: the terms of the score.
         grain: Lab units per px of the image's own slopes, as that closing saw them.
+        shaded: its shadow was cut out of the silhouette, and has to be again in every image.
     """
 
     view: View
@@ -57,6 +58,7 @@ class Candidate(NamedTuple):
     channel: Channel = PLAIN
     rating: Rating | None = None
     grain: float = math.nan
+    shaded: bool = False
 
 
 def plausible(shape: Silhouette, size: tuple[int, ...]) -> bool:

@@ -21,6 +21,7 @@ from grasptrack.observation.images import Grey, to_bgr
 from grasptrack.observation.outline import localise
 from grasptrack.observation.proposals import PER_THRESHOLD
 from grasptrack.observation.segmentation import MIN_EXTENT, candidates
+from grasptrack.observation.shadow import shadow_removed
 from grasptrack.observation.silhouettes import Silhouette, trace
 from grasptrack.observation.thresholds import thresholds
 
@@ -58,6 +59,7 @@ class Observer:
         self.polarity = 1
         self._channel = PLAIN
         self._recipe = -1, math.nan
+        self._shaded = False
         self._colours: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
         self._inside = self._outside = math.nan
         self._balance = 0.5
@@ -94,6 +96,7 @@ class Observer:
         self.polarity = candidate.polarity
         self._channel = candidate.channel
         self._recipe = candidate.recipe, candidate.grain
+        self._shaded = candidate.shaded
         self._sharpness, self._gain, self._last_contrast = _sharpness(candidate.view), 1.0, math.nan
         self._inside, self._outside = candidate.inside, candidate.outside
         self._learn_balance(candidate.level, candidate.inside, candidate.outside)
@@ -201,7 +204,7 @@ class Observer:
         for shape in trace(binary, max(area / MAX_ZOOM, 30.0), holes=self._holes > 0)[:PER_THRESHOLD]:
             if max(shape.box[2:]) < MIN_EXTENT or shape.area > area * MAX_ZOOM:
                 continue
-            candidate = of_one_level(grey, shape, self.polarity, self.hidden)
+            candidate = of_one_level(grey, self._alone(shape), self.polarity, self.hidden)
             if candidate is None or any(_same(_place(candidate.view), other) for other in seen):
                 continue
             seen.append(_place(candidate.view))
@@ -224,7 +227,12 @@ class Observer:
                 views.append(view)
         return views
 
+    def _alone(self, shape: Silhouette) -> Silhouette:
+        """A silhouette without the shadow that the object cast when it was chosen."""
+        return shadow_removed(self._colours, shape) if self._shaded else shape
+
     def _localised(self, grey: Grey, shape: Silhouette, centres: Floats, level: float) -> View | None:
+        shape = self._alone(shape)
         try:
             edge = localise(grey, shape.outer, hole=False, polarity=self.polarity, hidden=self.hidden)
         except ContourError:

@@ -106,6 +106,14 @@ def overlap(one: tuple[int, int, int, int], other: Box) -> float:
     return both / (one[2] * one[3] + other[2] * other[3] - both)
 
 
+def is_alike(one: Silhouette, other: Silhouette) -> bool:
+    """Whether two silhouettes are nearly the same region."""
+    (x, y, w, h), (u, v, p, q) = one.box, other.box
+    size = math.sqrt(other.area)
+    corners = max(abs(x - u), abs(y - v), abs(x + w - u - p), abs(y + h - v - q))
+    return corners < 0.5 * ALIKE * size and abs(math.sqrt(one.area) - size) < 0.25 * ALIKE * size
+
+
 def _distinct(found: list[Proposal]) -> list[Proposal]:
     """Of those that are the same region the first, or the first that a threshold found."""
     kept: list[Proposal] = []

@@ -20,13 +20,16 @@ from grasptrack.observation.candidate import Candidate, holds, of_closed_edges, 
 from grasptrack.observation.closures import Scenery
 from grasptrack.observation.edge_field import Planes, planes
 from grasptrack.observation.images import Grey, as_scene, to_bgr, to_grey, to_mask
-from grasptrack.observation.proposals import Box, Proposal, overlap, propose
+from grasptrack.observation.proposals import Box, Proposal, is_alike, overlap, propose
+from grasptrack.observation.shadow import without_shadow
 from grasptrack.observation.silhouettes import Silhouette
 
 MIN_EXTENT = 20
 """px across; a smaller object has no outline worth following."""
 LOOKED_AT = 8
 """Proposals that become contours, the best first; after them only those that lie apart from all that was found."""
+SHADOWS = 3
+"""Objects that are looked at for a shadow, the best first."""
 MOST = 60
 """Proposals that become contours at all."""
 WORTH = 0.02
@@ -157,15 +160,28 @@ def _contours(
         if part and looked >= LOOKED_AT:
             continue
         looked += 1
-        if p.recipe < 0:
+        shaded = False
+        if not part and len(found) < SHADOWS:
+            p, shaded = _out_of_shadow(p, proposals, colours)
+        if p.recipe < 0 and not shaded:
             candidate = of_one_level(grey, p.silhouette, p.polarity, hidden)
         else:
             candidate = of_closed_edges(colours, None if part else seen, p.silhouette, hidden)
         if candidate is not None and not any(_same(candidate.view, other.view) for other in found):
             rated = candidate._replace(score=p.worth, rating=p.rating)
-            found.append(rated._replace(level=p.level, recipe=p.recipe, grain=p.grain))
+            found.append(rated._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=shaded))
             cv2.drawContours(taken, [p.silhouette.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
     return found
+
+
+def _out_of_shadow(p: Proposal, proposals: list[Proposal], colours: NDArray[np.uint8]) -> tuple[Proposal, bool]:
+    """A proposal without the shadow that its object casts, and whether it had to be cut out: where another proposal
+    is the object alone, that one is taken."""
+    alone = without_shadow(colours, p.silhouette)
+    if alone is None:
+        return p, False
+    alike = [other for other in proposals if is_alike(other.silhouette, alone)]
+    return (alike[0], False) if alike else (p._replace(silhouette=alone), True)
 
 
 def _overlaps(shape: Silhouette, taken: NDArray[np.uint8], found: list[Candidate]) -> bool:
