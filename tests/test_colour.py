@@ -113,6 +113,30 @@ def test_a_cover_is_never_taken_for_the_object(surface: str) -> None:
     assert run.wrong == []
 
 
+@pytest.mark.parametrize("surface", SURFACES)
+def test_an_equal_elsewhere_is_not_the_covered_object(surface: str) -> None:
+    run = Run()
+    for k in range(8):
+        where = pose(100.0 + k, 90.0, 2.0 * k, 55.0)
+        parts, bars = [(BRACKET, where)], None
+        if k >= 4:
+            parts.append((BRACKET, pose(250.0, 160.0, 20.0, 55.0)))
+            bars = ((bar(105.0, 90.0, 0.0), (90.0, 90.0, 180.0)),)
+        run.see(photo(parts, SURFACES[surface], bars=bars or (), seed=k), where if k < 4 else None)
+    assert run.right == [0, 1, 2, 3]
+    assert run.wrong == []
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_what_was_moved_is_found_again(surface: str) -> None:
+    run = Run()
+    for k in range(8):
+        where = pose(100.0 + k, 90.0, 2.0 * k, 55.0) if k < 4 else pose(215.0 + k, 150.0, 30.0, 55.0)
+        run.see(photo([] if k == 4 else [(BRACKET, where)], SURFACES[surface], seed=k), where)
+    assert run.wrong == []
+    assert len(run.right) >= 7
+
+
 def test_of_an_object_of_several_colours_each_edge_keeps_its_direction() -> None:
     image = np.full((80, 120), 100, np.uint8)
     image[:, 60:] = 160
