@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from grasptrack import kernels
+from grasptrack.contour import Contour
+from grasptrack.observation.channel import PLAIN, clearest
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES, Renderer, Shape, Texture
 from stages import HEIGHT, WIDTH, Run, bar, mirrored, pose, twin
@@ -111,6 +113,44 @@ def test_a_cover_is_never_taken_for_the_object(surface: str) -> None:
         bars = ((bar(30.0 + 16 * (k - 4), 40.0), (120.0, 128.0, 131.0)),) if k >= 4 else ()
         run.see(photo([(BRACKET, moved(k))], SURFACES[surface], bars=bars, seed=k), moved(k))
     assert run.wrong == []
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_an_equal_elsewhere_is_not_the_covered_object(surface: str) -> None:
+    run = Run()
+    for k in range(8):
+        where = pose(100.0 + k, 90.0, 2.0 * k, 55.0)
+        parts, bars = [(BRACKET, where)], None
+        if k >= 4:
+            parts.append((BRACKET, pose(250.0, 160.0, 20.0, 55.0)))
+            bars = ((bar(105.0, 90.0, 0.0), (90.0, 90.0, 180.0)),)
+        run.see(photo(parts, SURFACES[surface], bars=bars or (), seed=k), where if k < 4 else None)
+    assert run.right == [0, 1, 2, 3]
+    assert run.wrong == []
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_what_was_moved_is_found_again(surface: str) -> None:
+    run = Run()
+    for k in range(8):
+        where = pose(100.0 + k, 90.0, 2.0 * k, 55.0) if k < 4 else pose(215.0 + k, 150.0, 30.0, 55.0)
+        run.see(photo([] if k == 4 else [(BRACKET, where)], SURFACES[surface], seed=k), where)
+    assert run.wrong == []
+    assert len(run.right) >= 7
+
+
+def test_a_mixture_that_shows_one_part_very_well_and_another_not_at_all_is_not_taken() -> None:
+    rng = np.random.default_rng(1)
+    grain = cv2.GaussianBlur(rng.standard_normal((HEIGHT, WIDTH)), (0, 0), 1.5)
+    image = np.clip(150.0 + 12.0 * grain / grain.std(), 0, 255)[..., None].repeat(3, axis=2)
+    image[60:180, 80:200], image[60:180, 200:260] = RED, WHITE
+    corners = np.array([[79.5, 59.5], [259.5, 59.5], [259.5, 179.5], [79.5, 179.5]])
+    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    outline = Contour(np.concatenate([np.linspace(a, b, 150, endpoint=False) for a, b in sides]))
+    image = image.astype(np.uint8)
+    assert clearest(image, outline) is PLAIN
+    image[60:180, 200:260] = RED
+    assert clearest(image, outline) is not PLAIN
 
 
 def test_of_an_object_of_several_colours_each_edge_keeps_its_direction() -> None:

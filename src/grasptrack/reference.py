@@ -65,7 +65,7 @@ class Reference:
         self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity, hidden)
         self.carriers = _carriers(strategy, grasp, view, grey)
         self.symmetry = _symmetry(view, grey, self.samples, grasp.contacts)
-        self.interior = Interior(view)
+        self.interior = Interior(view, grey)
         self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // 64)])
         self._holes = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
 

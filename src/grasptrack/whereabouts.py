@@ -36,6 +36,11 @@ IN_VIEW = 0.3
 """Where less of its place than this is in the image, the object may be out of view."""
 LEVEL = 0.35
 """A grey level is the ground's or the object's within this share of the contrast between them."""
+FAINT = 10.0
+"""Grey levels by which what is not the ground differs from it; a place of an object of several colours that does not
+tells nothing."""
+GRAIN = 4.0
+"""The ground itself differs by so many times its own spread at most."""
 
 
 class Whereabouts:
@@ -93,12 +98,13 @@ class Whereabouts:
             return ""
         if self.equals:
             return "another object with this outline was seen: ambiguous"
-        if motion.remembered and shift[1] > STEP_PX:
-            place = self._place(grey, expected, levels, besides=H)
-            if place == "there" or (place == "outside" and motion.missed == 0):  # it cannot leave and be back at once
+        if motion.remembered:
+            place, far = self._place(grey, expected, levels, besides=H), shift[1] > STEP_PX
+            # it cannot leave and be back at once
+            if far and (place == "there" or (place == "outside" and motion.missed == 0)):
                 self.equals = True
                 return "another object has this outline; the one tracked is still where it was, or just out of view"
-            if place == "covered":
+            if place in ("covered", "there"):
                 return (
                     "an object with this outline was found elsewhere, but the one tracked may be covered where it was"
                 )
@@ -143,11 +149,13 @@ class Whereabouts:
             levels: grey levels of the object and of the ground.
             besides: (3, 3) where it was found instead; what it covers there says nothing.
         """
+        own_levels, told = self._levels(levels)
         try:
             points = apply_homography(H, self._reference.interior.places)
             if besides is not None:
                 back = apply_homography(np.linalg.inv(besides), points)
-                points = points[~self._reference.interior.covers(back)]
+                left = ~self._reference.interior.covers(back)
+                points, own_levels, told = points[left], own_levels[left], told[left]
         except ConditioningError:
             return "outside"
         if len(points) < IN_VIEW * len(self._reference.interior.places):
@@ -156,12 +164,29 @@ class Whereabouts:
         inside = ((points >= 0) & (points < (grey.shape[1], grey.shape[0]))).all(axis=1)
         if inside.mean() < IN_VIEW:
             return "outside"
+        inside &= told
+        if not inside.any():
+            return "covered"  # or not: as grey as the ground, it cannot be told from it
         values = grey[points[inside, 1], points[inside, 0]].astype(np.float64)
-        depth = (values - levels[0]) / (levels[1] - levels[0])
-        own, ground = float((np.abs(depth) <= LEVEL).mean()), float((np.abs(depth - 1.0) <= LEVEL).mean())
+        depth = (values - own_levels[inside]) / (levels[1] - own_levels[inside])
+        bare = np.abs(depth - 1.0) <= LEVEL
+        # a cover may be nearly as grey as the ground, but has not its very level
+        bare &= np.abs(values - levels[1]) <= max(FAINT, GRAIN * self._reference.samples.grain)
+        own, ground = float((np.abs(depth) <= LEVEL).mean()), float(bare.mean())
         if own >= EMPTY:
             return "there"
         return "empty" if ground >= EMPTY and own <= REST else "covered"
+
+    def _levels(self, levels: tuple[float, float]) -> tuple[Floats, NDArray[np.bool_]]:
+        """(m,) grey levels of the object to expect at the places of its interior, and where they differ from the ground.
+
+        An object of several colours has each where the reference showed it, as much lighter as the ground is now.
+        """
+        samples, interior = self._reference.samples, self._reference.interior
+        if samples.polarity:
+            return np.full(len(interior.places), levels[0]), np.full(len(interior.places), levels[0] != levels[1])
+        own = interior.levels * (levels[1] / max(samples.ground, 1.0))
+        return own, np.abs(own - levels[1]) >= FAINT
 
 
 def _growth(H: Floats, centre: tuple[float, float]) -> float:

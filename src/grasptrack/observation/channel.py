@@ -16,6 +16,12 @@ Floats = NDArray[np.float64]
 
 BETTER = 1.5
 """A mixture replaces plain grey when it shows the outline so many times as clearly against its grain."""
+CLEARLY = 2.0
+"""Times the grain's rms by which the two sides of an edge differ."""
+FAINT = 0.3
+"""An edge so much fainter than the others, relative to their median, will not be asked for."""
+LESS = 0.95
+"""A mixture shows at least this share of what plain grey shows of an outline."""
 BESIDE = 2.5
 """px from the outline on either side, at which colours are compared."""
 SAMPLES = 200
@@ -73,10 +79,20 @@ def clearest(image: NDArray[np.uint8], outline: Contour) -> Channel:
     plain = np.array([0.114, 0.587, 0.299])
     if values[-1] < BETTER**2 * float(plain @ between @ plain) / float(plain @ noise @ plain):
         return PLAIN
+    # strong edges on a part of the outline do not make up for none on another part
+    if _shown(across, noise, best) < LESS * _shown(across, noise, plain):
+        return PLAIN
     best /= np.abs(best).sum()
     best = best if best.sum() >= 0.0 else -best
     b, g, r = np.round(best, 6).tolist()
     return Channel((b, g, r))
+
+
+def _shown(across: Floats, noise: Floats, weights: Floats) -> float:
+    """Share of the outline's points across which a mixture differs clearly."""
+    difference = np.abs(across @ weights)
+    grain = float(np.sqrt(weights @ noise @ weights))
+    return float((difference >= max(CLEARLY * grain, FAINT * float(np.median(difference)))).mean())
 
 
 def _colours(image: NDArray[np.uint8], points: Floats) -> Floats:

@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 ALIKE = 0.3
 """A grey level is the ground's or the object's within this share of the contrast between them."""
+GRAIN = 0.6
+"""Single pixels of a ground may differ from it by this share of the contrast."""
 BEYOND = 0.4
 """A tab ends within this fraction of sqrt(area) of the outline, ..."""
 ATTACHED = 0.7
@@ -64,14 +66,13 @@ def contradicted(
     contrast = (outside - inside)[index, None]
     # 0 at the object's level, 1 at the ground's
     depth = np.linspace(1.5, DEEP * reach, 5)
-    ground_like, material_like = (
-        (np.abs(place - level) <= ALIKE).all(axis=1)
-        for place, level in (
-            ((_levels(grey, points[index], normals[index], -depth, hidden) - inside[index, None]) / contrast, 1.0),
-            ((_levels(grey, points[index], normals[index], depth, hidden) - inside[index, None]) / contrast, 0.0),
-        )
+    within, beyond = (
+        (_levels(grey, points[index], normals[index], along, hidden) - inside[index, None]) / contrast
+        for along in (-depth, depth)
     )
-    against[index] = ground_like
+    # a ground with grain is itself on the whole
+    against[index] = (np.abs(within.mean(axis=1) - 1.0) <= ALIKE) & (np.abs(within - 1.0) <= GRAIN).all(axis=1)
+    material_like = (np.abs(beyond) <= ALIKE).all(axis=1)
     for run in _runs(index[material_like], len(points)) if material_like.any() else []:
         against[run] = _ends(
             grey, points, normals, run, inside[run].mean(), outside[run].mean(), reach, BEYOND * size, hidden

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import Bools, View
+from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
 
@@ -22,12 +23,14 @@ class Interior:
 
     Args:
         view: its outline.
+        grey: (H, W) the image of it.
 
     Attributes:
         places: (m, 2) px, pixels well inside the material.
+        levels: (m,) grey levels there.
     """
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: View, grey: Grey) -> None:
         self._outer = view.outer.points.astype(np.float32)
         low = np.floor(view.outer.points.min(axis=0)) - 2.0
         width, height = (np.ceil(view.outer.points.max(axis=0)) + 3.0 - low).astype(int).tolist()
@@ -37,6 +40,9 @@ class Interior:
         rows, columns = np.nonzero(depth >= min(DEPTH, 0.5 * float(depth.max())))
         step = max(1, len(rows) // PLACES)
         self.places: Floats = np.column_stack([columns[::step], rows[::step]]).astype(np.float64) + low
+        column, row = np.rint(self.places).astype(np.intp).T
+        seen = grey[row.clip(0, grey.shape[0] - 1), column.clip(0, grey.shape[1] - 1)]
+        self.levels: Floats = seen.astype(np.float64)
 
     def covers(self, points: Floats) -> Bools:
         """(n,) which points (n, 2) px lie within the outer contour."""

@@ -90,6 +90,9 @@ class OutlineSamples:
         polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ: each sample then asks for an
             edge of its own direction.
         hidden: (H, W) nonzero where nothing belongs to the scene, in this image and in those that follow.
+
+    Attributes:
+        ground, grain: median grey level of the ground beyond the outline, and its spread.
     """
 
     def __init__(
@@ -133,6 +136,9 @@ class OutlineSamples:
         self.count = int(np.count_nonzero(self.outline))
         self.area = kernels.inertia(view.points, view.offsets)[0]
         self.share = float(strong[outline].mean())
+        beyond = self.outside[strong[keep]]
+        self.ground = float(np.median(beyond)) if len(beyond) else math.nan
+        self.grain = 1.4826 * float(np.median(np.abs(beyond - self.ground))) if len(beyond) else math.nan
         self._beside: Bools = np.zeros(self.count, dtype=np.bool_)
         if not polarity:
             # what lies at the object from the first tells nothing later
