@@ -65,7 +65,7 @@ def why_none(
         small = hand._replace(finger_width=width, finger_thickness=thickness)
         if finds_any(small):
             wide, thick = (told(v, -1.0, scale) for v in (-width, -thickness))
-            return f"{most}: fingers {wide} wide and {thick} thick would find a place"
+            return f"{most}; fingers {wide} wide and {thick} thick would find a place"
     return f"{most}, not even with fingers a quarter as large"
 
 
