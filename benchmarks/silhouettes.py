@@ -93,7 +93,7 @@ def main() -> None:
             spread += any(g.spread for g in grasps)
             found.append(len(grasps))
             if not grasps:
-                reasons[grasps.reason] += 1
+                reasons[next(iter(grasps.refused), grasps.reason)] += 1  # without the figures
                 stable, done = by_brute_force(view, fingers, options.friction)
                 without.append([path.stem, grasps.reason, str(grasps.refused), stable, done])
         print(

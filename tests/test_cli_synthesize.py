@@ -243,3 +243,10 @@ def test_an_empty_mask_has_no_object(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_an_output_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "out").write_text("")
     assert "cannot be written" in refused(given(write(tmp_path / "a.png", plate()), tmp_path), capsys)
+
+
+def test_an_object_that_the_border_cuts_is_said_to_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(given(write(tmp_path / "a.png", plate((40.0, 120.0))), tmp_path)) == 0
+    assert "cut by the border: its centre is that of the part in view" in capsys.readouterr().out
+    assert main(given(write(tmp_path / "b.png", plate()), tmp_path)) == 0
+    assert "cut by" not in capsys.readouterr().out

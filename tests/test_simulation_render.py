@@ -157,3 +157,17 @@ def test_a_frame_takes_tens_of_milliseconds_not_hundreds() -> None:
         scene[i]
         times.append(time.perf_counter() - start)
     assert min(times) < 0.06
+
+
+def test_the_parts_of_a_still_life_lie_apart_and_are_found() -> None:
+    from grasptrack.observation.segmentation import objects
+    from grasptrack.simulation import still_life
+    from grasptrack.simulation.still import LIE, PX_PER_UNIT
+
+    image = still_life()
+    assert (image == still_life()).all() and image.shape == (480, 640, 3)
+    found = objects(image)
+    assert len(found) == len(LIE)
+    areas = sorted(f.view.outer.area - sum(h.area for h in f.view.contours[1:]) for f in found)
+    expected = sorted((size * PX_PER_UNIT) ** 2 for _, size, *_ in LIE)
+    np.testing.assert_allclose(areas, expected, rtol=0.02)

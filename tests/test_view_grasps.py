@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from grasptrack.contour import Contour, View
+from grasptrack.hand import HandPx
 from grasptrack.synthesis.result import GraspList
 from grasptrack.view.fingers import normals, opening, strip, strips, wedge
+from grasptrack.view.grasp_text import described, rated
 from grasptrack.view.grasps import Planned, write_grasps
 from grasptrack.view.layout import grid, quiet_corner, window
 from ranked import across, ellipse, hand_for, ranked
@@ -181,3 +183,18 @@ def test_small_panels_stay_in_their_area_and_apart(count: int, aspect: float) ->
         )
         for u, v, a, b in boxes[:i]:
             assert x >= u + a or u >= x + w or y >= v + b or v >= y + h
+
+
+def test_words_for_qualities_and_hands() -> None:
+    assert [rated(q) for q in (1.0, 0.456, 0.01, 0.0043, 0.0001, 0.0)] == [
+        "1.00",
+        "0.46",
+        "0.01",
+        "0.004",
+        "<0.001",
+        "<0.001",
+    ]
+    assert described(HandPx(0.0, math.inf, 12.34, 10.0, 3.0), None) == "of 12.3 x 10 px"
+    assert described(HandPx(0.0, 200.0, 12.0, 10.0, 3.0), 4.0) == "of 3 x 2.5 mm, opening up to 50 mm"
+    assert described(HandPx(20.0, 200.0, 12.0, 10.0, 3.0), None) == "of 12 x 10 px, opening 20 to 200 px"
+    assert described(HandPx(20.0, math.inf, 12.0, 10.0, 3.0), None) == "of 12 x 10 px, opening from 20 px"

@@ -5,6 +5,7 @@ from grasptrack.simulation.camera import Camera, Path, similarity_path, tilting_
 from grasptrack.simulation.render import Bar, Conditions, Renderer
 from grasptrack.simulation.scene import Scene, SceneFrame, demo_scene
 from grasptrack.simulation.shapes import SHAPES, Shape
+from grasptrack.simulation.still import still_life
 from grasptrack.simulation.texture import Texture, brushed, plain, wood
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "demo_scene",
     "plain",
     "similarity_path",
+    "still_life",
     "tilting_path",
     "wood",
 ]

@@ -43,7 +43,7 @@ def synthesize(
       finger, or half of that over twice a finger's width, in finger widths.
     - room: 0.2 + 0.8 sqrt(r / most), r the least half-length of the independent regions of contact; `most`, beyond
       which nothing is looked at, is a finger's width, or 12 % of sqrt(area) where that is less.
-    - span: 1 / (1 + (o / 2.4)^4), o the opening in units of sqrt(area). A long part is taken across and not from tip
+    - span: 1 / (1 + (o / 2.5)^6), o the opening in units of sqrt(area). A long part is taken across and not from tip
       to tip, unless there it is much flatter.
 
     Of grasps that are alike the best stays: those whose contacts, in any order, all lie within 12 % of sqrt(area) or

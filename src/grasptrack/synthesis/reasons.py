@@ -47,15 +47,10 @@ def why_none(
         finds_any: whether a search for another hand finds a grasp.
     """
     openings, refused, hand, scale = tried
+    wider, narrower = hand._replace(max_opening=math.inf), hand._replace(min_opening=0.0)
     for reason, limit, free, sign, words in (
-        (
-            too_wide(hand),
-            hand.max_opening,
-            hand._replace(max_opening=math.inf),
-            1.0,
-            "the narrowest stable grasp needs",
-        ),
-        (too_narrow(hand), hand.min_opening, hand._replace(min_opening=0.0), -1.0, "the widest stable grasp has"),
+        (too_wide(hand), hand.max_opening, wider, 1.0, "the narrowest stable grasp needs"),
+        (too_narrow(hand), hand.min_opening, narrower, -1.0, "the widest stable grasp has"),
     ):
         rows = left_with(free) if reason in refused else np.zeros(0, dtype=np.int64)
         if len(rows):
@@ -66,13 +61,11 @@ def why_none(
     if most in (too_wide(hand), too_narrow(hand)):
         return f"{most}, and no other opening would do"
     for share in SMALLER:
-        small = hand._replace(
-            finger_width=share * hand.finger_width,
-            finger_thickness=share * hand.finger_thickness,
-        )
+        width, thickness = share * hand.finger_width, share * hand.finger_thickness
+        small = hand._replace(finger_width=width, finger_thickness=thickness)
         if finds_any(small):
-            wide, thick = (told(v, -1.0, scale) for v in (-small.finger_width, -small.finger_thickness))
-            return f"{most}: fingers {wide} wide and {thick} thick would find a place"
+            wide, thick = (told(v, -1.0, scale) for v in (-width, -thickness))
+            return f"{most}; fingers {wide} wide and {thick} thick would find a place"
     return f"{most}, not even with fingers a quarter as large"
 
 

@@ -113,10 +113,10 @@ def _ranked(
     contacts, directions, index = found.contacts[rows], found.directions[rows], found.index[rows]
     standing = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness)
     swept = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness + hand.clearance)
-    terms = found.terms[rows].tolist()
     most = far_enough(at.size, hand.finger_width)
     room = 0.2 + 0.8 * np.sqrt(np.minimum(regions.min(axis=1, initial=math.inf) / most, 1.0))
     cx, cy = at.centroid.tolist()
+    closure, centre, flat, span = found.terms[rows].T.tolist()
     grasps = []
     for i, row in enumerate(rows.tolist()):
         if index.shape[1] == 2:
@@ -127,7 +127,7 @@ def _ranked(
             RankedGrasp(
                 contacts[i],
                 float(quality[i]),
-                Terms(terms[i][0], terms[i][1], terms[i][2], float(room[i]), terms[i][3]),
+                Terms(closure[i], centre[i], flat[i], float(room[i]), span[i]),
                 spread=bool(found.sense[row] < 0.0),
                 margin=math.atan(friction) - needed,
                 directions=directions[i],

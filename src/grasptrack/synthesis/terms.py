@@ -19,7 +19,7 @@ LINE_OFF = 0.3
 sqrt(area), at which the term of the centre is 1 / e."""
 MIDDLE_OFF = 1.0
 """The same for the middle of two contacts, along the line."""
-WIDE = 2.4
+WIDE = 2.5
 """Opening in sqrt(area) at which the term of the span is one half."""
 ENOUGH_EPSILON = 0.15
 """Epsilon of three fingers at which the term of the closure is 1 - 1 / e."""
@@ -58,7 +58,7 @@ class Stable:
         else:
             distance = (off**2).sum(axis=1) / LINE_OFF**2
             closure = 1.0 - np.exp(-strength / ENOUGH_EPSILON)
-        span = 1.0 / (1.0 + (self.opening / (WIDE * at.size)) ** 4)
+        span = 1.0 / (1.0 + (self.opening / (WIDE * at.size)) ** 6)
         self.terms: Floats = np.column_stack([closure, np.exp(-distance), flatness(self.roughness), span])
 
     def __len__(self) -> int:

@@ -82,7 +82,7 @@ class Column:
         facts = f"opening {opening(grasp):.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    slip ± {slip} px"
         self._lines(facts)
         if cut:
-            self._lines("The border cuts the object: its centre is that of the part in view.")
+            self._lines("Cut by the border: the centre is that of the part in view.")
         self._y -= 0.06
         self._bar("quality", grasp.quality, INK)
         for name, value in grasp.terms._asdict().items():

@@ -178,9 +178,13 @@ def _panel(figure: Any, picture: NDArray[np.uint8], shown: Window, box: Box) -> 
 
 
 def _beside(found: Planned) -> Floats:
-    """Where an object's number hides nothing of its grasp: its topmost point."""
+    """Where an object's number hides nothing of its grasp: of its four outermost points the one farthest from it."""
     points = found.outline.outer.points
-    return np.asarray(points[int(points[:, 1].argmin())])
+    ends = points[[points[:, 1].argmin(), points[:, 0].argmax(), points[:, 0].argmin(), points[:, 1].argmax()]]
+    if not found.grasps:
+        return np.asarray(ends[0])
+    away = np.linalg.norm(ends[:, None] - found.grasps[0].contacts, axis=2).min(axis=1)
+    return np.asarray(ends[int(away.argmax())])
 
 
 def _shape(picture: NDArray[np.uint8]) -> tuple[int, int]:
