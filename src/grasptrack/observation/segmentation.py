@@ -26,7 +26,7 @@ from grasptrack.observation.silhouettes import Silhouette
 
 MIN_EXTENT = 20
 """px across; a smaller object has no outline worth following."""
-LOOKED_AT = 8
+LOOKED_AT = 6
 """Proposals that become contours, the best first; after them only those that lie apart from all that was found."""
 SHADOWS = 3
 """Objects that are looked at for a shadow, the best first."""
@@ -34,7 +34,7 @@ MOST = 60
 """Proposals that become contours at all."""
 WORTH = 0.02
 """Ratings below this are chance, ..."""
-FAINT = 0.15
+FAINT = 0.3
 """... and those below this share of the best are clutter beside it."""
 
 
