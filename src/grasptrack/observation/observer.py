@@ -19,6 +19,16 @@ from grasptrack.observation.closures import Closing
 from grasptrack.observation.edge_field import planes
 from grasptrack.observation.images import Grey, to_bgr
 from grasptrack.observation.outline import localise
+from grasptrack.observation.places import (
+    MAX_GROWTH,
+    area_and_centre,
+    cut_by_window,
+    most_alike,
+    nearest_holes,
+    place,
+    same_place,
+    sharpness,
+)
 from grasptrack.observation.proposals import PER_THRESHOLD
 from grasptrack.observation.segmentation import MIN_EXTENT, candidates
 from grasptrack.observation.shadow import shadow_removed
@@ -43,8 +53,6 @@ MOST_GAIN = 3.0
 """Edges do not get steeper or fainter than by so many times."""
 MAX_ZOOM = 16.0
 """After a loss, an area that differs from the last one by more than this factor is another object's."""
-MAX_GROWTH = 2.5
-"""An area that differs from the expected one by more than this factor is another object's."""
 
 
 class Observer:
@@ -97,7 +105,7 @@ class Observer:
         self._channel = candidate.channel
         self._recipe = candidate.recipe, candidate.grain
         self._shaded = candidate.shaded
-        self._sharpness, self._gain, self._last_contrast = _sharpness(candidate.view), 1.0, math.nan
+        self._sharpness, self._gain, self._last_contrast = sharpness(candidate.view), 1.0, math.nan
         self._inside, self._outside = candidate.inside, candidate.outside
         self._learn_balance(candidate.level, candidate.inside, candidate.outside)
         self._holes = len(candidate.view.contours) - 1
@@ -119,11 +127,11 @@ class Observer:
         right, bottom = min(width, math.ceil(x1 + margin) + 1), min(height, math.ceil(y1 + margin) + 1)
         if right - left < 8 or bottom - top < 8 or math.isnan(self._inside):
             return
-        area, x, y = _area_and_centre(expected)
+        area, x, y = area_and_centre(expected)
         window = left, top, right, bottom
         for level, shapes in self._shapes(grey, window, area / MAX_GROWTH):
-            best = _most_alike(shapes, area, x, y)
-            if best is not None and not _cut_by_window(best, window, (width, height)):
+            best = most_alike(shapes, area, x, y)
+            if best is not None and not cut_by_window(best, window, (width, height)):
                 view = self._localised(grey, best, centres, level)
                 if view is not None:
                     yield view
@@ -183,7 +191,7 @@ class Observer:
             turn: number of this search; of the image's own thresholds each search tries the next.
             known: an outline that has been looked at already.
         """
-        seen = [] if known is None else [_place(known)]
+        seen = [] if known is None else [place(known)]
         if self._recipe[0] >= 0:
             for gain in self._gains():
                 yield self._enclosed(grey, area, seen, gain)
@@ -205,9 +213,9 @@ class Observer:
             if max(shape.box[2:]) < MIN_EXTENT or shape.area > area * MAX_ZOOM:
                 continue
             candidate = of_one_level(grey, self._alone(shape), self.polarity, self.hidden)
-            if candidate is None or any(_same(_place(candidate.view), other) for other in seen):
+            if candidate is None or any(same_place(place(candidate.view), other) for other in seen):
                 continue
-            seen.append(_place(candidate.view))
+            seen.append(place(candidate.view))
             view = self._with_holes(candidate.view)
             self._levels[id(view)] = candidate.inside, candidate.outside, level
             views.append(view)
@@ -222,8 +230,8 @@ class Observer:
             if max(shape.box[2:]) < MIN_EXTENT or shape.area > area * MAX_ZOOM or not plausible(shape, grey.shape):
                 continue
             view = self._localised(grey, shape, np.zeros((0, 2)), math.nan)
-            if view is not None and not any(_same(_place(view), other) for other in seen):
-                seen.append(_place(view))
+            if view is not None and not any(same_place(place(view), other) for other in seen):
+                seen.append(place(view))
                 views.append(view)
         return views
 
@@ -238,7 +246,7 @@ class Observer:
         except ContourError:
             return None
         holes: list[Contour] = []
-        for chain in _nearest(shape.holes, centres):
+        for chain in nearest_holes(shape.holes, centres):
             try:
                 holes.append(localise(grey, chain, hole=True, polarity=self.polarity, hidden=self.hidden).contour)
             except ContourError:
@@ -252,7 +260,7 @@ class Observer:
         inside, outside, level = self._levels.get(id(view), (math.nan, math.nan, math.nan))
         self._last_contrast = self._contrast
         if math.isfinite(inside) and self._recipe[0] >= 0:
-            self._gain = min(max(_sharpness(view) / self._sharpness, 1.0 / MOST_GAIN), MOST_GAIN)
+            self._gain = min(max(sharpness(view) / self._sharpness, 1.0 / MOST_GAIN), MOST_GAIN)
         if not self.polarity and math.isfinite(inside + outside):
             self._inside, self._outside = inside, outside
         elif (outside - inside) * self.polarity > 0.0:
@@ -275,66 +283,3 @@ class Observer:
     def _with_holes(self, view: View) -> View:
         """At most as many holes as the reference has: what is printed on an object comes and goes with a threshold."""
         return view if len(view.contours) <= self._holes + 1 else View(view.contours[: self._holes + 1])
-
-
-def _sharpness(view: View) -> float:
-    """Grey levels per px of the outer contour's edges."""
-    strength = view.outer.strength
-    return math.nan if strength is None else max(float(np.median(strength)), 1.0)
-
-
-def _place(view: View) -> tuple[float, float, float]:
-    """Area and mean point of an outline."""
-    x, y = view.outer.points.mean(axis=0).tolist()
-    return view.outer.area, x, y
-
-
-def _same(one: tuple[float, float, float], other: tuple[float, float, float]) -> bool:
-    """Whether two outlines are of the same thing, seen with different thresholds."""
-    (area, x, y), (a, u, v) = one, other
-    return 0.97 < area / a < 1.03 and math.hypot(x - u, y - v) < 0.02 * math.sqrt(a)
-
-
-def _area_and_centre(points: Floats) -> tuple[float, float, float]:
-    offsets = np.array([0, len(points)], dtype=np.int64)
-    area, x, y, *_ = kernels.inertia(np.ascontiguousarray(points), offsets)
-    return abs(area), x, y
-
-
-def _most_alike(shapes: list[Silhouette], area: float, x: float, y: float) -> Silhouette | None:
-    """The silhouette nearest to the expected area and place."""
-    best, lowest = None, math.inf
-    for shape in shapes:
-        if not 1.0 / MAX_GROWTH < shape.area / area < MAX_GROWTH:
-            continue
-        bx, by, bw, bh = shape.box
-        distance = math.hypot(bx + 0.5 * bw - x, by + 0.5 * bh - y) / math.sqrt(area)
-        cost = abs(math.log(shape.area / area)) + distance
-        if cost < lowest:
-            best, lowest = shape, cost
-    return best
-
-
-def _cut_by_window(shape: Silhouette, window: tuple[int, int, int, int], image: tuple[int, int]) -> bool:
-    """Whether the silhouette reaches a side of the window that is not the image's own border."""
-    left, top, right, bottom = window
-    x, y, w, h = shape.box
-    return (
-        (x <= left and left > 0)
-        or (y <= top and top > 0)
-        or (x + w >= right and right < image[0])
-        or (y + h >= bottom and bottom < image[1])
-    )
-
-
-def _nearest(holes: tuple[NDArray[np.int32], ...], centres: Floats) -> list[NDArray[np.int32]]:
-    """For each expected centre the hole nearest to it, none twice, in the order of the centres."""
-    left = list(holes)
-    chosen = []
-    for x, y in centres.tolist():
-        if not left:
-            break
-        middle = [chain.mean(axis=0) for chain in left]
-        nearest = min(range(len(left)), key=lambda i: (middle[i][0] - x) ** 2 + (middle[i][1] - y) ** 2)
-        chosen.append(left.pop(nearest))
-    return chosen

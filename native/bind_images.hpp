@@ -5,6 +5,6 @@
 
 namespace grasptrack {
 
-void bind_edges(nanobind::module_ &m);
+void bind_images(nanobind::module_ &m);
 
 }  // namespace grasptrack
