@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
 from grasptrack.contour import Contour
-from grasptrack.errors import ObservationError
+from grasptrack.errors import InputError, ObservationError
 from grasptrack.observation.channel import PLAIN, Channel, clearest
 from grasptrack.observation.closures import Scenery, enclosed, linked
 from grasptrack.observation.edge_field import EdgeField, planes
@@ -231,3 +231,17 @@ def test_an_object_with_a_shadow_is_followed_without_it() -> None:
         run.see(with_shadow(BRACKET, H, (150, 140, 60), 0.45, 1.5, (8.0, 6.0), seed=k), H)
     assert not run.wrong
     assert len(run.right) >= 6, [r.reason for r in run.results]
+
+
+def test_a_box_says_which_object_is_followed() -> None:
+    frames = [
+        photo([(BRACKET, pose(75.0 + k, 120.0, scale=48.0)), (BRACKET, pose(240.0 + k, 120.0, 30.0, scale=48.0))])
+        for k in range(3)
+    ]
+    tracker = GraspTracker(box=(190.0, 70.0, 100.0, 100.0))
+    for k, frame in enumerate(frames):
+        result = tracker.update(frame)
+        assert result.status == "tracked"
+        assert abs(result.contacts[:, 0].mean() - 240.0 - k) < 30.0
+    with pytest.raises(InputError, match="give one of them"):
+        GraspTracker(box=(0.0, 0.0, 9.0, 9.0), object_at=(3.0, 3.0))

@@ -16,6 +16,7 @@ from grasptrack.contour import View
 from grasptrack.errors import (
     ConditioningError,
     GraspError,
+    InputError,
     ObservationError,
     SourceError,
     StrategyError,
@@ -52,6 +53,7 @@ class GraspTracker:
         friction: Coulomb coefficient for synthesis and analysis.
         grasp: (k, 2) px contacts in the first image, in place of synthesis; they choose the object.
         object_at: (x, y) px of the object in the first image.
+        box: left, top, width and height of it, px, in the place of a pixel.
         ignore: (H, W) nonzero where nothing belongs to the scene.
         resynthesize: choose a new grasp, with a new grasp_id, when the analysis refuses the present one.
         hand: opening and fingers that a synthesised grasp must suit; default fingers in proportion to the object.
@@ -60,7 +62,7 @@ class GraspTracker:
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
         GraspError: contacts that are none, or fewer than two fingers.
-        InputError: friction not positive.
+        InputError: friction not positive, or both a pixel and a box.
     """
 
     def __init__(
@@ -71,6 +73,7 @@ class GraspTracker:
         friction: float = DEFAULT_FRICTION,
         grasp: ArrayLike | None = None,
         object_at: tuple[float, float] | None = None,
+        box: tuple[float, float, float, float] | None = None,
         ignore: NDArray[Any] | None = None,
         resynthesize: bool = False,
         hand: Hand | None = None,
@@ -90,7 +93,9 @@ class GraspTracker:
                 f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts", fingers=fingers
             )
         self.fingers, self.strategy, self.friction = fingers, strategy, friction
-        self._object_at, self._ignore, self._resynthesize = object_at, ignore, resynthesize
+        if object_at is not None and box is not None:
+            raise InputError("a pixel and a box both say which object is meant: give one of them")
+        self._object_at, self._box, self._ignore, self._resynthesize = object_at, box, ignore, resynthesize
         self._hand, self._segmenter = hand, segmenter
         self._frame = -1
         self._grasp_id = 0
@@ -130,7 +135,7 @@ class GraspTracker:
     def _begin(self, *, masked: bool) -> dict[str, Any]:
         """Choose the object and a grasp on it."""
         try:
-            found = self._observer.first(masked, self._object_at)
+            found = self._observer.first(masked, self._object_at, self._box)
         except ObservationError as error:
             return {"status": "searching", "reason": str(error)}
         candidate = self._chosen(found)
@@ -160,7 +165,7 @@ class GraspTracker:
             except TransferError as error:
                 self._reasons.append(str(error))
                 continue
-            if self._object_at is not None:
+            if self._object_at is not None or self._box is not None:
                 found = self._observer.first(masked)
             return self._start(reference, candidate, choice.others(found, candidate))
         reason = f"no grasp that {self.strategy} can carry: {self._reasons[0]}"
@@ -244,7 +249,7 @@ class GraspTracker:
         }
         if verdict.status == "unstable" and self._resynthesize:
             self._reference = None
-            self._given = self._object_at = None
+            self._given = self._object_at = self._box = None
             self._unstable = found.carried.view
         return answer
 

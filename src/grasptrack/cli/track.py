@@ -32,6 +32,7 @@ def track(
     object_: Annotated[
         str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object in the first image.")
     ] = None,
+    box: options.BoxText = None,
     masks: Annotated[
         str | None,
         typer.Option(metavar="DIR", help="Your own segmentation, an image for each frame, by name or by order."),
@@ -81,6 +82,7 @@ def track(
         "friction": options.positive_friction(friction),
         "grasp": grasp,
         "object": object_,
+        "box": box,
         "masks": masks,
         "ignore": ignore,
         "fps": fps,
@@ -90,7 +92,9 @@ def track(
         "video": not no_video,
     }
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    place = options.point(object_, "--object")
+    place, frame = options.point(object_, "--object"), options.rectangle(box, "--box")
+    if place is not None and frame is not None:
+        raise InputError("--object and --box both say which object is meant: give one of them")
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
 
     from grasptrack.cli.report import Progress, show_run
@@ -107,6 +111,7 @@ def track(
         friction=friction,
         grasp=contacts,
         object_at=place,
+        box=frame,
         ignore=options.ignore_mask(ignore),
         resynthesize=resynthesize,
         hand=hand,

@@ -29,7 +29,7 @@ from grasptrack.observation.places import (
     same_place,
     sharpness,
 )
-from grasptrack.observation.proposals import PER_THRESHOLD
+from grasptrack.observation.proposals import PER_THRESHOLD, Box
 from grasptrack.observation.segmentation import MIN_EXTENT, candidates
 from grasptrack.observation.shadow import shadow_removed
 from grasptrack.observation.silhouettes import Silhouette, trace
@@ -87,17 +87,20 @@ class Observer:
         self._colours = to_bgr(image)
         return self._channel.grey(self._colours)
 
-    def first(self, masked: bool, object_at: tuple[float, float] | None = None) -> list[Candidate]:
+    def first(
+        self, masked: bool, object_at: tuple[float, float] | None = None, box: Box | None = None
+    ) -> list[Candidate]:
         """Objects of the image that was looked at, the most outstanding first.
 
         Args:
             masked: it is a softened mask, in which objects are white and nothing else is meant.
             object_at: (x, y) px that the object covers.
+            box: left, top, width and height of it, px.
 
         Raises:
             ObservationError: none.
         """
-        return candidates(self._colours, object_at, self.hidden, masked=masked)
+        return candidates(self._colours, object_at, self.hidden, masked=masked, box=box)
 
     def choose(self, candidate: Candidate) -> Grey:
         """From now on it is this object that is looked for; the image it was found in, in its mixture of colours."""
