@@ -97,7 +97,7 @@ def transfer(
             rows.append([*cells, *_stable(outcome.analysis)])
     if pair.turns:
         others = ", ".join(f"{turn:+.0f}°" for turn in pair.turns)
-        notes.append(f"the outline fits as well turned by {others}: the smallest turn was taken, the image cannot tell")
+        notes.append(f"the outline fits as well turned by {others}: the image cannot tell which is right")
     show_rows("The grasp in both views", _HEADS, rows, [*notes, str(picture)])
 
 
