@@ -245,3 +245,17 @@ def test_a_box_says_which_object_is_followed() -> None:
         assert abs(result.contacts[:, 0].mean() - 240.0 - k) < 30.0
     with pytest.raises(InputError, match="give one of them"):
         GraspTracker(box=(0.0, 0.0, 9.0, 9.0), object_at=(3.0, 3.0))
+
+
+def test_a_slit_makes_no_outline_better() -> None:
+    """A threshold within an object's own greys may cut into it; the longer outline must not win by its length."""
+    image = np.full((HEIGHT, WIDTH), 45, np.uint8)
+    cv2.circle(image, (160, 120), 60, (200,), cv2.FILLED)
+    cv2.rectangle(image, (130, 118), (219, 121), (175,), cv2.FILLED)
+    image = cv2.GaussianBlur(image, (0, 0), 1.0)
+    rater = Rater(Scenery(planes(image)).fields[0], 1, (HEIGHT, WIDTH))
+    (whole,) = trace(np.where(image > 120, np.uint8(255), np.uint8(0)), 100.0, holes=False)
+    (slit,) = trace(np.where(image > 180, np.uint8(255), np.uint8(0)), 100.0, holes=False)
+    assert len(slit.outer) > 1.3 * len(whole.outer)
+    assert rater.rate(slit).score < rater.rate(whole).score
+    assert segment(image).outer.area == pytest.approx(np.pi * 60.5**2, rel=0.02)

@@ -148,6 +148,8 @@ class Observer:
         for the light may have changed."""
         left, top, right, bottom = window
         if self._recipe[0] >= 0:
+            if self.polarity:  # dark or light all round: a threshold may serve as well, and is quicker
+                yield self._level, self._cut(grey, window, self._level, least)
             part = planes(self._colours[top:bottom, left:right])
             hidden = None if self.hidden is None else self.hidden[top:bottom, left:right]
             self._contrast = float(part[:, :, 0].std())
@@ -157,16 +159,21 @@ class Observer:
         own: list[float] | None = None
         while own is None or own:
             level = self._level if own is None else own.pop(0)
-            binary = kernels.soft_threshold(grey, *window, level, self.polarity)
-            if self.hidden is not None:
-                binary[self.hidden[top:bottom, left:right] != 0] = 0
-            yield level, trace(binary, max(least, 30.0), (left, top), holes=self._holes > 0)
+            yield level, self._cut(grey, window, level, least)
             if own is None:
                 own = [
                     other
                     for other in thresholds(grey[top:bottom:2, left:right:2])[:1]
                     if abs(other - level) >= DISTINCT
                 ]
+
+    def _cut(self, grey: Grey, window: tuple[int, int, int, int], level: float, least: float) -> list[Silhouette]:
+        """Silhouettes in a window at one threshold."""
+        left, top, right, bottom = window
+        binary = kernels.soft_threshold(grey, *window, level, self.polarity)
+        if self.hidden is not None:
+            binary[self.hidden[top:bottom, left:right] != 0] = 0
+        return trace(binary, max(least, 30.0), (left, top), holes=self._holes > 0)
 
     def _gains(self) -> Iterator[float]:
         """By how much edges may be steeper than in the first image: as learned, then as this image's contrast says."""
@@ -196,6 +203,8 @@ class Observer:
         """
         seen = [] if known is None else [place(known)]
         if self._recipe[0] >= 0:
+            if self.polarity:
+                yield self._at(grey, self._level, area, seen)
             for gain in self._gains():
                 yield self._enclosed(grey, area, seen, gain)
             return

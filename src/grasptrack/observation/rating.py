@@ -40,7 +40,8 @@ class Rating(NamedTuple):
         complete: not cut by the image's border.
         smooth: short for the area it encloses.
         exact: found without bridging wide gaps.
-        size: longer outlines are less likely chance: square root of the length over the image's width and height.
+        size: large outlines are less likely chance: square root of the convex hull's length over the image's width and
+            height.
     """
 
     closed: float
@@ -83,6 +84,7 @@ class Rater:
         closed = float((strength > CLOSED).mean())
         contrast = float((np.minimum(strength, ENOUGH) - NOTHING).mean()) / (ENOUGH - NOTHING)
         length = cv2.arcLength(shape.outer.reshape(-1, 1, 2), True)
+        around = cv2.arcLength(cv2.convexHull(shape.outer.reshape(-1, 1, 2)), True)
         compact = 4.0 * math.pi * shape.area / max(length, 1.0) ** 2
         high, wide = self._shape
         # a closing draws back from the border by its radius
@@ -95,7 +97,7 @@ class Rater:
             (1.0 - cut) ** 2 * TOUCHING ** int(sides.any(axis=1).sum()),
             math.sqrt(min(1.0, COMPACT * compact)),
             BRIDGED ** (bridge / (16.0 * self._shrink)),
-            min(1.0, math.sqrt(length / (wide + high))),
+            min(1.0, math.sqrt(around / (wide + high))),
         )
 
     @staticmethod
