@@ -17,6 +17,7 @@ from grasptrack import ConditioningError, GraspTracker
 from grasptrack.evaluation.demo import STRATEGIES
 from grasptrack.evaluation.errors import contact_distances
 from grasptrack.evaluation.score import Score, accept_limit
+from grasptrack.evaluation.truth import Truth
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SceneFrame, demo_scene
 from peers import peers
@@ -32,7 +33,7 @@ def run_strategy(frames: list[SceneFrame], strategy: str) -> tuple[Score, list[f
         start = time.perf_counter()
         result = tracker.update(frame.image, time=frame.time)
         taken.append(time.perf_counter() - start)
-        score.add(result, frame.H_current_reference, frame.area)
+        score.add(result, Truth.of_homography(frame.H_current_reference, frame.area))
     return score, taken[1:]
 
 

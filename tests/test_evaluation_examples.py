@@ -43,11 +43,14 @@ def test_the_demonstration_writes_truth_and_a_folder_for_each_strategy(tmp_path:
 
 def test_auto_follows_the_demonstration() -> None:
     from grasptrack.evaluation.score import Score
+    from grasptrack.evaluation.truth import Truth
     from grasptrack.tracker import GraspTracker
 
     tracker, score = GraspTracker(), Score("auto")
     for frame in demo_scene(60):
-        score.add(tracker.update(frame.image, time=frame.time), frame.H_current_reference, frame.area)
+        score.add(
+            tracker.update(frame.image, time=frame.time), Truth.of_homography(frame.H_current_reference, frame.area)
+        )
     assert score.share("tracked") >= 0.98
     assert score.error_percentile(50) < 0.5
     assert score.error_percentile(95) < 1.5

@@ -11,6 +11,7 @@ import pytest
 from grasptrack.errors import InputError
 from grasptrack.evaluation.homographies import read_homographies, write_homographies
 from grasptrack.evaluation.score import Score, accept_limit
+from grasptrack.evaluation.truth import Truth
 from grasptrack.projective import apply_homography
 from grasptrack.result import Status, TrackResult
 
@@ -29,11 +30,11 @@ def powers(count: int) -> list[np.ndarray]:
 def test_truth_is_the_first_contacts_moved_by_the_homographies() -> None:
     score = Score("auto")
     moved = powers(4)
-    score.add(result(0, "tracked", CONTACTS), moved[0], 10000.0)
-    score.add(result(1, "tracked", apply_homography(moved[1], CONTACTS)), moved[1], 10000.0)
+    score.add(result(0, "tracked", CONTACTS), Truth.of_homography(moved[0], 10000.0))
+    score.add(result(1, "tracked", apply_homography(moved[1], CONTACTS)), Truth.of_homography(moved[1], 10000.0))
     off = apply_homography(moved[2], CONTACTS) + np.array([[0.0, 5.0], [0.0, 1.0]])
-    score.add(result(2, "unstable", off, "slips"), moved[2], 10000.0)
-    score.add(result(3, "lost", None, "covered"), moved[3], 10000.0)
+    score.add(result(2, "unstable", off, "slips"), Truth.of_homography(moved[2], 10000.0))
+    score.add(result(3, "lost", None, "covered"), Truth.of_homography(moved[3], 10000.0))
     assert score.located == 0.75
     assert score.share("tracked") == 0.5
     assert score.error_percentile(100) == pytest.approx(5.0)
@@ -46,18 +47,18 @@ def test_truth_is_the_first_contacts_moved_by_the_homographies() -> None:
 def test_a_grasp_that_starts_late_is_measured_from_its_own_first_frame() -> None:
     score = Score("auto")
     moved = powers(4)
-    score.add(result(0, "searching", None, "no object"), moved[0], 10000.0)
-    score.add(result(1, "tracked", CONTACTS), moved[1], 10000.0)
+    score.add(result(0, "searching", None, "no object"), Truth.of_homography(moved[0], 10000.0))
+    score.add(result(1, "tracked", CONTACTS), Truth.of_homography(moved[1], 10000.0))
     expected = apply_homography(moved[3] @ np.linalg.inv(moved[1]), CONTACTS)
-    scored = score.add(result(3, "tracked", expected), moved[3], 10000.0)
+    scored = score.add(result(3, "tracked", expected), Truth.of_homography(moved[3], 10000.0))
     assert scored.distances == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 def test_a_new_grasp_gets_a_new_truth_and_frames_without_homography_none() -> None:
     score = Score("auto")
-    score.add(result(0, "tracked", CONTACTS), np.eye(3), 10000.0)
-    assert score.add(result(1, "tracked", CONTACTS), None, 10000.0).distances is None
-    renewed = score.add(result(2, "tracked", CONTACTS + 30.0, grasp=2), np.eye(3), 10000.0)
+    score.add(result(0, "tracked", CONTACTS), Truth.of_homography(np.eye(3), 10000.0))
+    assert score.add(result(1, "tracked", CONTACTS), None).distances is None
+    renewed = score.add(result(2, "tracked", CONTACTS + 30.0, grasp=2), Truth.of_homography(np.eye(3), 10000.0))
     assert renewed.distances == pytest.approx([0.0, 0.0])
     assert score.false_accepts == 0
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from grasptrack.evaluation.homographies import write_homographies
 from grasptrack.evaluation.score import Score
+from grasptrack.evaluation.truth import Truth
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.run import prepare_output, run_track
 from grasptrack.io.video import VideoWriter
@@ -97,7 +98,7 @@ def _run(
 
     def follow(frame: Frame, result: TrackResult) -> None:
         truth = frames[frame.index]
-        score.add(result, truth.H_current_reference, truth.area)
+        score.add(result, Truth.of_scene(truth))
         _tell(progress, strategy, frame.index + 1, len(frames))
 
     source = RenderedSource(frames, fps)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from grasptrack.evaluation.homographies import read_homographies
 from grasptrack.evaluation.score import Score
+from grasptrack.evaluation.truth import Truth
 from grasptrack.io.sources import Frame, open_source
 from grasptrack.tracker import GraspTracker
 
@@ -38,9 +39,10 @@ def score_frames(
         **options: further ones of `GraspTracker`.
     """
     tracker, score = GraspTracker(strategy=strategy, **options), Score(strategy)
+    truths = {index: Truth.of_homography(H) for index, H in homographies.items()}
     for frame in frames:
         result = tracker.update(frame.image, time=frame.time)
-        score.add(result, homographies.get(frame.index))
+        score.add(result, truths.get(frame.index))
         if on_frame is not None:
             on_frame(frame, result)
     return score

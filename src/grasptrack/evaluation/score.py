@@ -6,14 +6,14 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import ConditioningError
 from grasptrack.evaluation.errors import contact_distances
-from grasptrack.projective import apply_homography
+from grasptrack.evaluation.truth import Truth
 from grasptrack.result import TrackResult
 
 Floats = NDArray[np.float64]
@@ -34,8 +34,17 @@ class FrameScore:
         frame: index.
         status: of the result.
         reason: of the result.
+        strategy: the transfer that gave the contacts, as the result names it.
+        contacts: (k, 2) px as they were given; None where there were none.
         distances: (k,) px from each contact to its true place; None where no contacts were given or no truth is known.
+        spread: (k,) squared Mahalanobis distances of the contacts from the truth; None without a covariance.
         limit: px, of a false accept.
+        opening: px between the true places of the first two contacts.
+        area: px^2 of the object in this frame.
+        present: whether the object is there at all.
+        visible: share of its outline that can be seen, 0 to 1.
+        seen: whether the true places of all contacts can be seen.
+        confidence: of the result.
         latency_ms: of the update.
         defining: the contacts of this frame are those that the grasp's truth is made from.
     """
@@ -47,16 +56,40 @@ class FrameScore:
     limit: float
     latency_ms: float
     defining: bool = False
+    strategy: str = ""
+    contacts: Floats | None = None
+    spread: Floats | None = None
+    opening: float = math.nan
+    area: float = math.nan
+    present: bool = True
+    visible: float = 1.0
+    seen: bool = True
+    confidence: float = math.nan
+
+    @property
+    def answered(self) -> bool:
+        """Whether contacts were given."""
+        return self.contacts is not None
+
+    @property
+    def gone(self) -> bool:
+        """Nothing of the object can be seen, or it is not there."""
+        return not self.present or self.visible <= 0.0
+
+    @property
+    def error(self) -> float:
+        """px of the worst contact; NaN where nothing can be measured."""
+        return math.nan if self.distances is None else float(self.distances.max())
 
     @property
     def is_false_accept(self) -> bool:
-        """Contacts were given and at least one was wrong."""
-        return self.distances is not None and float(self.distances.max()) > self.limit
+        """Contacts were given, and at least one was wrong or the object was gone."""
+        return self.distances is not None and (self.gone or self.error > self.limit)
 
 
 @dataclass
 class Score:
-    """Collects the frames of one run; the truth of a grasp is its first contacts, moved by the true homographies.
+    """Collects the frames of one run; the truth of a grasp is its first contacts, moved by the true motion.
 
     Attributes:
         name: of the run, for tables.
@@ -66,31 +99,49 @@ class Score:
     name: str
     frames: list[FrameScore] = field(default_factory=list)
     _grasp: int | None = None
-    _first: tuple[Floats, Floats, float] | None = None
+    _first: tuple[Floats, float] | None = None  # contacts in frame 0, and the object's area there
 
-    def add(self, result: TrackResult, H: Floats | None, area: float | None = None) -> FrameScore:
-        """One more frame.
-
-        Args:
-            result: the tracker's answer.
-            H: (3, 3) true H_current_reference, reference being frame 0; None where it is not known.
-            area: px^2 of the object in this image; None measures it on the outline of the grasp's first frame.
-        """
-        distances, limit, defining = None, math.nan, False
-        if result.contacts is not None and H is not None:
-            if self._first is None or result.grasp_id != self._grasp:
+    def add(self, result: TrackResult, truth: Truth | None) -> FrameScore:
+        """One more frame; without a truth nothing is measured in it."""
+        contacts, distances, spread, defining = result.contacts, None, None, False
+        limit = opening = area = math.nan
+        seen = True
+        if truth is not None:
+            area = truth.area
+            if contacts is not None and (self._first is None or result.grasp_id != self._grasp):
                 self._grasp = result.grasp_id
-                size = area or (result.view.outer.area if result.view is not None else 0.0)
-                self._first = (result.contacts.copy(), np.asarray(np.linalg.inv(H), dtype=np.float64), size)
+                start = truth.back(contacts)
+                size = area if math.isfinite(area) else (result.view.outer.area if result.view is not None else 0.0)
+                self._first = (start, size / max(1e-12, truth.growth(start.mean(axis=0))))
                 defining = True
-            contacts, H_reference_first, size = self._first
-            since = H @ H_reference_first
-            try:
-                distances = contact_distances(result.contacts, apply_homography(since, contacts))
-            except ConditioningError:
-                distances = np.full(len(contacts), np.inf)
-            limit = accept_limit(area if area is not None else size * _growth(since, contacts.mean(axis=0)))
-        scored = FrameScore(result.frame, result.status, result.reason, distances, limit, result.latency_ms, defining)
+            if self._first is not None:
+                start, size = self._first
+                true = truth.carried(start)
+                area = area if math.isfinite(area) else size * truth.growth(start.mean(axis=0))
+                limit = accept_limit(area) if math.isfinite(area) else math.inf
+                opening = float(np.hypot(*(true[1] - true[0])))
+                seen = truth.present and (truth.sees is None or bool(truth.sees(true).all()))
+                if contacts is not None:
+                    distances = contact_distances(contacts, true)
+                    spread = _spread(contacts - true, result.covariance)
+        scored = FrameScore(
+            result.frame,
+            result.status,
+            result.reason,
+            distances,
+            limit,
+            result.latency_ms,
+            defining,
+            result.strategy,
+            contacts,
+            spread,
+            opening,
+            area,
+            truth is None or truth.present,
+            1.0 if truth is None else truth.visible,
+            seen,
+            result.confidence,
+        )
         self.frames.append(scored)
         return scored
 
@@ -107,10 +158,9 @@ class Score:
     def errors(self) -> Floats:
         """(n,) px, of every contact of every located frame with truth, each contact for itself.
 
-        The frame that defines a grasp is left out: it is right by definition.
+        The frame that defines a grasp is left out: it is right by definition; so is what was given with no object there.
         """
-        known = [f.distances for f in self.frames if f.distances is not None and not f.defining]
-        return np.concatenate(known) if known else np.empty(0)
+        return errors_of(self.frames)
 
     @property
     def false_accepts(self) -> int:
@@ -159,7 +209,14 @@ class Score:
         }
 
 
-def _growth(H: Floats, point: Floats) -> float:
-    """How much H enlarges areas at a point: the determinant of eq. (2)'s Jacobian."""
-    w = float(H[2, 0] * point[0] + H[2, 1] * point[1] + H[2, 2])
-    return abs(float(np.linalg.det(H))) / max(1e-12, abs(w) ** 3)
+def errors_of(frames: Iterable[FrameScore]) -> Floats:
+    """(n,) px of every contact of every frame that was answered with the object there, and does not define its truth."""
+    known = [f.distances for f in frames if f.distances is not None and not f.defining and not f.gone]
+    return np.concatenate(known) if known else np.empty(0)
+
+
+def _spread(offsets: Floats, covariance: Floats | None) -> Floats | None:
+    """(k,) squared Mahalanobis distances of offsets (k, 2) px under covariances (k, 2, 2) px^2."""
+    if covariance is None or not np.isfinite(offsets).all():
+        return None
+    return np.asarray(np.einsum("ki,kij,kj->k", offsets, np.linalg.pinv(covariance), offsets), dtype=np.float64)

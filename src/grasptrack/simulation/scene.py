@@ -41,6 +41,15 @@ class SceneFrame:
     H_current_reference: Floats
     outline: tuple[Floats, ...]
     occluder: Floats | None = None
+    present: bool = True
+
+    def carry(self, points: ArrayLike) -> Floats:
+        """(k, 2) px of frame 0 to px of this frame."""
+        return apply_homography(self.H_current_reference, points)
+
+    def back(self, points: ArrayLike) -> Floats:
+        """(k, 2) px of this frame to px of frame 0."""
+        return apply_homography(np.linalg.inv(self.H_current_reference), points)
 
     def contacts(self, reference: ArrayLike) -> Floats:
         """(k, 2) where contacts (k, 2) of frame 0 truly are in this frame."""
