@@ -151,8 +151,7 @@ def risk_coverage(frames: Iterable[FrameScore]) -> Floats:
     confidence, wrong = confidence[order], np.cumsum(wrong[order])
     last = np.append(np.diff(confidence) != 0.0, True)
     taken = np.arange(1, len(wrong) + 1)
-    found = np.searchsorted(np.sort(errors), at, side="right")
-    return np.asarray(found, dtype=np.float64) / max(1, len(errors))
+    return np.column_stack([confidence, taken / len(listed), wrong / taken])[last]
 
 
 def cumulative(errors: Floats, at: Floats) -> Floats:
