@@ -151,7 +151,8 @@ def risk_coverage(frames: Iterable[FrameScore]) -> Floats:
     confidence, wrong = confidence[order], np.cumsum(wrong[order])
     last = np.append(np.diff(confidence) != 0.0, True)
     taken = np.arange(1, len(wrong) + 1)
-    return np.column_stack([confidence, taken / len(listed), wrong / taken])[last]
+    table = np.column_stack([confidence, taken / len(listed), wrong / taken])
+    return np.asarray(table[last], dtype=np.float64)
 
 
 def cumulative(errors: Floats, at: Floats) -> Floats:
