@@ -111,7 +111,7 @@ def upper_bound(events: int, trials: int) -> float:
     z, p = 1.6449, events / trials
     middle = p + z * z / (2 * trials)
     reach = z * math.sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials))
-    return min(1.0, (middle + reach) / (1 + z * z / trials))
+    return min(1.0, max(p, (middle + reach) / (1 + z * z / trials)))
 
 
 def recoveries(run: Sequence[FrameScore]) -> list[int | None]:

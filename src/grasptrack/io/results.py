@@ -7,9 +7,11 @@ Units in both files, for people: px for contacts (4 decimals), **degrees** for t
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import math
+import os
 import platform
 import re
 from collections.abc import Mapping
@@ -102,6 +104,15 @@ def versions() -> dict[str, str]:
     import cv2
 
     return {**found, "opencv": cv2.__version__, "av": _version("av"), "platform": platform.platform()}
+
+
+def machine() -> str:
+    """Processor, its cores and the operating system, in one line."""
+    name = platform.processor() or platform.machine()
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        name = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), name)
+    return f"{name}, {os.cpu_count() or 1} cores, {platform.system()}"
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

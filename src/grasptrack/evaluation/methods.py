@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every method that can be measured, by name: this tracker's strategies first, then its peers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+
+from grasptrack.errors import GraspError, InputError
+from grasptrack.evaluation import peers
+from grasptrack.evaluation.method import Maker, Method, Start
+from grasptrack.result import TrackResult
+from grasptrack.tracker import GraspTracker
+
+OURS = ("auto", "rrp", "grasp-line", "homography")
+"""Strategies of the tracker, in the order of tables."""
+
+
+class Tracker:
+    """The tracker itself, told of the contacts as `--grasp` would tell it.
+
+    Args:
+        start: the contacts and the images' size.
+        strategy: of the tracker.
+    """
+
+    def __init__(self, start: Start, strategy: str) -> None:
+        self._tracker = GraspTracker(strategy=strategy, grasp=start.contacts)
+        self._refused = ""
+        self._frame = -1
+
+    def update(self, image: NDArray[Any], time: float | None) -> TrackResult:
+        """The tracker's answer; contacts that it refuses in the first image leave it searching for good."""
+        self._frame += 1
+        if not self._refused:
+            try:
+                return self._tracker.update(image, time=time)
+            except GraspError as error:
+                self._refused = str(error)
+        return TrackResult(self._frame, time, "searching", self._refused)
+
+
+def makers(names: Sequence[str]) -> dict[str, Maker]:
+    """Makers of methods, in the order of their names.
+
+    Raises:
+        InputError: a name that is none, or a method that cannot be had here, with the reason.
+    """
+    found: dict[str, Maker] = {}
+    for name in names:
+        if name in OURS:
+            found[name] = _ours(name)
+        elif name in peers.PEERS:
+            missing = peers.missing(name)
+            if missing:
+                raise InputError(f'method "{name}" cannot be had: {missing}', method=name)
+            found[name] = peers.PEERS[name]
+        else:
+            raise InputError(f'unknown method "{name}"; choose from {", ".join((*OURS, *peers.PEERS))}', method=name)
+    return found
+
+
+def _ours(strategy: str) -> Maker:
+    def make(start: Start) -> Method:
+        return Tracker(start, strategy)
+
+    return make

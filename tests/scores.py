@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scored frames made up at random, of every kind there can be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from grasptrack.evaluation.score import FrameScore
+
+
+def frame(
+    index: int,
+    error: float | None = None,
+    *,
+    present: bool = True,
+    visible: float = 1.0,
+    confidence: float = 0.9,
+    defining: bool = False,
+    reason: str = "",
+) -> FrameScore:
+    """One frame with two contacts, both off by `error` px; None gives no contacts."""
+    given = error is not None
+    return FrameScore(
+        frame=index,
+        status="tracked" if given else "lost",
+        reason=reason if given else (reason or "covered"),
+        distances=np.full(2, error) if given else None,
+        limit=4.0,
+        latency_ms=2.0 + 0.01 * index,
+        defining=defining,
+        strategy="homography" if given else "",
+        contacts=np.array([[10.0, 20.0], [30.5, 40.25]]) if given else None,
+        spread=np.array([0.5, 7.0]) if given else None,
+        opening=50.0,
+        area=10000.0,
+        present=present,
+        visible=visible,
+        seen=visible >= 1.0,
+        confidence=confidence if given else 0.0,
+    )
+
+
+def random_run(rng: np.random.Generator, frames: int = 60) -> list[FrameScore]:
+    """A run in which anything may happen."""
+    run = [frame(0, 0.0, defining=True)]
+    for i in range(1, frames):
+        answered = rng.random() < 0.8
+        run.append(
+            frame(
+                i,
+                float(rng.exponential(1.5)) if answered else None,
+                present=bool(rng.random() < 0.9),
+                visible=float(rng.choice([0.0, 0.5, 0.8, 1.0])),
+                confidence=float(rng.choice([math.nan, 0.25, rng.random()])),
+                reason="" if answered else f'only {rng.integers(100)} % seen, of "it"',
+            )
+        )
+    return run
