@@ -13,7 +13,9 @@ from typing import Annotated
 
 import typer
 
+from grasptrack.cli.compare import compare
 from grasptrack.cli.demo import demo
+from grasptrack.cli.evaluate import evaluate
 from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import INTERRUPTED, only_our_errors, tell_error
 from grasptrack.cli.track import track
@@ -33,6 +35,7 @@ Examples:
   grasptrack track video.mp4 --grasp "193,308 157,99"
   grasptrack synthesize photo.jpg   the best grasps on the object in one image
   grasptrack transfer a.png b.png   the same grasp in two views
+  grasptrack evaluate scenes        every method on scenes with exact truth, and a report
 
 Each verb has its own --help. Exit status: 0 done, 2 bad input, 130 after Ctrl-C, 1 anything else.
 """
@@ -71,6 +74,8 @@ app.command(short_help="Choose grasps on an object in one image.")(synthesize)
 app.command(short_help="Carry a grasp through a sequence of images.")(track)
 app.command(short_help="Carry a grasp from one image to another, by every strategy.")(transfer)
 app.command(short_help="Track in a rendered scene and compare with the truth.")(demo)
+app.add_typer(evaluate, name="evaluate", short_help="Measure every method, with a report.")
+app.command(short_help="Put two evaluations side by side.")(compare)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -63,6 +63,22 @@ def strategy_choice(name: str) -> str:
     return name
 
 
+def names(text: str | None) -> tuple[str, ...]:
+    """Names from "a,b"; none from None."""
+    return () if text is None else tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def two_or_three(fingers: int) -> int:
+    """The number of fingers, for grasps that are chosen.
+
+    Raises:
+        InputError: another number.
+    """
+    if fingers not in (2, 3):
+        raise InputError(f"grasps are chosen for 2 or 3 fingers, not {fingers}", fingers=fingers)
+    return fingers
+
+
 def contacts_and_fingers(grasp: str | None, fingers: int | None) -> tuple[NDArray[np.float64] | None, int]:
     """Contacts (k, 2) px from --grasp, or None, and the number of fingers that go with them.
 

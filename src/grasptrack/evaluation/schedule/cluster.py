@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from grasptrack.errors import InputError
+from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.evaluation.schedule.fingerprint import fingerprint
-from grasptrack.evaluation.schedule.outcome import ATTEMPTS, Outcome, Scheduler, in_one_line
+from grasptrack.evaluation.schedule.outcome import Outcome, Scheduler, in_one_line
 
 TIMEOUT_S = 15
 """How long to wait for the scheduler's answer."""
@@ -24,6 +25,7 @@ def on_cluster(address: str, workers: int | None = None) -> Scheduler:
 
     Raises:
         InputError: a number of workers was given, Dask is not installed, or nothing answers at the address.
+        GraspTrackError: on the way, when the scheduler is gone.
     """
     if workers is not None:
         raise InputError("--workers is for this machine; a cluster has its own: leave out one of the two")
@@ -51,23 +53,22 @@ def _run(client: Any, function: Callable[[Any], Any], tasks: Sequence[Any]) -> I
         client.submit(_checked, function, task, ours, pure=False, key=f"grasptrack-{run}-{i}"): i
         for i, task in enumerate(tasks)
     }
-    deaths = [0] * len(tasks)
     try:
-        going = distributed.as_completed(list(futures), loop=client.loop)
-        for future in going:
-            index = futures[future]
-            problem = future.exception()
+        for future in distributed.as_completed(list(futures), loop=client.loop):
+            try:
+                problem = future.exception()
+                value = future.result() if problem is None else None
+            except (distributed.client.FutureCancelledError, concurrent.futures.CancelledError, OSError):
+                raise GraspTrackError(
+                    "the connection to the Dask scheduler was lost; what was computed is kept, and the same command "
+                    "goes on with it"
+                ) from None
             if problem is None:
-                yield Outcome(index, future.result(), "")
+                yield Outcome(futures[future], value, "")
             elif isinstance(problem, distributed.scheduler.KilledWorker):
-                yield Outcome(index, None, f"given up: too many workers died at it ({in_one_line(problem)})")
-            elif isinstance(problem, (distributed.client.FutureCancelledError, OSError)) and deaths[index] < ATTEMPTS:
-                deaths[index] += 1  # the connection broke, not the task
-                future.retry()
-                going.add(future)
-                continue
+                yield Outcome(futures[future], None, f"given up: too many workers died at it ({in_one_line(problem)})")
             else:
-                yield Outcome(index, None, in_one_line(problem))
+                yield Outcome(futures[future], None, in_one_line(problem))
             future.release()
     finally:
         client.cancel([future for future in futures if not future.done()])

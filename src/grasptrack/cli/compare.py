@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack compare`: two evaluations side by side, and what got worse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from grasptrack.cli import options
+
+WORSE = 1
+"""Exit status with --strict where something got worse."""
+
+
+def compare(
+    before: Annotated[Path, typer.Argument(metavar="A", help="Folder of an evaluation.")],
+    after: Annotated[Path, typer.Argument(metavar="B", help="Folder of another, of the same kind.")],
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the comparison as an HTML page, too.")
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with status 1 when anything got worse than its noise.")
+    ] = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Put two evaluations side by side, case by case, and say what got worse from A to B, beyond its noise.
+
+    \b
+    Examples:
+      grasptrack compare evaluation-scenes evaluation-new
+      grasptrack compare old new --output compare.html --strict
+    """
+    from grasptrack.evaluation.compare import compare as put_together
+
+    found = put_together(before, after)
+    if output is not None:
+        found.write(output)
+    if not quiet:
+        for line in found.to_text():
+            typer.echo(line)
+    if strict and found.worse:
+        raise typer.Exit(WORSE)

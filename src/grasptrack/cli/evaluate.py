@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack evaluate`: measure every method on scenes with known truth, on real videos, or as the paper did."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from grasptrack.cli import options
+from grasptrack.cli.terminal import INTERRUPTED, Interruption, tell_error
+from grasptrack.errors import InputError
+
+if TYPE_CHECKING:
+    from grasptrack.evaluation.fill import Filled, Progress
+
+Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; a finished run in it is replaced.")]
+MethodNames = Annotated[
+    str | None,
+    typer.Option(metavar="A,B", help="Methods to measure; auto, rrp, grasp-line and homography if not given."),
+]
+Peers = Annotated[
+    bool, typer.Option("--peers", help="Measure also what else one could use, as far as it is installed.")
+]
+Workers = Annotated[int | None, typer.Option(metavar="N", help="Processes; one for each core if not given.")]
+Address = Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster's scheduler.")]
+ManyFingers = Annotated[int, typer.Option(metavar="K", help="Fingers of the grasps that are chosen, 2 or 3.")]
+
+evaluate = typer.Typer(
+    help="Measure every method: on scenes with known truth, on real videos, or as the paper did.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@evaluate.command(short_help="Parts x disturbances, rendered, with exact truth.")
+def scenes(
+    output: Output = Path("evaluation-scenes"),
+    shapes: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Built-in outlines; all if no part is named.")
+    ] = None,
+    silhouettes: Annotated[
+        str | None, typer.Option(metavar="DIR", help="Parts from images: what is not black is material.")
+    ] = None,
+    photos: Annotated[str | None, typer.Option(metavar="DIR", help="Parts from photos, with --masks.")] = None,
+    masks: Annotated[str | None, typer.Option(metavar="DIR", help="Masks of the photos, by name.")] = None,
+    disturbances: Annotated[str | None, typer.Option(metavar="A,B", help="Disturbances; all if not given.")] = None,
+    methods: MethodNames = None,
+    peers: Peers = False,
+    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Frames of each scene.")] = 100,
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Scenes for each part and disturbance.")] = 1,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Of paths, textures, light and noise.")] = 0,
+    fingers: ManyFingers = 2,
+    friction: options.Friction = 0.5,
+    workers: Workers = None,
+    scheduler: Address = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Render parts under many disturbances, follow a grasp by every method, and compare with the exact truth.
+
+    Writes evaluation.json, cases/*.csv (every frame of every method), summary.csv, figures and report.html. After
+    Ctrl-C, or when the machine stopped, the same command goes on where it was.
+
+    \b
+    Examples:
+      grasptrack evaluate scenes
+      grasptrack evaluate scenes --shapes bracket,gear --disturbances noise,bar --frames 40
+      grasptrack evaluate scenes --peers --output with-peers
+      grasptrack evaluate scenes --silhouettes shapes --methods auto --repeats 3
+      grasptrack evaluate scenes --scheduler tcp://host:8786
+    """
+    from grasptrack.evaluation import suites
+    from grasptrack.evaluation.schedule import scheduler as schedule
+
+    if (photos is None) is not (masks is None):
+        raise InputError("--photos and --masks go together: give both or neither")
+    asked = {
+        "shapes": options.names(shapes),
+        "silhouettes": silhouettes,
+        "photos": photos,
+        "masks": masks,
+        "disturbances": options.names(disturbances),
+        "methods": suites.methods(options.names(methods), peers=peers),
+        "frames": frames,
+        "repeats": repeats,
+        "seed": seed,
+        "fingers": options.two_or_three(fingers),
+        "friction": options.positive_friction(friction),
+    }
+    work = suites.scene_suite(**asked)
+    _run(output, work, schedule(scheduler, workers), asked, quiet)
+
+
+@evaluate.command(short_help="Real videos with reference homographies.")
+def real(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Videos, each with its table: film.mp4 and film.homographies.csv.")
+    ],
+    output: Output = Path("evaluation-real"),
+    methods: MethodNames = None,
+    peers: Peers = False,
+    fingers: ManyFingers = 2,
+    friction: options.Friction = 0.5,
+    workers: Workers = None,
+    scheduler: Address = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Follow a grasp through real videos by every method, and compare with reference homographies.
+
+    A table has the columns frame, h11 ... h33: H maps pixels of frame 0 to pixels of the frame. The grasp is chosen in
+    the first frame and given to all methods. Writes what `grasptrack evaluate scenes` writes.
+
+    \b
+    Examples:
+      grasptrack evaluate real videos
+      grasptrack evaluate real videos --peers --output real-with-peers
+    """
+    from grasptrack.evaluation import suites
+    from grasptrack.evaluation.schedule import scheduler as schedule
+
+    asked = {
+        "folder": str(folder.resolve()),
+        "methods": suites.methods(options.names(methods), peers=peers),
+        "fingers": options.two_or_three(fingers),
+        "friction": options.positive_friction(friction),
+    }
+    work = suites.real_suite(**asked)
+    _run(output, work, schedule(scheduler, workers), asked, quiet)
+
+
+def _run(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
+    """Score, report, tell."""
+    from grasptrack.cli.report import show_rows
+    from grasptrack.evaluation.fill import fill
+    from grasptrack.evaluation.report import write_report
+
+    def score(tell: Progress) -> Filled:
+        return fill(
+            output, work.kind, work.jobs, work.function, schedule, options=asked, command=_command(), progress=tell
+        )
+
+    filled = _with_progress(output, quiet, score)
+    if not filled.done and not filled.resumed:
+        raise InputError(f"nothing could be measured: {next(iter(filled.failed.values()), 'no case')}")
+    written = _with_progress(output, quiet, lambda tell: write_report(output, picture=work.picture, progress=tell))
+    if quiet:
+        return
+    heads, rows = written.closing_table()
+    notes = [f"{name} left out: {reason}" for name, reason in list(filled.failed.items())[:5]]
+    if len(filled.failed) > 5:
+        notes.append(f"and {len(filled.failed) - 5} more, named in {output / 'evaluation.json'}")
+    if filled.resumed:
+        notes.append(f"gone on with an interrupted run, in which {filled.resumed} cases were done")
+    notes.append(f"{written.path}")
+    show_rows(f"{filled.done + filled.resumed} sequences in {filled.seconds:.0f} s", heads, rows, notes, optional=4)
+
+
+def _with_progress(output: Path, quiet: bool, work: Callable[[Progress], Any]) -> Any:
+    """What `work` returns; Ctrl-C ends with exit status 130 between two steps, with the files whole."""
+    from grasptrack.cli.report import Progress as Bar
+
+    with Interruption() as interruption:
+        try:
+            with Bar(quiet) as bar:
+
+                def tell(step: str, done: int, total: int) -> None:
+                    bar.tell(step, done, total)
+                    interruption.check()
+
+                return work(tell)
+        except KeyboardInterrupt:
+            tell_error(f'interrupted; what was computed is in "{output}", and the same command goes on with it')
+            raise typer.Exit(INTERRUPTED) from None
+
+
+def _command() -> str:
+    return shlex.join(["grasptrack", *sys.argv[1:]])

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scores of a small fixed suite must not get worse than what is stored, by more than their noise."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import golden
+
+
+def test_no_score_got_worse() -> None:
+    assert golden.worse(json.loads(golden.STORED.read_text()), golden.run()) == []
+
+
+def test_a_worse_score_would_be_told() -> None:
+    stored = json.loads(golden.STORED.read_text())
+    same = {method: {key: kept["value"] for key, kept in measures.items()} for method, measures in stored.items()}
+    assert golden.worse(stored, same) == []
+    for method, measures in stored.items():
+        for key, direction in golden.BETTER.items():
+            changed = copy.deepcopy(same)
+            changed[method][key] -= direction * (1.01 * measures[key]["noise"] + 1e-6)
+            assert [line.split(":")[0] for line in golden.worse(stored, changed)] == [f"{method}, {key}"]
