@@ -63,6 +63,16 @@ def test_a_new_grasp_gets_a_new_truth_and_frames_without_homography_none() -> No
     assert score.false_accepts == 0
 
 
+def test_contacts_on_another_object_from_the_first_frame_on_are_wrong() -> None:
+    elsewhere, beside = Score("a", given=CONTACTS), Score("b", given=CONTACTS)
+    for i, H in enumerate(powers(3)):
+        truth = Truth.of_homography(H, 10000.0)
+        elsewhere.add(result(i, "tracked", apply_homography(H, CONTACTS + 9.0)), truth)
+        beside.add(result(i, "tracked", apply_homography(H, CONTACTS + 1.0)), truth)
+    assert elsewhere.false_accepts == 3 and len(elsewhere.errors) == 4
+    assert beside.false_accepts == 0 and beside.errors == pytest.approx(np.zeros(4), abs=1e-9)
+
+
 def test_the_limit_of_a_false_accept_grows_with_the_object() -> None:
     assert accept_limit(100.0) == 3.0
     assert accept_limit(40000.0) == pytest.approx(8.0)

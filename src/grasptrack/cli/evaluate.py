@@ -79,7 +79,7 @@ def scenes(
 
     if (photos is None) is not (masks is None):
         raise InputError("--photos and --masks go together: give both or neither")
-    asked = {
+    asked: dict[str, Any] = {
         "shapes": options.names(shapes),
         "silhouettes": silhouettes,
         "photos": photos,
@@ -123,7 +123,7 @@ def real(
     from grasptrack.evaluation import suites
     from grasptrack.evaluation.schedule import scheduler as schedule
 
-    asked = {
+    asked: dict[str, Any] = {
         "folder": str(folder.resolve()),
         "methods": suites.methods(options.names(methods), peers=peers),
         "fingers": options.two_or_three(fingers),

@@ -91,13 +91,18 @@ class FrameScore:
 class Score:
     """Collects the frames of one run; the truth of a grasp is its first contacts, moved by the true motion.
 
+    A method that is told the contacts may move them onto the edge that it sees. When it moves them so far that they are
+    wrong, the contacts that it was told stay the truth.
+
     Attributes:
         name: of the run, for tables.
         frames: what was collected.
+        given: (k, 2) px in frame 0, the contacts that the method was told, if it was.
     """
 
     name: str
     frames: list[FrameScore] = field(default_factory=list)
+    given: Floats | None = None
     _grasp: int | None = None
     _first: tuple[Floats, float] | None = None  # contacts in frame 0, and the object's area there
 
@@ -111,6 +116,9 @@ class Score:
             if contacts is not None and (self._first is None or result.grasp_id != self._grasp):
                 self._grasp = result.grasp_id
                 start = truth.back(contacts)
+                limit = accept_limit(area) if math.isfinite(area) else math.inf
+                if self.given is not None and contact_distances(start, self.given).max() > limit:
+                    start = self.given
                 size = area if math.isfinite(area) else (result.view.outer.area if result.view is not None else 0.0)
                 self._first = (start, size / max(1e-12, truth.growth(start.mean(axis=0))))
                 defining = True

@@ -48,7 +48,7 @@ def follow(frames: Iterable[Shown], methods: Mapping[str, Maker], start: Start) 
     Returns:
         Scored frames by method. A latency is that of the whole update, in ms.
     """
-    running = {name: (make(start), Score(name)) for name, make in methods.items()}
+    running = {name: (make(start), Score(name, given=start.contacts)) for name, make in methods.items()}
     for index, shown in enumerate(frames):
         for method, score in running.values():
             began = clock.perf_counter()
