@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from grasptrack.errors import InputError
-from grasptrack.evaluation.paper import run_paper
+from grasptrack.evaluation.paper import contexts, run_paper
 from grasptrack.evaluation.paper.contours import KINDS
 from grasptrack.evaluation.paper.objects import MOTIONS, OBJECTS
 from grasptrack.evaluation.table import Table, to_csv, to_json, to_markdown, to_text
@@ -18,8 +18,16 @@ from grasptrack.transfer import STRATEGIES
 FRAMES = 5
 
 
+@pytest.fixture(scope="module", autouse=True)
+def quick():
+    """Shorter experiments on images."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(contexts, "FRAMES", 16)
+        yield
+
+
 @pytest.fixture(scope="module")
-def run():
+def run(quick):
     told = []
     done = run_paper(frames=FRAMES, progress=lambda *step: told.append(step))
     return done, told
@@ -57,6 +65,22 @@ def test_the_coordinates_of_tables_three_and_four_are_those_that_a_transfer_keep
                 assert abs(d[1] - e[1]) < 0.1
                 np.testing.assert_allclose(d[[0, 2, 3]], e[[0, 2, 3]], atol=2e-4)
             assert all(row[6] < 0.3 for row in rows if row[:2] == (kind, name) and row[6] is not None)
+
+
+def test_each_strategy_refuses_or_fails_where_what_it_needs_is_missing(run):
+    rows = {row[2]: row[3:] for row in next(t for t in run[0].tables if t.number == "C").rows}
+    assert all(cell.endswith(" px") for cell in rows["resampled contours, all objects"])
+    rrp, line, peaks = rows["RRP given a contour with another start"]
+    assert float(rrp.removesuffix(" px")) > 20.0 > 0.1 > max(float(c.removesuffix(" px")) for c in (line, peaks))
+    refused = {
+        "a grasp of three contacts": (False, True, False),
+        "a disc": (False, True, True),
+        "a rectangle": (False, True, False),
+        "an egg": (False, False, True),
+    }
+    for what, expected in refused.items():
+        assert tuple(cell.startswith("refused: ") for cell in rows[what]) == expected
+    assert "whole" in rows["images: the border cuts the object"][1]
 
 
 def test_series_hold_every_frame_and_agree_with_the_tables(run):
