@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A table of results, and its plain forms: text, CSV, Markdown, and values for JSON."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+Cell = str | float | int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One table.
+
+    Attributes:
+        number: "I" to "VII" for the paper's tables, or another short name.
+        title: what it shows.
+        head: one name for each column, with its unit.
+        rows: cells by row; None where there is nothing to say, and a note then says why.
+        notes: sentences to be read with it.
+    """
+
+    number: str
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.head):
+                raise ValueError(f"table {self.number}: a row of {len(row)} cells under {len(self.head)} heads: {row}")
+
+
+def written(cell: Cell) -> str:
+    """A cell for people: three digits of a number that is not whole, "-" for None."""
+    if cell is None:
+        return "-"
+    return f"{cell:.3g}" if isinstance(cell, float) else str(cell)
+
+
+def to_text(table: Table) -> str:
+    """Columns aligned by spaces, numbers to the right, notes below."""
+    cells = [[written(c) for c in row] for row in table.rows]
+    widths = [max(len(row[i]) for row in [list(table.head), *cells]) for i in range(len(table.head))]
+    right = [_is_number(table, i) for i in range(len(table.head))]
+
+    def line(row: list[str]) -> str:
+        padded = (c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right, strict=True))
+        return "  ".join(padded).rstrip()
+
+    ruled = "  ".join("-" * w for w in widths)
+    body = [f"Table {table.number}. {table.title}", "", line(list(table.head)), ruled, *map(line, cells)]
+    return "\n".join([*body, *([""] if table.notes else []), *table.notes]) + "\n"
+
+
+def to_markdown(table: Table) -> str:
+    """A Markdown table, numbers to the right, notes below."""
+
+    def line(row: list[str]) -> str:
+        return "| " + " | ".join(c.replace("|", "\\|") for c in row) + " |"
+
+    rule = "|" + "|".join("---:" if _is_number(table, i) else "---" for i in range(len(table.head))) + "|"
+    body = [line([written(c) for c in row]) for row in table.rows]
+    notes = [part for note in table.notes for part in ("", note)]
+    return (
+        "\n".join([f"**Table {table.number}.** {table.title}", "", line(list(table.head)), rule, *body, *notes]) + "\n"
+    )
+
+
+def to_csv(table: Table, path: Path) -> None:
+    """Write head and rows, numbers in full, empty for None; the notes are not written."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(table.head)
+        writer.writerows(["" if c is None else c for c in row] for row in table.rows)
+
+
+def to_json(table: Table) -> dict[str, object]:
+    """Values that `json.dumps` takes, numbers in full."""
+    return {
+        "number": table.number,
+        "title": table.title,
+        "head": list(table.head),
+        "rows": [list(row) for row in table.rows],
+        "notes": list(table.notes),
+    }
+
+
+def _is_number(table: Table, column: int) -> bool:
+    return any(isinstance(row[column], int | float) for row in table.rows)
