@@ -233,9 +233,9 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
         ("rich", {"cli"}),
         ("av", {"io"}),
         ("matplotlib", {"view"}),
-        ("cv2", {"io", "observation", "simulation", "view"}),
+        ("cv2", {"evaluation", "io", "observation", "simulation", "view"}),
         ("grasptrack.simulation", {"simulation", "evaluation"}),
-        ("grasptrack.observation.snake", {"observation", "carriers"}),
+        ("grasptrack.observation.snake", {"observation", "carriers", "evaluation"}),
         ("grasptrack._native", {"kernels"}),
     ],
 )

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ECC: the homography that makes the part and its surroundings look most alike, from OpenCV (Evangelidis, Psarakis)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.evaluation.method import Start
+from grasptrack.evaluation.peers.base import Found, LostError, Peer
+from grasptrack.evaluation.peers.region import region_of
+from grasptrack.observation.images import Grey
+
+Floats = NDArray[np.float64]
+
+MARGIN = 12
+"""px round the part that are compared too: there are its edges."""
+COARSE = 0.25
+"""Scale of the first of two fits, which finds motions too large for the second."""
+CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-5)
+SMOOTHING = 5
+"""px, size of the Gauss filter in a fit."""
+LEAST = 0.5
+"""Correlation below which nothing was found."""
+
+
+class Ecc(Peer):
+    """cv2.findTransformECC against the first image, started from the last answer, coarse before fine.
+
+    Its confidence is the correlation. After a loss it starts again from its last answer.
+    """
+
+    name: ClassVar[str] = "ecc"
+
+    def __init__(self, start: Start) -> None:
+        super().__init__(start)
+        self._H: Floats = np.eye(3)
+
+    def begin(self, image: Grey) -> None:
+        """See Peer."""
+        region = region_of(self.start, image)
+        x, y, width, height = region.box(MARGIN)
+        self._origin = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
+        self._mask = region.grown(MARGIN)
+        self._template = image[y : y + height, x : x + width].copy()
+        self._small = _reduced(self._template)
+        self._corners = region.corners
+
+    def follow(self, image: Grey) -> Found:
+        """See Peer."""
+        warp = self._H @ self._origin
+        mask = self._moved_mask(self._H, image)
+        try:
+            small, _ = _fit(self._small, _reduced(image), _scaled(warp, COARSE), _reduced(mask))
+            warp = _scaled(small, 1.0 / COARSE)
+            mask = self._moved_mask(warp @ np.linalg.inv(self._origin), image)
+        except cv2.error:
+            pass  # too little is left of a small part: the fine fit has to do alone
+        try:
+            warp, correlation = _fit(self._template, image, warp, mask)
+        except cv2.error:
+            raise LostError("ECC did not converge") from None
+        if not correlation >= LEAST:
+            raise LostError(f"ECC ends at a correlation of {correlation:.2f}")
+        H = warp @ np.linalg.inv(self._origin)
+        found = self.moved(H, self._corners, correlation)
+        self._H = H
+        return found
+
+    def _moved_mask(self, H: Floats, image: Grey) -> Grey:
+        """(H, W) uint8, 255 where the part and its surroundings are under a homography (3, 3)."""
+        return np.asarray(cv2.warpPerspective(self._mask, H, image.shape[::-1]), dtype=np.uint8)
+
+
+def _fit(template: Grey, image: Grey, warp: Floats, mask: Grey) -> tuple[Floats, float]:
+    """The warp (3, 3) from the template's pixels to the image's, and the correlation under it."""
+    first = np.asarray(warp / warp[2, 2], dtype=np.float32)
+    correlation, found = cv2.findTransformECC(template, image, first, cv2.MOTION_HOMOGRAPHY, CRITERIA, mask, SMOOTHING)
+    return np.asarray(found, dtype=np.float64), float(correlation)
+
+
+def _reduced(image: Grey) -> Grey:
+    """The image at the coarse scale."""
+    return np.asarray(cv2.resize(image, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _scaled(warp: Floats, scale: float) -> Floats:
+    """A warp between images that are both smaller by `scale`; pixel centres are at integer coordinates."""
+    half = 0.5 * scale - 0.5
+    S = np.array([[scale, 0.0, half], [0.0, scale, half], [0.0, 0.0, 1.0]])
+    return np.asarray(S @ warp @ np.linalg.inv(S), dtype=np.float64)
