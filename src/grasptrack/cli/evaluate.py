@@ -3,16 +3,14 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.terminal import INTERRUPTED, Interruption, tell_error
+from grasptrack.cli.evaluate_paper import paper
+from grasptrack.cli.progress import command, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,6 +34,8 @@ evaluate = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+evaluate.command(short_help="Tables I to VII of the paper.")(paper)
 
 
 @evaluate.command(short_help="Parts x disturbances, rendered, with exact truth.")
@@ -141,13 +141,13 @@ def _run(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: b
 
     def score(tell: Progress) -> Filled:
         return fill(
-            output, work.kind, work.jobs, work.function, schedule, options=asked, command=_command(), progress=tell
+            output, work.kind, work.jobs, work.function, schedule, options=asked, command=command(), progress=tell
         )
 
-    filled = _with_progress(output, quiet, score)
+    filled = with_progress(output, quiet, score, again=", and the same command goes on with it")
     if not filled.done and not filled.resumed:
         raise InputError(f"nothing could be measured: {next(iter(filled.failed.values()), 'no case')}")
-    written = _with_progress(output, quiet, lambda tell: write_report(output, picture=work.picture, progress=tell))
+    written = with_progress(output, quiet, lambda tell: write_report(output, picture=work.picture, progress=tell))
     if quiet:
         return
     heads, rows = written.closing_table()
@@ -158,25 +158,3 @@ def _run(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: b
         notes.append(f"gone on with an interrupted run, in which {filled.resumed} cases were done")
     notes.append(f"{written.path}")
     show_rows(f"{filled.done + filled.resumed} sequences in {filled.seconds:.0f} s", heads, rows, notes, optional=4)
-
-
-def _with_progress(output: Path, quiet: bool, work: Callable[[Progress], Any]) -> Any:
-    """What `work` returns; Ctrl-C ends with exit status 130 between two steps, with the files whole."""
-    from grasptrack.cli.report import Progress as Bar
-
-    with Interruption() as interruption:
-        try:
-            with Bar(quiet) as bar:
-
-                def tell(step: str, done: int, total: int) -> None:
-                    bar.tell(step, done, total)
-                    interruption.check()
-
-                return work(tell)
-        except KeyboardInterrupt:
-            tell_error(f'interrupted; what was computed is in "{output}", and the same command goes on with it')
-            raise typer.Exit(INTERRUPTED) from None
-
-
-def _command() -> str:
-    return shlex.join(["grasptrack", *sys.argv[1:]])

@@ -53,9 +53,9 @@ def makers(names: Sequence[str]) -> dict[str, Maker]:
         if name in OURS:
             found[name] = _ours(name)
         elif name in peers.PEERS:
-            missing = peers.missing(name)
-            if missing:
-                raise InputError(f'method "{name}" cannot be had: {missing}', method=name)
+            missing = peers.missing()
+            if name in missing:
+                raise InputError(f'method "{name}" cannot be used here: {missing[name]}', method=name)
             found[name] = peers.PEERS[name]
         else:
             raise InputError(f'unknown method "{name}"; choose from {", ".join((*OURS, *peers.PEERS))}', method=name)

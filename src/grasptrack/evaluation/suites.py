@@ -53,14 +53,9 @@ def methods(names: Sequence[str] = (), *, peers: bool = False) -> tuple[str, ...
     """
     wanted = list(names or OURS)
     if peers:
-        wanted += [name for name in available_peers() if name not in wanted]
+        wanted += [name for name in others.available() if name not in wanted]
     makers(wanted)
     return tuple(wanted)
-
-
-def available_peers() -> list[str]:
-    """Names of the peers that are installed."""
-    return [name for name in others.PEERS if not others.missing(name)]
 
 
 def scene_suite(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import concurrent.futures
 import uuid
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from typing import Any
 
 from grasptrack.errors import GraspTrackError, InputError
@@ -30,7 +31,7 @@ def on_cluster(address: str, workers: int | None = None) -> Scheduler:
     if workers is not None:
         raise InputError("--workers is for this machine; a cluster has its own: leave out one of the two")
     try:
-        import distributed
+        distributed: Any = import_module("distributed")
     except ImportError:
         raise InputError('a cluster needs Dask: pip install "grasptrack[cluster]"') from None
 
@@ -46,8 +47,7 @@ def on_cluster(address: str, workers: int | None = None) -> Scheduler:
 
 
 def _run(client: Any, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Outcome]:
-    import distributed
-
+    distributed: Any = import_module("distributed")
     ours, run = fingerprint(), uuid.uuid4().hex[:12]
     futures = {
         client.submit(_checked, function, task, ours, pure=False, key=f"grasptrack-{run}-{i}"): i
