@@ -13,6 +13,7 @@ from grasptrack.cli.progress import command, with_progress
 
 if TYPE_CHECKING:
     from grasptrack.evaluation.fill import Progress
+    from grasptrack.evaluation.paper import PaperRun
 
 
 def paper(
@@ -40,12 +41,10 @@ def paper(
 
     prepare_folder(output)
 
-    def work(tell: Progress) -> Path:
+    def work(tell: Progress) -> tuple[PaperRun, Path]:
         run = run_paper(frames=frames, seed=seed, progress=tell)
-        if not quiet:
-            typer.echo("\n".join(to_text(table) for table in run.tables))
-        return write_paper(output, run, options={"frames": frames, "seed": seed}, command=command())
+        return run, write_paper(output, run, options={"frames": frames, "seed": seed}, command=command())
 
-    path = with_progress(output, quiet, work)
+    run, report = with_progress(output, quiet, work)
     if not quiet:
-        typer.echo(str(path))
+        typer.echo("\n".join([*(to_text(table) for table in run.tables), str(report)]))
