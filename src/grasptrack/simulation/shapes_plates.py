@@ -148,8 +148,8 @@ def puzzle_piece() -> Shape:
 
     def side(out: float, at: float) -> list[tuple[float, float]]:
         """From (0, 0) to (1, 0), the knob to negative y when out > 0."""
-        knob = arc(at, -0.17, 0.135, 125, 415)
-        neck = ((at - 0.07, 0.0), *knob.tolist(), (at + 0.07, 0.0))
+        knob = arc(at, -0.145, 0.15, 130, 410)
+        neck = ((at - 0.096, 0.0), *knob.tolist(), (at + 0.096, 0.0))
         return [(0.0, 0.0), *((x, out * y) for x, y in neck)]
 
     ring: list[tuple[float, float]] = []

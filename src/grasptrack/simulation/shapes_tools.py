@@ -56,12 +56,13 @@ def fork() -> Shape:
 
 def spoon() -> Shape:
     """A spoon: smooth all round, a bowl and a long handle."""
-    x = np.linspace(0.0, 3.2, 120)
-    bowl = 0.42 * np.sqrt(np.clip(1.0 - ((x - 0.62) / 0.62) ** 2, 0.0, 1.0)) * (1.0 - 0.12 * (x - 0.62))
-    handle = 0.075 + 0.075 / (1.0 + np.exp(-8.0 * (x - 2.5)))
-    half = np.hypot(bowl, np.where(x > 0.62, handle, 0.0))
-    soft = np.convolve(np.pad(half, 3, mode="edge"), np.full(7, 1 / 7), mode="valid")
-    half[30:] = soft[30:]
+    x = 3.2 * np.linspace(0.0, 1.0, 150) ** 1.8
+    bowl = 0.42 * np.sqrt(np.clip(1.0 - ((x - 0.62) / 0.62) ** 2, 0.0, 1.0)) * (1.0 - 0.15 * (x - 0.62))
+    neck = 0.075 + 0.075 / (1.0 + np.exp(-8.0 * (x - 2.5)))
+    half = np.sqrt(bowl**2 + (neck / (1.0 + np.exp(-9.0 * (x - 0.8)))) ** 2)
+    even = np.linspace(0.0, 3.2, 161)
+    soft = np.convolve(np.pad(np.interp(even, x, half), 4, mode="edge"), np.full(9, 1 / 9), mode="valid")
+    half = np.where(x < 0.8, half, np.interp(x, even, soft))
     return Shape.of("spoon", stroke(np.column_stack([x, np.zeros_like(x)]), half))
 
 

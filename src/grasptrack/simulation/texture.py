@@ -13,6 +13,7 @@ from grasptrack.errors import InputError
 
 Floats32 = NDArray[np.float32]
 Pixels = NDArray[np.uint8]
+Colour = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,6 @@ def noise_field(rng: np.random.Generator, size: int, sx: float, sy: float) -> Fl
     return np.asarray(field / field.std(), dtype=np.float32)
 
 
-def tint(value: Floats32, colour: tuple[float, float, float]) -> Pixels:
+def tint(value: Floats32, colour: Colour) -> Pixels:
     """Grey relief around 1 times a BGR colour."""
     return np.clip(np.rint(value[..., None] * np.array(colour, np.float32)), 0, 255).astype(np.uint8)
