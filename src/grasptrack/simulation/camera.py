@@ -40,7 +40,8 @@ class Camera:
     def __post_init__(self) -> None:
         f = float(self.matrix[0, 0])
         corner = 0.5 * math.hypot(self.width, self.height) / f
-        if self.distorted and self._radius(np.array([self._fold])) < corner:
+        fold = self._fold
+        if fold < math.inf and self._radius(np.array([fold]))[0] < corner:
             raise InputError(
                 f"a lens with k1 {self.k1} and k2 {self.k2} folds the image: the corners need a radius of {corner:.2f}",
                 k1=self.k1,
@@ -77,6 +78,8 @@ class Camera:
     @property
     def _fold(self) -> float:
         """The radius up to which the polynomial holds: nine tenths of where it turns back."""
+        if not self.distorted:
+            return math.inf
         turning = np.roots([5.0 * self.k2, 3.0 * self.k1, 1.0])
         turning = turning[(np.abs(turning.imag) < 1e-12) & (turning.real > 0.0)].real
         return 0.9 * math.sqrt(float(turning.min())) if len(turning) else math.inf

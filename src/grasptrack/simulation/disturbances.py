@@ -328,8 +328,8 @@ def _thick(s: Setting) -> Parts:
 DISTURBANCES: dict[str, Disturbance] = {
     d.name: d
     for d in (
-        Disturbance("clean-4dof", "Nothing happens; the camera shifts, turns and zooms, always frontal.", "motion", _clean_4dof),
-        Disturbance("clean-6dof", "Nothing happens; the camera also tilts, up to 25 degrees.", "motion", _clean_6dof),
+        Disturbance("clean-4dof", "The camera shifts, turns and zooms, always frontal.", "motion", _clean_4dof),
+        Disturbance("clean-6dof", "The camera also tilts, up to 25 degrees.", "motion", _clean_6dof),
         Disturbance("noise", "Noise of 8 to 16 grey levels.", "image", _noise),
         Disturbance("blur", "The lens is out of focus: a blur of 2 to 3.5 px.", "image", _blur),
         Disturbance("light", "Uneven light that drifts, and jumps three times.", "image", _light),

@@ -197,9 +197,9 @@ class Renderer:
                 borderMode=cv2.BORDER_REFLECT_101,
             )
         else:
-            no_second = np.empty(0, np.float32)
             at = cv2.perspectiveTransform(self._rays[y0:y1, x0:x1], np.linalg.inv(to_image))
-            warped = cv2.remap(texture.image, at, no_second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+            x, y = cv2.split(at)
+            warped = cv2.remap(texture.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
         if self.blur > SHARP:
             warped = cv2.GaussianBlur(warped, (0, 0), math.sqrt(self.blur**2 - 0.5), borderType=cv2.BORDER_REFLECT_101)
         return np.asarray(warped, dtype=np.float32)

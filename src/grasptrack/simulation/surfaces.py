@@ -91,8 +91,8 @@ def printed(
         y += height + int(rng.integers(4, 16))
     laid_on = np.asarray(cv2.GaussianBlur(ink, (0, 0), 0.8), np.float32) / np.float32(255.0)
     mean = sum(colour) / 3.0
-    sign, strength = (1.0 if mean < 110.0 else -1.0), 0.33 * max(1.0, 80.0 / mean)
-    relief = (1.0 + 0.012 * noise_field(rng, size, 60, 60)) * (1.0 + sign * strength * contrast * laid_on)
+    sign, depth = (1.0 if mean < 110.0 else -1.0), 0.33 * max(1.0, 80.0 / mean)
+    relief = (1.0 + 0.012 * noise_field(rng, size, 60, 60)) * (1.0 + sign * depth * contrast * laid_on)
     return Texture(tint(np.asarray(relief, np.float32), colour), extent)
 
 
