@@ -2,28 +2,60 @@
 """Scenes with exact ground truth. They know nothing of the tracker."""
 
 from grasptrack.simulation.camera import Camera, Path, similarity_path, tilting_path
-from grasptrack.simulation.render import Bar, Conditions, Renderer
-from grasptrack.simulation.scene import Scene, SceneFrame, demo_scene
-from grasptrack.simulation.shapes import SHAPES, Shape
+from grasptrack.simulation.conditions import Conditions, Shadow
+from grasptrack.simulation.courses import course
+from grasptrack.simulation.covers import Bar, Cover, Laid
+from grasptrack.simulation.disturbances import DISTURBANCES, Disturbance, applicable
+from grasptrack.simulation.hand import bar_over, hand_over
+from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.photo import part_of_photo
+from grasptrack.simulation.render import Renderer
+from grasptrack.simulation.scene import Guest, Scene, SceneFrame, demo_scene
+from grasptrack.simulation.shapes import SHAPES
+from grasptrack.simulation.silhouette import silhouette
 from grasptrack.simulation.still import still_life
-from grasptrack.simulation.texture import Texture, brushed, plain, wood
+from grasptrack.simulation.surfaces import SURFACES, blank, brushed, printed
+from grasptrack.simulation.tables import TABLES, gravel, plain, stone, wood, woven
+from grasptrack.simulation.texture import Texture
+from grasptrack.simulation.twins import mirrored, near_twin
 
 __all__ = [
+    "DISTURBANCES",
     "SHAPES",
+    "SURFACES",
+    "TABLES",
     "Bar",
     "Camera",
     "Conditions",
+    "Cover",
+    "Disturbance",
+    "Guest",
+    "Laid",
     "Path",
     "Renderer",
     "Scene",
     "SceneFrame",
+    "Shadow",
     "Shape",
     "Texture",
+    "applicable",
+    "bar_over",
+    "blank",
     "brushed",
+    "course",
     "demo_scene",
+    "gravel",
+    "hand_over",
+    "mirrored",
+    "near_twin",
+    "part_of_photo",
     "plain",
+    "printed",
+    "silhouette",
     "similarity_path",
     "still_life",
+    "stone",
     "tilting_path",
     "wood",
+    "woven",
 ]

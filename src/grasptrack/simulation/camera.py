@@ -4,32 +4,101 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack.errors import InputError
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics of a pinhole camera without lens distortion.
+    """Intrinsics of a pinhole camera, with or without Brown's radial lens distortion.
+
+    A point at radius r from the axis, in units of the focal length, is seen at r (1 + k1 r^2 + k2 r^4). Negative k1 is a
+    barrel, positive a pincushion. Where that would turn back, far outside the image, it goes on along its tangent.
 
     Attributes:
         width, height: px.
         focal: px; None takes 1.1 times the width, a field of view of 49 degrees.
+        k1, k2: of the distortion.
+
+    Raises:
+        InputError: the distortion turns back within the image.
     """
 
     width: int = 640
     height: int = 480
     focal: float | None = None
+    k1: float = 0.0
+    k2: float = 0.0
+
+    def __post_init__(self) -> None:
+        f = float(self.matrix[0, 0])
+        corner = 0.5 * math.hypot(self.width, self.height) / f
+        fold = self._fold
+        if fold < math.inf and self._radius(np.array([fold]))[0] < corner:
+            raise InputError(
+                f"a lens with k1 {self.k1} and k2 {self.k2} folds the image: the corners need a radius of {corner:.2f}",
+                k1=self.k1,
+                k2=self.k2,
+            )
 
     @property
     def matrix(self) -> Floats:
         """(3, 3) K; pixel centres lie at integer coordinates."""
         f = 1.1 * self.width if self.focal is None else self.focal
         return np.array([[f, 0.0, (self.width - 1) / 2.0], [0.0, f, (self.height - 1) / 2.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def distorted(self) -> bool:
+        """Whether straight lines are seen bent."""
+        return self.k1 != 0.0 or self.k2 != 0.0
+
+    def distort(self, points: ArrayLike) -> Floats:
+        """(N, 2) px of the image, of points (N, 2) px of the ideal pinhole image."""
+        return self._scaled(np.asarray(points, dtype=np.float64), self._radius)
+
+    def undistort(self, points: ArrayLike) -> Floats:
+        """(N, 2) px of the ideal pinhole image, of points (N, 2) px of the image. The inverse, to rounding."""
+        return self._scaled(np.asarray(points, dtype=np.float64), self._ideal_radius)
+
+    def _scaled(self, points: Floats, radius: Callable[[Floats], Floats]) -> Floats:
+        if not self.distorted:
+            return points
+        K = self.matrix
+        rays = (points - K[:2, 2]) / K[0, 0]
+        r = np.maximum(np.hypot(rays[..., 0], rays[..., 1]), 1e-300)
+        return np.asarray(rays * (radius(r) / r)[..., None] * K[0, 0] + K[:2, 2], dtype=np.float64)
+
+    @property
+    def _fold(self) -> float:
+        """The radius up to which the polynomial holds: nine tenths of where it turns back."""
+        if not self.distorted:
+            return math.inf
+        turning = np.roots([5.0 * self.k2, 3.0 * self.k1, 1.0])
+        turning = turning[(np.abs(turning.imag) < 1e-12) & (turning.real > 0.0)].real
+        return 0.9 * math.sqrt(float(turning.min())) if len(turning) else math.inf
+
+    def _radius(self, r: Floats) -> Floats:
+        inner = np.minimum(r, self._fold)
+        q = inner * inner
+        value = inner * (1.0 + q * (self.k1 + q * self.k2))
+        return np.asarray(value + (r - inner) * (1.0 + q * (3.0 * self.k1 + q * 5.0 * self.k2)), dtype=np.float64)
+
+    def _ideal_radius(self, seen: Floats) -> Floats:
+        r, fold = seen.copy(), self._fold
+        for _ in range(40):  # Newton's; the slope is positive everywhere
+            q = np.minimum(r, fold) ** 2
+            step = (self._radius(r) - seen) / (1.0 + q * (3.0 * self.k1 + q * 5.0 * self.k2))
+            r -= step
+            if np.abs(step).max(initial=0.0) < 1e-15:
+                break
+        return r
 
 
 @dataclass(frozen=True)
@@ -54,15 +123,44 @@ class Path:
         """Frames."""
         return len(self.distance)
 
-    def table_to_image(self, camera: Camera) -> Floats:
-        """(F, 3, 3) homographies from table coordinates to pixels, the last element of each 1."""
+    def pose(self, index: int) -> Path:
+        """The path of one frame that stays at that pose."""
+        k = slice(index, index + 1)
+        return Path(self.target[k], self.distance[k], self.roll[k], self.tilt[k], self.azimuth[k])
+
+    def table_to_image(self, camera: Camera, height: float = 0.0) -> Floats:
+        """(F, 3, 3) homographies from table coordinates to ideal pixels, the last element of each 1.
+
+        Args:
+            camera: its intrinsics; distortion comes after, by `Camera.distort`.
+            height: table units above the table of the plane that is seen.
+        """
         homographies = np.empty((len(self), 3, 3))
         for i in range(len(self)):
             rotation = _about_z(self.roll[i]) @ _about_axis(self.azimuth[i], self.tilt[i])
             shift = np.array([0.0, 0.0, self.distance[i]]) - rotation[:, :2] @ self.target[i]
+            if height != 0.0:
+                shift = shift - height * rotation[:, 2]  # the table's normal points away from the camera
             H = camera.matrix @ np.column_stack([rotation[:, :2], shift])
             homographies[i] = H / H[2, 2]
         return homographies
+
+    def between(self, index: int, offsets: ArrayLike) -> Path:
+        """The poses at `index` + offsets (K,) frames, on the cubic through the four poses around; 0 is the pose itself."""
+        lean = self.tilt[:, None] * np.column_stack([np.cos(self.azimuth), np.sin(self.azimuth)])
+        known = np.column_stack([self.target, self.distance, self.roll, lean])
+        last = len(known) - 1
+        k = index + np.arange(-2, 3)
+        poses = known[np.clip(k, 0, last)]
+        if last > 0:  # beyond its ends the path goes on evenly
+            poses += np.minimum(k, 0)[:, None] * (known[1] - known[0])
+            poses += np.maximum(k - last, 0)[:, None] * (known[last] - known[last - 1])
+        u = np.asarray(offsets, dtype=np.float64)[:, None]
+        v, side = np.abs(u), np.where(u < 0.0, -1, 1)[:, 0]
+        a, b, before, beyond = poses[2], poses[2 + side], poses[2 - side], poses[2 + 2 * side]
+        m, n = 0.5 * (b - before), 0.5 * (beyond - a)  # slopes of Catmull and Rom
+        at = a + m * v + (3 * (b - a) - 2 * m - n) * v**2 + (2 * (a - b) + m + n) * v**3
+        return Path(at[:, :2], at[:, 2], at[:, 3], np.hypot(at[:, 4], at[:, 5]), np.arctan2(at[:, 5], at[:, 4]))
 
 
 def _about_z(angle: float) -> Floats:

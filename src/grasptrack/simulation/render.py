@@ -1,70 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One image of a flat part on a table, through a homography, as a camera would record it."""
+"""One image of a flat part on a table, through a homography and a lens, as a camera would record it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.projective import apply_homography
+from grasptrack.simulation.camera import Camera
+from grasptrack.simulation.conditions import SHARP, Conditions, Shadow, pooled_noise
 from grasptrack.simulation.coverage import coverage
-from grasptrack.simulation.shapes import Shape
+from grasptrack.simulation.covers import Cover
+from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.sides import side_faces
 from grasptrack.simulation.texture import Texture
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
+Box = tuple[int, int, int, int]
 
-
-@dataclass(frozen=True)
-class Conditions:
-    """What lens, light and sensor do to the image.
-
-    Attributes:
-        blur: px, standard deviation of lens and pixel together.
-        noise: grey levels, standard deviation, independent from pixel to pixel.
-        drift: relative amplitude of a slow change of brightness over the sequence.
-        vignette: relative loss of light in the image's corners.
-    """
-
-    blur: float = 0.7
-    noise: float = 2.0
-    drift: float = 0.0
-    vignette: float = 0.0
-
-
-@dataclass(frozen=True)
-class Bar:
-    """An occluder: a straight bar across the image that sweeps over it.
-
-    Attributes:
-        start, end: frames between which it crosses the image, from one side to the other.
-        width: of the bar, as a share of the image's diagonal.
-        angle: rad, direction of its sweep.
-        colour: BGR.
-    """
-
-    start: int
-    end: int
-    width: float = 0.12
-    angle: float = 0.5
-    colour: tuple[float, float, float] = (120, 128, 131)
-
-    def polygon(self, index: int, width: int, height: int) -> Floats | None:
-        """(4, 2) px where it is in a frame of a sequence; None before `start` and after `end`."""
-        if not self.start <= index <= self.end:
-            return None
-        diagonal = math.hypot(width, height)
-        share = (index - self.start) / max(1, self.end - self.start)
-        along = np.array([math.cos(self.angle), math.sin(self.angle)])
-        across = np.array([-along[1], along[0]])
-        half = 0.5 * self.width * diagonal
-        middle = np.array([width - 1.0, height - 1.0]) / 2.0 + along * (share - 0.5) * (diagonal + 2.0 * half)
-        a, b = along * half, across * diagonal
-        return np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b])
+TO_GREY = np.array([0.114, 0.587, 0.299], np.float32)
+FINE = 0.02
+"""Table units; through a lens straight sides bend, so they are cut into pieces no longer than this."""
 
 
 class Renderer:
@@ -78,73 +39,208 @@ class Renderer:
         height: px.
         blur: px, see `Conditions`.
         colour: BGR images, else grey ones.
+        camera: whose lens is used; None is a lens without distortion.
     """
 
     def __init__(
-        self, shape: Shape, table: Texture, surface: Texture, *, width: int, height: int, blur: float, colour: bool
+        self,
+        shape: Shape,
+        table: Texture,
+        surface: Texture,
+        *,
+        width: int,
+        height: int,
+        blur: float,
+        colour: bool,
+        camera: Camera | None = None,
     ) -> None:
         self.shape = shape
         self.size = (width, height)
         self.blur = blur
         self.colour = colour
-        self._table = table if colour else table.grey
-        self._surface = surface if colour else surface.grey
-        x = (np.arange(width) - (width - 1) / 2.0) / (width / 2.0)
-        y = (np.arange(height) - (height - 1) / 2.0) / (height / 2.0)
-        self._corner = np.asarray((x[None] ** 2 + y[:, None] ** 2) / 2.0, dtype=np.float32)
+        self.camera = camera if camera is not None else Camera(width, height)
+        self._table = self._seen(table)
+        self._surface = self._seen(surface)
+        self._fall: tuple[Conditions, Floats32] | None = None
+        self._rays: Floats32 | None = None
+        if self.camera.distorted:
+            grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+            self._rays = self.camera.undistort(grid.reshape(-1, 2)).reshape(height, width, 2).astype(np.float32)
 
-    def outline(self, H: Floats) -> tuple[Floats, ...]:
-        """The part's polygons in px under H, table to image."""
-        return tuple(apply_homography(H, polygon) for polygon in self.shape.polygons)
+    def _seen(self, texture: Texture) -> Texture:
+        return texture.coloured if self.colour else texture.grey
+
+    def outline(self, H: Floats, shape: Shape | None = None) -> tuple[Floats, ...]:
+        """The polygons in px of the part, or of another shape, under H, from its plane to ideal px."""
+        polygons = (self.shape if shape is None else shape).polygons
+        if self.camera.distorted:
+            polygons = tuple(finer(p, FINE) for p in polygons)
+        return tuple(self.camera.distort(apply_homography(H, p)) for p in polygons)
 
     def light(self, H: Floats, slide: Floats | None = None) -> Floats32:
-        """(height, width) or (height, width, 3) grey levels before light, occluder and noise.
+        """(height, width) or (height, width, 3) grey levels of part and table before light, cover and noise.
 
         Args:
-            H: (3, 3) table to image.
+            H: (3, 3) table to ideal px.
             slide: (2,) table units by which the table's texture has moved under the part.
         """
+        image = self.ground(H, slide)
+        self.lay(image, H)
+        return image
+
+    def ground(self, H: Floats, slide: Floats | None = None) -> Floats32:
+        """The table alone; arguments as for `light`."""
         moved = np.eye(3)
         if slide is not None:
             moved[:2, 2] = slide
-        below = self._warp(self._table, H @ moved)
-        self._over(below, self.outline(H), self._warp(self._surface, H))
-        return below
+        return self._warp(self._table, H @ moved)
 
-    def occlude(self, image: Floats32, bar: Bar, polygon: Floats) -> None:
-        """Draws the bar over the image, in place."""
-        colour = np.array(bar.colour, np.float32)
-        grey = np.float32(colour @ np.array([0.114, 0.587, 0.299], np.float32))
-        self._over(image, (polygon,), np.broadcast_to(colour if self.colour else grey, image.shape))
+    def lay(
+        self,
+        image: Floats32,
+        H: Floats,
+        *,
+        shape: Shape | None = None,
+        surface: Texture | None = None,
+        foot: Floats | None = None,
+        shade: float = 0.6,
+    ) -> None:
+        """Draws the part over the image, in place.
+
+        Args:
+            image: what `ground` gave.
+            H: (3, 3) plane of the part's upper face to ideal px.
+            shape: another one in its place.
+            surface: its texture, else that of the part.
+            foot: (3, 3) plane of its lower face to ideal px, of a thick part: its sides are drawn too.
+            shade: brightness of those sides, as a share of the upper face's mean.
+        """
+        above = self._surface if surface is None else self._seen(surface)
+        polygons = self.outline(H, shape)
+        lower = self.outline(foot, shape) if foot is not None else ()
+        box = self._box([*polygons, *lower])
+        if box is None:
+            return
+        x0, y0, x1, y1 = box
+        share = self._coverage(polygons, box)
+        face = self._warp(above, H, box)
+        corner = np.array([x0, y0])
+        sides = (
+            side_faces([p - corner for p in polygons], [p - corner for p in lower], x1 - x0, y1 - y0, self.blur)
+            if lower
+            else None
+        )
+        if sides is None:
+            self._blend(image, box, share, face)
+            return
+        beside, bright = (field[..., None] if self.colour else field for field in sides)
+        if self.colour:
+            share = share[..., None]
+        part = image[y0:y1, x0:x1]
+        level = np.float32(shade) * np.asarray(cv2.mean(above.image)[: 3 if self.colour else 1], np.float32)
+        part *= np.maximum(1.0 - share - beside, 0.0)
+        part += share * face + bright * level
+
+    def cover(self, image: Floats32, cover: Cover, polygon: Floats) -> None:
+        """Draws what lies in front over the image, in place."""
+        box = self._box((polygon,))
+        if box is None:
+            return
+        share = self._coverage((polygon,), box)
+        colour = np.array(cover.colour, np.float32)
+        level = colour if self.colour else np.float32(colour @ TO_GREY)
+        above = np.broadcast_to(level, (*share.shape, 3) if self.colour else share.shape)
+        if cover.relief > 0.0:
+            round_off = np.float32(cover.relief) * (1.0 - _soft(share, 0.02 * self.size[0]))
+            above = above * (1.0 - (round_off[..., None] if self.colour else round_off))
+        self._blend(image, box, share, np.asarray(above, dtype=np.float32))
+
+    def shade(self, image: Floats32, shadow: Shadow, index: int) -> None:
+        """Takes the light of a shadow away, in place."""
+        light = shadow.light(index, *self.size)
+        if light is not None:
+            image *= light[..., None] if self.colour else light
 
     def expose(
-        self, image: Floats32, rng: np.random.Generator, *, gain: float, noise: float, vignette: float
+        self, image: Floats32, rng: np.random.Generator, conditions: Conditions, *, gain: float = 1.0
     ) -> NDArray[np.uint8]:
-        """8 bit from grey levels: light falling off to the corners, gain, noise."""
-        if vignette > 0.0 or gain != 1.0:
-            fall = np.float32(gain) * (1.0 - np.float32(vignette) * self._corner)
+        """8 bit from grey levels: uneven light, gain, noise."""
+        uneven = conditions.vignette > 0.0 or conditions.gradient != (0.0, 0.0)
+        if uneven:
+            if self._fall is None or self._fall[0] != conditions:
+                self._fall = (conditions, conditions.fall(*self.size))
+            fall = np.float32(gain) * self._fall[1]
             image *= fall[..., None] if self.colour else fall
-        if noise > 0.0:
-            image += np.float32(noise) * rng.standard_normal(image.shape, dtype=np.float32)
+        elif gain != 1.0:
+            image *= np.float32(gain)
+        if conditions.noise > 0.0 and conditions.pooled:
+            height, width = image.shape[:2]
+            drawn = [pooled_noise(rng, height, width) for _ in range(3 if self.colour else 1)]
+            grain = drawn[0] if len(drawn) == 1 else np.asarray(cv2.merge(drawn), dtype=np.float32)
+            cv2.scaleAdd(grain, conditions.noise, image, image)
+        elif conditions.noise > 0.0:
+            image += np.float32(conditions.noise) * rng.standard_normal(image.shape, dtype=np.float32)
         np.maximum(image, 0.0, out=image)
         return np.asarray(cv2.convertScaleAbs(image), dtype=np.uint8)
 
-    def _warp(self, texture: Texture, H: Floats) -> Floats32:
-        warped = cv2.warpPerspective(
-            texture.image, H @ texture.to_table, self.size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101
-        )
+    def _warp(self, texture: Texture, H: Floats, box: Box | None = None) -> Floats32:
+        """The texture's picture under H, in the whole image or in a box of it."""
+        x0, y0, x1, y1 = box if box is not None else (0, 0, *self.size)
+        to_box = np.array([[1.0, 0.0, -x0], [0.0, 1.0, -y0], [0.0, 0.0, 1.0]])
+        to_image = H @ texture.to_table
+        if self._rays is None:
+            warped = cv2.warpPerspective(
+                texture.image,
+                to_box @ to_image,
+                (x1 - x0, y1 - y0),
+                flags=cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REFLECT_101,
+            )
+        else:
+            at = cv2.perspectiveTransform(self._rays[y0:y1, x0:x1], np.linalg.inv(to_image))
+            x, y = cv2.split(at)
+            warped = cv2.remap(texture.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        if self.blur > SHARP:
+            warped = cv2.GaussianBlur(warped, (0, 0), math.sqrt(self.blur**2 - 0.5), borderType=cv2.BORDER_REFLECT_101)
         return np.asarray(warped, dtype=np.float32)
 
-    def _over(self, below: Floats32, polygons: tuple[Floats, ...], above: Floats32) -> None:
-        """Lays `above` on `below` inside the polygons, in place, only where they are."""
+    def _box(self, polygons: Sequence[Floats]) -> Box | None:
+        """Columns and rows that polygons reach, blur included; None where that is nothing."""
         corners = np.concatenate(polygons)
         margin = 5.0 * self.blur + 2.0
-        x0, y0 = np.clip(np.floor(corners.min(axis=0) - margin), 0, self.size).astype(int)
-        x1, y1 = np.clip(np.ceil(corners.max(axis=0) + margin), 0, self.size).astype(int)
-        if x1 <= x0 or y1 <= y0:
-            return
-        share = coverage([p - np.array([x0, y0]) for p in polygons], x1 - x0, y1 - y0, self.blur)
-        if self.colour:
-            share = share[..., None]
-        part = below[y0:y1, x0:x1]
-        part += share * (above[y0:y1, x0:x1] - part)
+        x0, y0 = np.clip(np.floor(corners.min(axis=0) - margin), 0, self.size).astype(int).tolist()
+        x1, y1 = np.clip(np.ceil(corners.max(axis=0) + margin), 0, self.size).astype(int).tolist()
+        return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
+
+    def _coverage(self, polygons: Sequence[Floats], box: Box) -> Floats32:
+        x0, y0, x1, y1 = box
+        return coverage([p - np.array([x0, y0]) for p in polygons], x1 - x0, y1 - y0, self.blur)
+
+    def _blend(self, image: Floats32, box: Box, share: Floats32, above: Floats32) -> None:
+        x0, y0, x1, y1 = box
+        part = image[y0:y1, x0:x1]
+        part += (share[..., None] if self.colour else share) * (above - part)
+
+    def _over(self, below: Floats32, polygons: Sequence[Floats], above: Floats32) -> None:
+        """Lays `above`, as large as the image, on `below` inside the polygons, in place."""
+        box = self._box(polygons)
+        if box is not None:
+            x0, y0, x1, y1 = box
+            self._blend(below, box, self._coverage(polygons, box), above[y0:y1, x0:x1])
+
+
+def finer(polygon: Floats, step: float) -> Floats:
+    """The same polygon with its sides cut into equal pieces no longer than `step`."""
+    sides = np.roll(polygon, -1, axis=0) - polygon
+    count = np.maximum(1, np.ceil(np.hypot(sides[:, 0], sides[:, 1]) / step)).astype(np.int64)
+    side = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)) / count[side]
+    return np.asarray(polygon[side] + share[:, None] * sides[side], dtype=np.float64)
+
+
+def _soft(share: Floats32, sigma: float) -> Floats32:
+    """A field blurred by `sigma` px, on a grid a quarter as fine."""
+    height, width = share.shape
+    small = cv2.resize(share, (max(1, width // 4), max(1, height // 4)), interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), sigma / 4.0, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.float32)

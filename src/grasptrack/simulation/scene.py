@@ -4,82 +4,47 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from grasptrack.projective import apply_homography
 from grasptrack.simulation.camera import Camera, Path
-from grasptrack.simulation.coverage import inside_polygons
-from grasptrack.simulation.render import Bar, Conditions, Renderer
-from grasptrack.simulation.shapes import Shape, bracket, polygon_moments
-from grasptrack.simulation.texture import Texture, brushed, wood
+from grasptrack.simulation.conditions import Conditions
+from grasptrack.simulation.covers import Cover
+from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.render import Floats32, Renderer
+from grasptrack.simulation.shapes import bracket
+from grasptrack.simulation.surfaces import brushed
+from grasptrack.simulation.tables import wood
+from grasptrack.simulation.texture import Texture
+from grasptrack.simulation.truth import SceneFrame
+
+__all__ = ["Guest", "Scene", "SceneFrame", "demo_scene"]
 
 Floats = NDArray[np.float64]
 
+RIPPLE = 1.4
+"""Blurs between two sub-exposures at most: farther apart they would be seen one by one."""
+MAX_EXPOSURES = 24
+
 
 @dataclass(frozen=True)
-class SceneFrame:
-    """One image and what is true of it.
+class Guest:
+    """What lies in the object's place for some frames.
 
     Attributes:
-        index: from 0.
-        time: s.
-        image: (height, width) or (height, width, 3) 8 bit.
-        name: for messages.
-        H_current_reference: (3, 3) pixels of frame 0 to pixels of this frame, exact.
-        outline: the part's polygons in px, outer first, wherever they fall.
-        occluder: (4, 2) px of the bar in front of the part, or None.
+        start, end: the first frame in which it does, and the first in which it does not any more.
+        shape: its outline, in table units, in the place of the object's; None when the object is only taken away.
+        surface: its texture; None is that of the object.
     """
 
-    index: int
-    time: float | None
-    image: NDArray[np.uint8]
-    name: str
-    H_current_reference: Floats
-    outline: tuple[Floats, ...]
-    occluder: Floats | None = None
-    present: bool = True
-
-    def carry(self, points: ArrayLike) -> Floats:
-        """(k, 2) px of frame 0 to px of this frame."""
-        return apply_homography(self.H_current_reference, points)
-
-    def back(self, points: ArrayLike) -> Floats:
-        """(k, 2) px of this frame to px of frame 0."""
-        return apply_homography(np.linalg.inv(self.H_current_reference), points)
-
-    def contacts(self, reference: ArrayLike) -> Floats:
-        """(k, 2) where contacts (k, 2) of frame 0 truly are in this frame."""
-        return apply_homography(self.H_current_reference, reference)
-
-    def visible(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """(k,) which points (k, 2) px of this frame lie in the image and not behind the occluder."""
-        pts = np.asarray(points, dtype=np.float64)
-        height, width = self.image.shape[:2]
-        seen = np.all((pts >= 0.0) & (pts <= np.array([width - 1, height - 1])), axis=1)
-        if self.occluder is not None:
-            seen &= ~inside_polygons([self.occluder], pts)
-        return np.asarray(seen, dtype=np.bool_)
-
-    @property
-    def outline_visible(self) -> float:
-        """Share of the outline's length that can be seen, 0 to 1."""
-        shown = total = 0.0
-        for polygon in self.outline:
-            sides = np.roll(polygon, -1, axis=0) - polygon
-            for part in (np.arange(8) + 0.5) / 8.0:
-                lengths = np.hypot(sides[:, 0], sides[:, 1]) / 8.0
-                shown += float(lengths[self.visible(polygon + part * sides)].sum())
-                total += float(lengths.sum())
-        return shown / total
-
-    @property
-    def area(self) -> float:
-        """Area of the part's image in px^2, holes subtracted."""
-        return float(sum(polygon_moments(polygon)[0] for polygon in self.outline))
+    start: int
+    end: int
+    shape: Shape | None
+    surface: Texture | None = None
 
 
 class Scene:
@@ -88,15 +53,19 @@ class Scene:
     Args:
         shape: the part.
         path: the camera's, with one entry for each frame.
-        camera: its intrinsics.
+        camera: its intrinsics and lens.
         table: texture of the table; wood where None.
         surface: the part's own texture; brushed dark metal where None.
         conditions: lens, light and sensor.
-        bar: an occluder that crosses the image.
+        covers: what comes in front of the part.
+        guests: what takes the object's place, and when.
         slide: (2,) table units a frame by which the table moves under the part, as a belt does.
+        thickness: table units, of the part; the contacts and the outline are those of its upper face.
+        shade: brightness of a thick part's sides, as a share of the mean of its upper face.
         colour: BGR images, else grey ones.
         fps: frames a second.
         seed: of textures, light and noise.
+        name: for messages; that of the shape where None.
     """
 
     def __init__(
@@ -108,23 +77,31 @@ class Scene:
         table: Texture | None = None,
         surface: Texture | None = None,
         conditions: Conditions | None = None,
-        bar: Bar | None = None,
+        covers: Sequence[Cover] = (),
+        guests: Sequence[Guest] = (),
         slide: tuple[float, float] = (0.0, 0.0),
+        thickness: float = 0.0,
+        shade: float = 0.6,
         colour: bool = False,
         fps: float = 30.0,
         seed: int = 0,
+        name: str | None = None,
     ) -> None:
         self.shape = shape
+        self.path = path
         self.camera = camera if camera is not None else Camera()
         self.conditions = conditions if conditions is not None else Conditions()
-        self.bar = bar
+        self.covers = tuple(covers)
+        self.guests = tuple(guests)
+        self.thickness = thickness
         self.fps = fps
         self.count = len(path)
-        self.name = f"scene of a {shape.name}"
+        self.name = f"scene of a {shape.name}" if name is None else name
         self.seed = seed
+        self._shade = shade
         self._slide = np.array(slide, dtype=np.float64)
-        self._table_to_image = path.table_to_image(self.camera)
-        self._image_to_table = np.linalg.inv(self._table_to_image[0])
+        self._plane_to_image = path.table_to_image(self.camera, thickness)
+        self._image_to_plane = np.linalg.inv(self._plane_to_image[0])
         self._renderer = Renderer(
             shape,
             table if table is not None else wood(seed),
@@ -133,6 +110,7 @@ class Scene:
             height=self.camera.height,
             blur=self.conditions.blur,
             colour=colour,
+            camera=self.camera,
         )
 
     def __len__(self) -> int:
@@ -140,35 +118,81 @@ class Scene:
         return self.count
 
     def __iter__(self) -> Iterator[SceneFrame]:
-        """The frames in order."""
+        """All frames in order."""
         return (self[i] for i in range(self.count))
 
     def homography(self, index: int) -> Floats:
-        """(3, 3) H_current_reference of a frame: pixels of frame 0 to its pixels."""
-        H = self._table_to_image[index] @ self._image_to_table
+        """(3, 3) H_current_reference of a frame: ideal px of frame 0 to its own, in the plane of the contacts."""
+        H = self._plane_to_image[index] @ self._image_to_plane
         return np.asarray(H / H[2, 2], dtype=np.float64)
+
+    def guest(self, index: int) -> Guest | None:
+        """What lies in the object's place in a frame; None when the object does."""
+        return next((g for g in self.guests if g.start <= index < g.end), None)
 
     def __getitem__(self, index: int) -> SceneFrame:
         """One frame, the same whenever it is asked for."""
         if not 0 <= index < self.count:
             raise IndexError(f"frame {index} of {self.count}")
         view, rng = self._renderer, np.random.default_rng((self.seed, 17, index))
-        H = self._table_to_image[index]
-        image = view.light(H, slide=self._slide * index)
-        cover = self.bar.polygon(index, *view.size) if self.bar is not None else None
-        if self.bar is not None and cover is not None:
-            view.occlude(image, self.bar, cover)
+        H, guest = self._plane_to_image[index], self.guest(index)
+        image = self._light(index)
+        if self.conditions.shadow is not None:
+            view.shade(image, self.conditions.shadow, index)
+        covers = []
+        for cover in self.covers:
+            polygon = cover.polygon(index, H, self.camera)
+            if polygon is not None:
+                view.cover(image, cover, polygon)
+                covers.append(polygon)
         phase = np.random.default_rng((self.seed, 18)).uniform(0.0, 2.0 * math.pi)
-        gain = 1.0 + self.conditions.drift * math.sin(phase + 2.0 * math.pi * 1.3 * index / max(1, self.count))
+        gain = self.conditions.gain(index, self.count, phase)
         return SceneFrame(
             index=index,
             time=index / self.fps,
-            image=view.expose(image, rng, gain=gain, noise=self.conditions.noise, vignette=self.conditions.vignette),
+            image=view.expose(image, rng, self.conditions, gain=gain),
             name=f"{self.name}, frame {index}",
             H_current_reference=self.homography(index),
-            outline=view.outline(H),
-            occluder=cover,
+            outline=view.outline(H) if guest is None else (),
+            covers=tuple(covers),
+            present=guest is None,
+            camera=self.camera,
         )
+
+    def _light(self, index: int) -> Floats32:
+        """What falls on the sensor while it is exposed: the mean of the images from its beginning to its end."""
+        exposure = self.conditions.exposure
+        if exposure <= 0.0:
+            return self._instant(index, self.path, index, float(index))
+        ends = self.path.between(index, [-0.5 * exposure, 0.5 * exposure]).table_to_image(self.camera)
+        start, end = (apply_homography(H, self.shape.outer) for H in ends)
+        way = float(np.hypot(*(end - start).T).max())
+        count = int(np.clip(math.ceil(way / (RIPPLE * self.conditions.blur)), 1, MAX_EXPOSURES))
+        offsets = ((np.arange(count) + 0.5) / count - 0.5) * exposure
+        poses = self.path.between(index, offsets)
+        total = self._instant(index, poses, 0, index + offsets[0])
+        for k in range(1, count):
+            total += self._instant(index, poses, k, index + offsets[k])
+        total *= np.float32(1.0 / count)
+        return total
+
+    def _instant(self, index: int, path: Path, at: int, time: float) -> Floats32:
+        """Table and part as entry `at` of a path sees them, with what lies there in frame `index`."""
+        view, guest = self._renderer, self.guest(index)
+        table = path.pose(at).table_to_image(self.camera)[0]
+        image = view.ground(table, self._slide * time)
+        if guest is not None and guest.shape is None:
+            return image
+        thick = self.thickness > 0.0
+        view.lay(
+            image,
+            path.pose(at).table_to_image(self.camera, self.thickness)[0] if thick else table,
+            shape=guest.shape if guest is not None else None,
+            surface=guest.surface if guest is not None else None,
+            foot=table if thick else None,
+            shade=self._shade,
+        )
+        return image
 
 
 def demo_scene(frames: int = 120, seed: int = 3, *, width: int = 640, height: int = 480, colour: bool = True) -> Scene:

@@ -8,9 +8,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.simulation.render import Conditions, Renderer
-from grasptrack.simulation.shapes import SHAPES, Shape
-from grasptrack.simulation.texture import brushed, plain
+from grasptrack.simulation.conditions import Conditions
+from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.render import Renderer
+from grasptrack.simulation.shapes import SHAPES
+from grasptrack.simulation.surfaces import brushed
+from grasptrack.simulation.tables import plain
 
 PX_PER_UNIT = 130.0
 """Scale of the image; a part's area is its size squared."""
@@ -41,4 +44,4 @@ def still_life(seed: int = 3, *, width: int = 640, height: int = 480) -> NDArray
     light = Conditions(blur=0.75 * width / 640, noise=1.0, vignette=0.14)
     view = Renderer(together, plain(seed), brushed(seed), width=width, height=height, blur=light.blur, colour=True)
     rng = np.random.default_rng((seed, 19))
-    return view.expose(view.light(H), rng, gain=1.0, noise=light.noise, vignette=light.vignette)
+    return view.expose(view.light(H), rng, light)

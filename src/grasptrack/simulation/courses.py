@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Camera paths made for one part: bounded speed, the part in view, or out of it on purpose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.projective import apply_homography
+from grasptrack.simulation.camera import Camera, Path, tilting_path
+from grasptrack.simulation.outlines import Shape
+
+Floats = NDArray[np.float64]
+
+MARGIN = 10.0
+"""px between a part that is to stay in view and the border."""
+
+
+def course(
+    shape: Shape,
+    frames: int,
+    seed: int,
+    *,
+    camera: Camera,
+    size: float = 175.0,
+    start: float = 0.0,
+    tilt: float = 0.0,
+    speed: float = 4.0,
+    spin: float = 2.0,
+    reach: float = 0.35,
+    zoom: float = 0.15,
+    cycles: float = 0.6,
+) -> Path:
+    """A smooth path over a part that stays in view: slowed down, and farther away where it must be.
+
+    Args:
+        shape: the part.
+        frames: number of frames; the first is frontal, with the part in the middle.
+        seed: of the path.
+        camera: whose image the part stays in.
+        size: px, sqrt(area) of the part in the first frame, or less where it would not fit.
+        start: rad, of the roll in the first frame.
+        tilt: rad, largest.
+        speed: px a frame, largest motion of the part's middle.
+        spin: degrees a frame, largest change of the roll.
+        reach: table units, largest shift.
+        zoom: largest relative change of the distance.
+        cycles: slow waves over the whole path.
+    """
+    focal = float(camera.matrix[0, 0])
+    path = tilting_path(
+        frames, tilt=tilt, distance=focal / size, reach=reach, zoom=zoom, turn=math.pi / 2, cycles=cycles, seed=seed
+    )
+    most = float(np.abs(np.diff(path.roll)).max(initial=0.0))
+    roll = start + path.roll * min(1.0, math.radians(spin) / max(most, 1e-12))
+    path = replace(path, roll=roll)
+    for _ in range(3):
+        moved = apply_all(path.table_to_image(camera), np.zeros((1, 2)))[:, 0]
+        steps = np.hypot(*np.diff(moved, axis=0).T)
+        path = replace(path, target=path.target * min(1.0, speed / max(float(steps.max(initial=0.0)), 1e-12)))
+    for step in range(60):
+        if in_view(shape, path, camera):
+            break
+        path = replace(path, target=0.8 * path.target) if step < 5 else replace(path, distance=1.05 * path.distance)
+    return path
+
+
+def apply_all(homographies: Floats, points: Floats) -> Floats:
+    """(F, N, 2) points (N, 2) through each of (F, 3, 3) homographies."""
+    return np.array([apply_homography(H, points) for H in homographies])
+
+
+def _seen(shape: Shape, path: Path, camera: Camera, count: int) -> Floats:
+    """(F, count, 2) px of points of the outline, every other frame."""
+    every = replace(path, **{k: getattr(path, k)[::2] for k in ("target", "distance", "roll", "tilt", "azimuth")})
+    return camera.distort(apply_all(every.table_to_image(camera), shape.samples(count)))
+
+
+def in_view(shape: Shape, path: Path, camera: Camera) -> bool:
+    """Whether the whole part stays in the image, MARGIN px from its border, in all frames."""
+    points = _seen(shape, path, camera, 60)
+    limit = np.array([camera.width - 1, camera.height - 1]) - MARGIN
+    return bool(np.all((points >= MARGIN) & (points <= limit)))
+
+
+def astray(
+    shape: Shape,
+    path: Path,
+    camera: Camera,
+    *,
+    direction: float,
+    share: float,
+    times: tuple[float, float, float, float],
+) -> Path:
+    """The same path, but for some time the part drifts out of the image, and comes back.
+
+    Args:
+        shape: the part.
+        path: on which it stays in view.
+        camera: whose image it leaves.
+        direction: rad in the image, where it goes.
+        share: of the outline's length out of view, at most; 1 is all of it, and a little farther.
+        times: frames at which it sets out, has arrived, starts back, is back.
+    """
+    index = np.arange(len(path), dtype=np.float64)
+    u = np.clip((index - times[0]) / max(1e-9, times[1] - times[0]), 0.0, 1.0)
+    v = np.clip((times[3] - index) / max(1e-9, times[3] - times[2]), 0.0, 1.0)
+    ramp = np.minimum(u, v)
+    ramp = ramp * ramp * (3.0 - 2.0 * ramp)
+    heading = direction - path.roll  # a direction of the image in the table
+    way = -ramp[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+    limit = np.array([camera.width - 1, camera.height - 1])
+
+    def most(distance: float) -> float:
+        points = _seen(shape, replace(path, target=path.target + distance * way), camera, 120)
+        return float(1.0 - np.all((points >= 0.0) & (points <= limit), axis=2).mean(axis=1).min())
+
+    low, high = 0.0, 0.5 * math.hypot(camera.width, camera.height) / float(camera.matrix[0, 0]) * path.distance.max()
+    high += shape.radius()
+    for _ in range(14):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if most(middle) < share else (low, middle)
+    farther = high + 0.15 if share >= 1.0 else low
+    return replace(path, target=path.target + farther * way)
