@@ -6,16 +6,13 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
 from grasptrack.evaluation.score import FrameScore
-
-Floats = NDArray[np.float64]
 
 FIXED = (
     "method",
@@ -63,14 +60,12 @@ def read_records(path: Path) -> dict[str, list[FrameScore]]:
     Raises:
         InputError: missing or unreadable file, or one that is no such table.
     """
-    scores: dict[str, list[FrameScore]] = {}
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            contacts = sum(name.startswith("error_px") for name in reader.fieldnames or ())
-            for row in reader:
-                scores.setdefault(row["method"], []).append(_frame(row, contacts))
-    except (OSError, UnicodeDecodeError, csv.Error, KeyError, ValueError, TypeError) as error:
+            reader = csv.reader(file)
+            head = next(reader, [])
+            scores = _frames(head, [row for row in reader if row])
+    except (OSError, UnicodeDecodeError, csv.Error, IndexError, ValueError) as error:
         raise InputError(f'cannot read the scored frames "{path}": {error}', path=str(path)) from error
     if not scores:
         raise InputError(f'"{path}" holds no scored frames', path=str(path))
@@ -90,30 +85,41 @@ def _text(value: float) -> str:
     return "" if math.isnan(value) else repr(float(value))
 
 
-def _frame(row: Mapping[str, str], contacts: int) -> FrameScore:
-    def number(name: str) -> float:
-        return float(row[name]) if row[name] else math.nan
-
-    def column(names: Iterable[str]) -> Floats | None:
-        values = np.array([number(name) for name in names])
-        return None if np.isnan(values).any() or not len(values) else values
-
-    places = column(f"{axis}{i + 1}" for i in range(contacts) for axis in "xy")
-    return FrameScore(
-        frame=int(row["frame"]),
-        status=row["status"],
-        reason=row["reason"],
-        distances=column(f"error_px{i + 1}" for i in range(contacts)),
-        limit=number("limit_px"),
-        latency_ms=number(LAST),
-        defining=row["defining"] == "1",
-        strategy=row["strategy"],
-        contacts=None if places is None else places.reshape(-1, 2),
-        spread=column(f"spread{i + 1}" for i in range(contacts)),
-        opening=number("opening_px"),
-        area=number("area_px2"),
-        present=row["present"] == "1",
-        visible=number("visible"),
-        seen=row["seen"] == "1",
-        confidence=number("confidence"),
+def _frames(head: list[str], rows: list[list[str]]) -> dict[str, list[FrameScore]]:
+    """Frames by method; the numbers of the whole file become one array, of which the frames hold parts."""
+    contacts = sum(name.startswith("error_px") for name in head)
+    method, frame, status, strategy, reason, present, seen, defining = map(
+        head.index, ("method", "frame", "status", "strategy", "reason", "present", "seen", "defining")
     )
+    names = ["visible", "limit_px", "opening_px", "area_px2", "confidence", LAST]
+    names += [f"{axis}{i + 1}" for i in range(contacts) for axis in "xy"]
+    names += [f"{each}{i + 1}" for each in EACH[2:] for i in range(contacts)]
+    columns = [head.index(name) for name in names]
+    numbers = np.array([[float(row[c] or "nan") for c in columns] for row in rows]).reshape(len(rows), len(columns))
+    parts = np.split(numbers, 6 + contacts * np.array([0, 2, 3]), axis=1)[1:]
+    known = np.column_stack([~np.isnan(part).any(axis=1) & (contacts > 0) for part in parts])
+    places, distances, spreads = parts[0].reshape(len(rows), contacts, 2), parts[1], parts[2]
+    scores: dict[str, list[FrameScore]] = {}
+    for i, (row, has, values) in enumerate(zip(rows, known.tolist(), numbers[:, :6].tolist(), strict=True)):
+        visible, limit, opening, area, confidence, latency = values
+        scores.setdefault(row[method], []).append(
+            FrameScore(
+                frame=int(row[frame]),
+                status=row[status],
+                reason=row[reason],
+                distances=distances[i] if has[1] else None,
+                limit=limit,
+                latency_ms=latency,
+                defining=row[defining] == "1",
+                strategy=row[strategy],
+                contacts=places[i] if has[0] else None,
+                spread=spreads[i] if has[2] else None,
+                opening=opening,
+                area=area,
+                present=row[present] == "1",
+                visible=visible,
+                seen=row[seen] == "1",
+                confidence=confidence,
+            )
+        )
+    return scores

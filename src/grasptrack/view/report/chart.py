@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Charts as SVG whose colours are CSS variables, so that one drawing serves light pages, dark ones and paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack.view.report.axis import Axis
+from grasptrack.view.report.markup import escape
+from grasptrack.view.report.palette import Series
+
+Floats = NDArray[np.float64]
+
+
+class Chart:
+    """One panel with two axes.
+
+    Args:
+        title: what it shows, for those who do not see it.
+        x, y: axes.
+        width, height: px of its coordinates.
+        margins: px on the left, on top, on the right and below for what stands beside the panel.
+        grid: lines at the marks of the y axis; of x too with "both".
+    """
+
+    def __init__(
+        self,
+        title: str,
+        x: Axis,
+        y: Axis,
+        width: int = 460,
+        height: int = 310,
+        margins: tuple[int, int, int, int] = (46, 14, 14, 40),
+        grid: str = "y",
+    ) -> None:
+        self.title, self.x, self.y, self.grid = title, x, y, grid
+        self.width, self.height = width, height
+        self.left, self.top = margins[0], margins[1]
+        self.right, self.bottom = width - margins[2], height - margins[3]
+        self._below: list[str] = []
+        self._parts: list[str] = []
+        self._texts: list[str] = []
+
+    def px(self, values: ArrayLike) -> Floats:
+        """Places along x."""
+        return self.left + self.x.place(values) * (self.right - self.left)
+
+    def py(self, values: ArrayLike) -> Floats:
+        """Places along y, counted from the top."""
+        return self.bottom - self.y.place(values) * (self.bottom - self.top)
+
+    def line(self, xs: ArrayLike, ys: ArrayLike, series: Series, name: str = "") -> None:
+        """A line; it breaks where a value is none. `name`: shown on hovering in the place of the series' own."""
+        path = _path(self.px(xs), self.py(ys))
+        if path:
+            dash = f' stroke-dasharray="{series.dash}"' if series.dash else ""
+            said = f' data-name="{escape(name)}"' if name else ""
+            self._parts.append(
+                f'<path class="ln" data-m="{escape(series.name)}"{said} d="{path}" '
+                f'style="stroke:var({series.variable})" stroke-width="{series.width:g}"{dash}/>'
+            )
+
+    def stairs(self, xs: ArrayLike, ys: ArrayLike, series: Series) -> None:
+        """A line of steps: each value holds until the next."""
+        x, y = np.asarray(xs, dtype=np.float64), np.asarray(ys, dtype=np.float64)
+        self.line(np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1], series)
+
+    def band(self, xs: ArrayLike, low: ArrayLike, high: ArrayLike, series: Series) -> None:
+        """The area between two lines, where both have values; shown for the method that is looked at."""
+        x, a, b = self.px(xs), self.py(low), self.py(high)
+        known = np.isfinite(x) & np.isfinite(a) & np.isfinite(b)
+        pieces = []
+        for run in _runs(known):
+            there = [f"{px:.1f},{py:.1f}" for px, py in zip(x[run], b[run], strict=True)]
+            back = [f"{px:.1f},{py:.1f}" for px, py in zip(x[run][::-1], a[run][::-1], strict=True)]
+            pieces.append("M" + "L".join([*there, *back]) + "Z")
+        if pieces:
+            self._below.append(
+                f'<path class="band" data-m="{escape(series.name)}" d="{"".join(pieces)}" '
+                f'style="fill:var({series.variable})"/>'
+            )
+
+    def dot(self, x: float, y: float, series: Series, tip: str = "", radius: float = 3.6, hollow: bool = False) -> None:
+        """One value."""
+        px, py = float(self.px(x)), float(self.py(y))
+        if np.isfinite([px, py]).all():
+            self._at(px, py, series, tip, radius, hollow)
+
+    def _at(self, px: float, py: float, series: Series, tip: str, radius: float, hollow: bool) -> None:
+        paint = f"fill:{'var(--surface)' if hollow else f'var({series.variable})'};stroke:var({series.variable})"
+        said = f"<title>{escape(tip)}</title>" if tip else ""
+        self._parts.append(
+            f'<circle class="dot" data-m="{escape(series.name)}" cx="{px:.1f}" cy="{py:.1f}" r="{radius:g}" '
+            f'style="{paint}">{said}</circle>'
+        )
+
+    def spread(self, values: Sequence[float], y: float, series: Series, tip: str = "", *, hollow: bool = False) -> None:
+        """Low, middle and high along x at a place y px: a line with a dot."""
+        low, middle, high = (float(self.px(v)) for v in values)
+        if not np.isfinite([low, middle, high]).all():
+            return
+        self._parts.append(
+            f'<path class="reach" data-m="{escape(series.name)}" d="M{low:.1f},{y:.1f}H{high:.1f}" '
+            f'style="stroke:var({series.variable})"/>'
+        )
+        self._at(middle, y, series, tip, 3.4, hollow)
+
+    def span(self, low: float, high: float, kind: str, tip: str = "") -> None:
+        """Shades the values of x between two; `kind` is the class: "gone" or "partly"."""
+        a, b = (float(v) for v in self.px([low, high]))
+        said = f"<title>{escape(tip)}</title>" if tip else ""
+        self._below.append(
+            f'<rect class="span {kind}" x="{a:.1f}" y="{self.top}" width="{max(1.0, b - a):.1f}" '
+            f'height="{self.bottom - self.top}">{said}</rect>'
+        )
+
+    def rule(self, value: float, label: str, axis: str = "x") -> None:
+        """A marked value with a line across the panel."""
+        if axis == "x":
+            at = float(self.px(value))
+            self._below.append(f'<path class="rule" d="M{at:.1f},{self.top}V{self.bottom}"/>')
+            self.text(at + 4, self.top + 10, label, "note")
+        else:
+            at = float(self.py(value))
+            self._below.append(f'<path class="rule" d="M{self.left},{at:.1f}H{self.right}"/>')
+            self.text(self.right - 3, at - 4, label, "note end")
+
+    def separator(self, y: float) -> None:
+        """A thin line across the whole width at a place y px."""
+        self._below.append(f'<path class="grid" d="M4,{y:.1f}H{self.right}"/>')
+
+    def text(self, x: float, y: float, text: str, kind: str = "", series: Series | None = None) -> None:
+        """A line of text at a place in px; `kind`: classes, "end" and "mid" say where it is held."""
+        marks = f' data-m="{escape(series.name)}"' if series is not None else ""
+        self._texts.append(f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}"{marks}>{escape(text)}</text>')
+
+    def svg(self) -> str:
+        """The whole drawing."""
+        hover = (
+            f'data-x="{_told(self.x, self.left, self.right)}" data-y="{_told(self.y, self.bottom, self.top)}" '
+            f'data-xl="{escape(self.x.label)}"'
+        )
+        return (
+            f'<svg class="chart" viewBox="0 0 {self.width} {self.height}" role="img" '
+            f'aria-label="{escape(self.title)}" {hover}>'
+            f"{''.join(self._below)}{self._axes()}{''.join(self._parts)}{''.join(self._texts)}</svg>"
+        )
+
+    def _axes(self) -> str:
+        out = []
+        last = -1e9
+        for value in self.x.marks:
+            at = float(self.px(value))
+            if self.grid == "both":
+                out.append(f'<path class="grid" d="M{at:.1f},{self.top}V{self.bottom}"/>')
+            out.append(f'<path class="tick" d="M{at:.1f},{self.bottom}v4"/>')
+            text = self.x.written(value)
+            if at - last > 7.0 * len(text) + 4.0:
+                out.append(f'<text class="mid" x="{at:.1f}" y="{self.bottom + 16}">{escape(text)}</text>')
+                last = at
+        for value in self.y.marks:
+            at = float(self.py(value))
+            out.append(f'<path class="grid" d="M{self.left},{at:.1f}H{self.right}"/>')
+            out.append(f'<text class="end" x="{self.left - 6}" y="{at + 4:.1f}">{escape(self.y.written(value))}</text>')
+        out.append(f'<path class="axis" d="M{self.left},{self.bottom}H{self.right}"/>')
+        if self.x.label:
+            middle = (self.left + self.right) / 2
+            out.append(f'<text class="label mid" x="{middle:.1f}" y="{self.bottom + 32}">{escape(self.x.label)}</text>')
+        if self.y.label:
+            out.append(f'<text class="label" x="2" y="{max(9, self.top - 8)}">{escape(self.y.label)}</text>')
+        return "".join(out)
+
+
+def _told(axis: Axis, start: float, end: float) -> str:
+    return f"{axis.kind},{axis.low:g},{axis.high:g},{start},{end},{axis.unit}"
+
+
+def _runs(known: NDArray[np.bool_]) -> list[slice]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _path(x: Floats, y: Floats) -> str:
+    pieces = []
+    for run in _runs(np.isfinite(x) & np.isfinite(y)):
+        points = [f"{px:.1f},{py:.1f}" for px, py in zip(x[run], y[run], strict=True)]
+        if len(points) == 1:
+            points.append(f"{x[run][0] + 0.6:.1f},{y[run][0]:.1f}")
+        pieces.append("M" + "L".join(points))
+    return "".join(pieces)

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What pages are put together from: cards, and the columns, lines and cells of tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from grasptrack.view.report.markup import DASH, escape, number, rich, slug
+
+Tone = Literal["", "good", "bad", "muted"]
+
+
+@dataclass(frozen=True)
+class Card:
+    """A key figure.
+
+    Attributes:
+        label: what it is.
+        value: as it is written.
+        note: below it.
+        tone: bad for what should not be.
+        unit: beside the value, smaller.
+    """
+
+    label: str
+    value: str
+    note: str = ""
+    tone: Tone = ""
+    unit: str = ""
+
+    def html(self) -> str:
+        """As a part of a list."""
+        unit = f'<span class="unit">{escape(self.unit)}</span>' if self.unit else ""
+        note = f'<span class="note">{rich(self.note)}</span>' if self.note else ""
+        return (
+            f'<div class="card {self.tone}"><dt>{escape(self.label)}</dt>'
+            f'<dd><span class="value">{escape(self.value)}{unit}</span>{note}</dd></div>'
+        )
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column's head.
+
+    Attributes:
+        label: its name.
+        unit: below it.
+        tip: its meaning, shown on hovering.
+        series: method whose figures it holds, so that it can be hidden with it.
+        words: it holds words, which start at the left.
+        rule: a line before it sets it apart from those before.
+    """
+
+    label: str
+    unit: str = ""
+    tip: str = ""
+    series: str = ""
+    words: bool = False
+    rule: bool = False
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell.
+
+    Attributes:
+        text: as it is written.
+        value: what a sort goes by; NaN comes last.
+        heat: 0 to 1, how strongly it is tinted; None: not at all.
+        tone: the tint.
+        tip: shown on hovering.
+        best: set in weight.
+    """
+
+    text: str
+    value: float = math.nan
+    heat: float | None = None
+    tone: Tone = ""
+    tip: str = ""
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a table.
+
+    Attributes:
+        cells: the first one heads the line.
+        series: method that it tells of, for its mark and so that it can be hidden with it.
+        rule: a line above it sets it apart.
+    """
+
+    cells: Sequence[Cell | str | float | int | None]
+    series: str = ""
+    rule: bool = False
+
+
+def cell_of(value: Cell | str | float | int | None) -> Cell:
+    """Any value as a cell: a dash for None and NaN."""
+    if isinstance(value, Cell):
+        return value
+    if value is None:
+        return Cell(DASH)
+    if isinstance(value, str):
+        return Cell(value)
+    return Cell(number(value), float(value))
+
+
+def head_html(column: Column, first: bool) -> str:
+    """A column's head, to sort by."""
+    names = " ".join(n for n, on in (("words", column.words or first), ("rule", column.rule)) if on)
+    marks = f' data-m="{escape(column.series)}"' if column.series else ""
+    tip = f' title="{escape(column.tip)}"' if column.tip else ""
+    unit = f'<span class="unit">{escape(column.unit)}</span>' if column.unit else ""
+    key = key_html(column.series) if column.series else ""
+    return (
+        f'<th scope="col" class="{names}"{marks}{tip}><button type="button" class="sort">{key}{escape(column.label)}'
+        f"{unit}</button></th>"
+    )
+
+
+def line_html(line: Line, columns: Sequence[Column]) -> str:
+    """A line under its columns."""
+    parts = []
+    for i, (raw, column) in enumerate(zip(line.cells, columns, strict=True)):
+        cell = cell_of(raw)
+        names = [n for n, on in (("words", column.words), ("rule", column.rule), ("best", cell.best)) if on]
+        names += ["heat", cell.tone] if cell.heat is not None else [cell.tone] if cell.tone else []
+        style = "" if cell.heat is None else f' style="--h:{min(1.0, max(0.0, cell.heat)):.2f}"'
+        value = "" if math.isnan(cell.value) else f' data-v="{cell.value:.6g}"'
+        tip = f' title="{escape(cell.tip)}"' if cell.tip else ""
+        marks = f' data-m="{escape(column.series)}"' if column.series else ""
+        if i == 0:
+            key = key_html(line.series) if line.series else ""
+            parts.append(f'<th scope="row" class="{" ".join(names)}"{value}{tip}>{key}{rich(cell.text)}</th>')
+        else:
+            css = f' class="{" ".join(names)}"' if names else ""
+            parts.append(f"<td{css}{style}{value}{tip}{marks}>{rich(cell.text)}</td>")
+    marks = f' data-m="{escape(line.series)}"' if line.series else ""
+    rule = ' class="apart"' if line.rule else ""
+    return f"<tr{marks}{rule}>{''.join(parts)}</tr>"
+
+
+def key_html(name: str) -> str:
+    """The mark of a method: a short piece of its line."""
+    return f'<svg class="key" viewBox="0 0 22 8" aria-hidden="true"><use href="#key-{slug(name)}"/></svg>'

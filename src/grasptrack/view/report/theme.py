@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colours of pages as CSS variables, for light and dark; a drawing outside of a page gets the light ones for good."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from grasptrack.view.report.palette import Series
+
+LIGHT = {
+    "ground": "#fafaf8",
+    "surface": "#ffffff",
+    "ink": "#1b1f24",
+    "muted": "#5a6370",
+    "rule": "#e4e6e8",
+    "rule-strong": "#b9bfc6",
+    "tint": "#f1f3f4",
+    "accent": "#00744f",
+    "good": "#00744f",
+    "bad": "#b3261e",
+    "heat": "0 114 178",
+    "heat-bad": "213 60 30",
+}
+DARK = {
+    "ground": "#121518",
+    "surface": "#191d22",
+    "ink": "#e9ebee",
+    "muted": "#a0a9b4",
+    "rule": "#2b3138",
+    "rule-strong": "#4a525c",
+    "tint": "#22272d",
+    "accent": "#4fd0a5",
+    "good": "#4fd0a5",
+    "bad": "#ff8f7e",
+    "heat": "86 160 220",
+    "heat-bad": "240 96 64",
+}
+_STYLE = (
+    "text{font:11.5px 'DejaVu Sans',Arial,sans-serif;fill:var(--muted)}.strong{font-weight:600;fill:var(--ink)}"
+    ".end{text-anchor:end}.mid{text-anchor:middle}.grid{stroke:var(--rule);fill:none}"
+    ".axis,.tick{stroke:var(--rule-strong);fill:none}.rule{stroke:var(--muted);stroke-dasharray:2 3;fill:none}"
+    ".ln{fill:none}.band{opacity:.14}.reach{stroke-width:1.6;opacity:.55;fill:none}.dot{stroke-width:1.6}"
+    ".gone{fill:var(--muted);opacity:.2}.partly{fill:var(--muted);opacity:.09}"
+)
+
+
+def colours(series: Iterable[Series]) -> str:
+    """The variables of a page: light, dark where the reader's system is, or as the switch says; paper is light."""
+    listed = list(series)
+    light = _block({**LIGHT, **{s.variable.removeprefix("--"): s.light for s in listed}}, "light")
+    dark = _block({**DARK, **{s.variable.removeprefix("--"): s.dark for s in listed}}, "dark")
+    return (
+        f":root{{{light}}}"
+        f"@media screen and (prefers-color-scheme:dark){{:root:not([data-theme=light]){{{dark}}}}}"
+        f"@media screen{{:root[data-theme=dark]{{{dark}}}}}"
+    )
+
+
+def standalone(svg: str, series: Iterable[Series], bands: str = "") -> str:
+    """A chart as a file of its own, in light colours and without variables, which not every program knows.
+
+    Args:
+        svg: of `Chart.svg`.
+        series: all that it may hold.
+        bands: the method whose bands are kept.
+    """
+    values = {**{f"--{k}": v for k, v in LIGHT.items()}, **{s.variable: s.light for s in series}}
+    kept = re.sub(r'<path class="band" data-m="([^"]*)"[^>]*/>', lambda m: m[0] if m[1] == bands else "", svg)
+    found = re.search(r'viewBox="0 0 (\d+) (\d+)"', kept)
+    assert found is not None
+    size = f'xmlns="http://www.w3.org/2000/svg" width="{found[1]}" height="{found[2]}" '
+    ground = f'<style>{_STYLE}</style><rect width="{found[1]}" height="{found[2]}" fill="{LIGHT["surface"]}"/>'
+    kept = kept.replace("<svg ", f"<svg {size}", 1).replace(">", f">{ground}", 1)
+    return re.sub(r"var\((--[a-z0-9-]+)\)", lambda m: values.get(m[1], LIGHT["ink"]), kept)
+
+
+def _block(values: dict[str, str], scheme: str) -> str:
+    return f"color-scheme:{scheme};" + "".join(f"--{name}:{value};" for name, value in values.items())
