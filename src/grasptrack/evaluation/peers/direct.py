@@ -13,6 +13,7 @@ from grasptrack.evaluation.method import Start
 from grasptrack.evaluation.peers.base import Found, LostError, Peer
 from grasptrack.evaluation.peers.region import region_of
 from grasptrack.observation.images import Grey
+from grasptrack.projective import apply_homography
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +21,7 @@ MARGIN = 12
 """px round the part that are compared too: there are its edges."""
 COARSE = 0.25
 """Scale of the first of two fits, which finds motions too large for the second."""
-CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-5)
+CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-3)
 SMOOTHING = 5
 """px, size of the Gauss filter in a fit."""
 LEAST = 0.5
@@ -47,32 +48,42 @@ class Ecc(Peer):
         self._mask = region.grown(MARGIN)
         self._template = image[y : y + height, x : x + width].copy()
         self._small = _reduced(self._template)
+        if not self._template.std() > 0.0:
+            raise LostError("the part and its surroundings are of one grey")
         self._corners = region.corners
 
     def follow(self, image: Grey) -> Found:
         """See Peer."""
-        warp = self._H @ self._origin
-        mask = self._moved_mask(self._H, image)
+        H = self._H
         try:
-            small, _ = _fit(self._small, _reduced(image), _scaled(warp, COARSE), _reduced(mask))
-            warp = _scaled(small, 1.0 / COARSE)
-            mask = self._moved_mask(warp @ np.linalg.inv(self._origin), image)
-        except cv2.error:
-            pass  # too little is left of a small part: the fine fit has to do alone
+            mask = np.asarray(cv2.warpPerspective(self._mask, H, image.shape[::-1]), dtype=np.uint8)
+            small, _ = _fit(self._small, _reduced(image), _scaled(H @ self._origin, COARSE), _reduced(mask))
+            H = _scaled(small, 1.0 / COARSE) @ np.linalg.inv(self._origin)
+        except cv2.error:  # too little is left of a small part: the fine fit has to do alone
+            pass
+        shift, window, mask = self._window(H, image)
         try:
-            warp, correlation = _fit(self._template, image, warp, mask)
+            warp, correlation = _fit(self._template, window, shift @ H @ self._origin, mask)
         except cv2.error:
             raise LostError("ECC did not converge") from None
         if not correlation >= LEAST:
             raise LostError(f"ECC ends at a correlation of {correlation:.2f}")
-        H = warp @ np.linalg.inv(self._origin)
+        H = np.linalg.inv(shift) @ warp @ np.linalg.inv(self._origin)
         found = self.moved(H, self._corners, correlation)
         self._H = H
         return found
 
-    def _moved_mask(self, H: Floats, image: Grey) -> Grey:
-        """(H, W) uint8, 255 where the part and its surroundings are under a homography (3, 3)."""
-        return np.asarray(cv2.warpPerspective(self._mask, H, image.shape[::-1]), dtype=np.uint8)
+    def _window(self, H: Floats, image: Grey) -> tuple[Floats, Grey, Grey]:
+        """What has to be looked at when the part moved by H (3, 3): image to window (3, 3), image and mask in it."""
+        around = apply_homography(H, self._corners)
+        low = np.maximum(np.floor(around.min(axis=0)) - 2 * MARGIN, 0.0)
+        high = np.minimum(np.ceil(around.max(axis=0)) + 2 * MARGIN, image.shape[::-1])
+        if not (high - low >= MARGIN).all():
+            raise LostError("the part has left the image")
+        (x, y), (right, bottom) = low.astype(int).tolist(), high.astype(int).tolist()
+        shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
+        mask = cv2.warpPerspective(self._mask, shift @ H, (right - x, bottom - y))
+        return shift, np.ascontiguousarray(image[y:bottom, x:right]), np.asarray(mask, dtype=np.uint8)
 
 
 def _fit(template: Grey, image: Grey, warp: Floats, mask: Grey) -> tuple[Floats, float]:
