@@ -21,6 +21,8 @@ from grasptrack.evaluation.peers.visp_template import homography_of, triangles, 
 from grasptrack.observation.images import to_grey
 from test_evaluation_peers import easy, images, run, start
 
+Floats = NDArray[np.float64]
+
 CORE = """
 import numpy as np
 class ImageGray:
