@@ -10,17 +10,15 @@ import argparse
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from grasptrack import ConditioningError, GraspTracker
+from grasptrack import GraspTracker
 from grasptrack.evaluation.demo import STRATEGIES
-from grasptrack.evaluation.errors import contact_distances
-from grasptrack.evaluation.score import Score, accept_limit
+from grasptrack.evaluation.method import Start
+from grasptrack.evaluation.peers import available
+from grasptrack.evaluation.score import Score
 from grasptrack.evaluation.truth import Truth
-from grasptrack.projective import apply_homography
 from grasptrack.simulation import SceneFrame, demo_scene
-from peers import peers
 
 SIZES = ((640, 480), (1280, 960))
 MEDIAN_MS, P99_MS = 2.0, 4.0
@@ -33,34 +31,24 @@ def run_strategy(frames: list[SceneFrame], strategy: str) -> tuple[Score, list[f
         start = time.perf_counter()
         result = tracker.update(frame.image, time=frame.time)
         taken.append(time.perf_counter() - start)
-        score.add(result, Truth.of_homography(frame.H_current_reference, frame.area))
+        score.add(result, Truth.of_scene(frame))
     return score, taken[1:]
 
 
 def run_peers(frames: list[SceneFrame], contacts: np.ndarray) -> list[list[object]]:
-    """Time and contact error of the OpenCV alternatives on the same frames."""
-    mask = np.zeros(frames[0].image.shape, np.uint8)
-    cv2.fillPoly(mask, [np.rint(p).astype(np.int32) for p in frames[0].outline[:1]], 255)
+    """Time and contact error of what a user would otherwise pick, on the same frames."""
+    size = frames[0].image.shape[1], frames[0].image.shape[0]
     rows = []
-    for name, peer in peers(mask).items():
-        errors, taken, wrong, missing = [], [], 0, 0
+    for name, make in available().items():
+        peer, score, taken = make(Start(contacts, frames[0].outline, size)), Score(name), []
         for frame in frames:
             start = time.perf_counter()
-            H = peer(frame.image)
+            result = peer.update(frame.image, frame.time)
             taken.append(time.perf_counter() - start)
-            if H is None:
-                missing += 1
-                continue
-            try:
-                found = apply_homography(H, contacts)
-            except ConditioningError:
-                missing += 1
-                continue
-            off = contact_distances(found, frame.contacts(contacts))
-            wrong += bool(off.max() > accept_limit(frame.area))
-            errors.extend(off)
-        row = [name, *common.percentiles(taken[1:]), "", 100.0 * (1.0 - missing / len(frames))]
-        rows.append([*row, *(np.percentile(errors, [50, 95, 100]) if errors else [np.nan] * 3), wrong])
+            score.add(result, Truth.of_scene(frame))
+        errors = [score.error_percentile(p) for p in (50, 95, 100)]
+        row = [name, *common.percentiles(taken[1:]), "", 100.0 * score.located, *errors, score.false_accepts]
+        rows.append(row)
     return rows
 
 

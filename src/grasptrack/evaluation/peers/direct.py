@@ -13,14 +13,17 @@ from grasptrack.evaluation.method import Start
 from grasptrack.evaluation.peers.base import Found, LostError, Peer
 from grasptrack.evaluation.peers.region import region_of
 from grasptrack.observation.images import Grey
+from grasptrack.projective import apply_homography
 
 Floats = NDArray[np.float64]
 
 MARGIN = 12
 """px round the part that are compared too: there are its edges."""
-COARSE = 0.25
-"""Scale of the first of two fits, which finds motions too large for the second."""
-CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-5)
+SCALES = (0.125, 0.25)
+"""Of the first fits, which find motions too large for the last."""
+SMALLEST = 24
+"""px of the shorter side, below which a reduced part tells no homography."""
+CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-3)
 SMOOTHING = 5
 """px, size of the Gauss filter in a fit."""
 LEAST = 0.5
@@ -46,45 +49,58 @@ class Ecc(Peer):
         self._origin = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
         self._mask = region.grown(MARGIN)
         self._template = image[y : y + height, x : x + width].copy()
-        self._small = _reduced(self._template)
+        least = SMALLEST / min(self._template.shape)
+        self._small = {scale: _reduced(self._template, scale) for scale in SCALES if scale >= least}
+        if not self._template.std() > 0.0:
+            raise LostError("the part and its surroundings are of one grey")
         self._corners = region.corners
 
     def follow(self, image: Grey) -> Found:
         """See Peer."""
-        warp = self._H @ self._origin
-        mask = self._moved_mask(self._H, image)
+        H = self._H
+        for scale, small in self._small.items():
+            mask = np.asarray(cv2.warpPerspective(self._mask, H, image.shape[::-1]), dtype=np.uint8)
+            warp = _scaled(H @ self._origin, scale)
+            try:
+                warp, _ = _fit(small, _reduced(image, scale), warp, _reduced(mask, scale))
+            except cv2.error:  # too little to see at this scale: the finer ones have to do alone
+                continue
+            H = _scaled(warp, 1.0 / scale) @ np.linalg.inv(self._origin)
+        shift, window, mask = self._window(H, image)
         try:
-            small, _ = _fit(self._small, _reduced(image), _scaled(warp, COARSE), _reduced(mask))
-            warp = _scaled(small, 1.0 / COARSE)
-            mask = self._moved_mask(warp @ np.linalg.inv(self._origin), image)
-        except cv2.error:
-            pass  # too little is left of a small part: the fine fit has to do alone
-        try:
-            warp, correlation = _fit(self._template, image, warp, mask)
+            warp, correlation = _fit(self._template, window, shift @ H @ self._origin, mask)
         except cv2.error:
             raise LostError("ECC did not converge") from None
         if not correlation >= LEAST:
             raise LostError(f"ECC ends at a correlation of {correlation:.2f}")
-        H = warp @ np.linalg.inv(self._origin)
+        H = np.linalg.inv(shift) @ warp @ np.linalg.inv(self._origin)
         found = self.moved(H, self._corners, correlation)
         self._H = H
         return found
 
-    def _moved_mask(self, H: Floats, image: Grey) -> Grey:
-        """(H, W) uint8, 255 where the part and its surroundings are under a homography (3, 3)."""
-        return np.asarray(cv2.warpPerspective(self._mask, H, image.shape[::-1]), dtype=np.uint8)
+    def _window(self, H: Floats, image: Grey) -> tuple[Floats, Grey, Grey]:
+        """What has to be looked at when the part moved by H (3, 3): image to window (3, 3), image and mask in it."""
+        around = apply_homography(H, self._corners)
+        low = np.maximum(np.floor(around.min(axis=0)) - 2 * MARGIN, 0.0)
+        high = np.minimum(np.ceil(around.max(axis=0)) + 2 * MARGIN, image.shape[::-1])
+        if not (high - low >= MARGIN).all():
+            raise LostError("the part has left the image")
+        (x, y), (right, bottom) = low.astype(int).tolist(), high.astype(int).tolist()
+        shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
+        mask = cv2.warpPerspective(self._mask, shift @ H, (right - x, bottom - y))
+        return shift, np.ascontiguousarray(image[y:bottom, x:right]), np.asarray(mask, dtype=np.uint8)
 
 
 def _fit(template: Grey, image: Grey, warp: Floats, mask: Grey) -> tuple[Floats, float]:
     """The warp (3, 3) from the template's pixels to the image's, and the correlation under it."""
     first = np.asarray(warp / warp[2, 2], dtype=np.float32)
     correlation, found = cv2.findTransformECC(template, image, first, cv2.MOTION_HOMOGRAPHY, CRITERIA, mask, SMOOTHING)
-    return np.asarray(found, dtype=np.float64), float(correlation)
+    return np.asarray(found, dtype=np.float64), min(float(correlation), 1.0)  # rounding can exceed it
 
 
-def _reduced(image: Grey) -> Grey:
-    """The image at the coarse scale."""
-    return np.asarray(cv2.resize(image, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+def _reduced(image: Grey, scale: float) -> Grey:
+    """The image, smaller."""
+    return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _scaled(warp: Floats, scale: float) -> Floats:

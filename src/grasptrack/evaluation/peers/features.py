@@ -76,14 +76,13 @@ class Klt(Peer):
         """See Peer."""
         last = apply_homography(self._H, self._points).astype(np.float32)
         now, kept = self._flow(self._image, image, last)
-        self._image = image
         guess, _ = agreed(self._points[kept], now[kept])
         check_plausible(guess, self._corners)
         laid = cv2.warpPerspective(image, guess, image.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         now, kept = self._flow(self._first, np.asarray(laid, dtype=np.uint8), self._points)
         rest, inliers = agreed(self._points[kept], now[kept])
         found = self.moved(guess @ rest, self._corners, float(inliers.sum()) / len(self._points))
-        self._H = guess @ rest
+        self._H, self._image = guess @ rest, image
         return found
 
     def _flow(self, one: Grey, other: Grey, points: Points) -> tuple[Points, NDArray[np.bool_]]:
