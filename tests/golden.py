@@ -52,7 +52,7 @@ def run(seed: int = 0) -> Scores:
     """Scores by method and measure."""
     cases = suite(built_in(SHAPES), DISTURBANCES, frames=FRAMES, seed=seed)
     runs: dict[str, list[list[FrameScore]]] = {name: [] for name in METHODS}
-    outcomes = sorted(scheduler()(run_case, [(case, METHODS) for case in cases]))
+    outcomes = sorted(scheduler()(run_case, [(case, METHODS) for case in cases]), key=lambda o: o.index)
     for outcome in outcomes:
         if outcome.error:
             raise RuntimeError(f"{cases[outcome.index].name}: {outcome.error}")

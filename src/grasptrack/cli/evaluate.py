@@ -136,6 +136,7 @@ def real(
 def _run(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
     """Score, report, tell."""
     from grasptrack.cli.report import show_rows
+    from grasptrack.evaluation.closing import closing_table
     from grasptrack.evaluation.fill import fill
     from grasptrack.evaluation.report import write_report
 
@@ -147,14 +148,16 @@ def _run(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: b
     filled = with_progress(output, quiet, score, again=", and the same command goes on with it")
     if not filled.done and not filled.resumed:
         raise InputError(f"nothing could be measured: {next(iter(filled.failed.values()), 'no case')}")
-    written = with_progress(output, quiet, lambda tell: write_report(output, picture=work.picture, progress=tell))
+    report = with_progress(
+        output, quiet, lambda tell: write_report(output, picture=work.picture(output), progress=tell)
+    )
     if quiet:
         return
-    heads, rows = written.closing_table()
+    heads, rows = closing_table(output)
     notes = [f"{name} left out: {reason}" for name, reason in list(filled.failed.items())[:5]]
     if len(filled.failed) > 5:
         notes.append(f"and {len(filled.failed) - 5} more, named in {output / 'evaluation.json'}")
     if filled.resumed:
-        notes.append(f"gone on with an interrupted run, in which {filled.resumed} cases were done")
-    notes.append(f"{written.path}")
-    show_rows(f"{filled.done + filled.resumed} sequences in {filled.seconds:.0f} s", heads, rows, notes, optional=4)
+        notes.append(f"gone on with an interrupted run, in which {filled.resumed} sequences were done")
+    notes.append(str(report))
+    show_rows(f"{filled.done + filled.resumed} sequences in {filled.seconds:.0f} s", heads, rows, notes, optional=3)

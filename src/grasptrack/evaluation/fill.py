@@ -15,15 +15,12 @@ from typing import Any
 from grasptrack import kernels
 from grasptrack.errors import InputError
 from grasptrack.evaluation.records import write_records
+from grasptrack.evaluation.run_folder import CASES, FORMAT, INDEX
 from grasptrack.evaluation.schedule import Scheduler
 from grasptrack.evaluation.schedule.fingerprint import fingerprint
 from grasptrack.evaluation.score import FrameScore
 from grasptrack.io.results import machine, versions, write_json
 from grasptrack.io.run import prepare_folder
-
-FORMAT = 1
-INDEX = "evaluation.json"
-CASES = "cases"
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of the step, what is done of it, and all of it, in frames."""

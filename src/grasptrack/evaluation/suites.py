@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +15,22 @@ from numpy.typing import NDArray
 from grasptrack.errors import InputError
 from grasptrack.evaluation import parts
 from grasptrack.evaluation import peers as others
-from grasptrack.evaluation.fill import Job
+from grasptrack.evaluation.fill import Job, case_file
+from grasptrack.evaluation.homographies import read_homographies
 from grasptrack.evaluation.methods import OURS, makers
 from grasptrack.evaluation.real import RealCase, run_video, videos_of
+from grasptrack.evaluation.records import read_records
+from grasptrack.evaluation.report import Shown
 from grasptrack.evaluation.scenes import SceneCase, run_case, suite
 from grasptrack.evaluation.score import FrameScore
+from grasptrack.evaluation.truth import Truth
 from grasptrack.io.sources import open_source
 from grasptrack.simulation.disturbances import DISTURBANCES
 
 Floats = NDArray[np.float64]
 
-Seen = tuple[NDArray[Any], tuple[Floats, ...] | None]
-"""An image, and the object's true polygons in px where they are known."""
+Seen = tuple[NDArray[Any], tuple[Floats, ...], Truth | None]
+"""An image, the object's true polygons in px where they are known, and what else is true of it."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +41,27 @@ class Work:
         kind: "scenes" or "real".
         jobs: one for each sequence.
         function: of a job's task.
-        picture: of a case's name and a frame's number.
+        look: at a frame of a case, by its name and number.
     """
 
     kind: str
     jobs: list[Job]
     function: Callable[[Any], dict[str, list[FrameScore]]]
-    picture: Callable[[str, int], Seen]
+    look: Callable[[str, int], Seen]
+
+    def picture(self, folder: Path) -> Callable[[str, str, int], Shown | None]:
+        """What a report shows of a frame: of a case, a method and a frame's number in the run of a folder."""
+        scores = lru_cache(maxsize=4)(lambda case: read_records(case_file(folder, case)))
+
+        def show(case: str, method: str, frame: int) -> Shown | None:
+            image, outline, truth = self.look(case, frame)
+            first = next((f for f in scores(case).get(method, ()) if f.defining), None)
+            if truth is None or first is None or first.contacts is None:
+                return image, None, outline
+            start = self.look(case, first.frame)[2]
+            return image, None if start is None else truth.carried(start.back(first.contacts)), outline
+
+        return show
 
 
 def methods(names: Sequence[str] = (), *, peers: bool = False) -> tuple[str, ...]:
@@ -107,11 +126,11 @@ def scene_suite(
         raise InputError("two parts have the same name; rename one")
     jobs = [Job(case.name, frames, _about(case), (case, tuple(methods))) for case in cases]
 
-    def picture(name: str, frame: int) -> Seen:
+    def look(name: str, frame: int) -> Seen:
         shown = by_name[name].scene()[frame]
-        return shown.image, shown.outline
+        return shown.image, shown.outline, Truth.of_scene(shown)
 
-    return Work("scenes", jobs, run_case, picture)
+    return Work("scenes", jobs, run_case, look)
 
 
 def real_suite(*, folder: str, methods: Sequence[str], fingers: int, friction: float) -> Work:
@@ -125,11 +144,13 @@ def real_suite(*, folder: str, methods: Sequence[str], fingers: int, friction: f
         Job(name, _length(case), {"video": case.video.name}, (case, tuple(methods))) for name, case in cases.items()
     ]
 
-    def picture(name: str, frame: int) -> Seen:
+    def look(name: str, frame: int) -> Seen:
+        H = read_homographies(cases[name].table).get(frame)
         with open_source(cases[name].video) as source:
-            return next(f.image for f in source if f.index == frame), None
+            image = next(f.image for f in source if f.index == frame)
+        return image, (), None if H is None else Truth.of_homography(H)
 
-    return Work("real", jobs, run_video, picture)
+    return Work("real", jobs, run_video, look)
 
 
 def _about(case: SceneCase) -> dict[str, Any]:

@@ -43,7 +43,7 @@ def table_of_contexts(courses: Sequence[Course], part: Part, seed: int, after: C
         seed: of the scenes.
         after: called after each frame of the two scenes.
     """
-    cover = Scene(part.shape, trajectory("4 DoF", FRAMES, seed), bar=Bar(1, FRAMES, width=0.05), seed=seed)
+    cover = Scene(part.shape, trajectory("4 DoF", FRAMES, seed), covers=(Bar(1, FRAMES, width=0.05),), seed=seed)
     path = trajectory("4 DoF", FRAMES, seed)
     still = {name: np.repeat(getattr(path, name)[:1], FRAMES, axis=0) for name in ("distance", "roll", "tilt")}
     leaving = np.column_stack([np.linspace(0.0, 2.4, FRAMES), np.zeros(FRAMES)])
