@@ -160,4 +160,5 @@ def _run(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: b
     if filled.resumed:
         notes.append(f"gone on with an interrupted run, in which {filled.resumed} sequences were done")
     notes.append(str(report))
-    show_rows(f"{filled.done + filled.resumed} sequences in {filled.seconds:.0f} s", heads, rows, notes, optional=3)
+    count = filled.done + filled.resumed
+    show_rows(f"{count} sequence{'s' * (count > 1)} in {filled.seconds:.0f} s", heads, rows, notes, optional=3)
