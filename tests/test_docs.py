@@ -18,8 +18,9 @@ from recordings import plates
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
-VERBS = ("synthesize", "track", "transfer", "demo")
-PAGES = ("benchmarks.md", "cli.md", "conventions.md", "design.md", "paper-map.md")
+VERBS = ("synthesize", "track", "transfer", "demo", "evaluate", "compare")
+WITH_OPTIONS = (*VERBS[:4], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
+PAGES = ("benchmarks.md", "cli.md", "conventions.md", "design.md", "evaluation.md", "paper-map.md")
 
 
 def text(page: str) -> str:
@@ -104,9 +105,9 @@ def section(verb: str) -> str:
     return found[1]
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", WITH_OPTIONS)
 def test_options_are_those_of_help(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([verb, "--help"]) == 0
+    assert main([*verb.split(), "--help"]) == 0
     shown = capsys.readouterr().out
     offered = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", shown))
     told = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", section(verb)))
@@ -141,6 +142,19 @@ def test_keys_of_grasps_json_are_those_that_are_written(tmp_path: Path) -> None:
         table = told.split(f"| {head} |")[1].split("\n\n")[0]
         first = re.findall(r"^\| (`[^|]+`) \|", table, re.MULTILINE)
         assert set(re.findall(r"`(\w+)`", " ".join(first))) == set(keys)
+
+
+def test_the_evaluation_page_tells_of_what_is_there() -> None:
+    from grasptrack.evaluation.peers import PEERS
+    from grasptrack.evaluation.records import EACH, FIXED, LAST
+    from grasptrack.simulation.disturbances import DISTURBANCES
+
+    page = text("evaluation.md")
+    rows = re.findall(r"^\| `([\w-]+)` \| (\w+) \| (.*) \|$", page, re.MULTILINE)
+    assert rows == [(d.name, d.group, d.about) for d in DISTURBANCES.values()]
+    assert set(re.findall(r"`([\w-]+)`", page.split("| name | what it is |")[1].split("\n\n")[0])) == set(PEERS)
+    each = [f"{name}{i}" for i in (1, 2) for name in EACH]
+    assert block("evaluation.md", "records") == [",".join([*FIXED, *each, LAST])]
 
 
 # --- imports -------------------------------------------------------------------------------------
