@@ -53,7 +53,7 @@ def test_edges_lie_on_the_stated_outline(name: str) -> None:
     found = []
     for shape in ("notched-plate", "bean"):
         scene = bare(SHAPES[shape](), name)
-        frames = range(3, 40, 9)
+        frames = range(5, 40, 12)
         found += [
             offsets(scene[i].image, outline_of(scene, i), PART, TABLE, reach=12.0 if soft else 6.0) for i in frames
         ]

@@ -28,6 +28,7 @@ from grasptrack.simulation import (
     mirrored,
     near_twin,
     similarity_path,
+    stone,
     tilting_path,
 )
 from grasptrack.simulation.conditions import pooled_noise
@@ -152,8 +153,9 @@ def test_motion_blur_is_the_mean_over_the_exposure() -> None:
     assert centre == pytest.approx(0.0, abs=0.03)
     # Bilinear sampling of pixels adds a sixth of a square pixel of variance.
     assert spread == pytest.approx(math.sqrt(sigma**2 + (exposure * step) ** 2 / 12 + 1 / 6), rel=0.03)
-    no_motion = Scene(SHAPES["square"](), path, camera=Camera(WIDTH, HEIGHT), conditions=QUIET)
-    tiny = Scene(SHAPES["square"](), path, camera=Camera(WIDTH, HEIGHT), conditions=replace(QUIET, exposure=1e-6))
+    given = {"camera": Camera(WIDTH, HEIGHT), "table": stone(1), "surface": flat(50)}
+    no_motion = Scene(SHAPES["square"](), path, conditions=QUIET, **given)
+    tiny = Scene(SHAPES["square"](), path, conditions=replace(QUIET, exposure=1e-6), **given)
     assert np.abs(no_motion[2].image.astype(int) - tiny[2].image).max() <= 1
 
 
@@ -252,7 +254,8 @@ def test_visibility_is_that_of_brute_force() -> None:
 
     bar = Bar(start=0, end=9, width=0.25, angle=0.3)
     hand = DISTURBANCES["hand"].scene(SHAPES["gasket"](), 20, 3).covers[0]
-    scene = Scene(SHAPES["gasket"](), tilting_path(20, seed=4, reach=1.2), covers=[bar, hand], conditions=QUIET)
+    path = tilting_path(20, seed=4, reach=1.2)
+    scene = Scene(SHAPES["gasket"](), path, covers=[bar, hand], conditions=QUIET, table=flat(200), surface=flat(90))
     some = np.random.default_rng(2).uniform([-80, -80], [720, 560], (150, 2))
     for i in (4, 9):
         frame = scene[i]

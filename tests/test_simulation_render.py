@@ -86,12 +86,9 @@ def test_a_blur_that_would_alias_is_refused() -> None:
 
 
 def test_frames_are_the_same_in_any_order_and_noise_is_as_asked() -> None:
-    scene = Scene(
-        SHAPES["disc"](), tilting_path(6, seed=2), camera=Camera(WIDTH, HEIGHT), conditions=Conditions(noise=3.0)
-    )
-    quiet = Scene(
-        SHAPES["disc"](), tilting_path(6, seed=2), camera=Camera(WIDTH, HEIGHT), conditions=Conditions(noise=0.0)
-    )
+    given = {"camera": Camera(WIDTH, HEIGHT), "table": plain(1)}
+    scene = Scene(SHAPES["disc"](), tilting_path(6, seed=2), conditions=Conditions(noise=3.0), **given)
+    quiet = Scene(SHAPES["disc"](), tilting_path(6, seed=2), conditions=Conditions(noise=0.0), **given)
     frames = list(scene)
     assert (scene[4].image == frames[4].image).all()
     difference = frames[3].image.astype(float) - quiet[3].image
@@ -119,7 +116,7 @@ def test_the_image_moves_by_the_stated_homography() -> None:
 
 def test_a_bar_hides_what_it_covers() -> None:
     bar = Bar(start=2, end=6, width=0.2, angle=0.3)
-    scene = Scene(SHAPES["blob"](), tilting_path(9, seed=0), camera=Camera(WIDTH, HEIGHT), covers=[bar])
+    scene = Scene(SHAPES["blob"](), tilting_path(9, seed=0), camera=Camera(WIDTH, HEIGHT), covers=[bar], table=plain(1))
     shown = [frame.outline_visible for frame in scene]
     assert shown[0] == shown[8] == 1.0
     assert min(shown[3:6]) < 0.9
@@ -131,7 +128,9 @@ def test_a_bar_hides_what_it_covers() -> None:
 def test_a_sliding_table_moves_under_a_part_at_rest() -> None:
     still = Conditions(noise=0.0)
     path = tilting_path(2, tilt=0.0, reach=0.0, zoom=0.0, turn=0.0)
-    scene = Scene(SHAPES["disc"](), path, camera=Camera(WIDTH, HEIGHT), conditions=still, slide=(0.1, 0.0))
+    scene = Scene(
+        SHAPES["disc"](), path, camera=Camera(WIDTH, HEIGHT), conditions=still, slide=(0.1, 0.0), table=plain(1)
+    )
     a, b = (frame.image.astype(float) for frame in scene)
     inside = inside_mask(scene[0].outline, WIDTH, HEIGHT)
     edge = coverage(scene[0].outline, WIDTH, HEIGHT, 3.0)

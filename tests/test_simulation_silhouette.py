@@ -54,7 +54,7 @@ def test_a_smooth_outline_is_found_to_a_fraction_of_a_pixel() -> None:
     ring = mask_polygons(mask_of("disc"))[0]
     off = np.hypot(*(ring - 210.3).T) - 120.0 / math.sqrt(math.pi)
     assert np.abs(off).max() < 0.5  # a mask's own accuracy
-    assert abs(off.mean()) < 0.03 and off.std() < 0.15
+    assert abs(off.mean()) < 0.05 and off.std() < 0.15
 
 
 def test_the_largest_piece_counts_and_specks_do_not() -> None:

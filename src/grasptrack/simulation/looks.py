@@ -66,7 +66,7 @@ def another_surface(level: float, rng: np.random.Generator) -> Texture:
 @lru_cache(maxsize=32)
 def _table(kind: str, pattern: int) -> Texture:
     contrast = 0.6 if kind == "gravel" else 1.0
-    return TABLES[kind](pattern, colour=(MEAN, MEAN, MEAN), contrast=contrast).grey
+    return TABLES[kind](pattern, size=1024, colour=(MEAN, MEAN, MEAN), contrast=contrast).grey
 
 
 @lru_cache(maxsize=32)
