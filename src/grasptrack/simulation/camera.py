@@ -80,9 +80,11 @@ class Camera:
         """The radius up to which the polynomial holds: nine tenths of where it turns back."""
         if not self.distorted:
             return math.inf
-        turning = np.roots([5.0 * self.k2, 3.0 * self.k1, 1.0])
-        turning = turning[(np.abs(turning.imag) < 1e-12) & (turning.real > 0.0)].real
-        return 0.9 * math.sqrt(float(turning.min())) if len(turning) else math.inf
+        b, root = 3.0 * self.k1, 9.0 * self.k1**2 - 20.0 * self.k2
+        if root < 0.0:
+            return math.inf
+        turning = [2.0 / d for d in (-b + math.sqrt(root), -b - math.sqrt(root)) if d > 1e-12]
+        return 0.9 * math.sqrt(min(turning)) if turning else math.inf
 
     def _radius(self, r: Floats) -> Floats:
         inner = np.minimum(r, self._fold)

@@ -63,12 +63,13 @@ def inside_polygons(polygons: Sequence[Floats], points: Floats) -> NDArray[np.bo
     """(k,) whether points (k, 2) px lie inside, by the even-odd rule."""
     odd = np.zeros(len(points), dtype=np.bool_)
     for polygon in polygons:
+        near = np.flatnonzero(np.all((points >= polygon.min(axis=0)) & (points <= polygon.max(axis=0)), axis=1))
         a, b = polygon, np.roll(polygon, -1, axis=0)
-        x, y = points[:, 0, None], points[:, 1, None]
+        x, y = points[near, 0, None], points[near, 1, None]
         spans = (a[:, 1] <= y) != (b[:, 1] <= y)
         rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
         crossing = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / rise
-        odd ^= (np.count_nonzero(spans & (crossing <= x), axis=1) & 1).astype(np.bool_)
+        odd[near] ^= (np.count_nonzero(spans & (crossing <= x), axis=1) & 1).astype(np.bool_)
     return odd
 
 

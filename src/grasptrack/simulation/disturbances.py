@@ -16,7 +16,7 @@ from grasptrack.simulation.camera import Camera, Path
 from grasptrack.simulation.conditions import Conditions, Shadow
 from grasptrack.simulation.courses import astray, course
 from grasptrack.simulation.hand import bar_over, hand_over
-from grasptrack.simulation.looks import Look, look
+from grasptrack.simulation.looks import Look, another_surface, look
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.scene import Guest, Scene
 from grasptrack.simulation.shapes import SHAPES
@@ -41,6 +41,7 @@ class Setting:
         size: px, sqrt(area) of the part in the first frame, where it fits.
         width, height: px of the image.
         start: rad, of the part in the first image.
+        level: mean grey level of the part.
     """
 
     shape: Shape
@@ -51,6 +52,7 @@ class Setting:
     width: int
     height: int
     start: float
+    level: float
 
     def course(self, camera: Camera | None = None, **options: Any) -> Path:
         """A gentle path with some tilt, its options as in `courses.course`; speeds are those of a 640 px wide image."""
@@ -126,6 +128,8 @@ class Disturbance:
             raise InputError(f"a scene has at least 1 frame, not {frames}", frames=frames)
         width, height = size
         rng = np.random.default_rng((seed, zlib.crc32(shape.name.encode()), zlib.crc32(self.name.encode())))
+        drawn: Look = look(shape.name, seed)
+        own = drawn.surface if surface is None else surface
         setting = Setting(
             shape=shape,
             frames=frames,
@@ -135,8 +139,8 @@ class Disturbance:
             width=width,
             height=height,
             start=float(rng.uniform(-0.5, 0.5)),
+            level=float(own.grey.image.mean()),
         )
-        drawn: Look = look(shape.name, seed)
         base = {
             "blur": float(rng.uniform(0.65, 0.95)),
             "noise": float(rng.uniform(1.0, 3.0)),
@@ -149,7 +153,7 @@ class Disturbance:
         return Scene(
             shape,
             table=table if table is not None else drawn.table,
-            surface=surface if surface is not None else drawn.surface,
+            surface=own,
             conditions=Conditions(pooled=True, **light),
             colour=colour,
             seed=int(rng.integers(1 << 31)),
@@ -288,9 +292,9 @@ def _four(at: tuple[float, ...]) -> tuple[float, float, float, float]:
 # --- identity ------------------------------------------------------------------------------------
 
 
-def _guest(s: Setting, shape: Shape) -> Parts:
+def _guest(s: Setting, shape: Shape, surface: Texture | None = None) -> Parts:
     start, end = (round(f) for f in s.at(0.35, 0.65))
-    return {"path": s.course(), "guests": (Guest(max(1, start), end, shape),)}
+    return {"path": s.course(), "guests": (Guest(max(1, start), end, shape, surface),)}
 
 
 def _exchange(s: Setting) -> Parts:
@@ -299,7 +303,7 @@ def _exchange(s: Setting) -> Parts:
         other = SHAPES[name]()
         if best_fit(other, s.shape).distance > OTHER and other.radius() < 1.3 * max(1.0, s.shape.radius()):
             break
-    return _guest(s, other.moved(float(s.rng.uniform(0.0, 2.0 * math.pi))))
+    return _guest(s, other.moved(float(s.rng.uniform(0.0, 2.0 * math.pi))), another_surface(s.level, s.rng))
 
 
 def _twin(s: Setting) -> Parts:

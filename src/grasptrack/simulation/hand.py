@@ -60,12 +60,6 @@ def _hand(seed: int) -> Floats:
     return np.asarray(low + longest / GRAIN, dtype=np.float64)
 
 
-def hidden_share(shape: Shape, ring: Floats, points: Floats | None = None) -> float:
-    """Share of a part's outline that lies within a ring (N, 2), both in table units."""
-    at = shape.samples(500) if points is None else points
-    return float(inside_polygons([ring], at).mean())
-
-
 def hand_over(
     shape: Shape,
     times: tuple[float, float, float, float],
@@ -93,11 +87,18 @@ def hand_over(
     c, s = math.cos(side + math.pi), math.sin(side + math.pi)
     forward = np.array([c, s])
     ring = ring @ np.array([[c, s], [-s, c]]) + aside * np.array([-s, c])
-    points = shape.samples(500)
-    depths = np.arange(-shape.radius() - 1.5, 1.2, 0.02)
-    hidden = np.array([hidden_share(shape, ring + d * forward, points) for d in depths])
-    enough = np.flatnonzero(hidden >= share)
-    rest = float(depths[enough[0]] if len(enough) else depths[int(np.argmax(hidden))])
+    points = shape.samples(400)
+
+    def hidden(depth: float) -> float:
+        return float(inside_polygons([ring + depth * forward], points).mean())
+
+    depths = np.arange(-shape.radius() - 1.5, 1.2, 0.1).tolist()
+    shares = [hidden(depth) for depth in depths]
+    first = next((i for i, h in enumerate(shares) if h >= share), int(np.argmax(shares)))
+    low, rest = depths[max(0, first - 1)], depths[first]
+    for _ in range(8):
+        middle = 0.5 * (low + rest)
+        low, rest = (low, middle) if hidden(middle) >= min(share, shares[first]) else (middle, rest)
     return Laid(
         ring=ring + rest * forward,
         away=-forward * (view + shape.radius() + 1.6),

@@ -24,7 +24,12 @@ LEAST_CONTRAST = 55.0
 
 @dataclass(frozen=True)
 class Look:
-    """Attributes: table, surface: textures; table_level, surface_level: their mean grey levels."""
+    """What lies there.
+
+    Attributes:
+        table, surface: textures.
+        table_level, surface_level: their mean grey levels.
+    """
 
     table: Texture
     surface: Texture
@@ -44,19 +49,24 @@ def look(name: str, seed: int) -> Look:
     low = rng.uniform(32.0, 195.0 - contrast)
     levels = (low, low + contrast) if rng.uniform() < 0.5 else (low + contrast, low)
     table = str(rng.choice(list(TABLES)))
-    surface = str(rng.choice(list(SURFACES)))
     return Look(
         table=_levelled(_turned(_table(table, int(rng.integers(PATTERNS))), int(rng.integers(8))), levels[0], rng),
-        surface=_levelled(_surface(surface, int(rng.integers(PATTERNS)), levels[1] < 110.0), levels[1], rng),
+        surface=another_surface(levels[1], rng),
         table_level=levels[0],
         surface_level=levels[1],
     )
 
 
+def another_surface(level: float, rng: np.random.Generator) -> Texture:
+    """A surface of some kind at a mean grey level: that of another part of the same make."""
+    kind, pattern = str(rng.choice(list(SURFACES))), int(rng.integers(PATTERNS))
+    return _levelled(_turned(_surface(kind, pattern, level < 110.0), int(rng.integers(8))), level, rng)
+
+
 @lru_cache(maxsize=32)
 def _table(kind: str, pattern: int) -> Texture:
     contrast = 0.6 if kind == "gravel" else 1.0
-    return TABLES[kind](pattern, colour=(MEAN, MEAN, MEAN), contrast=contrast).grey
+    return TABLES[kind](pattern, size=1024, colour=(MEAN, MEAN, MEAN), contrast=contrast).grey
 
 
 @lru_cache(maxsize=32)

@@ -15,7 +15,7 @@ from grasptrack.simulation.outlines import Shape, polygon_moments
 
 Floats = NDArray[np.float64]
 
-SOFT = 1.2
+SOFT = 1.4
 """px, of the blur that turns the stairs of a mask into a slope; corners are rounded by about as much."""
 STRAIGHT = 0.03
 """px; points that lie this near to the line between others are left out."""

@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 SYMMETRIC = 0.04
 """sqrt(area); an outline that comes this near to its own mirror image has none that could be told from it."""
 TURNS = 120
+SAME = 0.002
+"""sqrt(area); nearer than this, no better fit is looked for."""
 CLEARANCE = 0.06
 """sqrt(area) that a notch leaves of the material, and a tab of the gap, at least."""
 
@@ -48,29 +50,38 @@ def best_fit(moving: Shape, fixed: Shape) -> Fit:
     for i, turn in enumerate(turns):
         gap = squares - 2.0 * np.real(np.outer(za * np.exp(1j * turn), zb))
         worst[i] = max(gap.min(axis=1).max(), gap.min(axis=0).max())
-    fits = [_refined(moving, fixed, float(turns[i])) for i in np.argsort(worst, kind="stable")[:3]]
-    return min(fits, key=lambda fit: fit.distance)
+    best: Fit | None = None
+    for i in np.argsort(worst, kind="stable")[:3]:
+        fit = _refined(moving, fixed, float(turns[i]))
+        best = fit if best is None or fit.distance < best.distance else best
+        if best.distance < SAME:
+            break
+    assert best is not None
+    return best
 
 
 def _refined(moving: Shape, fixed: Shape, turn: float) -> Fit:
     """Iterated closest points from a first turn; the better of where they began and where they ended."""
     b, shift = fixed.samples(260), np.zeros(2)
-    fits = [_judged(moving, fixed, turn, shift)]
-    for _ in range(6):
-        points = moving.moved(turn, shift).samples(160)
-        near = b[np.argmin(((points[:, None] - b[None]) ** 2).sum(axis=2), axis=1)]
+    first = _judged(moving, fixed, turn, shift)
+    if first.distance < SAME:
+        return first
+    for _ in range(5):
+        points = moving.moved(turn, shift).samples(130)
+        gap = (points[:, 0, None] - b[:, 0]) ** 2 + (points[:, 1, None] - b[:, 1]) ** 2
+        near = b[np.argmin(gap, axis=1)]
         p, q = points - points.mean(axis=0), near - near.mean(axis=0)
         step = math.atan2(float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()), float((p * q).sum()))
         c, s = math.cos(step), math.sin(step)
         shift = np.array([[c, -s], [s, c]]) @ (shift - points.mean(axis=0)) + near.mean(axis=0)
         turn += step
-    fits.append(_judged(moving, fixed, turn, shift))
-    return min(fits, key=lambda fit: fit.distance)
+    last = _judged(moving, fixed, turn, shift)
+    return last if last.distance < first.distance else first
 
 
 def _judged(moving: Shape, fixed: Shape, turn: float, shift: Floats) -> Fit:
     now = moving.moved(turn, shift)
-    distance = max(_farthest(now.samples(240), fixed), _farthest(fixed.samples(240), now))
+    distance = max(_farthest(now.samples(180), fixed), _farthest(fixed.samples(180), now))
     return Fit(distance, turn, (float(shift[0]), float(shift[1])))
 
 
@@ -78,9 +89,10 @@ def _farthest(points: Floats, shape: Shape) -> float:
     """Largest distance of points (N, 2) from a shape's outlines."""
     starts = np.concatenate(shape.polygons)
     sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in shape.polygons])
-    to = points[:, None] - starts[None]
-    along = np.clip((to * sides).sum(axis=2) / np.maximum((sides**2).sum(axis=1), 1e-300), 0.0, 1.0)
-    return float(np.sqrt(((to - along[..., None] * sides) ** 2).sum(axis=2).min(axis=1).max()))
+    tx, ty = points[:, 0, None] - starts[:, 0], points[:, 1, None] - starts[:, 1]
+    sx, sy = sides[:, 0], sides[:, 1]
+    along = np.clip((tx * sx + ty * sy) / np.maximum(sx * sx + sy * sy, 1e-300), 0.0, 1.0)
+    return float(np.sqrt(((tx - along * sx) ** 2 + (ty - along * sy) ** 2).min(axis=1).max()))
 
 
 def mirrored(shape: Shape) -> Shape:
