@@ -6,7 +6,6 @@ from __future__ import annotations
 import common
 
 # isort: split
-import argparse
 import time
 from pathlib import Path
 
@@ -74,12 +73,13 @@ def memory_growth(frames: list[SceneFrame], strategy: str, long: int) -> list[ob
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--frames", type=int, default=120)
     parser.add_argument("--repeat", type=int, default=3, help="runs of each strategy; times of all are pooled")
     parser.add_argument("--long", type=int, default=2000, help="updates of the memory run; 0 leaves it out")
     args = parser.parse_args()
-    common.heading(f"Whole loop on the demonstration's scene, {args.frames} grey frames: ms and px")
+    common.heading("Whole loop on the demonstration's scene")
+    common.say(f"{args.frames} grey frames, each strategy {args.repeat} times; contact errors in px.")
     head = ["method", "median ms", "p99 ms", "met", "located %", "error median", "95 %", "max px", "wrong"]
     medians: dict[str, list[float]] = {}
     for width, height in SIZES:
@@ -99,15 +99,16 @@ def main() -> None:
                 contacts = first.contacts
         if contacts is not None:
             rows += run_peers(frames, contacts)
-        print(f"{width}x{height}")
+        common.say(f"{width}x{height}.")
         common.table(head, rows)
-    print("Growth for 4 times the pixels (at most 4)")
+    common.say("Growth of the median time for 4 times the pixels; at most 4.")
     common.table(["strategy", "ratio"], [[name, m[1] / m[0]] for name, m in medians.items()])
     if args.long:
         frames = list(demo_scene(args.frames, colour=False))
-        print(f"Memory: MB after 200 and after {args.long} updates")
+        common.say(f"Memory: MB after 200 and after {args.long} updates.")
         rows = [memory_growth(frames, strategy, args.long) for strategy in STRATEGIES]
         common.table(["strategy", "after 200", f"after {args.long}", "growth"], rows)
+    common.finish(args.output)
 
 
 if __name__ == "__main__":

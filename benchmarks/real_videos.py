@@ -6,7 +6,6 @@ from __future__ import annotations
 import common
 
 # isort: split
-import argparse
 import os
 import tempfile
 from pathlib import Path
@@ -36,7 +35,7 @@ def table_of(name: str, folder: Path) -> None:
         times = [score.latency_percentile(50), score.latency_percentile(99)]
         rows.append([score.name, *shares, *errors, score.false_accepts, *times])
         reasons += [[score.name, count, reason] for reason, count in score.reasons("lost", "searching", "unstable")[:4]]
-    print(name)
+    common.say(f"{name}.")
     head = ["strategy", "tracked %", "located %", "median px", "95 %", "max px", "false accepts", "median ms", "p99 ms"]
     common.table(head, rows)
     if reasons:
@@ -63,8 +62,8 @@ def covered_part(video: Path, output: Path) -> None:
         blank = [np.zeros_like(tiles[0])] * (-len(tiles) % 5)
         tiles += blank
         cv2.imwrite(str(sheet), np.vstack([np.hstack(tiles[i : i + 5]) for i in range(0, len(tiles), 5)]))
-        rows.append([strategy, still, len(answers), spans(answers), sheet])
-    print(f"lego-square-99: {STILL} frames at rest, then a hand covers and pushes the part")
+        rows.append([strategy, still, len(answers), spans(answers), sheet.name])
+    common.say(f"lego-square-99: {STILL} frames at rest, then a hand covers and pushes the part.")
     common.table(["strategy", "moved at rest px", "tracked after", "frames", "pictures"], rows)
 
 
@@ -91,19 +90,22 @@ def spans(frames: list[int]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--data", type=Path, default=data_folder(), help="folder with videos/")
-    parser.add_argument("--output", type=Path, help="folder for pictures; a temporary one where not given")
+    parser.add_argument("--pictures", type=Path, help="folder for pictures; a temporary one where not given")
     args = parser.parse_args()
     folder = args.data / "videos"
     if not folder.is_dir():
         raise SystemExit(f"no videos in {folder}: give --data or set GRASPTRACK_DATA")
-    output = args.output or Path(tempfile.mkdtemp(prefix="grasptrack-"))
+    output = args.pictures or Path(tempfile.mkdtemp(prefix="grasptrack-"))
     output.mkdir(parents=True, exist_ok=True)
-    common.heading("Real videos: contacts against reference homographies, each contact for itself")
+    common.heading("Real videos")
+    common.say("Contacts against reference homographies, each contact for itself.")
     for name in VIDEOS:
         table_of(name, folder)
     covered_part(folder / "lego-square-99.mp4", output)
+    print(f"pictures in {output}")
+    common.finish(args.output)
 
 
 if __name__ == "__main__":

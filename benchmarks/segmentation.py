@@ -6,7 +6,6 @@ from __future__ import annotations
 import common
 
 # isort: split
-import argparse
 import csv
 import time
 from collections.abc import Callable, Sequence
@@ -99,17 +98,19 @@ def print_table(listed: Sequence[Photo], rows: Sequence[Row]) -> None:
             lines += [summary(label, scene, [row for row in mine if row.scene == scene]) for scene in scenes]
             lines.append(summary(label, "all", mine))
     common.table(["method", "scene", "photos", "found %", "median F", "median IoU", "median ms"], lines)
-    print(f"found: F >= {ENOUGH_F} within 4 px and IoU >= {ENOUGH_IOU}; without a hint only the first object counts")
+    common.say(
+        f"Found: F >= {ENOUGH_F} within 4 px and IoU >= {ENOUGH_IOU}; without a hint only the first object counts."
+    )
     for scene in [*scenes, "all"]:
         bands = [band_iou(photo.truth) for photo in listed if scene in (photo.scene, "all")]
         eroded, dilated = np.median(bands, axis=0)
-        print(
-            f"{scene}: masks 2 px smaller have a median IoU of {eroded:.3f} with themselves, 2 px larger {dilated:.3f}"
+        common.say(
+            f"{scene}: masks 2 px smaller have a median IoU of {eroded:.3f} with themselves, 2 px larger {dilated:.3f}."
         )
     first = [row.ms for row in rows if row.method == "ours" and not row.hint]
     if first:
-        print(
-            "first look of ours at 640x480: median {:.1f} ms, 99 % {:.1f} ms\n".format(*np.percentile(first, [50, 99]))
+        common.say(
+            "First look of ours at 640x480: median {:.1f} ms, 99 % {:.1f} ms.".format(*np.percentile(first, [50, 99]))
         )
 
 
@@ -148,9 +149,9 @@ def stills(folder: Path, output: Path | None) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--data", type=Path, default=data_folder(), help="folder with tools/ and stills/")
-    parser.add_argument("--output", type=Path, help="folder for the CSV and the pictures")
+    parser.add_argument("--pictures", type=Path, help="folder for the CSV and the pictures")
     parser.add_argument("--method", choices=list(METHODS), help="this one alone")
     parser.add_argument("--only", metavar="NAME", help="photos whose names contain this, and no stills")
     args = parser.parse_args()
@@ -165,11 +166,12 @@ def main() -> None:
         METHODS[method](listed[0].image, None)  # what is loaded on first use is no part of what is timed
     rows = [judge(photo, method, hint) for method in methods for hint in (False, True) for photo in listed]
     print_table(listed, rows)
-    if args.output is not None:
-        args.output.mkdir(parents=True, exist_ok=True)
-        write_photos(listed, rows, args.output)
+    if args.pictures is not None:
+        args.pictures.mkdir(parents=True, exist_ok=True)
+        write_photos(listed, rows, args.pictures)
     if args.only is None and "ours" in methods:
-        stills(args.data / "stills", args.output)
+        stills(args.data / "stills", args.pictures)
+    common.finish(args.output)
 
 
 if __name__ == "__main__":

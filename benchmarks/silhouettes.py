@@ -6,7 +6,6 @@ from __future__ import annotations
 import common
 
 # isort: split
-import argparse
 import math
 import os
 import time
@@ -77,12 +76,13 @@ def every_point(view: gt.View, area: float, centroid: np.ndarray, hand: HandPx) 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--folder", type=Path, default=DATA / "silhouettes")
     parser.add_argument("--friction", type=float, default=0.5)
     options = parser.parse_args()
     files = sorted(options.folder.glob("*.png"))
-    common.heading(f"Synthesis on {len(files)} silhouettes, friction {options.friction:g}, the hand of its defaults")
+    common.heading(f"Choosing grasps on silhouettes, friction {options.friction:g}")
+    common.say(f"{len(files)} silhouettes, the hand of its defaults.")
     for fingers in (2, 3):
         reasons, without, taken, spread, found = Counter(), [], [], 0, []
         for path in files:
@@ -96,17 +96,17 @@ def main() -> None:
                 reasons[next(iter(grasps.refused), grasps.reason)] += 1  # without the figures
                 stable, done = by_brute_force(view, fingers, options.friction)
                 without.append([path.stem, grasps.reason, str(grasps.refused), stable, done])
-        print(
+        common.say(
             f"{fingers} fingers: {len(files) - len(without)} with grasps ({spread} with one that spreads), "
             f"{len(without)} without; {min(found)} to {max(found)} grasps, median {np.median(found):g}; "
-            f"{np.median(taken):.2f} ms in the median, {max(taken):.2f} at most"
+            f"{np.median(taken):.2f} ms in the median, {max(taken):.2f} at most."
         )
-        for reason, count in reasons.most_common():
-            print(f"  {count:3d}  {reason}")
-        print()
+        if reasons:
+            common.table(["silhouettes", "reason"], [[count, reason] for reason, count in reasons.most_common()])
         if without:
             head = ["silhouette", "reason", "refused", "stable by brute force", "left by brute force"]
             common.table(head, without)
+    common.finish(options.output)
 
 
 if __name__ == "__main__":

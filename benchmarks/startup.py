@@ -6,7 +6,6 @@ from __future__ import annotations
 import common
 
 # isort: split
-import argparse
 import subprocess
 import sys
 import time
@@ -26,10 +25,12 @@ def medians(command: list[str], runs: int) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--runs", type=int, default=11)
-    runs = parser.parse_args().runs
-    common.heading("Start: seconds, median and largest")
+    args = parser.parse_args()
+    runs = args.runs
+    common.heading("Start")
+    common.say("Seconds of a fresh process, median and largest.")
     script = Path(sys.executable).with_name("grasptrack")
     shown = [str(script)] if script.exists() else [sys.executable, "-m", "grasptrack.cli.main"]
     bare, _ = medians([sys.executable, "-c", "pass"], runs)
@@ -42,6 +43,7 @@ def main() -> None:
         median, worst = medians(command, runs)
         rows.append([name, median, worst, target or "", "" if target is None else "yes" if median < target else "NO"])
     common.table(["what", "median", "largest", "target", "met"], rows)
+    common.finish(args.output)
 
 
 if __name__ == "__main__":

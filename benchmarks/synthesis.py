@@ -6,14 +6,13 @@ from __future__ import annotations
 import common
 
 # isort: split
-import argparse
 import time
 
 import numpy as np
 
 import grasptrack as gt
 from grasptrack.simulation import SHAPES
-from per_call import resampled
+from steps_contour import resampled
 
 TARGETS = {2: 5.0, 3: 30.0}
 
@@ -46,16 +45,17 @@ def outlines() -> dict[str, gt.View]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--calls", type=int, default=30, help="calls for each shape and number of fingers")
-    calls = parser.parse_args().calls
-    common.heading("Synthesis, 50 grasps, the hand of its defaults: ms")
+    args = parser.parse_args()
+    common.heading("Choosing grasps")
+    common.say("50 grasps with the hand of its defaults, ms.")
     rows, medians = [], {2: [], 3: []}
     for name, view in outlines().items():
         for fingers in (2, 3):
             found = gt.synthesize(view, fingers)
             taken = []
-            for _ in range(calls):
+            for _ in range(args.calls):
                 start = time.perf_counter()
                 gt.synthesize(view, fingers)
                 taken.append(1e3 * (time.perf_counter() - start))
@@ -67,10 +67,11 @@ def main() -> None:
     common.table(["shape", "holes", "fingers", "median", "max", "grasps", "spread", "refused"], rows)
     for fingers, values in medians.items():
         verdict = "yes" if max(values) <= TARGETS[fingers] else "NO"
-        print(
+        common.say(
             f"{fingers} fingers: median of the shapes {np.median(values):.2f} ms, slowest shape {max(values):.2f} ms, "
             f"target {TARGETS[fingers]:g} ms, met: {verdict}"
         )
+    common.finish(args.output)
 
 
 if __name__ == "__main__":

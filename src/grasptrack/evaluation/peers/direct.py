@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.errors import GraspTrackError
 from grasptrack.evaluation.method import Start
 from grasptrack.evaluation.peers.base import Found, LostError, Peer
 from grasptrack.evaluation.peers.region import region_of
@@ -57,26 +58,41 @@ class Ecc(Peer):
 
     def follow(self, image: Grey) -> Found:
         """See Peer."""
+        reason = ""
+        for guess in (self._coarsely(image), self._H):
+            try:
+                H, correlation = self._finely(image, guess)
+                if not correlation >= LEAST:
+                    raise LostError(f"ECC ends at a correlation of {correlation:.2f}")
+                found = self.moved(H, self._corners, correlation)
+            except cv2.error:
+                reason = reason or "ECC did not converge"
+            except GraspTrackError as error:
+                reason = reason or str(error)
+            else:
+                self._H = H
+                return found
+        raise LostError(reason)
+
+    def _coarsely(self, image: Grey) -> Floats:
+        """(3, 3) H_current_reference as far as reduced images tell it, the smallest first."""
         H = self._H
         for scale, small in self._small.items():
             mask = np.asarray(cv2.warpPerspective(self._mask, H, image.shape[::-1]), dtype=np.uint8)
             warp = _scaled(H @ self._origin, scale)
             try:
-                warp, _ = _fit(small, _reduced(image, scale), warp, _reduced(mask, scale))
+                warp, correlation = _fit(small, _reduced(image, scale), warp, _reduced(mask, scale))
             except cv2.error:  # too little to see at this scale: the finer ones have to do alone
                 continue
-            H = _scaled(warp, 1.0 / scale) @ np.linalg.inv(self._origin)
+            if correlation >= LEAST:
+                H = _scaled(warp, 1.0 / scale) @ np.linalg.inv(self._origin)
+        return H
+
+    def _finely(self, image: Grey, H: Floats) -> tuple[Floats, float]:
+        """(3, 3) H_current_reference from the image itself, started at H, and its correlation."""
         shift, window, mask = self._window(H, image)
-        try:
-            warp, correlation = _fit(self._template, window, shift @ H @ self._origin, mask)
-        except cv2.error:
-            raise LostError("ECC did not converge") from None
-        if not correlation >= LEAST:
-            raise LostError(f"ECC ends at a correlation of {correlation:.2f}")
-        H = np.linalg.inv(shift) @ warp @ np.linalg.inv(self._origin)
-        found = self.moved(H, self._corners, correlation)
-        self._H = H
-        return found
+        warp, correlation = _fit(self._template, window, shift @ H @ self._origin, mask)
+        return np.linalg.inv(shift) @ warp @ np.linalg.inv(self._origin), correlation
 
     def _window(self, H: Floats, image: Grey) -> tuple[Floats, Grey, Grey]:
         """What has to be looked at when the part moved by H (3, 3): image to window (3, 3), image and mask in it."""
