@@ -16,7 +16,7 @@ from grasptrack.view.report.axis import log_range
 
 Methods = Mapping[str, Series]
 
-_UPPER, _LOWER = (40, 20, 10, 24), (40, 8, 10, 36)
+_UPPER, _LOWER = (40, 26, 10, 6), (40, 7, 10, 36)
 CAMERA_MS = 1000.0 / 30.0
 WAIT = 30
 """Frames after a return that are shown."""
@@ -36,10 +36,15 @@ def time_charts(run: EvaluationRun, level: str, series: Methods, ends: tuple[flo
     last = max((t.frames[-1] for t in lines.values() if len(t.frames)), default=1.0)
     x = Axis("frame", 0.0, max(1.0, last))
     upper = Chart(
-        f"Error over time, {level}", Axis("", x.low, x.high), Axis("error, px", *ends, "log"), 340, 196, _UPPER
+        f"Error over time, {level}",
+        Axis("frame", x.low, x.high, ticks=()),
+        Axis("error, px", *ends, "log"),
+        340,
+        184,
+        _UPPER,
     )
     shares = Axis("", 0.0, 1.0, ticks=(0.0, 1.0), unit="%")
-    lower = Chart(f"Share located over time, {level}", x, shares, 340, 74, _LOWER)
+    lower = Chart(f"Share located over time, {level}", x, shares, 340, 70, _LOWER)
     some = next((run.runs(name, cases) for name in lines), [])
     for chart in (upper, lower):
         for kind, stretches in zip(("gone", "partly"), out_of_view(some), strict=True):
@@ -88,7 +93,7 @@ def risk_chart(run: EvaluationRun, series: Methods) -> Chart:
         if given:
             ends[name] = given / len(frames), sum(f.is_false_accept for f in frames) / given
     top = max([0.01, *(r for _, r in ends.values()), *(float(c[:, 2].max()) for c in curves.values() if len(c))])
-    high = next(v for v in (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0) if v >= min(1.0, top))
+    high = next(v for v in (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0) if v >= min(1.0, top))
     x = Axis("coverage: share of frames answered", 0.0, 1.0, unit="%")
     y = Axis("risk: share of wrong answers", 0.0, high, "root", unit="%")
     chart = Chart("Risk over coverage", x, y, grid="both")
@@ -117,7 +122,7 @@ def recovery_chart(run: EvaluationRun, series: Methods) -> Chart | None:
 
 def spread_chart(run: EvaluationRun, series: Methods, levels: Sequence[str]) -> Chart:
     """Median error and the range of 90 % of the frames, a line for each method, level by level."""
-    step, gap, top = 9.0, 12.0, 26
+    step, gap, top = 9.0, 12.0, 8
     block = step * len(series) + gap
     rows: list[tuple[float, str, Sequence[float], str]] = []
     names: list[tuple[float, str]] = []
@@ -158,7 +163,7 @@ def latency_chart(run: EvaluationRun, series: Methods) -> Chart:
     }
     known = {m: v.tolist() for m, v in spreads.items() if np.isfinite(v).all()}
     low, high = log_range([v for values in known.values() for v in values] + [CAMERA_MS], 1e-3, 1e5, floor=10.0)
-    step, top = 24.0, 22
+    step, top = 24.0, 18
     wide = 16 + 7 * max(map(len, series), default=0)
     chart = Chart(
         "Latency by method",

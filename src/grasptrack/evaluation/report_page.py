@@ -16,9 +16,9 @@ from grasptrack.evaluation import report_charts as charts
 from grasptrack.evaluation import report_words as words
 from grasptrack.evaluation.curves import precision
 from grasptrack.evaluation.glossary import CURVES, TERMS
-from grasptrack.evaluation.report_tables import heat_table, measures_table
+from grasptrack.evaluation.report_tables import ANSWERS, ERRORS, heat_table, measures_table
 from grasptrack.evaluation.run_folder import EvaluationRun
-from grasptrack.evaluation.summary import Summary, Worst
+from grasptrack.evaluation.summary import Row, Summary, Worst
 from grasptrack.view.report import Cell, Chart, Column, Line, Page, number, percent
 from grasptrack.view.report.answer import draw_answer
 from grasptrack.view.report.markup import slug
@@ -81,7 +81,9 @@ class RunPage:
     def opening(self) -> None:
         """What a hurried reader takes away, and how to do it again."""
         index = self.run.index
-        self.page.lead(words.verdict(self.run, self.summary))
+        first, *others = words.verdict(self.run, self.summary)
+        self.page.lead(first)
+        self.page.text(*others)
         self.page.cards(words.cards(self.summary))
         versions = index.get("versions") or {}
         names = ("grasptrack", "python", "numpy", "opencv")
@@ -106,8 +108,23 @@ class RunPage:
             "Every measure over all sequences. A head sorts the table and, under the pointer, says what it means; all "
             "are defined at the end. The keys above hide methods everywhere.",
         )
-        head, lines = measures_table(self.summary.overall, "method")
-        self.page.table(head, lines, caption="All measures by method. In weight: the best of a column.")
+        self.tables(self.summary.overall, "method")
+
+    def tables(self, rows: Sequence[Row], first: str) -> None:
+        """All measures, in two tables."""
+        by_method = first == "method"
+        best = " In weight: the best of a column." if by_method and len(rows) > 1 else ""
+        for keys, said in (
+            (
+                ANSWERS,
+                "**How often** contacts were given, how often wrongly, and what became of an object that was away.",
+            ),
+            (
+                ERRORS,
+                "**How exactly** they were given, over the frames that were answered, and how long an update took.",
+            ),
+        ):
+            self.page.table(*measures_table(rows, keys, first, by_method), caption=said + best)
 
     def levels(self) -> None:
         """Heat maps of methods over disturbances."""
@@ -138,7 +155,7 @@ class RunPage:
                     self.page.table(*heat_table(s.by_group, key, s.methods, s.groups, "group", {}), caption=said)
         with self.page.folded(f"All measures of {self.first} by {factor}", series=self.first):
             rows = [r for r in s.by_level if r.method == self.first]
-            self.page.table(*measures_table(rows, factor, by_method=False))
+            self.tables(rows, factor)
 
     def over_time(self, progress: Progress | None) -> None:
         """Small charts of error and share located over the frames."""
@@ -247,7 +264,7 @@ class RunPage:
             return
         self.page.section("By part", f"What {self.first} makes of each part, over all disturbances.")
         rows = [r for r in s.by_shape if r.method == self.first]
-        self.page.table(*measures_table(rows, "part", by_method=False))
+        self.tables(rows, "part")
         with self.page.folded("All methods by part"):
             for key, said in (
                 ("located", "Located, %"),
@@ -262,18 +279,18 @@ class RunPage:
             "Reasons of loss",
             "A frame without contacts says why. Reasons that differ in their numbers alone are counted as one.",
         )
-        for method in self.summary.methods:
+        never = [m for m in self.summary.methods if not self.summary.reasons[m]]
+        for method in (m for m in self.summary.methods if m not in never):
             found, row = self.summary.reasons[method], self.summary.row(method)
-            total = sum(n for _, n in found)
-            frames = row.measures.frames if row is not None else 0
-            note = (
-                f"{number(total)} of {number(frames)} frames without contacts" if total else "no frame without contacts"
-            )
+            total, frames = sum(n for _, n in found), row.measures.frames if row is not None else 0
+            note = f"{number(total)} of {number(frames)} frames without contacts"
             with self.page.folded(method, note, method, shown=method == self.first):
                 shown = [(n, reason or "no reason given") for reason, n in found[:REASONS]]
                 rest = sum(n for _, n in found[REASONS:])
                 rows = [*shown, (rest, "other reasons")] if rest else shown
                 self.page.bars(rows, max((n for n, _ in rows), default=1))
+        if never:
+            self.page.text(f"Without a frame that they did not answer: {', '.join(never)}.")
 
     def definitions(self) -> None:
         """What each measure means, and what none of them says."""

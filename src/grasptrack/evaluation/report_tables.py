@@ -12,9 +12,14 @@ from grasptrack.view.report import Cell, Column, Line, number, percent
 from grasptrack.view.report.markup import fixed
 from grasptrack.view.report.parts import Tone
 
-MEASURED = tuple(key for key in TERMS if key != "located")
-"""Columns of the table of all measures."""
-_APART = ("located_whole", "false_accepts", "median_px", "risk_area", "recoveries", "median_ms")
+ANSWERS = (
+    *("frames", "located_whole", "located_partly", "tracked_visible", "false_accepts", "false_given_gone"),
+    *("false_bound", "risk_area", "recoveries", "returns", "recovery_frames"),
+)
+"""Columns of the table that says how often there were contacts, and how often wrong ones."""
+ERRORS = ("median_px", "rms_px", "p95_px", "max_px", "median_percent", "in_ellipse", "median_ms", "p99_ms")
+"""Columns of the table that says how exact they were, and how long they took."""
+_APART = ("located_whole", "false_accepts", "median_percent", "risk_area", "recoveries", "in_ellipse", "median_ms")
 _BEST_OF = ("located_whole", "located_partly", "tracked_visible", "median_px", "rms_px", "p95_px", "median_ms")
 
 
@@ -33,11 +38,14 @@ def column(key: str) -> Column:
     return Column(term.label, term.unit, term.meaning, rule=key in _APART)
 
 
-def measures_table(rows: Sequence[Row], first: str, by_method: bool = True) -> tuple[list[Column], list[Line]]:
-    """A line for each row with every measure; the best value of a column is set in weight where methods compete.
+def measures_table(
+    rows: Sequence[Row], keys: Sequence[str], first: str, by_method: bool = True
+) -> tuple[list[Column], list[Line]]:
+    """A line for each row with some measures; the best value of a column is set in weight where methods compete.
 
     Args:
         rows: of a summary.
+        keys: of the measures.
         first: head of the first column.
         by_method: lines are methods; else they are levels of one method.
     """
@@ -45,13 +53,13 @@ def measures_table(rows: Sequence[Row], first: str, by_method: bool = True) -> t
     lines = []
     for row in rows:
         cells: list[Cell | str | float | int | None] = [row.method if by_method else row.level]
-        for key in MEASURED:
+        for key in keys:
             value = value_of(row, key)
             tone: Tone = "bad" if key == "false_accepts" and value > 0 else ""
             won = key in best and not math.isnan(value) and value == best[key] and len(rows) > 1
             cells.append(Cell(written(TERMS[key], value), float(value), tone=tone, best=won))
         lines.append(Line(cells, series=row.method if by_method else ""))
-    return [Column(first, words=True), *map(column, MEASURED)], lines
+    return [Column(first, words=True), *map(column, keys)], lines
 
 
 def heat_table(
@@ -96,7 +104,7 @@ def _tint(term: Term, value: float, values: Sequence[float]) -> tuple[float | No
     if term.kind == "share":
         return (1.0 - value) if term.better == "less" else value, ""
     known = [v for v in values if math.isfinite(v) and v > 0.0]
-    return (_log(value, min(known), max(known)) if known else None), ""
+    return (_log(value, min(known), max(known)) if known else None), "warm"
 
 
 def _log(value: float, low: float, high: float) -> float:

@@ -46,8 +46,8 @@ def headline(methods: Sequence[str]) -> str:
     return "auto" if "auto" in methods else methods[0]
 
 
-def verdict(run: EvaluationRun, summary: Summary) -> str:
-    """A paragraph: what was run, how the first method did, how often it was wrong, and what was best."""
+def verdict(run: EvaluationRun, summary: Summary) -> list[str]:
+    """Paragraphs: what was run, how the first method did and how often it was wrong; what was best, and what hard."""
     name = headline(summary.methods)
     row = summary.row(name)
     assert row is not None
@@ -66,8 +66,8 @@ def verdict(run: EvaluationRun, summary: Summary) -> str:
         if math.isfinite(m.median_px)
         else "None of its contacts could be held against a truth."
     )
-    words += [wrong(row), *_best(summary), *_hardest(summary, name)]
-    return " ".join(words)
+    others = [*_best(summary), *_hardest(summary, name)]
+    return [" ".join([*words, wrong(row)]), *([" ".join(others)] if others else [])]
 
 
 def wrong(row: Row) -> str:
@@ -112,15 +112,16 @@ def cards(summary: Summary) -> list[Card]:
 
 
 def _what(run: EvaluationRun, summary: Summary, row: Row) -> str:
-    count = f"{number(row.measures.frames)} frames in {number(row.cases)} sequences"
+    who = f"{len(summary.methods)} methods were shown the same" if len(summary.methods) > 1 else "One method was shown"
+    frames = f"{number(row.measures.frames)} images"
     if run.kind == "real":
-        return (
-            f"{number(row.measures.frames)} frames of {number(row.cases)} real videos, {len(summary.methods)} methods."
-        )
-    return (
-        f"{len(summary.shapes)} parts under {len(summary.levels)} disturbances, {count}, "
-        f"{len(summary.methods)} methods on the same images."
-    )
+        return f"{who} {frames} of {_count(row.cases, 'real video')}."
+    parts, levels = _count(len(summary.shapes), "part"), _count(len(summary.levels), "disturbance")
+    return f"{who} {frames}: {parts} under {levels}, {_count(row.cases, 'sequence')} in all."
+
+
+def _count(n: int, what: str) -> str:
+    return f"{number(n)} {what}" if n == 1 else f"{number(n)} {what}s"
 
 
 def _best(summary: Summary) -> list[str]:

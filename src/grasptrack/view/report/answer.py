@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 
 SIZE = (400, 300)
 """px of the picture."""
+INSET = 104
+"""px, side of the square that shows the worst contact enlarged."""
 TRUE_RGB: Colour = STATUS_RGB["tracked"]
 WRONG_RGB: Colour = (255, 96, 48)
 _DARK: Colour = (12, 14, 18)
@@ -43,10 +45,28 @@ def draw_answer(
         (height, width, 3) uint8 BGR.
     """
     source = as_bgr(image)
+    truth = None if truth is None or not np.isfinite(truth).all() else truth
+    answer = None if answer is None or not np.isfinite(answer).all() else answer
     corner, scale = _window(source.shape[:2], [*outline, truth, answer], size)
-    move = np.array([[scale, 0.0, 0.5 * scale - 0.5 - scale * (corner[0] + 0.5)],
-                     [0.0, scale, 0.5 * scale - 0.5 - scale * (corner[1] + 0.5)]])  # fmt: skip
-    way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
+    canvas = _piece(source, corner, scale, size, truth, outline, answer)
+    if truth is not None and answer is not None and truth.shape == answer.shape:
+        _inset(canvas, source, corner, scale, truth, outline, answer)
+    return canvas
+
+
+def _piece(
+    source: Picture,
+    corner: tuple[float, float],
+    scale: float,
+    size: tuple[int, int],
+    truth: Floats | None,
+    outline: Sequence[Floats],
+    answer: Floats | None,
+) -> Picture:
+    """A piece of an image from a corner px on, enlarged, with all that is drawn on it."""
+    shift = 0.5 * scale - 0.5 - scale * (np.array(corner) + 0.5)
+    move = np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]]])
+    way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR if scale < 4.0 else cv2.INTER_NEAREST
     warped = cv2.warpAffine(source, move, size, flags=way, borderMode=cv2.BORDER_CONSTANT, borderValue=(30, 27, 24))
     canvas: Picture = np.ascontiguousarray(warped, dtype=np.uint8)
 
@@ -56,22 +76,51 @@ def draw_answer(
     for width, colour in ((3.0, _DARK), (1.0, _WHITE)):
         for polygon in outline:
             stroke(canvas, placed(polygon), colour, width, closed=True)
-    true = None if truth is None or not np.isfinite(truth).all() else placed(truth)
-    said = None if answer is None or not np.isfinite(answer).all() else placed(answer)
-    if said is not None and len(said) == 2:
-        stroke(canvas, said, _DARK, 4.0)
-        stroke(canvas, said, WRONG_RGB, 2.0)
-    if true is not None:
-        for k, at in enumerate(true):
-            if said is not None and k < len(said):
-                stroke(canvas, np.array([at, said[k]]), _WHITE, 1.0)
+    if answer is not None and len(answer) == 2:
+        stroke(canvas, placed(answer), _DARK, 4.0)
+        stroke(canvas, placed(answer), WRONG_RGB, 2.0)
+    if truth is not None:
+        for k, at in enumerate(placed(truth)):
+            if answer is not None and k < len(answer):
+                stroke(canvas, np.array([at, placed(answer)[k]]), _WHITE, 1.0)
             disc(canvas, at, 8.0, _DARK, 5.0)
             disc(canvas, at, 8.0, TRUE_RGB, 3.0)
-    if said is not None:
-        for at in said:
+    if answer is not None:
+        for at in placed(answer):
             disc(canvas, at, 5.4, _DARK)
             disc(canvas, at, 4.0, WRONG_RGB)
     return canvas
+
+
+def _inset(
+    canvas: Picture,
+    source: Picture,
+    corner: tuple[float, float],
+    scale: float,
+    truth: Floats,
+    outline: Sequence[Floats],
+    answer: Floats,
+) -> None:
+    """Put the worst contact, enlarged, into the corner of the picture that is farthest from the object; in place."""
+    off = np.hypot(*(answer - truth).T)
+    k = int(off.argmax())
+    side = INSET
+    zoom = float(np.clip(0.5 * side / max(off[k], 1e-9), 1.5 * scale, 12.0))
+    if zoom * off[k] > 0.75 * side:
+        return  # so far off that it is plain to see
+    start = 0.5 * (truth[k] + answer[k]) - 0.5 * side / zoom
+    piece = _piece(source, (float(start[0]), float(start[1])), zoom, (side, side), truth, outline, answer)
+    drawn = [(np.asarray(p, dtype=np.float64) - corner) * scale for p in (*outline, truth, answer)]
+    points = np.concatenate([p[np.isfinite(p).all(axis=1)] for p in drawn])
+    height, width = canvas.shape[:2]
+    best, room = (0, 0), -1.0
+    for x, y in ((0, 0), (width - side, 0), (0, height - side), (width - side, height - side)):
+        reach = np.maximum(np.abs(points - (x + side / 2, y + side / 2)) - side / 2, 0.0).max(axis=1)
+        if (free := float(np.partition(reach, len(reach) // 8)[len(reach) // 8])) > room:
+            best, room = (x, y), free
+    x, y = best
+    canvas[y : y + side, x : x + side] = piece
+    cv2.rectangle(canvas, (x, y), (x + side - 1, y + side - 1), _WHITE, 1)
 
 
 def _window(

@@ -54,7 +54,11 @@ class Axis:
         if self.kind == "log":
             return decades(self.low, self.high)
         if self.kind == "root":
-            return [t for t in (0.0, 0.001, 0.01, 0.05, 0.1, 0.25, 0.5, 1.0) if self.low <= t <= self.high]
+            chosen = [self.high]
+            for share in (0.5, 0.25, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0):
+                if self.low <= share < self.high and np.ptp(self.place([share, chosen[0]])) >= 0.12:
+                    chosen.insert(0, share)
+            return chosen
         return steps(self.low, self.high)
 
     def written(self, value: float) -> str:

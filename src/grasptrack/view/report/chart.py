@@ -33,7 +33,7 @@ class Chart:
         y: Axis,
         width: int = 460,
         height: int = 310,
-        margins: tuple[int, int, int, int] = (46, 14, 14, 40),
+        margins: tuple[int, int, int, int] = (46, 30, 14, 40),
         grid: str = "y",
     ) -> None:
         self.title, self.x, self.y, self.grid = title, x, y, grid
@@ -166,11 +166,11 @@ class Chart:
             out.append(f'<path class="grid" d="M{self.left},{at:.1f}H{self.right}"/>')
             out.append(f'<text class="end" x="{self.left - 6}" y="{at + 4:.1f}">{escape(self.y.written(value))}</text>')
         out.append(f'<path class="axis" d="M{self.left},{self.bottom}H{self.right}"/>')
-        if self.x.label:
+        if self.x.label and self.x.marks:
             middle = (self.left + self.right) / 2
             out.append(f'<text class="label mid" x="{middle:.1f}" y="{self.bottom + 32}">{escape(self.x.label)}</text>')
         if self.y.label:
-            out.append(f'<text class="label" x="2" y="{max(9, self.top - 8)}">{escape(self.y.label)}</text>')
+            out.append(f'<text class="label" x="2" y="{max(9, self.top - 14)}">{escape(self.y.label)}</text>')
         return "".join(out)
 
 

@@ -103,10 +103,7 @@ class Page:
 
     def figures(self, charts: Iterable[tuple[str, str, str]], caption: str, large: bool = False) -> None:
         """Charts side by side, as many as there is room for: a heading, a note beside it, and the chart."""
-        parts = [
-            f'<div><h4>{escape(title)}<span class="note">{escape(note)}</span></h4>{svg}</div>'
-            for title, note, svg in charts
-        ]
+        parts = [f"<div>{_heading(title, note)}{svg}</div>" for title, note, svg in charts]
         self._add(
             f'<figure><div class="charts{" large" if large else ""}">{"".join(parts)}</div>'
             f"<figcaption>{rich(caption)}</figcaption></figure>"
@@ -204,3 +201,8 @@ class Page:
             for n in self.series
         )
         return f'<div class="keys" role="group" aria-label="Methods">{keys}</div>'
+
+
+def _heading(title: str, note: str) -> str:
+    beside = f'<span class="note">{escape(note)}</span>' if note else ""
+    return f"<h4>{escape(title)}{beside}</h4>" if title else ""

@@ -10,7 +10,7 @@ from typing import Literal
 
 from grasptrack.view.report.markup import DASH, escape, number, rich, slug
 
-Tone = Literal["", "good", "bad", "muted"]
+Tone = Literal["", "good", "bad", "muted", "warm"]
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Card:
         label: what it is.
         value: as it is written.
         note: below it.
-        tone: bad for what should not be.
+        tone: how it is taken: bad for what should not be.
         unit: beside the value, smaller.
     """
 

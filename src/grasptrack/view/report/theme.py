@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+from grasptrack.view.report.markup import escape
 from grasptrack.view.report.palette import Series
 
 LIGHT = {
@@ -21,6 +22,7 @@ LIGHT = {
     "bad": "#b3261e",
     "heat": "0 114 178",
     "heat-bad": "213 60 30",
+    "heat-warm": "226 150 20",
 }
 DARK = {
     "ground": "#121518",
@@ -35,6 +37,7 @@ DARK = {
     "bad": "#ff8f7e",
     "heat": "86 160 220",
     "heat-bad": "240 96 64",
+    "heat-warm": "222 150 40",
 }
 _STYLE = (
     "text{font:11.5px 'DejaVu Sans',Arial,sans-serif;fill:var(--muted)}.strong{font-weight:600;fill:var(--ink)}"
@@ -65,14 +68,34 @@ def standalone(svg: str, series: Iterable[Series], bands: str = "") -> str:
         series: all that it may hold.
         bands: the method whose bands are kept.
     """
+    series = list(series)
     values = {**{f"--{k}": v for k, v in LIGHT.items()}, **{s.variable: s.light for s in series}}
     kept = re.sub(r'<path class="band" data-m="([^"]*)"[^>]*/>', lambda m: m[0] if m[1] == bands else "", svg)
     found = re.search(r'viewBox="0 0 (\d+) (\d+)"', kept)
     assert found is not None
-    size = f'xmlns="http://www.w3.org/2000/svg" width="{found[1]}" height="{found[2]}" '
-    ground = f'<style>{_STYLE}</style><rect width="{found[1]}" height="{found[2]}" fill="{LIGHT["surface"]}"/>'
+    width, height = int(found[1]), int(found[2])
+    keys, below = _legend([s for s in series if f'data-m="{s.name}"' in kept], width, height)
+    size = f'xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height + below}" '
+    ground = f'<style>{_STYLE}</style><rect width="{width}" height="{height + below}" fill="{LIGHT["surface"]}"/>'
+    kept = kept.replace(found[0], f'viewBox="0 0 {width} {height + below}"', 1).replace("</svg>", f"{keys}</svg>")
     kept = kept.replace("<svg ", f"<svg {size}", 1).replace(">", f">{ground}", 1)
     return re.sub(r"var\((--[a-z0-9-]+)\)", lambda m: values.get(m[1], LIGHT["ink"]), kept)
+
+
+def _legend(series: list[Series], width: int, top: int) -> tuple[str, int]:
+    """Keys of all series in rows below a chart, and the px that they take."""
+    x, y, parts = 10.0, top + 12.0, []
+    for s in series:
+        wide = 34.0 + 7.0 * len(s.name)
+        if x + wide > width and x > 10.0:
+            x, y = 10.0, y + 17.0
+        dash = f' stroke-dasharray="{s.dash}"' if s.dash else ""
+        parts.append(
+            f'<path d="M{x:g},{y - 4:g}h22" fill="none" stroke="{s.light}" stroke-width="{s.width + 0.6:g}"{dash}/>'
+            f'<text x="{x + 27:g}" y="{y:g}">{escape(s.name)}</text>'
+        )
+        x += wide + 12.0
+    return "".join(parts), round(y - top + 10.0) if parts else 0
 
 
 def _block(values: dict[str, str], scheme: str) -> str:
