@@ -150,7 +150,7 @@ def test_motion_blur_is_the_mean_over_the_exposure() -> None:
     at = t[:-1] + 0.05
     centre = (slope * at).sum() / slope.sum()
     spread = math.sqrt((slope * (at - centre) ** 2).sum() / slope.sum())
-    assert centre == pytest.approx(0.0, abs=0.03)
+    assert centre == pytest.approx(0.0, abs=0.01)
     # Bilinear sampling of pixels adds a sixth of a square pixel of variance.
     assert spread == pytest.approx(math.sqrt(sigma**2 + (exposure * step) ** 2 / 12 + 1 / 6), rel=0.03)
     given = {"camera": Camera(WIDTH, HEIGHT), "table": stone(1), "surface": flat(50)}
