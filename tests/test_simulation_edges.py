@@ -59,10 +59,10 @@ def test_edges_lie_on_the_stated_outline(name: str) -> None:
         ]
     off = np.concatenate(found)
     assert len(off) > 1000
-    assert abs(off.mean()) < LIMIT
-    assert off.std() < (
-        0.06 if name == "motion-blur" else 0.02
-    )  # a motion that speeds up is not symmetric about its middle
+    if name == "motion-blur":  # what turns or speeds up while it is exposed is not seen where it is in the middle of it
+        assert abs(off.mean()) < 2 * LIMIT and off.std() < 0.06
+    else:
+        assert abs(off.mean()) < LIMIT and off.std() < 0.02
 
 
 @pytest.mark.parametrize("shape", ["notched-plate", "gasket"])

@@ -52,8 +52,8 @@ K1, K2 = st.floats(-0.25, 0.3), st.floats(-0.03, 0.06)
 def test_a_lens_is_undone_to_rounding(k1: float, k2: float) -> None:
     camera = Camera(k1=k1, k2=k2)
     points = np.random.default_rng(0).uniform([-400, -300], [1040, 780], (200, 2))
-    assert camera.undistort(camera.distort(points)) == pytest.approx(points, abs=1e-9)
-    assert camera.distort(camera.undistort(points)) == pytest.approx(points, abs=1e-9)
+    assert np.abs(camera.undistort(camera.distort(points)) - points).max() < 1e-9
+    assert np.abs(camera.distort(camera.undistort(points)) - points).max() < 1e-9
     middle = camera.matrix[:2, 2]
     assert camera.distort(middle[None])[0] == pytest.approx(middle)
 
@@ -150,7 +150,7 @@ def test_motion_blur_is_the_mean_over_the_exposure() -> None:
     at = t[:-1] + 0.05
     centre = (slope * at).sum() / slope.sum()
     spread = math.sqrt((slope * (at - centre) ** 2).sum() / slope.sum())
-    assert centre == pytest.approx(0.0, abs=0.03)
+    assert centre == pytest.approx(0.0, abs=0.01)
     # Bilinear sampling of pixels adds a sixth of a square pixel of variance.
     assert spread == pytest.approx(math.sqrt(sigma**2 + (exposure * step) ** 2 / 12 + 1 / 6), rel=0.03)
     given = {"camera": Camera(WIDTH, HEIGHT), "table": stone(1), "surface": flat(50)}

@@ -21,8 +21,9 @@ SYMMETRIC = 0.04
 TURNS = 120
 SAME = 0.002
 """sqrt(area); nearer than this, no better fit is looked for."""
-CLEARANCE = 0.06
-"""sqrt(area) that a notch leaves of the material, and a tab of the gap, at least."""
+ROOM = ((0.93, 0.06), (0.8, 0.04), (0.6, 0.025))
+"""What a place for a notch or tab needs, the next where the outline has no such place: how straight it is (chord over
+length), and how much a notch leaves of the material, a tab of the gap, in sqrt(area)."""
 
 
 @dataclass(frozen=True)
@@ -118,16 +119,19 @@ def near_twin(shape: Shape, seed: int = 0) -> Shape:
         ContourError: nowhere on the outline is there room for either.
     """
     rng = np.random.default_rng((seed, zlib.crc32(shape.name.encode()), 41))
-    for _ in range(600):
-        width, depth = rng.uniform(0.10, 0.15, 2)
-        out = bool(rng.uniform() < 0.5)
-        ring = _bumped(shape, float(rng.uniform()), float(width), float(depth if out else -depth))
-        if ring is not None:
-            return Shape(f"{shape.name}, near twin", ring, shape.holes)
+    for straight, clearance in ROOM:
+        for _ in range(300):
+            width, depth = rng.uniform(0.10, 0.15, 2)
+            signed = float(depth if rng.uniform() < 0.5 else -depth)
+            ring = _bumped(shape, float(rng.uniform()), float(width), signed, straight, clearance)
+            if ring is not None:
+                return Shape(f"{shape.name}, near twin", ring, shape.holes)
     raise ContourError(f"{shape.name}: no room for a notch or a tab of 10 % of its size")
 
 
-def _bumped(shape: Shape, place: float, width: float, depth: float) -> Floats | None:
+def _bumped(
+    shape: Shape, place: float, width: float, depth: float, straight: float, clearance: float
+) -> Floats | None:
     """The outer polygon with a tab (depth > 0) or notch on a stretch from a share of its length on; None if it fails."""
     ring = shape.outer
     sides = np.roll(ring, -1, axis=0) - ring
@@ -144,7 +148,7 @@ def _bumped(shape: Shape, place: float, width: float, depth: float) -> Floats | 
     a, b = at(start), at(start + width)
     chord = b - a
     length = float(np.hypot(chord[0], chord[1]))
-    if length < 0.93 * width:  # a bend
+    if length < straight * width:  # a bend
         return None
     t = chord / length
     n = np.array([t[1], -t[0]])  # out of the material
@@ -165,4 +169,4 @@ def _bumped(shape: Shape, place: float, width: float, depth: float) -> Floats | 
     # Near its feet the bump is near the outline it grew from; there, only its far side has to be clear.
     face = probes[8:16]
     gap = np.sqrt(((face[:, None] - others[None]) ** 2).sum(axis=2)).min()
-    return new if gap >= CLEARANCE else None
+    return new if gap >= clearance else None
