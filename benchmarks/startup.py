@@ -33,8 +33,8 @@ def main() -> None:
     common.say("Seconds of a fresh process, median and largest.")
     script = Path(sys.executable).with_name("grasptrack")
     shown = [str(script)] if script.exists() else [sys.executable, "-m", "grasptrack.cli.main"]
-    bare, _ = medians([sys.executable, "-c", "pass"], runs)
-    rows: list[list[object]] = [["python -c pass", bare, bare, "", ""]]
+    bare, slowest = medians([sys.executable, "-c", "pass"], runs)
+    rows: list[list[object]] = [["python -c pass", bare, slowest, "", ""]]
     for name, command, target in (
         ("import grasptrack", [sys.executable, "-c", "import grasptrack"], 0.3),
         ("import grasptrack, GraspTracker", [sys.executable, "-c", "from grasptrack import GraspTracker"], None),

@@ -176,9 +176,7 @@ def time_opencv(seen: Views) -> tuple[Measured, Errors]:
 def run(most: int) -> None:
     """Measure and show; `most` calls on the shorter outlines, fewer on longer ones."""
     common.heading("Steps over the outline's length")
-    common.say(
-        "Two fingers, each call on an outline that was not seen before. Median us, and the 99th percentile below."
-    )
+    common.say("Two fingers, each call on an outline that was not seen before.")
     ours: dict[int, Measured] = {}
     theirs: dict[int, Measured] = {}
     errors: dict[int, Errors] = {}

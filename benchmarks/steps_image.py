@@ -149,7 +149,7 @@ def run(updates: int) -> None:
         runs = {strategy: time_tracker(order, strategy) for strategy in STRATEGIES}
         assert first.contacts is not None
         contacts = first.contacts
-        few = order[: max(6, calls // 5)]
+        few = order[: max(4, calls // 6)]
         whole.append(runs | {name: time_peer(name, few, contacts) for name in peers})
     common.say("Steps, ms. The first look is taken a few times only; its 99th percentile is nearly its largest.")
     show(steps)
