@@ -192,3 +192,21 @@ CURVES: tuple[tuple[str, str, str], ...] = (
     ),
 )
 """Curves: name, meaning, source."""
+
+_RECOVERED = Term(
+    "recovered",
+    "recovered",
+    "%",
+    "Share of the object's returns to whole view after which it was rightly located again.",
+    better="more",
+)
+COMPARED: dict[str, Term] = {
+    t.key: t
+    for t in (
+        *(TERMS[key] for key in ("located_whole", "located_partly", "tracked_visible", "false_accepts")),
+        *(TERMS[key] for key in ("rms_px", "median_px", "p95_px")),
+        _RECOVERED,
+        *(TERMS[key] for key in ("recovery_frames", "median_ms")),
+    )
+}
+"""What two runs are compared by, in the order of tables."""

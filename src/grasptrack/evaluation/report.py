@@ -7,10 +7,11 @@ from pathlib import Path
 
 from grasptrack.errors import InputError
 from grasptrack.evaluation.report_page import Picture, Progress, RunPage, Shown
+from grasptrack.evaluation.report_paper import paper_report
 from grasptrack.evaluation.run_folder import read_run
 from grasptrack.evaluation.summary import summarise, write_summary
 
-__all__ = ["FIGURES", "PAGE", "Picture", "Progress", "Shown", "write_report"]
+__all__ = ["FIGURES", "PAGE", "Picture", "Progress", "Shown", "paper_report", "write_report"]
 
 FIGURES = "figures"
 PAGE = "report.html"

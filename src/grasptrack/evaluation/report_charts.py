@@ -122,36 +122,26 @@ def recovery_chart(run: EvaluationRun, series: Methods) -> Chart | None:
 
 def spread_chart(run: EvaluationRun, series: Methods, levels: Sequence[str]) -> Chart:
     """Median error and the range of 90 % of the frames, a line for each method, level by level."""
-    step, gap, top = 9.0, 12.0, 8
-    block = step * len(series) + gap
+    step, head, top = 9.0, 24.0, 4
+    block = step * len(series) + head + 6.0
     rows: list[tuple[float, str, Sequence[float], str]] = []
-    names: list[tuple[float, str]] = []
     for i, level in enumerate(levels):
         cases = [c for c in run.scored if c.disturbance == level]
-        names.append((top + i * block + 0.5 * block, level))
         for k, method in enumerate(series):
             values = spread_of(_errors(run.runs(method, cases)), (5.0, 50.0, 95.0)).tolist()
-            y = top + i * block + 0.5 * gap + (k + 0.5) * step
-            tip = f"{method}, {level}: median {number(values[1])} px, 5 to 95 %: {number(values[0])} to {number(values[2])} px"
-            rows.append((y, method, values, tip))
-    low, high = log_range([v for _, _, values, _ in rows for v in values], 1e-3, 1e3, floor=10.0)
-    height = round(top + block * len(levels) + 40)
-    wide = max(60, 8 + 7 * max(map(len, levels), default=0))
-    chart = Chart(
-        f"Errors by {run.factor}",
-        Axis("error, px", low, high, "log"),
-        Axis("", 0.0, 1.0, ticks=()),
-        760,
-        height,
-        (min(190, wide), top, 14, 40),
-        "both",
-    )
-    for y, level in names:
-        chart.text(chart.left - 10, y + 4, level, "end strong")
-        if y > names[0][0]:
-            chart.separator(y - 0.5 * block)
-    for y, method, values, tip in rows:
-        chart.spread(values, y, series[method], tip)
+            middle, low, high = (number(values[j]) for j in (1, 0, 2))
+            tip = f"{method}, {level}: median {middle} px, 5 to 95 %: {low} to {high} px"
+            rows.append((top + i * block + head + (k + 0.5) * step, method, values, tip))
+    ends = log_range([v for _, _, values, _ in rows for v in values], 1e-3, 1e3, floor=10.0)
+    x, y = Axis("error, px", *ends, "log"), Axis("", 0.0, 1.0, ticks=())
+    height = round(top + block * len(levels) + 46)
+    chart = Chart(f"Errors by {run.factor}", x, y, 640, height, (8, top, 22, 42), "both")
+    for i, level in enumerate(levels):
+        if i:
+            chart.separator(top + i * block)
+        chart.text(chart.left, top + i * block + 17, level, "strong")
+    for at, method, values, tip in rows:
+        chart.spread(values, at, series[method], tip)
     return chart
 
 
@@ -171,7 +161,7 @@ def latency_chart(run: EvaluationRun, series: Methods) -> Chart:
         Axis("", 0.0, 1.0, ticks=()),
         460,
         round(top + step * len(known) + 44),
-        (wide, top, 14, 40),
+        (wide, top, 22, 40),
         "both",
     )
     chart.rule(CAMERA_MS, "30 frames/s")

@@ -64,7 +64,7 @@ def verdict(run: EvaluationRun, summary: Summary) -> list[str]:
     words.append(
         f"Half of its contacts lie within **{number(m.median_px, 2)} px** of the truth, 95 % within {number(m.p95_px, 2)} px."
         if math.isfinite(m.median_px)
-        else "None of its contacts could be held against a truth."
+        else "No contact of it could be held against a truth."
     )
     others = [*_best(summary), *_hardest(summary, name)]
     return [" ".join([*words, wrong(row)]), *([" ".join(others)] if others else [])]

@@ -33,7 +33,7 @@ class Chart:
         y: Axis,
         width: int = 460,
         height: int = 310,
-        margins: tuple[int, int, int, int] = (46, 30, 14, 40),
+        margins: tuple[int, int, int, int] = (46, 30, 22, 40),
         grid: str = "y",
     ) -> None:
         self.title, self.x, self.y, self.grid = title, x, y, grid
@@ -122,11 +122,12 @@ class Chart:
         if axis == "x":
             at = float(self.px(value))
             self._below.append(f'<path class="rule" d="M{at:.1f},{self.top}V{self.bottom}"/>')
-            self.text(at + 4, self.top + 10, label, "note")
+            late = at > 0.5 * (self.left + self.right)
+            self.text(at + (-4 if late else 4), self.top + 9, label, "end" if late else "")
         else:
             at = float(self.py(value))
             self._below.append(f'<path class="rule" d="M{self.left},{at:.1f}H{self.right}"/>')
-            self.text(self.right - 3, at - 4, label, "note end")
+            self.text(self.right - 3, at - 4, label, "end")
 
     def separator(self, y: float) -> None:
         """A thin line across the whole width at a place y px."""

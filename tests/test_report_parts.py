@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Axes, charts, numbers and pictures of reports against their laws."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grasptrack.evaluation.curves import out_of_view, over_time, precision, recovered
+from grasptrack.view.report import DASH, Axis, Cell, Chart, Page, number, palette, percent
+from grasptrack.view.report.answer import TRUE_RGB, WRONG_RGB, draw_answer
+from grasptrack.view.report.axis import log_range, steps
+from grasptrack.view.report.markup import fixed
+from grasptrack.view.report.parts import cell_of
+from reported import made_up
+
+FLOATS = st.floats(allow_nan=True, allow_infinity=True)
+SIZES = st.floats(1e-6, 1e6)
+
+
+@given(FLOATS)
+def test_any_number_is_written_without_a_word(value: float) -> None:
+    for text in (
+        number(value),
+        fixed(value, 3),
+        percent(value if 0.0 <= value <= 1.0 else math.nan),
+        cell_of(value).text,
+    ):
+        assert ("nan" not in text and "inf" not in text and "e+" not in text.replace("e+", "", 0)) or abs(value) > 1e6
+    assert (number(value) == DASH) == math.isnan(value)
+
+
+@given(st.floats(0.0, 1.0), st.integers(1, 3))
+def test_only_all_is_written_as_a_hundred_per_cent_and_only_none_as_zero(share: float, decimals: int) -> None:
+    text = percent(share, decimals)
+    assert (float(text) == 100.0) == (share == 1.0)
+    assert (float(text) == 0.0) == (share == 0.0)
+    assert float(text) == pytest.approx(100.0 * share, abs=1.01 * 10.0**-decimals)
+
+
+@given(
+    SIZES, st.floats(1.01, 1e4), st.sampled_from(["linear", "log", "root"]), st.lists(st.floats(0.0, 1.0), min_size=2)
+)
+def test_an_axis_keeps_order_and_its_ends(low: float, ratio: float, kind: str, shares: list[float]) -> None:
+    axis = Axis("", low, low * ratio, kind)  # type: ignore[arg-type]
+    assert axis.place([low, low * ratio]) == pytest.approx([0.0, 1.0])
+    values = np.sort(low + np.array(shares) * (low * ratio - low))
+    places = axis.place(values)
+    assert (np.diff(places) >= 0.0).all() and places.min() >= 0.0 and places.max() <= 1.0
+    assert axis.place([low / 2.0, low * ratio * 2.0]) == pytest.approx([0.0, 1.0])
+    assert np.isnan(axis.place(math.nan))
+
+
+@given(SIZES, st.floats(1.5, 1e5))
+def test_marks_lie_on_the_axis_and_are_few(low: float, ratio: float) -> None:
+    high = low * ratio
+    for axis in (Axis("", low, high, "log"), Axis("", low, high)):
+        assert all(low * 0.998 <= m <= high * 1.002 for m in axis.marks)
+        assert len(axis.marks) <= 9
+    assert len(steps(0.0, high)) >= 3
+
+
+@given(st.lists(st.one_of(FLOATS, st.just(0.0)), max_size=20))
+def test_a_range_holds_what_it_can(values: list[float]) -> None:
+    low, high = log_range(values, 1e-3, 1e3, floor=10.0)
+    assert 1e-3 * 0.999 <= low < high <= 1e3 * 10.01 and high >= low * 1.99
+    inside = [v for v in values if 1e-3 <= v <= 1e3]
+    assert all(low * 0.999 <= v <= high * 1.001 for v in inside)
+
+
+def test_a_line_breaks_where_there_is_no_value() -> None:
+    series = palette(["auto"])["auto"]
+    chart = Chart("title & more", Axis("x", 0.0, 10.0), Axis("y", 0.0, 1.0))
+    chart.line([0, 1, 2, 3, 4], [0.1, 0.2, math.nan, 0.3, math.nan], series)
+    chart.band([0, 1, 2, 3], [0.1, 0.1, math.nan, 0.1], [0.2, 0.2, 0.2, 0.3], series)
+    chart.dot(math.nan, 1.0, series)
+    svg = chart.svg()
+    path = re.search(r'class="ln"[^>]* d="([^"]*)"', svg)
+    assert path is not None and path[1].count("M") == 2
+    assert "nan" not in svg and "title &amp; more" in svg and "<circle" not in svg
+
+
+def test_every_method_has_a_line_of_its_own() -> None:
+    names = [
+        "auto",
+        "rrp",
+        "grasp-line",
+        "homography",
+        "ecc",
+        "klt",
+        "sift",
+        "otsu",
+        "visp",
+        "paper-rrp",
+        "new",
+        "newer",
+    ]
+    found = palette(names)
+    assert list(found) == names
+    assert len({(s.light, s.dash) for s in found.values()}) == len(names)
+    assert len({s.variable for s in found.values()}) == len(names)
+    assert palette(["ecc"])["ecc"] == found["ecc"]
+
+
+def test_what_stands_in_a_page_is_escaped() -> None:
+    page = Page("<script>alert(1)</script>", "a & b", ["<m>"])
+    page.section("<b>", "x < y")
+    page.table(["<i>", "n"], [["<u>", float("nan")], [Cell('"', tip="<q>"), None]], ["<note>"], "<caption>")
+    page.text("`a<b`", "**c<d**")
+    text = page.html()
+    for raw in ("<script>alert", "<b>", "<i>", "<u>", "<q>", "<note>", "<caption>", "<m>"):
+        assert raw not in text
+    assert "<code>a&lt;b</code>" in text and "<strong>c&lt;d</strong>" in text
+
+
+# --- curves --------------------------------------------------------------------------------------
+
+
+def test_error_over_time_is_the_median_over_the_runs() -> None:
+    runs = [made_up(np.random.default_rng(k), "bar", "auto") for k in range(9)]
+    found = over_time(runs)
+    for i in range(30):
+        errors = [r[i].error for r in runs if r[i].distances is not None and not r[i].defining]
+        if len(errors) >= 3:
+            assert found.median[i] == pytest.approx(float(np.median(errors)))
+            assert min(errors) <= found.low[i] <= found.median[i] <= found.high[i] <= max(errors)
+        shown = [r[i].answered for r in runs if not r[i].defining]
+        assert math.isnan(found.located[i]) if not shown else found.located[i] == pytest.approx(np.mean(shown))
+    assert out_of_view(runs) == ([], [(10, 17)])
+    assert out_of_view([made_up(np.random.default_rng(0), "away", "auto")]) == ([(10, 17)], [])
+
+
+def test_precision_counts_frames_without_an_answer_as_missed() -> None:
+    runs = [made_up(np.random.default_rng(k), "clean", "ecc") for k in range(4)]
+    at = np.array([0.1, 0.5, 1.0, 1e9])
+    found = precision(runs, at)
+    asked = [f for r in runs for f in r if not f.defining]
+    for t, share in zip(at, found, strict=True):
+        assert share == pytest.approx(sum(f.distances is not None and f.error <= t for f in asked) / len(asked))
+    assert precision(runs, 100.0 * at / 55.0, of_opening=True) == pytest.approx(found)
+    assert np.isnan(precision([], at)).all()
+
+
+def test_shares_recovered_grow_to_all_that_were() -> None:
+    runs = [made_up(np.random.default_rng(k), "away", "ecc") for k in range(6)]
+    shares, returns = recovered(runs, 11)
+    assert returns == 6 and (np.diff(shares) >= 0.0).all() and shares[-1] == 1.0
+    blind = [[replace(f, contacts=None, distances=None) if f.frame else f for f in r] for r in runs]
+    assert recovered(blind, 11)[0].tolist() == [0.0] * 12
+
+
+# --- pictures ------------------------------------------------------------------------------------
+
+
+def has(picture: np.ndarray, rgb: tuple[int, int, int]) -> bool:
+    return bool((np.abs(picture.astype(int) - rgb[::-1]).sum(axis=2) < 30).any())
+
+
+@pytest.mark.parametrize("shape", [(480, 640), (480, 640, 3), (40, 30)])
+@pytest.mark.parametrize("shift", [0.0, 4.0, 60.0, -5000.0, math.inf])
+def test_truth_and_answer_are_both_drawn(shape: tuple[int, ...], shift: float) -> None:
+    image = np.full(shape, 90, np.uint8)
+    truth = np.array([[10.0, 12.0], [25.0, 30.0]])
+    outline = [np.array([[5.0, 5.0], [28.0, 5.0], [28.0, 38.0], [5.0, 38.0]])]
+    drawn = draw_answer(image, truth, outline, truth + shift)
+    assert drawn.shape == (300, 400, 3) and drawn.dtype == np.uint8
+    assert has(drawn, TRUE_RGB)
+    near = abs(shift) < 0.2 * max(shape[:2])
+    assert has(drawn, WRONG_RGB) == near
+    assert (image == 90).all()
+
+
+def test_an_answer_without_an_object_is_drawn_alone() -> None:
+    drawn = draw_answer(np.full((100, 100), 90, np.uint8), None, (), np.array([[20.0, 20.0], [60.0, 60.0]]))
+    assert has(drawn, WRONG_RGB) and not has(drawn, TRUE_RGB)
+    assert not has(draw_answer(np.full((100, 100), 90, np.uint8), None, (), None), WRONG_RGB)
