@@ -33,10 +33,11 @@ def compare(
       grasptrack compare old new --output compare.html --strict
     """
     from grasptrack.evaluation.compare import compare as put_together
+    from grasptrack.evaluation.compare_page import write_comparison
 
     found = put_together(before, after)
     if output is not None:
-        found.write(output)
+        write_comparison(found, output)
     if not quiet:
         for line in found.to_text():
             typer.echo(line)

@@ -27,7 +27,7 @@ def paper(
     """Rerun Tables I to VII of the paper in the paper's form, beside the printed values where there are any.
 
     Three objects, others than the paper's: sizes compare, digits do not. On ideal contours and on rendered images.
-    Writes tables.txt, tables.json, a CSV file for each table, figures, pictures and report.html.
+    Writes tables.txt, tables.md, tables/*.csv, evaluation.json, figures and report.html.
 
     \b
     Examples:
@@ -35,7 +35,7 @@ def paper(
       grasptrack evaluate paper --frames 40 --output short
     """
     from grasptrack.evaluation.paper import run_paper
-    from grasptrack.evaluation.report import write_paper
+    from grasptrack.evaluation.paper_folder import write_paper
     from grasptrack.evaluation.table import to_text
     from grasptrack.io.run import prepare_folder
 
