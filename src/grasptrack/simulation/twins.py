@@ -129,9 +129,7 @@ def near_twin(shape: Shape, seed: int = 0) -> Shape:
     raise ContourError(f"{shape.name}: no room for a notch or a tab of 10 % of its size")
 
 
-def _bumped(
-    shape: Shape, place: float, width: float, depth: float, straight: float, clearance: float
-) -> Floats | None:
+def _bumped(shape: Shape, place: float, width: float, depth: float, straight: float, clearance: float) -> Floats | None:
     """The outer polygon with a tab (depth > 0) or notch on a stretch from a share of its length on; None if it fails."""
     ring = shape.outer
     sides = np.roll(ring, -1, axis=0) - ring
