@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes with exact ground truth. They know nothing of the tracker."""
 
-from grasptrack.simulation.camera import Camera, Path, similarity_path, tilting_path
+from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.conditions import Conditions, Shadow
 from grasptrack.simulation.courses import course
 from grasptrack.simulation.covers import Bar, Cover, Laid
 from grasptrack.simulation.disturbances import DISTURBANCES, Disturbance, applicable
 from grasptrack.simulation.hand import bar_over, hand_over
 from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.paths import Path, similarity_path, tilting_path
 from grasptrack.simulation.photo import part_of_photo
 from grasptrack.simulation.render import Renderer
 from grasptrack.simulation.scene import Guest, Scene, SceneFrame, demo_scene

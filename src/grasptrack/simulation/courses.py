@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.projective import apply_homography
-from grasptrack.simulation.camera import Camera, Path, tilting_path
+from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.paths import Path, tilting_path
 
 Floats = NDArray[np.float64]
 

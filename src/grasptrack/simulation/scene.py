@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.projective import apply_homography
-from grasptrack.simulation.camera import Camera, Path
+from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.conditions import Conditions
 from grasptrack.simulation.covers import Cover
 from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.paths import Path
 from grasptrack.simulation.render import Floats32, Renderer
 from grasptrack.simulation.shapes import bracket
 from grasptrack.simulation.surfaces import brushed

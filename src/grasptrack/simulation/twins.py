@@ -46,6 +46,8 @@ def best_fit(moving: Shape, fixed: Shape) -> Fit:
     a, b = moving.samples(130), fixed.samples(130)
     turns = np.arange(TURNS) * (2.0 * math.pi / TURNS)
     za, zb = a[:, 0] + 1j * a[:, 1], (b[:, 0] + 1j * b[:, 1]).conj()
+    middle, goal = za.mean(), zb.mean().conj()
+    za, zb = za - middle, zb - zb.mean()
     squares = (np.abs(za) ** 2)[:, None] + (np.abs(zb) ** 2)[None]
     worst = np.empty(TURNS)
     for i, turn in enumerate(turns):
@@ -53,7 +55,8 @@ def best_fit(moving: Shape, fixed: Shape) -> Fit:
         worst[i] = max(gap.min(axis=1).max(), gap.min(axis=0).max())
     best: Fit | None = None
     for i in np.argsort(worst, kind="stable")[:3]:
-        fit = _refined(moving, fixed, float(turns[i]))
+        away = goal - middle * np.exp(1j * turns[i])
+        fit = _refined(moving, fixed, float(turns[i]), np.array([away.real, away.imag]))
         best = fit if best is None or fit.distance < best.distance else best
         if best.distance < SAME:
             break
@@ -61,9 +64,9 @@ def best_fit(moving: Shape, fixed: Shape) -> Fit:
     return best
 
 
-def _refined(moving: Shape, fixed: Shape, turn: float) -> Fit:
+def _refined(moving: Shape, fixed: Shape, turn: float, shift: Floats) -> Fit:
     """Iterated closest points from a first turn; the better of where they began and where they ended."""
-    b, shift = fixed.samples(260), np.zeros(2)
+    b = fixed.samples(260)
     first = _judged(moving, fixed, turn, shift)
     if first.distance < SAME:
         return first

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What happens in each scene of the suite: from a setting to the arguments of a scene."""
+
+from __future__ import annotations
+
+import math
+
+from grasptrack.simulation.camera import Camera
+from grasptrack.simulation.conditions import Shadow
+from grasptrack.simulation.courses import astray
+from grasptrack.simulation.hand import bar_over, hand_over
+from grasptrack.simulation.looks import another_surface
+from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.scene import Guest
+from grasptrack.simulation.setting import Parts, Setting
+from grasptrack.simulation.shapes import SHAPES
+from grasptrack.simulation.texture import Texture
+from grasptrack.simulation.twins import best_fit, mirrored, near_twin
+
+OTHER = 0.12
+"""sqrt(area) by which a part that takes the object's place differs from it at least."""
+
+
+# --- motion --------------------------------------------------------------------------------------
+
+
+def clean_4dof(s: Setting) -> Parts:
+    """Frontal."""
+    return {"path": s.course(tilt=0.0)}
+
+
+def clean_6dof(s: Setting) -> Parts:
+    """With tilt."""
+    return {"path": s.course(tilt=math.radians(25.0))}
+
+
+def fast(s: Setting) -> Parts:
+    """Quick, with tilt."""
+    return {"path": s.course(tilt=math.radians(20.0), speed=20.0, spin=6.0, reach=0.7, cycles=2.4)}
+
+
+def belt(s: Setting) -> Parts:
+    """The table slides by 2 to 6 px a frame."""
+    px, angle = s.rng.uniform(2.0, 6.0), s.rng.uniform(0.0, 2.0 * math.pi)
+    step = px / 175.0
+    return {"path": s.course(speed=2.5), "slide": (step * math.cos(angle), step * math.sin(angle))}
+
+
+def leave(s: Setting) -> Parts:
+    """Out of the image, above or below, and back."""
+    side = float(s.rng.choice([-0.5, 0.5]) * math.pi + s.rng.uniform(-0.35, 0.35))
+    path, camera = s.course(speed=2.5, reach=0.25), Camera(s.width, s.height)
+    out, there, back, home = s.at(0.1, 0.42, 0.58, 0.9)
+    return {"path": astray(s.shape, path, camera, direction=side, share=1.0, times=(out, there, back, home))}
+
+
+def clip(s: Setting) -> Parts:
+    """Partly out of the image, to any side, and back."""
+    side, share = float(s.rng.uniform(0.0, 2.0 * math.pi)), float(s.rng.uniform(0.25, 0.4))
+    path, camera = s.course(speed=2.5, reach=0.25), Camera(s.width, s.height)
+    out, there, back, home = s.at(0.12, 0.42, 0.65, 0.92)
+    return {"path": astray(s.shape, path, camera, direction=side, share=share, times=(out, there, back, home))}
+
+
+# --- image ---------------------------------------------------------------------------------------
+
+
+def noise(s: Setting) -> Parts:
+    """Strong noise."""
+    return {"path": s.course(), "light": {"noise": float(s.rng.uniform(8.0, 16.0))}}
+
+
+def blur(s: Setting) -> Parts:
+    """Out of focus."""
+    return {"path": s.course(), "light": {"blur": float(s.rng.uniform(2.0, 3.5))}}
+
+
+def light(s: Setting) -> Parts:
+    """A gradient, a drift, three jumps."""
+    angle, strength = s.rng.uniform(0.0, 2.0 * math.pi), s.rng.uniform(0.15, 0.3)
+    darker, lighter = float(s.rng.uniform(0.5, 0.7)), float(s.rng.uniform(1.15, 1.3))
+    first, last = (darker, lighter) if s.rng.uniform() < 0.5 else (lighter, darker)
+    a, b, c = (round(f) for f in s.at(0.3, 0.55, 0.75))
+    light = {
+        "gradient": (float(strength * math.cos(angle)), float(strength * math.sin(angle))),
+        "vignette": float(s.rng.uniform(0.1, 0.3)),
+        "drift": float(s.rng.uniform(0.08, 0.15)),
+        "jumps": ((a, first), (b, 1.0), (c, last)),
+    }
+    return {"path": s.course(), "light": light}
+
+
+def shadow(s: Setting) -> Parts:
+    """A blob or a bar of shadow."""
+    start, end = (round(f) for f in s.at(0.1, 0.95))
+    shadow = Shadow(
+        start=max(1, start),
+        end=end,
+        depth=float(s.rng.uniform(0.3, 0.55)),
+        width=float(s.rng.uniform(0.2, 0.4)),
+        softness=float(s.rng.uniform(4.0, 20.0)) * s.width / 640.0,
+        angle=float(s.rng.uniform(0.0, 2.0 * math.pi)),
+        round=bool(s.rng.uniform() < 0.5),
+        seed=int(s.rng.integers(1 << 20)),
+    )
+    return {"path": s.course(), "light": {"shadow": shadow}}
+
+
+def motion_blur(s: Setting) -> Parts:
+    """A long exposure on a quick path."""
+    path = s.course(speed=12.0, spin=4.0, reach=0.6, cycles=1.6)
+    return {"path": path, "light": {"exposure": float(s.rng.uniform(0.4, 0.7))}}
+
+
+# --- covers --------------------------------------------------------------------------------------
+
+
+def bar(s: Setting) -> Parts:
+    """A bar sweeps across."""
+    path = s.course()
+    level = float(s.rng.uniform(30.0, 210.0))
+    bar = bar_over(
+        s.shape,
+        _four(s.at(0.15, 0.5, 0.5, 0.85)),
+        share=0.3,
+        angle=float(s.rng.uniform(0.0, 2.0 * math.pi)),
+        view=s.view(path),
+        colour=(level * 0.97, level, level * 1.01),
+    )
+    return {"path": path, "covers": (bar,)}
+
+
+def hand(s: Setting) -> Parts:
+    """A hand reaches in and rests."""
+    path = s.course()
+    hand = hand_over(
+        s.shape,
+        _four(s.at(0.15, 0.38, 0.65, 0.88)),
+        share=0.3,
+        side=float(s.rng.uniform(0.0, 2.0 * math.pi)),
+        aside=float(s.rng.uniform(-0.25, 0.25)),
+        view=s.view(path),
+        seed=int(s.rng.integers(1 << 20)),
+    )
+    return {"path": path, "covers": (hand,)}
+
+
+def _four(at: tuple[float, ...]) -> tuple[float, float, float, float]:
+    a, b, c, d = at
+    return a, b, c, d
+
+
+# --- identity ------------------------------------------------------------------------------------
+
+
+def _guest(s: Setting, shape: Shape, surface: Texture | None = None) -> Parts:
+    start, end = (round(f) for f in s.at(0.35, 0.65))
+    return {"path": s.course(), "guests": (Guest(max(1, start), end, shape, surface),)}
+
+
+def exchange(s: Setting) -> Parts:
+    """Another part, of another outline and another pattern."""
+    names = [str(name) for name in s.rng.permutation(list(SHAPES))]
+    for name in names:
+        other = SHAPES[name]()
+        if best_fit(other, s.shape).distance > OTHER and other.radius() < 1.3 * max(1.0, s.shape.radius()):
+            break
+    return _guest(s, other.moved(float(s.rng.uniform(0.0, 2.0 * math.pi))), another_surface(s.level, s.rng))
+
+
+def twin(s: Setting) -> Parts:
+    """A near twin with the same pattern."""
+    return _guest(s, near_twin(s.shape, int(s.rng.integers(1 << 20))))
+
+
+def mirror(s: Setting) -> Parts:
+    """The mirror image with the same pattern."""
+    return _guest(s, mirrored(s.shape))
+
+
+# --- what breaks the model -----------------------------------------------------------------------
+
+
+def lens(s: Setting) -> Parts:
+    """A barrel, less often a pincushion."""
+    k1 = float(s.rng.uniform(0.06, 0.2) * s.rng.choice([-1.0, -1.0, -1.0, 1.0]))
+    camera = Camera(s.width, s.height, k1=k1, k2=float(s.rng.uniform(-0.02, 0.04)))
+    return {"path": s.course(camera, reach=0.9), "camera": camera}
+
+
+def thick(s: Setting) -> Parts:
+    """Sides darker or lighter than the upper face."""
+    thickness = float(s.rng.uniform(0.02, 0.15))
+    path = s.course(tilt=math.radians(25.0))
+    return {"path": path, "thickness": thickness, "shade": float(s.rng.choice([0.55, 0.7, 1.2]))}
