@@ -27,7 +27,7 @@ SMALLEST = 24
 CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-3)
 SMOOTHING = 5
 """px, size of the Gauss filter in a fit."""
-LEAST = 0.5
+LEAST = 0.7
 """Correlation below which nothing was found."""
 
 
