@@ -67,7 +67,7 @@ def error_ends(run: EvaluationRun, methods: Sequence[str]) -> tuple[float, float
     """Ends of the axis of errors that all charts over time share, px."""
     errors = np.array([e for m in methods for e in _errors(run.runs(m, run.scored))])
     known = errors[errors > 0.0]
-    return log_range(np.percentile(known, (2.0, 99.0)) if len(known) else known, 1e-3, 300.0, floor=10.0)
+    return log_range(np.percentile(known, (1.0, 99.9)) if len(known) else known, 1e-3, 300.0, floor=10.0)
 
 
 def precision_chart(run: EvaluationRun, series: Methods, of_opening: bool) -> Chart:
