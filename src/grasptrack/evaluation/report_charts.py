@@ -65,10 +65,9 @@ def _time_lines(upper: Chart, lower: Chart, t: OverTime, series: Series, band: b
 
 def error_ends(run: EvaluationRun, methods: Sequence[str]) -> tuple[float, float]:
     """Ends of the axis of errors that all charts over time share, px."""
-    medians = [over_time(run.runs(m, [c])).median for m in methods for c in run.scored]
-    known = np.concatenate(medians) if medians else np.empty(0)
-    known = known[np.isfinite(known) & (known > 0.0)]
-    return log_range(np.percentile(known, (1.0, 99.5)) if len(known) else known, 1e-3, 300.0, floor=10.0)
+    errors = np.array([e for m in methods for e in _errors(run.runs(m, run.scored))])
+    known = errors[errors > 0.0]
+    return log_range(np.percentile(known, (1.0, 99.9)) if len(known) else known, 1e-3, 300.0, floor=10.0)
 
 
 def precision_chart(run: EvaluationRun, series: Methods, of_opening: bool) -> Chart:
@@ -154,7 +153,7 @@ def latency_chart(run: EvaluationRun, series: Methods) -> Chart:
     known = {m: v.tolist() for m, v in spreads.items() if np.isfinite(v).all()}
     low, high = log_range([v for values in known.values() for v in values] + [CAMERA_MS], 1e-3, 1e5, floor=10.0)
     step, top = 24.0, 18
-    wide = 16 + 7 * max(map(len, series), default=0)
+    wide = 20 + 8 * max(map(len, series), default=0)
     chart = Chart(
         "Latency by method",
         Axis("ms for an update", low, high, "log"),

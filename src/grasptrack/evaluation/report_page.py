@@ -113,7 +113,8 @@ class RunPage:
     def tables(self, rows: Sequence[Row], first: str) -> None:
         """All measures, in two tables."""
         by_method = first == "method"
-        best = " In weight: the best of a column." if by_method and len(rows) > 1 else ""
+        exact = "**How exactly** they were given, over the frames that were answered, and how long an update took."
+        exact += " In weight: the best of a column." if by_method and len(rows) > 1 else ""
         for keys, said in (
             (
                 ANSWERS,
@@ -124,7 +125,7 @@ class RunPage:
                 "**How exactly** they were given, over the frames that were answered, and how long an update took.",
             ),
         ):
-            self.page.table(*measures_table(rows, keys, first, by_method), caption=said + best)
+            self.page.table(*measures_table(rows, keys, first, by_method), caption=said)
 
     def levels(self) -> None:
         """Heat maps of methods over disturbances."""

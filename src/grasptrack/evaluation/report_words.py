@@ -130,22 +130,30 @@ def _best(summary: Summary) -> list[str]:
     if len(rows) < 2:
         return []
 
-    def top(of: Callable[[Row], float], among: Sequence[Row]) -> tuple[str, float]:
+    def top(of: Callable[[Row], float], among: Sequence[Row]) -> list[Row]:
         known = [r for r in among if not math.isnan(of(r))]
-        least = min((of(r) for r in known), default=math.nan)
-        names = [r.method for r in known if of(r) == least]
-        return (", ".join(names[:-1]) + " and " if len(names) > 1 else "") + "".join(names[-1:]), least
+        return [r for r in known if of(r) == min(map(of, known))]
 
-    fewest, wrongs = top(lambda r: float(r.measures.false_accepts), rows)
-    most, share = top(lambda r: -r.measures.located_whole, rows)
-    serious = [r for r in rows if r.measures.located_whole >= ENOUGH]
-    exact, error = top(lambda r: r.measures.median_px, serious)
-    said = [f"Over all methods, {fewest} had the fewest wrong answers ({number(int(wrongs))})"]
+    fewest = top(lambda r: float(r.measures.false_accepts), rows)
+    most = top(lambda r: -r.measures.located_whole, rows)
+    exact = top(lambda r: r.measures.median_px, [r for r in rows if r.measures.located_whole >= ENOUGH])
+    said = [
+        f"Over all methods, {_named(fewest)} had the fewest wrong answers ({number(fewest[0].measures.false_accepts)})"
+    ]
     if most:
-        said.append(f"{most} gave contacts most often ({percent(-share)} %)")
+        wrongs = [number(r.measures.false_accepts) for r in most]
+        told = " and ".join([", ".join(wrongs[:-1]), wrongs[-1]]) if len(wrongs) > 1 else wrongs[0]
+        share = percent(most[0].measures.located_whole)
+        said.append(f"{_named(most)} gave contacts most often ({share} %; wrong in {told} frames)")
     if exact:
-        said.append(f"{exact} had the smallest median error ({number(error, 2)} px) of those that locate half or more")
+        error = number(exact[0].measures.median_px, 2)
+        said.append(f"{_named(exact)} had the smallest median error ({error} px) of those that locate half or more")
     return ["; ".join(said) + "."]
+
+
+def _named(rows: Sequence[Row]) -> str:
+    names = [r.method for r in rows]
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
 def _hardest(summary: Summary, name: str) -> list[str]:

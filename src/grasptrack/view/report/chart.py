@@ -123,7 +123,7 @@ class Chart:
             at = float(self.px(value))
             self._below.append(f'<path class="rule" d="M{at:.1f},{self.top}V{self.bottom}"/>')
             late = at > 0.5 * (self.left + self.right)
-            self.text(at + (-4 if late else 4), self.top + 9, label, "end" if late else "")
+            self.text(at + (4 if late else -4), self.top - 5, label, "end" if late else "")
         else:
             at = float(self.py(value))
             self._below.append(f'<path class="rule" d="M{self.left},{at:.1f}H{self.right}"/>')
