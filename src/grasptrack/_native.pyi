@@ -26,6 +26,18 @@ def contact_frames(points: Floats, offsets: NDArray[np.int64], places: Floats, w
 def force_closure(
     contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float
 ) -> tuple[float, float]: ...
+def register_outline(
+    image: NDArray[np.uint8],
+    H: Floats,
+    points: Floats,
+    normals: Floats,
+    strength: Floats,
+    polarity: int,
+    reaches: Floats,
+    motions: NDArray[np.int64],
+    least_strength: float,
+    relative_strength: float,
+) -> tuple[Floats, Floats, Floats, float]: ...
 def resample(points: Floats, count: int, smooth: float) -> Floats: ...
 def blend_normals(points: Floats) -> Floats: ...
 def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominence: float) -> NDArray[np.int64]: ...

@@ -25,6 +25,7 @@ from grasptrack.kernels.reference_peaks import best_quadrilateral, curvature_pea
 from grasptrack.kernels.reference_places import carry_places, fixed_places, locate, point_at
 from grasptrack.kernels.reference_ranking import rank_grasps
 from grasptrack.kernels.reference_refine import refine_contacts
+from grasptrack.kernels.reference_registration import register_outline
 from grasptrack.kernels.reference_support import outline_support
 from grasptrack.kernels.reference_threshold import soft_threshold
 from grasptrack.kernels.reference_triples import closing_triples
@@ -63,6 +64,7 @@ __all__ = [
     "projective_step",
     "rank_grasps",
     "refine_contacts",
+    "register_outline",
     "resample",
     "select_points",
     "settle_edges",

@@ -102,7 +102,7 @@ def projective_step(
     centre = points.mean(axis=0) if len(points) else contacts.mean(axis=0)
     fields = displacement_fields((points - centre) / radius)
     # motions of their own, each moving the outline by 1 px rms: on a strip the 8 parameters are very unlike
-    own = _whitening(fields)
+    own = whitening(fields)
     A = np.einsum("mi,mij->mj", normals, fields) @ own
     weight = np.ones(len(points))
     noise = max(1.4826 * _lower_median(np.abs(offsets)), LEAST_NOISE)
@@ -122,10 +122,10 @@ def projective_step(
     return at @ x, at @ C @ at.transpose(0, 2, 1)
 
 
-def _whitening(fields: Floats) -> Floats:
-    """(8, 8) parameters of eight motions that each displace points by 1 px rms, the least of them bounded."""
+def whitening(fields: Floats) -> Floats:
+    """(n, n) parameters of as many motions that each displace points by 1 px rms, the least of them bounded."""
     if not len(fields):
-        return np.eye(8)
+        return np.eye(fields.shape[2])
     size, V = np.linalg.eigh(np.einsum("mik,mil->kl", fields, fields) / len(fields))
     return np.asarray(V / np.sqrt(np.maximum(size, SLIGHT * size[-1])))
 

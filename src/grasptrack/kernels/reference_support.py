@@ -63,7 +63,7 @@ def outline_support(
         none = np.zeros(m, dtype=np.bool_)
         return 0.0, 0.0, at, along, np.zeros((m, 4)), none, none, np.zeros((k, 2)), np.zeros((k, 2, 2))
     reach = min(max(reach_share * size, least_reach), most_reach)
-    edges = _search(image, at, along, reach + 2.0, polarity, strength)
+    edges = search_edges(image, at, along, reach + 2.0, polarity, strength)
     last = (image.shape[1] - 2.0, image.shape[0] - 2.0)
     inside: Bools = np.all((at >= 1.0) & (at <= last), axis=1)
     offset, size_of = np.abs(edges[:, 0]), np.abs(edges[:, 1])
@@ -78,7 +78,7 @@ def outline_support(
     return size, reach, at, along, edges, inside, found, shift, covariance
 
 
-def _search(
+def search_edges(
     image: NDArray[np.uint8], at: Floats, along: Floats, reach: float, polarity: int, strength: Floats
 ) -> Floats:
     """(m, 4) `edge_search` with the polarity, or where that is 0 in the direction of each sample's own strength."""

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+// The homography that lays an outline on the edges of an image. Defined in kernels/reference_registration.py.
+#pragma once
+
+#include "edges.hpp"
+#include "evidence.hpp"
+#include "outline.hpp"
+#include "registration.hpp"
+
+namespace grasptrack {
+
+constexpr int kWeighings = 4;
+constexpr double kTukey = 4.685;
+constexpr double kLeastNoisePx = 0.03;
+constexpr std::size_t kEnough = 12;
+
+struct Registered {
+    double H[9];
+    double noise = std::numeric_limits<double>::quiet_NaN();
+    bool good = false;
+};
+
+// The motion of `motion` parameters that moves points by the offsets along their normals; parameters in px.
+class RobustFit {
+  public:
+    Row8 x{};
+    std::vector<double> weight, residual;
+    double noise = 0.0;
+
+    RobustFit(const std::vector<Vec> &points, const std::vector<Vec> &normals, const std::vector<double> &offsets,
+              int motion)
+        : weight(points.size(), 1.0), residual(offsets) {
+        const std::size_t n = points.size();
+        std::vector<Row8> across(n), down(n), A(n);
+        for (std::size_t i = 0; i < n; ++i) {
+            fields(points[i].x, points[i].y, across[i], down[i]);
+            for (int j = motion; j < 8; ++j) across[i][j] = down[i][j] = 0.0;
+        }
+        const Matrix8 own = whitening(across, down);
+        for (std::size_t i = 0; i < n; ++i) {
+            for (int j = 0; j < 8; ++j) A[i][j] = normals[i].x * across[i][j] + normals[i].y * down[i][j];
+            A[i] = combined(A[i], own);
+        }
+        Row8 y{};
+        std::vector<double> size(n);
+        for (int round = 0; round < kWeighings; ++round) {
+            y = solved(A, offsets);
+            for (std::size_t i = 0; i < n; ++i) {
+                double expected = 0.0;
+                for (int j = 0; j < 8; ++j) expected += A[i][j] * y[j];
+                residual[i] = offsets[i] - expected;
+                size[i] = std::fabs(residual[i]);
+            }
+            noise = std::max(1.4826 * lower_median(size), kLeastNoisePx);
+            for (std::size_t i = 0; i < n; ++i) {
+                const double u = residual[i] / (kTukey * noise), rest = 1.0 - u * u;
+                weight[i] = std::fabs(u) < 1.0 ? rest * rest : 0.0;
+            }
+        }
+        for (int r = 0; r < motion; ++r)
+            for (int c = 0; c < 8; ++c) x[r] += own[r][c] * y[c];
+    }
+
+  private:
+    Row8 solved(const std::vector<Row8> &A, const std::vector<double> &offsets) const {
+        Matrix8 N{}, V;
+        Row8 b{}, y{};
+        double total = 0.0;
+        for (std::size_t i = 0; i < A.size(); ++i) {
+            total += weight[i];
+            for (int r = 0; r < 8; ++r) {
+                const double wa = weight[i] * A[i][r];
+                b[r] += wa * offsets[i];
+                for (int c = 0; c <= r; ++c) N[r][c] += wa * A[i][c];
+            }
+        }
+        for (int r = 0; r < 8; ++r)
+            for (int c = 0; c < r; ++c) N[c][r] = N[r][c];
+        const Row8 told = eigen(N, V);
+        for (int e = 0; e < 8; ++e) {
+            if (!(told[e] > kSliding * kSliding * total)) continue;
+            double along = 0.0;
+            for (int r = 0; r < 8; ++r) along += V[r][e] * b[r];
+            for (int r = 0; r < 8; ++r) y[r] += V[r][e] * along / told[e];
+        }
+        return y;
+    }
+};
+
+// H moved by the homography near the identity with these parameters, in radii; whether its last element is not 0.
+inline bool move(double *H, const Row8 &x, Vec centre, double radius) {
+    const double M[3][3] = {{1.0 + x[2] + x[4], x[5] - x[3], x[0]},
+                            {x[5] + x[3], 1.0 + x[2] - x[4], x[1]},
+                            {-x[6], -x[7], 1.0}};
+    const double N[3][3] = {{1.0 / radius, 0.0, -centre.x / radius}, {0.0, 1.0 / radius, -centre.y / radius}, {0, 0, 1}};
+    const double back[3][3] = {{radius, 0.0, centre.x}, {0.0, radius, centre.y}, {0, 0, 1}};
+    double h[3][3], a[3][3] = {}, b[3][3] = {}, c[3][3] = {};
+    for (int i = 0; i < 9; ++i) h[i / 3][i % 3] = H[i];
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            for (int k = 0; k < 3; ++k) a[i][j] += M[i][k] * N[k][j];
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            for (int k = 0; k < 3; ++k) b[i][j] += back[i][k] * a[k][j];
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            for (int k = 0; k < 3; ++k) c[i][j] += b[i][k] * h[k][j];
+    if (!(std::fabs(c[2][2]) > 1e-12)) return false;
+    for (int i = 0; i < 9; ++i) H[i] = c[i / 3][i % 3] / c[2][2];
+    return true;
+}
+
+struct RegisterRules {
+    int polarity;
+    double least_strength, relative_strength;
+};
+
+// `left` and `weight` are of the samples.
+inline Registered register_outline(const Image<std::uint8_t> &image, const double *H, const double *points,
+                                   const double *normals, const double *strength, std::size_t m, const double *reaches,
+                                   const std::int64_t *motions, std::size_t steps, const RegisterRules &rules,
+                                   double *left, double *weight) {
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    Registered out, nothing;
+    std::copy(H, H + 9, out.H);
+    std::fill(nothing.H, nothing.H + 9, nan);
+    std::fill(left, left + m, nan);
+    std::fill(weight, weight + m, 0.0);
+    std::vector<double> moved(5 * m);
+    std::vector<Vec> at(m), along(m), where, across;
+    std::vector<Edge> edges(m);
+    std::vector<double> offsets, gains;
+    std::vector<std::size_t> index;
+    const auto fail = [&] {
+        std::fill(left, left + m, nan);
+        std::fill(weight, weight + m, 0.0);
+        return nothing;
+    };
+    const auto direction = [&](std::size_t i) {
+        if (rules.polarity != 0 || std::isinf(strength[i])) return rules.polarity;
+        return strength[i] > 0 ? 1 : -1;
+    };
+    for (std::size_t step = 0; step < steps; ++step) {
+        carry_normals(out.H, points, normals, static_cast<std::int64_t>(m), moved.data());
+        Vec centre{0, 0};
+        for (std::size_t i = 0; i < m; ++i) {
+            for (int j = 0; j < 5; ++j)
+                if (!std::isfinite(moved[5 * i + j])) return fail();
+            at[i] = {moved[5 * i], moved[5 * i + 1]};
+            along[i] = {moved[5 * i + 2], moved[5 * i + 3]};
+            centre = centre + at[i];
+        }
+        centre = (1.0 / static_cast<double>(m)) * centre;
+        double spread = 0.0;
+        for (const Vec p : at) spread += dot(p - centre, p - centre);
+        const double radius = std::sqrt(spread / static_cast<double>(m));
+        edge_search_each(image, {at.data(), m}, along.data(), reaches[step], direction, edges.data());
+        gains.clear();
+        for (std::size_t i = 0; i < m; ++i)
+            if (std::isfinite(edges[i].offset) && std::fabs(edges[i].strength) >= rules.least_strength)
+                gains.push_back(std::fabs(edges[i].strength) / std::fabs(strength[i]));
+        const double gain = lower_median(gains);
+        index.clear(), where.clear(), across.clear(), offsets.clear();
+        for (std::size_t i = 0; i < m; ++i) {
+            const double size = std::fabs(edges[i].strength);
+            if (!std::isfinite(edges[i].offset) || size < rules.least_strength ||
+                !(size >= rules.relative_strength * gain * std::fabs(strength[i])))
+                continue;
+            index.push_back(i);
+            where.push_back((1.0 / radius) * (at[i] - centre));
+            across.push_back(along[i]);
+            offsets.push_back(edges[i].offset);
+        }
+        if (index.size() < kEnough) return fail();
+        const RobustFit fit(where, across, offsets, static_cast<int>(motions[step]));
+        Row8 x = fit.x;
+        for (double &value : x) value /= radius;
+        if (!move(out.H, x, centre, radius)) return fail();
+        std::fill(left, left + m, nan);
+        std::fill(weight, weight + m, 0.0);
+        for (std::size_t k = 0; k < index.size(); ++k) left[index[k]] = fit.residual[k], weight[index[k]] = fit.weight[k];
+        out.noise = fit.noise;
+    }
+    out.good = true;
+    return out;
+}
+
+}  // namespace grasptrack
