@@ -41,7 +41,7 @@ class Plots:
             "Error over time",
             ("Median over the parts, and for one method the band that holds 95 % of them: it is that of "
             f"{self.first}, or of the key under the pointer. " if several else "")
-            + "Below each, the share located. Shaded: the object is partly out of view; darker: gone or hardly in view.",
+            + f"Below each, {'the share located' if several else 'whether it was located'}. Shaded: the object is partly out of view; darker: gone or hardly in view.",
         )  # fmt: skip
         ends, parts = charts.error_ends(self.run, self.summary.methods), []
         for i, level in enumerate(self.summary.levels):
