@@ -37,12 +37,15 @@ class Plots:
     def over_time(self, progress: Progress | None) -> None:
         """Small charts of error and share located over the frames."""
         several = len(self.run.scored) > len(self.summary.levels)
+        band = (
+            "Median over the parts, and for one method the band that holds 95 % of them: it is that of "
+            f"{self.first}, or of the key under the pointer. Below each chart: the share located. "
+        )
         self.page.section(
             "Error over time",
-            ("Median over the parts, and for one method the band that holds 95 % of them: it is that of "
-            f"{self.first}, or of the key under the pointer. " if several else "")
-            + f"Below each, {'the share located' if several else 'whether it was located'}. Shaded: the object is partly out of view; darker: gone or hardly in view.",
-        )  # fmt: skip
+            (band if several else "Below each chart: whether it was located. ")
+            + "Shaded: the object is partly out of view; darker: gone or hardly in view.",
+        )
         ends, parts = charts.error_ends(self.run, self.summary.methods), []
         for i, level in enumerate(self.summary.levels):
             upper, lower = charts.time_charts(self.run, level, self.series, ends)
