@@ -93,18 +93,10 @@ class RunPage:
     def tables(self, rows: Sequence[Row], first: str) -> None:
         """All measures, in two tables."""
         by_method = first == "method"
+        often = "**How often** contacts were given, how often wrongly, and what became of an object that was away."
         exact = "**How exactly** they were given, over the frames that were answered, and how long an update took."
         exact += " In weight: the best of a column." if by_method and len(rows) > 1 else ""
-        for keys, said in (
-            (
-                ANSWERS,
-                "**How often** contacts were given, how often wrongly, and what became of an object that was away.",
-            ),
-            (
-                ERRORS,
-                "**How exactly** they were given, over the frames that were answered, and how long an update took.",
-            ),
-        ):
+        for keys, said in ((ANSWERS, often), (ERRORS, exact)):
             self.page.table(*measures_table(rows, keys, first, by_method), caption=said)
 
     def levels(self) -> None:
