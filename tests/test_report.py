@@ -116,6 +116,7 @@ def test_the_page_of_a_run(folder: Path) -> None:
     assert "grasptrack evaluate scenes --output here" in page.text and "a machine, 2 cores" in page.text
     assert "rule of three" in page.text.lower() and "only" in page.text and '<"it">' in page.text
     assert any(tag == "img" for tag, _ in page.tags)
+    assert page.text.count("In weight: the best of a column.") == 1
     assert {step for step, _, _ in steps} == {"charts", "worst frames"}
     assert all(0 < done <= total for _, done, total in steps)
     keys = [a["data-key"] for tag, a in page.tags if "data-key" in a]

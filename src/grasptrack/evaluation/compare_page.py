@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from grasptrack.evaluation import compare_words as words
-from grasptrack.evaluation.compare import FELL, MATTERS, UNLIKELY, Change, Comparison
+from grasptrack.evaluation.compare import MATTERS, UNLIKELY, Change, Comparison
+from grasptrack.evaluation.compare_notes import FELL
 from grasptrack.evaluation.glossary import COMPARED
 from grasptrack.evaluation.paired import BLOCK, FEW_CASES
 from grasptrack.evaluation.report_tables import written

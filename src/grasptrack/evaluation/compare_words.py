@@ -12,7 +12,8 @@ from grasptrack.evaluation.summary import ALL
 from grasptrack.view.report import number
 
 if TYPE_CHECKING:
-    from grasptrack.evaluation.compare import Change, Comparison, Look
+    from grasptrack.evaluation.compare import Change, Comparison
+    from grasptrack.evaluation.compare_notes import Look
 
 MOST = 40
 """Lines of one list."""

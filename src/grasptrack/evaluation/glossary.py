@@ -204,7 +204,7 @@ COMPARED: dict[str, Term] = {
     t.key: t
     for t in (
         *(TERMS[key] for key in ("located_whole", "located_partly", "tracked_visible", "false_accepts")),
-        *(TERMS[key] for key in ("rms_px", "median_px", "p95_px")),
+        *(TERMS[key] for key in ("median_px", "rms_px", "p95_px")),
         _RECOVERED,
         *(TERMS[key] for key in ("recovery_frames", "median_ms")),
     )

@@ -6,8 +6,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from grasptrack.errors import InputError
-from grasptrack.evaluation.report_page import Picture, Progress, RunPage, Shown
+from grasptrack.evaluation.report_page import RunPage
 from grasptrack.evaluation.report_paper import paper_report
+from grasptrack.evaluation.report_worst import Picture, Progress, Shown
 from grasptrack.evaluation.run_folder import read_run
 from grasptrack.evaluation.summary import summarise, write_summary
 
