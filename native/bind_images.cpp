@@ -160,25 +160,28 @@ nb::tuple py_outline_support(const ByteImage &image, const RowArray &H, const Po
 
 nb::tuple py_register_outline(const ByteImage &image, const RowArray &H, const PointArray &points,
                               const PointArray &normals, const ValueArray &strength, int polarity,
-                              const ValueArray &reaches, const IndexArray &motions, double least_strength,
-                              double relative_strength) {
+                              const ValueArray &reaches, const IndexArray &motions, const IndexArray &strides,
+                              double least_strength, double relative_strength) {
     const std::size_t m = points.shape(0), steps = reaches.shape(0);
     if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
     if (m == 0 || normals.shape(0) != m || strength.shape(0) != m)
         throw std::invalid_argument("samples are needed, each with its normal and strength");
-    if (steps == 0 || motions.shape(0) != steps) throw std::invalid_argument("each step needs its reach and motion");
+    if (steps == 0 || motions.shape(0) != steps || strides.shape(0) != steps)
+        throw std::invalid_argument("each step needs its reach, motion and stride");
     for (std::size_t i = 0; i < steps; ++i) {
         const std::int64_t motion = motions.data()[i];
         if (!(reaches.data()[i] > 0 && reaches.data()[i] <= 1000))
             throw std::invalid_argument("reach must be above 0 and at most 1000 px, not " + number(reaches.data()[i]));
         if (motion != 4 && motion != 6 && motion != 8)
             throw std::invalid_argument("a motion has 4, 6 or 8 parameters, not " + std::to_string(motion));
+        if (strides.data()[i] < 1)
+            throw std::invalid_argument("a stride is 1 or more, not " + std::to_string(strides.data()[i]));
     }
     const Image<std::uint8_t> seen{image.data(), static_cast<std::ptrdiff_t>(image.shape(0)),
                                    static_cast<std::ptrdiff_t>(image.shape(1))};
     Output left(m), weight(m), found(3, 3);
     const Registered out = register_outline(seen, H.data(), points.data(), normals.data(), strength.data(), m,
-                                            reaches.data(), motions.data(), steps,
+                                            reaches.data(), motions.data(), strides.data(), steps,
                                             {polarity, least_strength, relative_strength}, left.values(),
                                             weight.values());
     std::copy(out.H, out.H + 9, found.values());
@@ -204,7 +207,7 @@ void bind_images(nb::module_ &m) {
           "contacts"_a, "polarity"_a, "area"_a, "reach_share"_a, "least_reach"_a, "most_reach"_a, "least_strength"_a,
           "relative_strength"_a, "other_ground"_a, "loose"_a);
     m.def("register_outline", &py_register_outline, "image"_a.noconvert(), "H"_a, "points"_a, "normals"_a, "strength"_a,
-          "polarity"_a, "reaches"_a, "motions"_a, "least_strength"_a, "relative_strength"_a);
+          "polarity"_a, "reaches"_a, "motions"_a, "strides"_a, "least_strength"_a, "relative_strength"_a);
     m.def("edge_links", &py_edge_links, "edges"_a.noconvert(), "reach"_a, "bend"_a, "loose"_a);
 }
 

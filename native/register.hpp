@@ -118,8 +118,8 @@ struct RegisterRules {
 // `left` and `weight` are of the samples.
 inline Registered register_outline(const Image<std::uint8_t> &image, const double *H, const double *points,
                                    const double *normals, const double *strength, std::size_t m, const double *reaches,
-                                   const std::int64_t *motions, std::size_t steps, const RegisterRules &rules,
-                                   double *left, double *weight) {
+                                   const std::int64_t *motions, const std::int64_t *strides, std::size_t steps,
+                                   const RegisterRules &rules, double *left, double *weight) {
     const double nan = std::numeric_limits<double>::quiet_NaN();
     Registered out, nothing;
     std::copy(H, H + 9, out.H);
@@ -136,37 +136,40 @@ inline Registered register_outline(const Image<std::uint8_t> &image, const doubl
         std::fill(weight, weight + m, 0.0);
         return nothing;
     };
-    const auto direction = [&](std::size_t i) {
-        if (rules.polarity != 0 || std::isinf(strength[i])) return rules.polarity;
-        return strength[i] > 0 ? 1 : -1;
-    };
     for (std::size_t step = 0; step < steps; ++step) {
-        carry_normals(out.H, points, normals, static_cast<std::int64_t>(m), moved.data());
+        const auto stride = static_cast<std::size_t>(strides[step]), n = (m + stride - 1) / stride;
+        const auto asked = [&](std::size_t i) { return strength[i * stride]; };
+        const auto direction = [&](std::size_t i) {
+            if (rules.polarity != 0 || std::isinf(asked(i))) return rules.polarity;
+            return asked(i) > 0 ? 1 : -1;
+        };
+        for (std::size_t i = 0; i < n; ++i)
+            carry_normals(out.H, points + 2 * i * stride, normals + 2 * i * stride, 1, moved.data() + 5 * i);
         Vec centre{0, 0};
-        for (std::size_t i = 0; i < m; ++i) {
+        for (std::size_t i = 0; i < n; ++i) {
             for (int j = 0; j < 5; ++j)
                 if (!std::isfinite(moved[5 * i + j])) return fail();
             at[i] = {moved[5 * i], moved[5 * i + 1]};
             along[i] = {moved[5 * i + 2], moved[5 * i + 3]};
             centre = centre + at[i];
         }
-        centre = (1.0 / static_cast<double>(m)) * centre;
+        centre = (1.0 / static_cast<double>(n)) * centre;
         double spread = 0.0;
-        for (const Vec p : at) spread += dot(p - centre, p - centre);
-        const double radius = std::sqrt(spread / static_cast<double>(m));
-        edge_search_each(image, {at.data(), m}, along.data(), reaches[step], direction, edges.data());
+        for (std::size_t i = 0; i < n; ++i) spread += dot(at[i] - centre, at[i] - centre);
+        const double radius = std::sqrt(spread / static_cast<double>(n));
+        edge_search_each(image, {at.data(), n}, along.data(), reaches[step], direction, edges.data());
         gains.clear();
-        for (std::size_t i = 0; i < m; ++i)
+        for (std::size_t i = 0; i < n; ++i)
             if (std::isfinite(edges[i].offset) && std::fabs(edges[i].strength) >= rules.least_strength)
-                gains.push_back(std::fabs(edges[i].strength) / std::fabs(strength[i]));
+                gains.push_back(std::fabs(edges[i].strength) / std::fabs(asked(i)));
         const double gain = lower_median(gains);
         index.clear(), where.clear(), across.clear(), offsets.clear();
-        for (std::size_t i = 0; i < m; ++i) {
+        for (std::size_t i = 0; i < n; ++i) {
             const double size = std::fabs(edges[i].strength);
             if (!std::isfinite(edges[i].offset) || size < rules.least_strength ||
-                !(size >= rules.relative_strength * gain * std::fabs(strength[i])))
+                !(size >= rules.relative_strength * gain * std::fabs(asked(i))))
                 continue;
-            index.push_back(i);
+            index.push_back(i * stride);
             where.push_back((1.0 / radius) * (at[i] - centre));
             across.push_back(along[i]);
             offsets.push_back(edges[i].offset);

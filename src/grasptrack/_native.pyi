@@ -35,6 +35,7 @@ def register_outline(
     polarity: int,
     reaches: Floats,
     motions: NDArray[np.int64],
+    strides: NDArray[np.int64],
     least_strength: float,
     relative_strength: float,
 ) -> tuple[Floats, Floats, Floats, float]: ...

@@ -16,6 +16,8 @@ from grasptrack.synthesis import synthesize
 
 NEARLY_AS_GOOD = 0.7
 """Share of the best quality that a grasp needs to be preferred for being easier to carry."""
+SAME_OUTLINE = 1.5
+"""px by which outlines may differ that two candidates share."""
 APART = 0.3
 """Outlines whose mean points lie within this fraction of sqrt(area) belong to one object."""
 
@@ -26,7 +28,10 @@ def holding(found: list[Candidate], grasp: Grasp) -> Candidate:
     Raises:
         GraspError: a contact is too far from it.
     """
-    distance, index = min((float(grasp.on(c.view)[:, 2].max()), i) for i, c in enumerate(found))
+    distances = [float(grasp.on(c.view)[:, 2].max()) for c in found]
+    # a hole may be an object of its own, and its outline that of the part round it as well: the part is rated higher
+    index = next(i for i, d in enumerate(distances) if d <= min(distances) + SAME_OUTLINE)
+    distance = distances[index]
     limit = ON_OUTLINE * math.sqrt(found[index].view.outer.area)
     if distance > limit:
         raise GraspError(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH, GraspAnalysis, analyze
-from grasptrack.carriers import Carrier, SilhouetteCarrier, SnakeCarrier
+from grasptrack.carriers import Carrier, RegistrationCarrier, SilhouetteCarrier, SnakeCarrier
 from grasptrack.contour import View
 from grasptrack.errors import StrategyError, TransferError
 from grasptrack.grasp import Grasp
@@ -64,6 +64,7 @@ class Reference:
         self.analysis = analyze(grasp, view, friction, self.width, "reference")
         self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity, hidden)
         self.carriers = _carriers(strategy, grasp, view, grey)
+        self.registration = _registration(grasp, view, grey, polarity) if strategy == AUTO else None
         self.symmetry = _symmetry(view, grey, self.samples, grasp.contacts)
         self.interior = Interior(view, grey)
         self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // 64)])
@@ -132,6 +133,13 @@ def _carriers(strategy: str, grasp: Grasp, view: View, grey: Grey) -> list[Carri
     if not carriers:
         raise TransferError(reasons[0], reasons=reasons)
     return carriers
+
+
+def _registration(grasp: Grasp, view: View, grey: Grey, polarity: int) -> RegistrationCarrier | None:
+    try:
+        return RegistrationCarrier(grasp, view, grey, polarity)
+    except TransferError:
+        return None
 
 
 def describable(grasp: Grasp, view: View) -> int:

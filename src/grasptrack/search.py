@@ -60,6 +60,8 @@ class Search:
         if self.whereabouts.hopeless:
             reasons.append(self.whereabouts.hopeless)
             return
+        if reference.registration is not None and motion.remembered:
+            yield Hypothesis(None, predicted)
         on_silhouettes = any(c.needs_silhouette for c in reference.carriers)
         if not on_silhouettes:
             yield Hypothesis(None, None if missed == 0 else predicted)
@@ -103,10 +105,10 @@ class Search:
         """Why a pose that the image bears out is not believed to be the object's; empty when it is."""
         return self.whereabouts.doubt(H, grey, self._observer.levels)
 
-    def believe(self, view: View, H: Floats) -> None:
-        """The verdict accepted this outline and pose (3, 3)."""
+    def believe(self, view: View, H: Floats, levels: tuple[float, float]) -> None:
+        """The verdict accepted this outline and pose (3, 3), at which the edges have these levels on either side."""
         self.whereabouts.found(H)
-        self._observer.believe(view)
+        self._observer.believe(view, levels)
 
     def lost(self, grey: Grey) -> None:
         """Nothing was accepted in this image."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import choice
+from grasptrack.agreement import Agreement
 from grasptrack.analysis import DEFAULT_FRICTION, check_friction
 from grasptrack.carriers import Carried
 from grasptrack.contour import View
@@ -105,6 +106,7 @@ class GraspTracker:
         self._search: Search | None = None
         self._unstable: View | None = None
         self._reasons: list[str] = []
+        self._agreement = Agreement()
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
 
@@ -192,6 +194,7 @@ class GraspTracker:
     def _follow(self, grey: Grey, reference: Reference, search: Search) -> dict[str, Any]:
         """Contour, transfer, analysis, accept or refuse."""
         found = None
+        self._agreement.begin()
         for view, prior in search.hypotheses(grey, self._reasons):
             found = self._transfer(grey, reference, search, view, prior)
             if found is not None:
@@ -204,7 +207,8 @@ class GraspTracker:
         except (GraspError, ConditioningError) as error:
             search.lost(grey)
             return self._refused(lost(str(error)))
-        search.believe(found.carried.view, found.homography)
+        self._agreement.believe(found.carried)
+        search.believe(found.carried.view, found.homography, found.support.levels)
         return self._accepted(found, judge(found.support, analysis), analysis)
 
     # --- the blocks ------------------------------------------------------------------------------
@@ -213,25 +217,60 @@ class GraspTracker:
         self, grey: Grey, reference: Reference, search: Search, view: View | None, prior: Floats | None
     ) -> _Believed | None:
         """The best transfer that the image bears out, or None with the reasons noted."""
+        if reference.registration is not None:
+            found = self._registered(grey, reference, search, view, prior)
+            if found is not None or view is None:
+                return found
         best: _Believed | None = None
         for carrier in reference.carriers:
             if best is not None and not carrier.needs_silhouette and close(best.support):
                 break  # the snake is asked when no silhouette served well
             try:
                 carried = carrier.carry(grey, view, prior)
-                H = carried.transfer.homography
-                assert H is not None
-                support = reference.samples.support(grey, H, carried.transfer.grasp.contacts)
+                if reference.registration is not None:
+                    carried = reference.registration.polished(grey, carried)
             except TransferError as problem:
                 self._reasons.append(str(problem))
                 continue
-            refusal = refuse(support, again=search.whereabouts.again(H))
-            doubt = "" if refusal else search.doubt(H, grey)
-            if refusal or doubt:
-                self._reasons.insert(0 if doubt else len(self._reasons), refusal or doubt)
-            elif best is None or error(support) < error(best.support):
-                best = _Believed(carried, H, support)
+            believed = self._borne_out(grey, reference, search, carried)
+            if believed is not None and (best is None or error(believed.support) < error(best.support)):
+                best = believed
+                if reference.registration is not None:
+                    break  # all are laid on the same edges
         return best
+
+    def _registered(
+        self, grey: Grey, reference: Reference, search: Search, view: View | None, prior: Floats | None
+    ) -> _Believed | None:
+        """The reference outline laid on the edges near the prior, if the image bears it out."""
+        assert reference.registration is not None
+        try:
+            carried = reference.registration.carry(grey, view, prior)
+        except TransferError as problem:
+            self._reasons.append(str(problem))
+            return None
+        return self._borne_out(grey, reference, search, carried)
+
+    def _borne_out(self, grey: Grey, reference: Reference, search: Search, carried: Carried) -> _Believed | None:
+        """A transfer that the image and all that is known bear out, or None with the reason noted."""
+        H = carried.transfer.homography
+        assert H is not None
+        worse = self._agreement.refuse(carried)
+        if worse:
+            self._reasons.append(worse)
+            return None
+        try:
+            support = reference.samples.support(grey, H, carried.transfer.grasp.contacts)
+        except TransferError as problem:
+            self._reasons.append(str(problem))
+            return None
+        again, registered = search.whereabouts.again(H), reference.registration is not None
+        refusal = refuse(support, again=again, registered=registered)
+        doubt = "" if refusal else search.doubt(H, grey)
+        if refusal or doubt:
+            self._reasons.insert(0 if doubt else len(self._reasons), refusal or doubt)
+            return None
+        return _Believed(carried, H, support)
 
     def _accepted(self, found: _Believed, verdict: Verdict, analysis: Any) -> dict[str, Any]:
         answer = {

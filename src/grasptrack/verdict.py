@@ -12,11 +12,14 @@ from grasptrack.result import Status
 
 MIN_SHARE = 0.75
 """Of the outline inside the image, at least so much must show its edge where the transfer says it is."""
+MIN_SHARE_REGISTERED = 0.6
+"""The same where the outline was laid on the edges themselves and moved on from the image before: what agrees to a
+fraction of a pixel is not there by chance."""
 MIN_SHARE_AGAIN = 0.88
 """The same after a loss: what is covered then cannot tell the object from a near twin."""
-MAX_CONTRADICTED = 0.025
+MAX_CONTRADICTED = 0.005
 """At most so much of it may show another shape: ground where there should be material, or the reverse."""
-MAX_CONTRADICTED_AGAIN = 0.0125
+MAX_CONTRADICTED_AGAIN = 0.005
 """The same after a loss."""
 MIN_VISIBLE = 0.4
 """Of the whole outline, at least so much must lie inside the image."""
@@ -90,11 +93,18 @@ def close(support: Support) -> bool:
     return error(support) <= 0.25 * max(MAX_SHIFT_PX, MAX_SHIFT * support.size)
 
 
-def refuse(support: Support, *, again: bool = False) -> str:
-    """Why a transfer is not believed; empty when it is. After a loss (`again`) more of the outline is asked for."""
+def refuse(support: Support, *, again: bool = False, registered: bool = False) -> str:
+    """Why a transfer is not believed; empty when it is.
+
+    Args:
+        support: the edges found along the outline as the transfer carries it.
+        again: after a loss, more of the outline is asked for.
+        registered: the outline was laid on the edges themselves.
+    """
+    least = MIN_SHARE_AGAIN if again else MIN_SHARE_REGISTERED if registered else MIN_SHARE
     if support.visible < MIN_VISIBLE:
         return f"only {100 * support.visible:.0f} % of the outline is inside the image"
-    if support.share < (MIN_SHARE_AGAIN if again else MIN_SHARE):
+    if support.share < least:
         return f"only {100 * support.share:.0f} % of the outline shows its edge where the grasp's view says it is"
     if support.rms > max(MAX_RMS_PX, MAX_RMS * support.size):
         return f"the outline's shape no longer fits the reference ({support.rms:.1f} px off)"

@@ -32,6 +32,7 @@ def register_outline(
     polarity: int,
     reaches: Floats,
     motions: NDArray[np.int64],
+    strides: NDArray[np.int64],
     least_strength: float,
     relative_strength: float,
 ) -> tuple[Floats, Floats, Floats, float]:
@@ -48,6 +49,7 @@ def register_outline(
         polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ.
         reaches: (r,) px searched on either side, step by step.
         motions: (r,) parameters of the motion of each step: 4 similarity, 6 affine, 8 projective.
+        strides: (r,) of each step: every so many-th sample is looked at.
         least_strength: grey levels per px of an edge.
         relative_strength: of an edge, relative to the reference's and to the gain of most.
 
@@ -57,26 +59,29 @@ def register_outline(
     """
     if not len(points) or len(normals) != len(points) or len(strength) != len(points):
         raise ValueError("samples are needed, each with its normal and strength")
-    if not len(reaches) or len(motions) != len(reaches):
-        raise ValueError("each step needs its reach and motion")
-    for reach, motion in zip(reaches.tolist(), motions.tolist(), strict=True):
+    if not len(reaches) or len(motions) != len(reaches) or len(strides) != len(reaches):
+        raise ValueError("each step needs its reach, motion and stride")
+    for reach, motion, stride in zip(reaches.tolist(), motions.tolist(), strides.tolist(), strict=True):
         if not 0 < reach <= 1000:
             raise ValueError(f"reach must be above 0 and at most 1000 px, not {reach:g}")
         if motion not in (4, 6, 8):
             raise ValueError(f"a motion has 4, 6 or 8 parameters, not {motion}")
+        if stride < 1:
+            raise ValueError(f"a stride is 1 or more, not {stride}")
     nothing = np.full((3, 3), np.nan), np.full(len(points), np.nan), np.zeros(len(points)), math.nan
     left, weights, noise = nothing[1:]
-    for reach, motion in zip(reaches.tolist(), motions.tolist(), strict=True):
-        moved = carry_normals(H, points, normals)
+    for reach, motion, stride in zip(reaches.tolist(), motions.tolist(), strides.tolist(), strict=True):
+        moved = carry_normals(H, points[::stride], normals[::stride])
         if not np.isfinite(moved).all():
             return nothing
         at, along = np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4])
-        edges = search_edges(image, at, along, reach, polarity, strength)
+        asked = strength[::stride]
+        edges = search_edges(image, at, along, reach, polarity, asked)
         size = np.abs(edges[:, 1])
         found = np.isfinite(edges[:, 0]) & (size >= least_strength)
         if found.any():
-            gain = _lower_median(size[found] / np.abs(strength[found]))
-            found &= size >= relative_strength * gain * np.abs(strength)
+            gain = _lower_median(size[found] / np.abs(asked[found]))
+            found &= size >= relative_strength * gain * np.abs(asked)
         if np.count_nonzero(found) < ENOUGH:
             return nothing
         index = np.flatnonzero(found)
@@ -88,7 +93,7 @@ def register_outline(
             return nothing
         H = H / H[2, 2]
         left, weights = np.full(len(points), np.nan), np.zeros(len(points))
-        left[index], weights[index] = residual, weight
+        left[index * stride], weights[index * stride] = residual, weight
     return H, left, weights, noise
 
 

@@ -267,9 +267,14 @@ class Observer:
         self._levels[id(view)] = edge.inside, edge.outside, level
         return view
 
-    def believe(self, view: View) -> None:
-        """Learn the grey levels and the light of an outline that the verdict accepted, if it was segmented here."""
-        inside, outside, level = self._levels.get(id(view), (math.nan, math.nan, math.nan))
+    def believe(self, view: View, levels: tuple[float, float] = (math.nan, math.nan)) -> None:
+        """Learn the grey levels and the light of an outline that the verdict accepted.
+
+        Args:
+            view: the outline.
+            levels: inside and outside along its edges; they serve where it was not segmented here.
+        """
+        inside, outside, level = self._levels.get(id(view), (*levels, math.nan))
         self._last_contrast = self._contrast
         if math.isfinite(inside) and self._recipe[0] >= 0:
             self._gain = min(max(sharpness(view) / self._sharpness, 1.0 / MOST_GAIN), MOST_GAIN)
@@ -277,7 +282,7 @@ class Observer:
             self._inside, self._outside = inside, outside
         elif (outside - inside) * self.polarity > 0.0:
             # what its own levels found may be lit otherwise altogether
-            share = LEARNING if abs(level - self._level) < DISTINCT else 1.0
+            share = 1.0 if abs(level - self._level) >= DISTINCT else LEARNING
             self._learn_balance(level, inside, outside)
             self._inside += share * (inside - self._inside)
             self._outside += share * (outside - self._outside)

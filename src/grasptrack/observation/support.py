@@ -17,8 +17,10 @@ from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
 
-SAMPLES = 96
-"""Points of the reference outline that are looked for in every image."""
+SAMPLES = 240
+"""Points of the reference outline that are looked for in every image, ..."""
+STEP, MOST_SAMPLES = 0.025, 480
+"""... or as many as lie this fraction of sqrt(area) apart, if that is more, up to a bound: a tab must not fall between."""
 PER_CONTACT = 5
 """More of them under each finger."""
 REACH = 0.02
@@ -36,6 +38,8 @@ OTHER_GROUND = 0.3
 edge of something in front. It does not speak against the outline, but it fixes nothing."""
 HOPELESS = 0.5
 """Where more of the samples than this miss their edge, it is not worth while to ask why."""
+KNOWN_BESIDE = 3
+"""Samples on either side of one that speaks against the outline in its own image, which tell nothing later either."""
 BESIDE = 1.75
 """px from an edge, the material of a thin part begins and has not ended."""
 LEAST = 8
@@ -63,6 +67,7 @@ class Support(NamedTuple):
         covariance: (k, 2, 2) px^2 of that shift: large where the outline in view leaves a motion open.
         seen: (k,) share of the samples under each finger that have their edge within reach.
         size: px, square root of the object's area as carried along.
+        levels: median grey levels on the inner and the outer side of the edges that were found.
         contradicted: of the samples inside the image, how many show ground where material should be, or material that
             ends farther out: another shape. What is merely covered does not count.
     """
@@ -77,6 +82,7 @@ class Support(NamedTuple):
     seen: Floats
     size: float
     contradicted: float = 0.0
+    levels: tuple[float, float] = (math.nan, math.nan)
 
 
 class OutlineSamples:
@@ -99,12 +105,14 @@ class OutlineSamples:
         self, view: View, grey: Grey, contacts: Floats, width: float, polarity: int, hidden: Grey | None = None
     ) -> None:
         total = sum(c.length for c in view.contours)
+        area = kernels.inertia(view.points, view.offsets)[0]
+        count = min(max(SAMPLES, round(total / (STEP * math.sqrt(area)))), MOST_SAMPLES)
         places = [
             np.column_stack(
                 [np.full(n, float(i)), np.interp(np.arange(n) * (c.length / n), c.arc_length, np.arange(len(c) + 1.0))]
             )
             for i, c in enumerate(view.contours)
-            if (n := max(4, round(SAMPLES * c.length / total)))
+            if (n := max(4, round(count * c.length / total)))
         ]
         for contour, position, _ in kernels.locate(view.points, view.offsets, contacts).tolist():
             c = view.contours[int(contour)]
@@ -134,7 +142,7 @@ class OutlineSamples:
         self._hidden = hidden
         self.contacts = len(contacts)
         self.count = int(np.count_nonzero(self.outline))
-        self.area = kernels.inertia(view.points, view.offsets)[0]
+        self.area = area
         self.share = float(strong[outline].mean())
         beyond = self.outside[strong[keep]]
         self.ground = float(np.median(beyond)) if len(beyond) else math.nan
@@ -150,6 +158,12 @@ class OutlineSamples:
                 MIN_REACH,
                 math.sqrt(self.area),
             )
+        # nor does what already speaks against the outline where it was seen first, as print that reaches its edge may
+        self._known: Bools = np.zeros(self.count, dtype=np.bool_)
+        self._against: Bools = self._known
+        self.support(grey, np.eye(3), contacts)
+        shifts = range(-KNOWN_BESIDE, KNOWN_BESIDE + 1)
+        self._known = np.logical_or.reduce([np.roll(self._against, shift) for shift in shifts])
 
     def support(self, grey: Grey, H: Floats, contacts: Floats) -> Support:
         """Look for the outline in an image under H (3, 3), reference to current, that puts the contacts at (k, 2).
@@ -204,6 +218,9 @@ class OutlineSamples:
             self._contradicted(grey, points, normals, inside, found, ground, material, reach, size) / asked
             if asked
             else 0.0,
+            (float(np.median(edges[found, 2])), float(np.median(edges[found, 3])))
+            if found.any()
+            else (math.nan, math.nan),
         )
 
     def _levels(self, edges: Floats, found: Bools) -> tuple[Floats, Floats]:
@@ -241,6 +258,7 @@ class OutlineSamples:
     ) -> int:
         """How many samples of the outline the image contradicts."""
         use, missed = self.outline, inside & ~found
+        self._against = np.zeros(self.count, dtype=np.bool_)
         if np.count_nonzero(missed & use) > HOPELESS * len(missed):
             return 0
         against = np.zeros(self.count, dtype=np.bool_)
@@ -251,7 +269,8 @@ class OutlineSamples:
         if not self.polarity:
             more = self._attached(grey, points, normals, ground, material, reach, size)
             against = against | (more & inside[use] & ~self._beside)
-        return int(np.count_nonzero(against))
+        self._against = against & ~self._known
+        return int(np.count_nonzero(self._against))
 
     def _attached(
         self, grey: Grey, points: Floats, normals: Floats, ground: Floats, material: Floats, reach: float, size: float

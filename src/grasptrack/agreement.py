@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well the edges along a registered outline agree with each other, and with what they did before.
+
+A pose that is right leaves the same small residual in image after image. One that fits the edge of a cover for a side, or
+a body that is not flat, leaves more, though each edge is near enough; and where two poses fit, the one on which more of the
+outline agrees is right.
+"""
+
+from __future__ import annotations
+
+import math
+
+from grasptrack.carriers import Carried
+
+LEAST = 0.4
+"""Of the outline, at least so much must agree."""
+BETTER = 0.04
+"""A pose on which so much more of the outline agrees makes another one unbelievable."""
+MOST_NOISE = 0.8
+"""px that edges of a flat part may scatter, in the poorest light."""
+RISE = 2.0
+"""How many times as much as of late they may scatter, ..."""
+CALM = 0.2
+"""... or so many px, whichever is more."""
+LEARNING = 0.2
+"""Share of a new image in what they did of late."""
+SLOW = 1.1
+"""How many times more that may become from image to image: what grows steadily is no noise."""
+
+
+class Agreement:
+    """Judges registrations of one object, image after image."""
+
+    def __init__(self) -> None:
+        self._noise = math.nan
+        self._best = 0.0
+
+    def begin(self) -> None:
+        """A new image."""
+        self._best = 0.0
+
+    def refuse(self, carried: Carried) -> str:
+        """Why a registration is not believed; empty when it may be, and of other transfers."""
+        if math.isnan(carried.agreement):
+            return ""
+        best, self._best = self._best, max(self._best, carried.agreement)
+        if carried.agreement < best - BETTER:
+            return "another pose, which is refused, fits the edges better"
+        if carried.agreement < LEAST:
+            return f"only {100 * carried.agreement:.0f} % of the outline's edges agree on one motion"
+        limit = MOST_NOISE if math.isnan(self._noise) else min(MOST_NOISE, max(CALM, RISE * self._noise))
+        if carried.noise > limit:
+            return f"the outline's edges scatter by {carried.noise:.2f} px, more than before: it may be covered, or not flat"
+        return ""
+
+    def believe(self, carried: Carried) -> None:
+        """The verdict accepted this one."""
+        if math.isnan(carried.noise):
+            return
+        if math.isnan(self._noise):
+            self._noise = carried.noise
+        self._noise = min(self._noise + LEARNING * (carried.noise - self._noise), SLOW * self._noise)
