@@ -16,6 +16,7 @@ import numpy as np
 import grasptrack as gt
 from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH
+from grasptrack.observation.registration import OutlineRegistration
 from grasptrack.observation.snake import Snake
 from grasptrack.observation.support import OutlineSamples
 from grasptrack.projective import apply_homography
@@ -122,7 +123,7 @@ def time_steps(seen: Views) -> tuple[Measured, Errors]:
 
 
 def time_on_image(count: int, calls: int) -> Measured:
-    """Evidence and the snake's step, of an outline of `count` points on rendered images."""
+    """Evidence, registration and the snake's step, of an outline of `count` points on rendered images."""
     frames = list(demo_scene(240, colour=False))[:20]
     outline = gt.View(gt.Contour(resampled(frames[0].outline[0], count)))
     grasp = gt.synthesize(gt.Contour(resampled(frames[0].outline[0], 300)))[0].snapped(outline)
@@ -132,6 +133,10 @@ def time_on_image(count: int, calls: int) -> Measured:
     pool = [order[i % len(order)] for i in range(calls)]
     evidence = ((f.image, np.asarray(f.H_current_reference), f.contacts(grasp.contacts)) for f in pool)
     us = {"evidence": 1e6 * common.each(samples.support, list(evidence))}
+    registration = OutlineRegistration(outline, frames[0].image, 1)
+    us["registration"] = 1e6 * common.each(
+        registration.refine, [(f.image, np.asarray(f.H_current_reference)) for f in pool]
+    )
     snake = Snake(outline, frames[0].image, contacts=grasp.contacts)
 
     def step(image: np.ndarray) -> None:

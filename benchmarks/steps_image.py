@@ -24,6 +24,7 @@ from grasptrack.observation.observer import Observer
 from grasptrack.observation.outline import localise
 from grasptrack.observation.segmentation import objects
 from grasptrack.observation.silhouettes import trace
+from grasptrack.observation.registration import OutlineRegistration
 from grasptrack.observation.snake import Snake
 from grasptrack.observation.support import OutlineSamples
 from grasptrack.projective import apply_homography
@@ -79,6 +80,8 @@ def time_steps(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[Measu
     samples = OutlineSamples(view, first.image, grasp, width, 1)
     pool = ((f.image, H, apply_homography(H, grasp)) for f, H in zip(order, moves, strict=True))
     clock("evidence", samples.support, pool)
+    registration = OutlineRegistration(view, first.image, 1)
+    clock("registration", registration.refine, ((f.image, H) for f, H in zip(order, moves, strict=True)))
     snake = Snake(view, first.image, contacts=grasp)
 
     def step(image: np.ndarray) -> None:
