@@ -22,9 +22,9 @@ from grasptrack.evaluation.truth import Truth
 from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.outline import localise
+from grasptrack.observation.registration import OutlineRegistration
 from grasptrack.observation.segmentation import objects
 from grasptrack.observation.silhouettes import trace
-from grasptrack.observation.registration import OutlineRegistration
 from grasptrack.observation.snake import Snake
 from grasptrack.observation.support import OutlineSamples
 from grasptrack.projective import apply_homography
