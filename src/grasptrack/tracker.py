@@ -4,15 +4,14 @@
 from __future__ import annotations
 
 import time as clock
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import choice
-from grasptrack.agreement import Agreement
 from grasptrack.analysis import DEFAULT_FRICTION, check_friction
-from grasptrack.carriers import Carried
+from grasptrack.belief import Belief, Believed
 from grasptrack.contour import View
 from grasptrack.errors import (
     ConditioningError,
@@ -29,20 +28,13 @@ from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Segmenter, apart, grow
-from grasptrack.observation.support import Support
 from grasptrack.reference import AUTO, Reference
 from grasptrack.result import TrackResult
 from grasptrack.search import Search
 from grasptrack.transfer import STRATEGIES
-from grasptrack.verdict import Verdict, close, error, judge, lost, refuse
+from grasptrack.verdict import Verdict, judge, lost
 
 Floats = NDArray[np.float64]
-
-
-class _Believed(NamedTuple):
-    carried: Carried
-    homography: Floats
-    support: Support
 
 
 class GraspTracker:
@@ -104,9 +96,9 @@ class GraspTracker:
         self._reference: Reference | None = None
         self._observer = Observer()
         self._search: Search | None = None
+        self._belief: Belief | None = None
         self._unstable: View | None = None
         self._reasons: list[str] = []
-        self._agreement = Agreement()
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
 
@@ -127,10 +119,10 @@ class GraspTracker:
         grey = self._prepare(image, self._segmenter.segment(image) if mask is None and self._segmenter else mask)
         self._frame += 1
         self._reasons = []
-        if self._reference is None or self._search is None:
+        if self._reference is None or self._search is None or self._belief is None:
             result = self._begin(masked=mask is not None or self._segmenter is not None)  # grasp synthesis, once
         else:
-            result = self._follow(grey, self._reference, self._search)
+            result = self._follow(grey, self._reference, self._search, self._belief)
         latency = 1e3 * (clock.perf_counter() - started)
         return TrackResult(frame=self._frame, time=time, latency_ms=latency, **result)
 
@@ -177,6 +169,7 @@ class GraspTracker:
         self._reference = reference
         self._grasp_id += 1
         self._search = Search(self._observer, reference, others)
+        self._belief = Belief(reference, self._search)
         grasp, analysis = reference.grasp, reference.analysis
         return {
             "status": "tracked" if analysis.stable else "unstable",
@@ -191,88 +184,23 @@ class GraspTracker:
             "view": candidate.view,
         }
 
-    def _follow(self, grey: Grey, reference: Reference, search: Search) -> dict[str, Any]:
-        """Contour, transfer, analysis, accept or refuse."""
-        found = None
-        self._agreement.begin()
-        for view, prior in search.hypotheses(grey, self._reasons):
-            found = self._transfer(grey, reference, search, view, prior)
-            if found is not None:
-                break
+    def _follow(self, grey: Grey, reference: Reference, search: Search, belief: Belief) -> dict[str, Any]:
+        """Contour and transfer, analysis, accept or refuse."""
+        found = belief.find(grey)
         if found is None:
             search.lost(grey)
-            return self._refused(lost(self._reasons[0] if self._reasons else "the object was not found in this image"))
+            return self._refused(lost(next(iter(belief.reasons), "the object was not found in this image")))
         try:
             analysis = reference.carried_back(found.carried.transfer.grasp.contacts, found.homography)
         except (GraspError, ConditioningError) as error:
             search.lost(grey)
             return self._refused(lost(str(error)))
-        self._agreement.believe(found.carried)
-        search.believe(found.carried.view, found.homography, found.support.levels)
+        belief.accept(found)
         return self._accepted(found, judge(found.support, analysis), analysis)
 
-    # --- the blocks ------------------------------------------------------------------------------
+    # --- answers ---------------------------------------------------------------------------------
 
-    def _transfer(
-        self, grey: Grey, reference: Reference, search: Search, view: View | None, prior: Floats | None
-    ) -> _Believed | None:
-        """The best transfer that the image bears out, or None with the reasons noted."""
-        if reference.registration is not None:
-            found = self._registered(grey, reference, search, view, prior)
-            if found is not None or view is None:
-                return found
-        best: _Believed | None = None
-        for carrier in reference.carriers:
-            if best is not None and not carrier.needs_silhouette and close(best.support):
-                break  # the snake is asked when no silhouette served well
-            try:
-                carried = carrier.carry(grey, view, prior)
-                if reference.registration is not None:
-                    carried = reference.registration.polished(grey, carried)
-            except TransferError as problem:
-                self._reasons.append(str(problem))
-                continue
-            believed = self._borne_out(grey, reference, search, carried)
-            if believed is not None and (best is None or error(believed.support) < error(best.support)):
-                best = believed
-                if reference.registration is not None:
-                    break  # all are laid on the same edges
-        return best
-
-    def _registered(
-        self, grey: Grey, reference: Reference, search: Search, view: View | None, prior: Floats | None
-    ) -> _Believed | None:
-        """The reference outline laid on the edges near the prior, if the image bears it out."""
-        assert reference.registration is not None
-        try:
-            carried = reference.registration.carry(grey, view, prior)
-        except TransferError as problem:
-            self._reasons.append(str(problem))
-            return None
-        return self._borne_out(grey, reference, search, carried)
-
-    def _borne_out(self, grey: Grey, reference: Reference, search: Search, carried: Carried) -> _Believed | None:
-        """A transfer that the image and all that is known bear out, or None with the reason noted."""
-        H = carried.transfer.homography
-        assert H is not None
-        worse = self._agreement.refuse(carried)
-        if worse:
-            self._reasons.append(worse)
-            return None
-        try:
-            support = reference.samples.support(grey, H, carried.transfer.grasp.contacts)
-        except TransferError as problem:
-            self._reasons.append(str(problem))
-            return None
-        again, registered = search.whereabouts.again(H), reference.registration is not None
-        refusal = refuse(support, again=again, registered=registered)
-        doubt = "" if refusal else search.doubt(H, grey)
-        if refusal or doubt:
-            self._reasons.insert(0 if doubt else len(self._reasons), refusal or doubt)
-            return None
-        return _Believed(carried, H, support)
-
-    def _accepted(self, found: _Believed, verdict: Verdict, analysis: Any) -> dict[str, Any]:
+    def _accepted(self, found: Believed, verdict: Verdict, analysis: Any) -> dict[str, Any]:
         answer = {
             "status": verdict.status,
             "reason": verdict.reason,

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Grasp transfer and its check (Fig. 3): the transfer that one image bears out, or why none is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.agreement import Agreement
+from grasptrack.carriers import Carried, Carrier
+from grasptrack.errors import TransferError
+from grasptrack.observation.images import Grey
+from grasptrack.observation.support import Support
+from grasptrack.reference import Reference
+from grasptrack.search import Hypothesis, Search
+from grasptrack.verdict import close, error, refuse
+
+Floats = NDArray[np.float64]
+
+
+class Believed(NamedTuple):
+    """A transfer that an image bears out, its homography (3, 3), and the evidence."""
+
+    carried: Carried
+    homography: Floats
+    support: Support
+
+
+class Belief:
+    """Transfers the grasp to image after image, and believes what the edges bear out.
+
+    Args:
+        reference: the reference view, with the strategies to use.
+        search: says where the outline may be, and whether a pose may be the object's.
+
+    Attributes:
+        reasons: why what was tried in this image is not believed; the first is the one to tell.
+    """
+
+    def __init__(self, reference: Reference, search: Search) -> None:
+        self._reference, self._search = reference, search
+        self._agreement = Agreement()
+        self.reasons: list[str] = []
+
+    def find(self, grey: Grey) -> Believed | None:
+        """The first hypothesis of where the object is that this image bears out."""
+        self.reasons = []
+        self._agreement.begin()
+        for hypothesis in self._search.hypotheses(grey, self.reasons):
+            found = self._transfer(grey, hypothesis)
+            if found is not None:
+                return found
+        return None
+
+    def accept(self, found: Believed) -> None:
+        """The analysis could judge this one: learn from it."""
+        self._agreement.believe(found.carried)
+        self._search.believe(found.carried.view, found.homography, found.support.levels)
+
+    def _transfer(self, grey: Grey, hypothesis: Hypothesis) -> Believed | None:
+        """The best transfer that the image bears out, or None with the reasons noted."""
+        registration = self._reference.registration
+        if registration is not None:
+            found = self._carried(grey, hypothesis, registration)
+            if found is not None or hypothesis.view is None:
+                return found
+        best: Believed | None = None
+        for carrier in self._reference.carriers:
+            if best is not None and (
+                registration is not None or (not carrier.needs_silhouette and close(best.support))
+            ):
+                break  # all are laid on the same edges; and the snake is asked when no silhouette served well
+            found = self._carried(grey, hypothesis, carrier)
+            if found is not None and (best is None or error(found.support) < error(best.support)):
+                best = found
+        return best
+
+    def _carried(self, grey: Grey, hypothesis: Hypothesis, carrier: Carrier) -> Believed | None:
+        """What one strategy makes of a hypothesis, if the image and all that is known bear it out."""
+        registration = self._reference.registration
+        try:
+            carried = carrier.carry(grey, *hypothesis)
+            if registration is not None and carrier is not registration:
+                carried = registration.polished(grey, carried)
+            H = carried.transfer.homography
+            assert H is not None
+            worse = self._agreement.refuse(carried)
+            if worse:
+                raise TransferError(worse)
+            support = self._reference.samples.support(grey, H, carried.transfer.grasp.contacts)
+        except TransferError as problem:
+            self.reasons.append(str(problem))
+            return None
+        refusal = refuse(support, again=self._search.whereabouts.again(H), registered=registration is not None)
+        doubt = "" if refusal else self._search.doubt(H, grey)
+        if refusal or doubt:
+            self.reasons.insert(0 if doubt else len(self.reasons), refusal or doubt)
+            return None
+        return Believed(carried, H, support)
