@@ -49,7 +49,7 @@ def test_the_true_motion_is_found_from_a_pose_some_px_off(seed: int, shape: str,
     shift[:2, 2] = data.draw(st.tuples(st.floats(-6, 6), st.floats(-6, 6)))
     found = begun(frames).refine(frame.image, shift @ frame.H_current_reference, FAR)
     assert off(found.homography, frame.H_current_reference) < 0.25
-    assert found.weights.mean() > 0.8 and found.noise < 0.2
+    assert found.weights.mean() > 0.7 and found.noise < 0.2
 
 
 def test_what_hides_a_third_of_the_outline_moves_nothing() -> None:

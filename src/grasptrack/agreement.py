@@ -18,8 +18,11 @@ BETTER = 0.04
 """A pose on which so much more of the outline agrees makes another one unbelievable."""
 MOST_NOISE = 0.8
 """px that edges of a flat part may scatter, in the poorest light."""
-RISE = 2.0
-"""How many times as much as of late they may scatter, ..."""
+WHOLE = 0.75
+"""Where so much of the outline agrees, little can be covered."""
+RISE, RISE_COVERED = 2.5, 1.5
+"""How many times as much as of late they may scatter then, and where less agrees: a cover's edge lies near the outline
+for a while, and draws it away, ..."""
 CALM = 0.2
 """... or so many px, whichever is more."""
 LEARNING = 0.2
@@ -48,7 +51,8 @@ class Agreement:
             return "another pose, which is refused, fits the edges better"
         if carried.agreement < LEAST:
             return f"only {100 * carried.agreement:.0f} % of the outline's edges agree on one motion"
-        limit = MOST_NOISE if math.isnan(self._noise) else min(MOST_NOISE, max(CALM, RISE * self._noise))
+        rise = RISE if carried.agreement >= WHOLE else RISE_COVERED
+        limit = MOST_NOISE if math.isnan(self._noise) else min(MOST_NOISE, max(CALM, rise * self._noise))
         if carried.noise > limit:
             return f"the outline's edges scatter by {carried.noise:.2f} px, more than before: it may be covered, or not flat"
         return ""

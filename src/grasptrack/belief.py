@@ -44,9 +44,10 @@ class Belief:
         self._agreement = Agreement()
         self.reasons: list[str] = []
 
-    def find(self, grey: Grey) -> Believed | None:
-        """The first hypothesis of where the object is that this image bears out."""
+    def find(self, grey: Grey, time: float | None) -> Believed | None:
+        """The first hypothesis of where the object is that an image (H, W), taken at a time in s, bears out."""
         self.reasons = []
+        self._search.whereabouts.motion.look(time)
         self._agreement.begin()
         for hypothesis in self._search.hypotheses(grey, self.reasons):
             found = self._transfer(grey, hypothesis)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the reference outline is expected next: the motion of the last two frames, carried on."""
+"""Where the reference outline is expected next: the motion of the last two frames, carried on for as long as it took."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.projective import jacobian, normalised
+from grasptrack.projective import apply_homography, jacobian, normalised
 
 Floats = NDArray[np.float64]
 
@@ -18,6 +18,10 @@ UNSTEADY = math.radians(3.0)
 """rad a frame by which an object may turn more than it did of late."""
 FADING = 0.9
 """Share of the fastest turn that is still expected one frame later."""
+LONGEST = 2.0
+"""A motion is carried on for at most so many times the interval in which it was seen."""
+SCALE = 300.0
+"""px, unit of the coordinates in which powers of a homography are taken: parts of it are then alike."""
 
 
 class Motion:
@@ -32,11 +36,38 @@ class Motion:
         self._pose: Floats = np.eye(3)
         self._step: Floats = np.eye(3)
         self._turning = 0.0
+        self._now: float | None = None  # s, of the image at hand, of the last pose, and from the one before to it
+        self._time: float | None = None
+        self._interval: float | None = None
+        self._expected: Floats = np.eye(3)
         self.missed = 0
 
+    def begin(self, time: float | None) -> None:
+        """The reference image, taken at a time in s."""
+        self._time = time
+
+    def look(self, time: float | None) -> None:
+        """A new image, taken at a time in s, or one frame after the last where times are not known."""
+        self._now = time
+        self._expected = self._pose
+        if self.missed == 0:
+            self._expected = normalised(power(self._step, self._ratio(), self._place()) @ self._pose)
+
     def predict(self) -> Floats:
-        """(3, 3) H_current_reference expected for the next frame."""
-        return normalised(self._step @ self._pose) if self.missed == 0 else self._pose
+        """(3, 3) H_current_reference expected in the image at hand: at constant velocity, or at rest after a loss."""
+        return self._expected
+
+    def _ratio(self) -> float:
+        """How many times the interval in which the motion was seen has passed since."""
+        if self._now is None or self._time is None or self._interval is None:
+            return 1.0
+        ratio = (self._now - self._time) / self._interval
+        return min(ratio, LONGEST) if ratio > 0.0 else 1.0  # clocks that stand still or run backwards say nothing
+
+    def _place(self) -> tuple[float, float]:
+        """(x, y) px of the object's centre in the last image."""
+        x, y = apply_homography(self._pose, np.array([self._centre]))[0].tolist()
+        return x, y
 
     @property
     def remembered(self) -> bool:
@@ -59,11 +90,34 @@ class Motion:
         self._turning = max(turned, FADING * self._turning)
         self._step = H @ np.linalg.inv(self._pose) if self.missed == 0 else np.eye(3)
         self._pose = normalised(H)
+        self._interval = None
+        if self._now is not None and self._time is not None and self._now > self._time:
+            self._interval = self._now - self._time
+        self._time = self._now
         self.missed = 0
 
     def lost(self) -> None:
         """This frame gave none."""
         self.missed += 1
+
+
+def power(H: Floats, exponent: float, place: tuple[float, float]) -> Floats:
+    """A homography (3, 3) near the identity to a power that need not be whole.
+
+    Args:
+        H: the motion in one interval.
+        exponent: intervals, 0 or more.
+        place: (x, y) px, about which it is near the identity.
+    """
+    there = np.array([[1.0, 0.0, -place[0]], [0.0, 1.0, -place[1]], [0.0, 0.0, SCALE]]) / SCALE
+    back = np.array([[SCALE, 0.0, place[0]], [0.0, SCALE, place[1]], [0.0, 0.0, 1.0]])
+    step = there @ (H / np.cbrt(np.linalg.det(H))) @ back
+    whole = int(exponent)
+    out, term = np.eye(3), np.eye(3)
+    for k in range(1, 9):  # binomial series of (1 + E)^rest
+        term = term @ (step - np.eye(3)) * ((exponent - whole - k + 1) / k)
+        out = out + term
+    return np.asarray(back @ out @ np.linalg.matrix_power(step, whole) @ there, dtype=np.float64)
 
 
 def wrapped(angle: float) -> float:

@@ -107,7 +107,8 @@ class GraspTracker:
 
         Args:
             image: 8 or 16 bit, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
-            time: s.
+            time: s, at which it was taken; the motion is carried on for as long, so that dropped frames do no harm. None
+                counts frames.
             mask: (H, W) the user's segmentation of this image, nonzero on the object; it takes the image's place.
 
         Raises:
@@ -121,8 +122,10 @@ class GraspTracker:
         self._reasons = []
         if self._reference is None or self._search is None or self._belief is None:
             result = self._begin(masked=mask is not None or self._segmenter is not None)  # grasp synthesis, once
+            if self._search is not None:
+                self._search.whereabouts.motion.begin(time)
         else:
-            result = self._follow(grey, self._reference, self._search, self._belief)
+            result = self._follow(grey, time, self._reference, self._search, self._belief)
         latency = 1e3 * (clock.perf_counter() - started)
         return TrackResult(frame=self._frame, time=time, latency_ms=latency, **result)
 
@@ -184,9 +187,11 @@ class GraspTracker:
             "view": candidate.view,
         }
 
-    def _follow(self, grey: Grey, reference: Reference, search: Search, belief: Belief) -> dict[str, Any]:
+    def _follow(
+        self, grey: Grey, time: float | None, reference: Reference, search: Search, belief: Belief
+    ) -> dict[str, Any]:
         """Contour and transfer, analysis, accept or refuse."""
-        found = belief.find(grey)
+        found = belief.find(grey, time)
         if found is None:
             search.lost(grey)
             return self._refused(lost(next(iter(belief.reasons), "the object was not found in this image")))

@@ -29,7 +29,11 @@ NEAR = 3.0
 """px within which an outline of the reference is settled on its own edges."""
 MIN_STRENGTH, RELATIVE_STRENGTH = 2.0, 0.3
 """Grey levels per px of an edge; and its share of the reference's, exposure and blur of the image allowed for."""
-FAR: Schedule = np.array([14.0, 8.0, 4.0, 3.0]), np.array([4, 6, 8, 8]), np.array([6, 3, 2, 1])
+FAR: Schedule = (
+    np.array([24.0, 12.0, 8.0, 4.0, 3.0]),
+    np.array([4, 4, 6, 8, 8]),
+    np.array([10, 6, 3, 2, 1]),
+)
 """px searched, parameters of the motion, and samples passed over, step by step, from a prediction: few parameters and few
 samples bridge gaps, all of them fit."""
 CLOSE: Schedule = np.array([5.0, 3.0]), np.array([8, 8]), np.array([2, 1])
