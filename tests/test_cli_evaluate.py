@@ -132,6 +132,21 @@ def test_bad_input_is_one_line_and_status_2(
     assert not (tmp_path / "out").exists()
 
 
+def test_three_fingers_and_a_strategy_that_carries_two(tmp_path: Path) -> None:
+    given = ["evaluate", "scenes", *SMALL, "--disturbances", "clean-4dof", "--fingers", "3", "-q"]
+    assert main([*given, "--methods", "auto,grasp-line", "--output", str(tmp_path / "out")]) == 0
+    frames = read_records(tmp_path / "out" / "cases" / "bracket.clean-4dof.csv")
+    assert all(f.contacts is not None and f.contacts.shape == (3, 2) for f in frames["auto"])
+    assert {(f.status, f.reason) for f in frames["grasp-line"]} == {
+        ("searching", "grasp-line carries 2 fingers, not 3; use rrp or homography")
+    }
+
+
+def test_a_verb_without_its_second_word_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate"]) == 2
+    assert capsys.readouterr().err == "grasptrack: Missing command (see grasptrack evaluate --help)\n"
+
+
 def test_a_part_without_a_grasp_is_left_out_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = ["evaluate", "scenes", *SMALL, "--disturbances", "noise", "--methods", "auto", "--friction", "0.0001"]
     assert main([*given, "--output", str(tmp_path / "out")]) == 2

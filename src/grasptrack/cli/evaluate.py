@@ -30,7 +30,6 @@ ManyFingers = Annotated[int, typer.Option(metavar="K", help="Fingers of the gras
 
 evaluate = typer.Typer(
     help="Measure every method: on scenes with known truth, on real videos, or as the paper did.",
-    no_args_is_help=True,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

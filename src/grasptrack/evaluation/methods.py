@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from grasptrack.errors import GraspError, InputError
+from grasptrack.errors import GraspError, InputError, StrategyError
 from grasptrack.evaluation import peers
 from grasptrack.evaluation.method import Maker, Method, Start
 from grasptrack.result import TrackResult
@@ -27,14 +27,18 @@ class Tracker:
     """
 
     def __init__(self, start: Start, strategy: str) -> None:
-        self._tracker = GraspTracker(strategy=strategy, grasp=start.contacts)
         self._refused = ""
         self._frame = -1
+        self._tracker: GraspTracker | None = None
+        try:
+            self._tracker = GraspTracker(strategy=strategy, grasp=start.contacts)
+        except StrategyError as error:
+            self._refused = str(error)
 
     def update(self, image: NDArray[Any], time: float | None) -> TrackResult:
-        """The tracker's answer; contacts that it refuses in the first image leave it searching for good."""
+        """The tracker's answer; contacts that it refuses from the first leave it searching for good."""
         self._frame += 1
-        if not self._refused:
+        if self._tracker is not None and not self._refused:
             try:
                 return self._tracker.update(image, time=time)
             except GraspError as error:
