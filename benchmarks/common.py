@@ -32,16 +32,10 @@ benchmarks/RESULTS.md`. How to read them is in [docs/benchmarks.md](../docs/benc
 def machine() -> str:
     """One line that says what the figures were measured on."""
     from grasptrack import kernels
+    from grasptrack.io.results import machine as processor
 
-    name = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        models = [
-            line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")
-        ]
-        name = models[0] if models else name
     return (
-        f"{name}, {os.cpu_count()} cores, one thread; {platform.system()}, Python {platform.python_version()}, "
+        f"{processor()}, one thread; Python {platform.python_version()}, "
         f"NumPy {np.__version__}, OpenCV {cv2.__version__}, kernels: {kernels.BACKEND}"
     )
 

@@ -65,17 +65,7 @@ class RobustFit {
     Row8 solved(const std::vector<Row8> &A, const std::vector<double> &offsets) const {
         Matrix8 N{}, V;
         Row8 b{}, y{};
-        double total = 0.0;
-        for (std::size_t i = 0; i < A.size(); ++i) {
-            total += weight[i];
-            for (int r = 0; r < 8; ++r) {
-                const double wa = weight[i] * A[i][r];
-                b[r] += wa * offsets[i];
-                for (int c = 0; c <= r; ++c) N[r][c] += wa * A[i][c];
-            }
-        }
-        for (int r = 0; r < 8; ++r)
-            for (int c = 0; c < r; ++c) N[c][r] = N[r][c];
+        const double total = normal_equations(A, weight, offsets.data(), N, b);
         const Row8 told = eigen(N, V);
         for (int e = 0; e < 8; ++e) {
             if (!(told[e] > kSliding * kSliding * total)) continue;

@@ -88,6 +88,23 @@ inline Row8 combined(const Row8 &row, const Matrix8 &own) {
     return out;
 }
 
+// A'WA and A'Wb of weighted rows; gives the sum of the weights.
+inline double normal_equations(const std::vector<Row8> &A, const std::vector<double> &weight, const double *offsets,
+                               Matrix8 &N, Row8 &b) {
+    double total = 0.0;
+    for (std::size_t i = 0; i < A.size(); ++i) {
+        total += weight[i];
+        for (int r = 0; r < 8; ++r) {
+            const double wa = weight[i] * A[i][r];
+            b[r] += wa * offsets[i];
+            for (int c = 0; c <= r; ++c) N[r][c] += wa * A[i][c];
+        }
+    }
+    for (int r = 0; r < 8; ++r)
+        for (int c = 0; c < r; ++c) N[c][r] = N[r][c];
+    return total;
+}
+
 inline void projective_step(const double *points, const double *normals, const double *offsets, std::int64_t m,
                             const double *contacts, std::int64_t k, double radius, double loose, double *shift,
                             double *covariance) {
@@ -117,17 +134,7 @@ inline void projective_step(const double *points, const double *normals, const d
     auto solve = [&] {
         Matrix8 N{}, V;
         Row8 b{};
-        double total = 0.0;
-        for (std::int64_t i = 0; i < m; ++i) {
-            total += weight[i];
-            for (int r = 0; r < 8; ++r) {
-                const double wa = weight[i] * A[i][r];
-                b[r] += wa * offsets[i];
-                for (int c = 0; c <= r; ++c) N[r][c] += wa * A[i][c];
-            }
-        }
-        for (int r = 0; r < 8; ++r)
-            for (int c = 0; c < r; ++c) N[c][r] = N[r][c];
+        const double total = normal_equations(A, weight, offsets, N, b);
         Row8 told = eigen(N, V);
         C = {};
         x = {};

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.terminal import INTERRUPTED, Interruption, tell_error
+from grasptrack.cli.progress import with_progress
 
 _HEADS = (
     ("strategy", "left"),
@@ -41,21 +41,10 @@ def demo(
       grasptrack demo
       grasptrack demo --frames 300 --output /tmp/demo
     """
-    from grasptrack.cli.report import Progress, show_rows
+    from grasptrack.cli.report import show_rows
     from grasptrack.evaluation.demo import run_demo
 
-    with Interruption() as interruption:
-        try:
-            with Progress(quiet) as progress:
-
-                def tell(step: str, done: int, total: int) -> None:
-                    progress.tell(step, done, total)
-                    interruption.check()
-
-                rows = run_demo(output, frames=frames, video=not no_video, progress=tell)
-        except KeyboardInterrupt:
-            tell_error(f'interrupted; what was computed is in "{output}"')
-            raise typer.Exit(INTERRUPTED) from None
+    rows = with_progress(output, quiet, lambda tell: run_demo(output, frames=frames, video=not no_video, progress=tell))
     if quiet:
         return
     notes = [f"{row['strategy']} lost, mostly: {row['reason']}" for row in rows if row["reason"]]

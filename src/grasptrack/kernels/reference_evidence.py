@@ -105,7 +105,7 @@ def projective_step(
     own = whitening(fields)
     A = np.einsum("mi,mij->mj", normals, fields) @ own
     weight = np.ones(len(points))
-    noise = max(1.4826 * _lower_median(np.abs(offsets)), LEAST_NOISE)
+    noise = max(1.4826 * lower_median(np.abs(offsets)), LEAST_NOISE)
     x, C = np.zeros(8), np.eye(8)
     for last in (False,) * (STEP_ROUNDS - 1) + (True,):
         # directions along which the outline slides into itself tell nothing, whatever the normals' noise pretends
@@ -116,7 +116,7 @@ def projective_step(
         x = C @ (V * share) @ V.T @ (A.T @ (weight * offsets)) / noise**2
         if not last:
             residual = np.abs(offsets - A @ x)
-            noise = max(1.4826 * _lower_median(residual), LEAST_NOISE)
+            noise = max(1.4826 * lower_median(residual), LEAST_NOISE)
             weight = np.minimum(1.0, 2.0 * noise / np.maximum(residual, 1e-12))
     at = displacement_fields((contacts - centre) / radius) @ own
     return at @ x, at @ C @ at.transpose(0, 2, 1)
@@ -130,5 +130,6 @@ def whitening(fields: Floats) -> Floats:
     return np.asarray(V / np.sqrt(np.maximum(size, SLIGHT * size[-1])))
 
 
-def _lower_median(values: Floats) -> float:
+def lower_median(values: Floats) -> float:
+    """The middle value, of two the lower one; 0 of none."""
     return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference_evidence import SLIDING, carry_normals, displacement_fields, whitening
+from grasptrack.kernels.reference_evidence import SLIDING, carry_normals, displacement_fields, lower_median, whitening
 from grasptrack.kernels.reference_support import search_edges
 
 Floats = NDArray[np.float64]
@@ -80,7 +80,7 @@ def register_outline(
         size = np.abs(edges[:, 1])
         found = np.isfinite(edges[:, 0]) & (size >= least_strength)
         if found.any():
-            gain = _lower_median(size[found] / np.abs(asked[found]))
+            gain = lower_median(size[found] / np.abs(asked[found]))
             found &= size >= relative_strength * gain * np.abs(asked)
         if np.count_nonzero(found) < ENOUGH:
             return nothing
@@ -111,7 +111,7 @@ def _fitted(points: Floats, normals: Floats, offsets: Floats, motion: int) -> tu
         b = V.T @ (A.T @ (weight * offsets))
         x = V @ np.where(keep, b / np.where(keep, told, 1.0), 0.0)
         residual = offsets - A @ x
-        noise = max(1.4826 * _lower_median(np.abs(residual)), LEAST_NOISE_PX)
+        noise = max(1.4826 * lower_median(np.abs(residual)), LEAST_NOISE_PX)
         u = residual / (TUKEY * noise)
         weight = np.where(np.abs(u) < 1.0, (1.0 - u * u) ** 2, 0.0)
     full = np.zeros(8)
@@ -138,7 +138,3 @@ def _moved(x: Floats, centre: Floats, radius: float) -> Floats:
     N = np.array([[1.0, 0.0, -centre[0]], [0.0, 1.0, -centre[1]], [0.0, 0.0, radius]]) / radius
     back = np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
     return np.asarray(back @ M @ N, dtype=np.float64)
-
-
-def _lower_median(values: Floats) -> float:
-    return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0
