@@ -12,7 +12,7 @@ namespace grasptrack {
 
 constexpr int kRounds = 3;
 constexpr double kLeastNoise = 0.2;
-constexpr double kSliding = 0.05;
+constexpr double kSliding = 0.16;
 constexpr double kSlight = 1e-6;
 
 using Row8 = std::array<double, 8>;

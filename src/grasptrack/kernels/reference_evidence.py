@@ -59,7 +59,7 @@ def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats:
 STEP_ROUNDS = 3
 LEAST_NOISE = 0.2
 """px; edges are never believed to be better than this."""
-SLIDING = 0.05
+SLIDING = 0.16
 """A motion whose part along the normals is, rms, less than this share of itself is not seen."""
 SLIGHT = 1e-6
 """Motions that displace the outline by less than the root of this, relative to the largest, are none of their own."""
