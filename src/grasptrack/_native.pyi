@@ -39,6 +39,23 @@ def register_outline(
     least_strength: float,
     relative_strength: float,
 ) -> tuple[Floats, Floats, Floats, float]: ...
+def motion_equations(
+    image: NDArray[np.uint8],
+    coarse: NDArray[np.uint8],
+    shrink: float,
+    H: Floats,
+    points: Floats,
+    normals: Floats,
+    strength: Floats,
+    polarity: int,
+    reach: float,
+    least_strength: float,
+    relative_strength: float,
+    places: Floats,
+    values: Floats,
+    slopes: Floats,
+    starts: NDArray[np.int64],
+) -> tuple[Floats, float, Floats, Floats, Floats, Floats, Floats, Floats]: ...
 def resample(points: Floats, count: int, smooth: float) -> Floats: ...
 def blend_normals(points: Floats) -> Floats: ...
 def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominence: float) -> NDArray[np.int64]: ...

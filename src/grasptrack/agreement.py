@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 from grasptrack.carriers import Carried
+from grasptrack.observation.fusion import Fused
 
 LEAST = 0.4
 """Of the outline, at least so much must agree."""
@@ -25,6 +26,8 @@ RISE, RISE_COVERED = 2.5, 1.5
 for a while, and draws it away, ..."""
 CALM = 0.2
 """... or so many px, whichever is more."""
+HELD = 0.7
+"""px: surfaces that fix each contact to so much hold the pose."""
 LEARNING = 0.2
 """Share of a new image in what they did of late."""
 SLOW = 1.1
@@ -44,23 +47,31 @@ class Agreement:
 
     def refuse(self, carried: Carried) -> str:
         """Why a registration is not believed; empty when it may be, and of other transfers."""
-        if math.isnan(carried.agreement):
+        fused = carried.fused
+        if fused is None:
             return ""
-        best, self._best = self._best, max(self._best, carried.agreement)
-        if carried.agreement < best - BETTER:
+        best, self._best = self._best, max(self._best, fused.agreement)
+        if fused.agreement < best - BETTER:
             return "another pose, which is refused, fits the edges better"
-        if carried.agreement < LEAST:
-            return f"only {100 * carried.agreement:.0f} % of the outline's edges agree on one motion"
-        rise = RISE if carried.agreement >= WHOLE else RISE_COVERED
+        if fused.agreement < LEAST:
+            return f"only {100 * fused.agreement:.0f} % of the outline's edges agree on one motion"
+        rise = RISE if fused.agreement >= WHOLE else RISE_COVERED
         limit = MOST_NOISE if math.isnan(self._noise) else min(MOST_NOISE, max(CALM, rise * self._noise))
-        if carried.noise > limit:
-            return f"the outline's edges scatter by {carried.noise:.2f} px, more than before: it may be covered, or not flat"
+        scatter = self._scatter(fused)
+        if scatter > limit:
+            return f"the outline's edges scatter by {scatter:.2f} px, more than before: it may be covered, or not flat"
         return ""
+
+    @staticmethod
+    def _scatter(fused: Fused) -> float:
+        """px, of all edges, or of those that agree where a cover cannot draw the pose away, as surfaces hold it."""
+        return fused.noise if fused.held <= HELD else fused.scatter
 
     def believe(self, carried: Carried) -> None:
         """The verdict accepted this one."""
-        if math.isnan(carried.noise):
+        if carried.fused is None:
             return
+        scatter = self._scatter(carried.fused)
         if math.isnan(self._noise):
-            self._noise = carried.noise
-        self._noise = min(self._noise + LEARNING * (carried.noise - self._noise), SLOW * self._noise)
+            self._noise = scatter
+        self._noise = min(self._noise + LEARNING * (scatter - self._noise), SLOW * self._noise)

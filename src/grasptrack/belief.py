@@ -58,6 +58,8 @@ class Belief:
     def accept(self, found: Believed) -> None:
         """The analysis could judge this one: learn from it."""
         self._agreement.believe(found.carried)
+        if found.carried.fused is not None and self._reference.registration is not None:
+            self._reference.registration.fusion.believe(found.carried.fused)
         self._search.believe(found.carried.view, found.homography, found.support.levels)
 
     def _transfer(self, grey: Grey, hypothesis: Hypothesis) -> Believed | None:
@@ -91,6 +93,8 @@ class Belief:
             if worse:
                 raise TransferError(worse)
             support = self._reference.samples.support(grey, H, carried.transfer.grasp.contacts)
+            if carried.fused is not None and carried.transfer.covariance is not None:
+                support = support._replace(covariance=carried.transfer.covariance)
         except TransferError as problem:
             self.reasons.append(str(problem))
             return None

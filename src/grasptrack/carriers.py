@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple, Protocol
@@ -14,14 +13,19 @@ from numpy.typing import NDArray
 from grasptrack.contour import View
 from grasptrack.errors import ObservationError, TransferError
 from grasptrack.grasp import Grasp
+from grasptrack.observation.fusion import Fused, Fusion
 from grasptrack.observation.images import Grey
-from grasptrack.observation.registration import CLOSE, FAR, OutlineRegistration, Schedule
+from grasptrack.observation.registration import CLOSE, FAR, OutlineRegistration
 from grasptrack.observation.shape_space import Shape
 from grasptrack.observation.snake import Snake
 from grasptrack.projective import apply_homography, check_plausible
 from grasptrack.transfer import Transfer, TransferStrategy, rrp, strategy_named
 
 Floats = NDArray[np.float64]
+
+
+MOST_AGREE = 0.75
+"""Where less of the outline agrees, the surfaces are asked for another pose."""
 
 
 class Carried(NamedTuple):
@@ -31,15 +35,13 @@ class Carried(NamedTuple):
         strategy: its name.
         transfer: always with a homography.
         view: the outline that it was made on.
-        agreement: of a registration, the share of the outline whose edges agree, 0 to 1; NaN of others.
-        noise: px, of these edges; NaN of others.
+        fused: of a registration, what bears it out.
     """
 
     strategy: str
     transfer: Transfer
     view: View
-    agreement: float = math.nan
-    noise: float = math.nan
+    fused: Fused | None = None
 
 
 class Carrier(Protocol):
@@ -79,11 +81,12 @@ class SilhouetteCarrier:
 
 
 class RegistrationCarrier:
-    """The reference outline laid on the edges of the image: no silhouette, no description, all the evidence there is.
+    """The reference view laid on the image: no silhouette, no description, all the evidence there is.
 
     Args:
         grasp, reference, grey: the grasp, its outline and the image of both.
         polarity: as for `OutlineRegistration`.
+        hidden: (H, W) nonzero where nothing belongs to a scene.
 
     Raises:
         TransferError: the reference shows too few edges.
@@ -92,15 +95,33 @@ class RegistrationCarrier:
     name = "registration"
     needs_silhouette = False
 
-    def __init__(self, grasp: Grasp, reference: View, grey: Grey, polarity: int) -> None:
+    def __init__(self, grasp: Grasp, reference: View, grey: Grey, polarity: int, hidden: Grey | None = None) -> None:
         self._contacts, self._reference = grasp.contacts, reference
         self._registration = OutlineRegistration(reference, grey, polarity)
+        self.fusion = Fusion(self._registration, reference, grey, grasp.contacts, hidden)
 
     def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
         """See Carrier; the view is not looked at."""
         if prior is None:
             raise TransferError("nothing says where the outline may be")
-        return self._carried(grey, prior, FAR)
+        problem: TransferError | None = None
+        best: Fused | None = None
+        try:
+            best = self.fusion.refine(grey, self._registration.refine(grey, prior, FAR).homography)
+        except TransferError as error:
+            problem = error
+        if (best is None or best.agreement < MOST_AGREE) and self.fusion.textured:
+            # where the outline is covered, the surfaces lead
+            try:
+                other = self.fusion.refine(grey, prior, far=True)
+                if best is None or other.agreement > best.agreement:
+                    best = other
+            except TransferError as error:
+                problem = error
+        if best is None:
+            assert problem is not None
+            raise problem
+        return self._carried(best)
 
     def polished(self, grey: Grey, carried: Carried) -> Carried:
         """What another strategy carried, laid on the edges.
@@ -110,15 +131,16 @@ class RegistrationCarrier:
         """
         H = carried.transfer.homography
         assert H is not None
-        return self._carried(grey, H, CLOSE)
+        return self._carried(self.fusion.refine(grey, self._registration.refine(grey, H, CLOSE).homography))
 
-    def _carried(self, grey: Grey, H: Floats, schedule: Schedule) -> Carried:
-        found = self._registration.refine(grey, H, schedule)
-        check_plausible(found.homography, self._reference.outer.points)
-        contacts = apply_homography(found.homography, self._contacts)
-        view = View([c.transformed(found.homography) for c in self._reference.contours])
-        carried = Transfer(Grasp.of(contacts), found.homography, None, found.noise)
-        return Carried(self.name, carried, view, float(found.weights.mean()), found.noise)
+    def _carried(self, fused: Fused) -> Carried:
+        H = fused.homography
+        check_plausible(H, self._reference.outer.points)
+        contacts = apply_homography(H, self._contacts)
+        view = View([c.transformed(H) for c in self._reference.contours])
+        k = len(contacts)
+        own = np.stack([fused.covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(k)])
+        return Carried(self.name, Transfer(Grasp.of(contacts), H, own, fused.scatter), view, fused)
 
 
 class SnakeCarrier:

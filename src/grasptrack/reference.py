@@ -64,7 +64,7 @@ class Reference:
         self.analysis = analyze(grasp, view, friction, self.width, "reference")
         self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity, hidden)
         self.carriers = _carriers(strategy, grasp, view, grey)
-        self.registration = _registration(grasp, view, grey, polarity) if strategy == AUTO else None
+        self.registration = _registration(grasp, view, grey, polarity, hidden) if strategy == AUTO else None
         self.symmetry = _symmetry(view, grey, self.samples, grasp.contacts)
         self.interior = Interior(view, grey)
         self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // 64)])
@@ -135,9 +135,11 @@ def _carriers(strategy: str, grasp: Grasp, view: View, grey: Grey) -> list[Carri
     return carriers
 
 
-def _registration(grasp: Grasp, view: View, grey: Grey, polarity: int) -> RegistrationCarrier | None:
+def _registration(
+    grasp: Grasp, view: View, grey: Grey, polarity: int, hidden: Grey | None
+) -> RegistrationCarrier | None:
     try:
-        return RegistrationCarrier(grasp, view, grey, polarity)
+        return RegistrationCarrier(grasp, view, grey, polarity, hidden)
     except TransferError:
         return None
 

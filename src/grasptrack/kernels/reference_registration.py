@@ -71,10 +71,10 @@ def register_outline(
     nothing = np.full((3, 3), np.nan), np.full(len(points), np.nan), np.zeros(len(points)), math.nan
     left, weights, noise = nothing[1:]
     for reach, motion, stride in zip(reaches.tolist(), motions.tolist(), strides.tolist(), strict=True):
-        moved = carry_normals(H, points[::stride], normals[::stride])
-        if not np.isfinite(moved).all():
+        carried = carry_normals(H, points[::stride], normals[::stride])
+        if not np.isfinite(carried).all():
             return nothing
-        at, along = np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4])
+        at, along = np.ascontiguousarray(carried[:, :2]), np.ascontiguousarray(carried[:, 2:4])
         asked = strength[::stride]
         edges = search_edges(image, at, along, reach, polarity, asked)
         size = np.abs(edges[:, 1])
@@ -88,7 +88,7 @@ def register_outline(
         centre = at.mean(axis=0)
         radius = math.sqrt(float(np.einsum("ni,ni->", at - centre, at - centre)) / len(at))
         x, weight, residual, noise = _fitted((at[index] - centre) / radius, along[index], edges[index, 0], int(motion))
-        H = _moved(x / radius, centre, radius) @ H
+        H = moved(x / radius, centre, radius) @ H
         if not abs(H[2, 2]) > 1e-12:
             return nothing
         H = H / H[2, 2]
@@ -119,7 +119,7 @@ def _fitted(points: Floats, normals: Floats, offsets: Floats, motion: int) -> tu
     return full, weight, residual, noise
 
 
-def _moved(x: Floats, centre: Floats, radius: float) -> Floats:
+def moved(x: Floats, centre: Floats, radius: float) -> Floats:
     """(3, 3) the homography near the identity whose displacements are those of `displacement_fields`.
 
     Args:

@@ -27,6 +27,10 @@ MOST = 480
 """... or more, so that there are at most so many."""
 NEAR = 3.0
 """px within which an outline of the reference is settled on its own edges."""
+WIDTHS = (4.0, 6.0, 8.0, 12.0, 16.0)
+"""px of the outline on which a normal may rest: the first ..."""
+WAVERING = 0.06
+"""... on which normals differ by no more than this, rad, from those on the last."""
 MIN_STRENGTH, RELATIVE_STRENGTH = 2.0, 0.3
 """Grey levels per px of an edge; and its share of the reference's, exposure and blur of the image allowed for."""
 FAR: Schedule = (
@@ -78,8 +82,7 @@ class OutlineRegistration:
         ]
         where = np.ascontiguousarray(np.concatenate(places))
         points = kernels.point_at(view.points, view.offsets, where)
-        frames = kernels.contact_frames(view.points, view.offsets, where, 4.0)
-        normals = np.ascontiguousarray(-frames[:, :2])
+        normals = _normals(view, where)
         edges = kernels.edge_search(grey, points, normals, NEAR, polarity)
         strength = np.abs(edges[:, 1])
         good = (np.abs(edges[:, 0]) <= 0.5 * NEAR) & (strength >= MIN_STRENGTH)
@@ -91,6 +94,11 @@ class OutlineRegistration:
         self._normals: Floats = np.ascontiguousarray(normals[good])
         self._strength: Floats = np.ascontiguousarray((strength if polarity else edges[:, 1])[good])
         self._polarity = polarity
+
+    @property
+    def samples(self) -> tuple[Floats, Floats, Floats, int]:
+        """(m, 2) px, (m, 2) normals and (m,) strengths of the samples, and the polarity."""
+        return self._points, self._normals, self._strength, self._polarity
 
     def refine(self, grey: Grey, H: Floats, schedule: Schedule = FAR) -> Registered:
         """The homography that lays the outline on the edges of an image.
@@ -117,6 +125,17 @@ class OutlineRegistration:
         if not math.isfinite(found[3]):
             raise TransferError("too few edges along the outline where it was expected")
         return Registered(*found)
+
+
+def _normals(view: View, where: Floats) -> Floats:
+    """(m, 2) normals at places of an outline, as local as its noise allows: where they waver, a disc seems to show its turn."""
+    far = -kernels.contact_frames(view.points, view.offsets, where, WIDTHS[-1])[:, :2]
+    for width in WIDTHS[:-1]:
+        near = -kernels.contact_frames(view.points, view.offsets, where, width)[:, :2]
+        turn = near[:, 0] * far[:, 1] - near[:, 1] * far[:, 0]
+        if 1.4826 * float(np.median(np.abs(turn))) <= WAVERING:
+            return np.ascontiguousarray(near)
+    return np.ascontiguousarray(far)
 
 
 def _positions(arc_length: Floats, count: int) -> Floats:

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose on all the evidence at once: the outline's edges, the object's surface, and the ground round it.
+
+An outline leaves motions open that slide it along itself: a disc turns, a pencil slips. What is printed, scratched or
+grown on the object settles them, and so does the ground, as long as it moves along with the object.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import View
+from grasptrack.errors import TransferError
+from grasptrack.kernels.reference_evidence import displacement_fields
+from grasptrack.kernels.reference_registration import moved
+from grasptrack.observation.images import Grey
+from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH, OutlineRegistration
+from grasptrack.observation.surface import Surfaces, shrunk, surfaces
+
+Floats = NDArray[np.float64]
+
+INSIDE, GROUND = 1, 2
+"""Rows of the evidence; 0 is the outline."""
+FINE, COARSE = 2, 4
+"""How many times the images are shrunk in which surfaces are compared: noise shrinks alike, and a coarse one is compared
+over longer ways."""
+REACH, FAR_REACH = 3.0, 6.0
+"""px on either side in which edges are searched, with fine and with coarse surfaces."""
+MOST_ROUNDS = 6
+"""Steps until the pose stands still ..."""
+STILL = 0.02
+"""... which is when the outline moves by less than so many px, rms."""
+FAINT = 0.6
+"""A correlation below which noise hides much of a surface: a coarser image may show more of it."""
+FADED = 0.15
+"""A correlation that is less than usual by so much asks for coarse steps."""
+LEAST_ALIKE = 0.5
+"""Of its usual correlation, what a surface that moves along keeps at least."""
+CHANCE = 4.0
+"""A correlation is chance when it is below so many over the root of the number of places."""
+LEARNING = 0.3
+"""Share of a new image in what is usual."""
+APART, APART_SIGMA = 0.1, 6.0
+"""px, and standard deviations, by which the outline alone asks for another pose when a surface does not move along."""
+CAUTION = 2.0
+"""How many times its noise a surface is taken to have: it has light and reflections of its own."""
+LOOSE = 0.25
+"""What no evidence shows of a motion may be as large as this fraction of sqrt(area)."""
+
+
+class Fused(NamedTuple):
+    """A pose and what bears it out.
+
+    Attributes:
+        homography: (3, 3) reference to current.
+        covariance: (2 k, 2 k) px^2 of the contacts, jointly: x1, y1, x2, ...
+        agreement: share of the outline's samples in the image whose edges agree, 0 to 1.
+        noise: px, of these edges.
+        scatter: px, of all edges that were found: with covers it exceeds the noise.
+        surface, ground: correlation of the object's surface and of the ground round it with the reference, -1 to 1; NaN
+            where there is nothing to compare.
+        used: whether the pose rests on the outline, the surface and the ground.
+        held: px, standard deviation of the worst contact by the surfaces alone: what no cover of the outline can bend.
+        by: how many times the image was shrunk in which surfaces were compared.
+    """
+
+    homography: Floats
+    covariance: Floats
+    agreement: float
+    noise: float
+    scatter: float
+    surface: float
+    ground: float
+    used: tuple[bool, bool, bool]
+    held: float
+    by: int
+
+
+class Fusion:
+    """Lays a reference view on images.
+
+    Args:
+        registration: of its outline.
+        view, grey: the outline and the image of it.
+        contacts: (k, 2) px.
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+    """
+
+    def __init__(
+        self, registration: OutlineRegistration, view: View, grey: Grey, contacts: Floats, hidden: Grey | None = None
+    ) -> None:
+        self._outline, self._contacts = registration, contacts
+        self._surfaces = {by: surfaces(view, grey, by, hidden) for by in (FINE, COARSE)}
+        self._size = math.sqrt(view.outer.area)
+        self._trusted = [True, True, True]
+        self._usual = {by: [math.nan, math.nan, math.nan] for by in (FINE, COARSE)}
+        self._seen: tuple[Grey, dict[int, Grey]] | None = None
+
+    @property
+    def textured(self) -> bool:
+        """Whether a surface bears poses out."""
+        return any(self._trusted[1:])
+
+    def refine(self, grey: Grey, H: Floats, *, far: bool = False) -> Fused:
+        """The pose nearest to a first one that all the evidence asks for.
+
+        Args:
+            grey: (H, W).
+            H: (3, 3) to begin with.
+            far: it may be off by several px.
+
+        Raises:
+            TransferError: too little evidence.
+        """
+        use = list(self._trusted)
+        state = self._settled(grey, H, use, far)
+        if self._parted(state, GROUND) or self._parted(state, INSIDE):
+            # what does not move along must not bend the pose: without the ground, and if need be without the surface
+            use[GROUND] = False
+            state = self._settled(grey, H, use, far)
+            if self._parted(state, INSIDE):
+                use[INSIDE] = False
+                state = self._settled(grey, H, use, far)
+        return self._told(state)
+
+    def believe(self, fused: Fused) -> None:
+        """The verdict accepted this one: from now on only what moved along is used."""
+        usual = self._usual[fused.by]
+        for row, correlation in ((INSIDE, fused.surface), (GROUND, fused.ground)):
+            if not math.isfinite(correlation):
+                continue
+            before = usual[row]
+            self._trusted[row] = math.isnan(before) or correlation >= LEAST_ALIKE * before
+            self._trusted[row] &= fused.used[row] or correlation > FAINT
+            if self._trusted[row]:
+                usual[row] = correlation if math.isnan(before) else before + LEARNING * (correlation - before)
+
+    def _settled(self, grey: Grey, H: Floats, use: list[bool], far: bool) -> _State:
+        state = self._look(grey, H, COARSE if far else FINE, use)
+        if not far and self._faded(state):
+            state = self._look(grey, H, COARSE, use)
+        for _ in range(MOST_ROUNDS):
+            if state.by == COARSE and state.step < 1.0:
+                state = self._look(grey, state.H, FINE, use)
+            if state.by == FINE and state.step < STILL:
+                break
+            state = self._look(grey, state.moved(), state.by, use)
+        if state.by == COARSE:
+            state = self._look(grey, state.H, FINE, use)
+        if any(use[row] and state.stats[row, 2] > 0.0 and state.stats[row, 3] < FAINT for row in (INSIDE, GROUND)):
+            coarse = self._look(grey, state.H, COARSE, use)
+            coarse = self._look(grey, coarse.moved(), COARSE, use)
+            if coarse.deviation(self._contacts) < state.deviation(self._contacts):
+                return coarse
+        return state
+
+    def _faded(self, state: _State) -> bool:
+        usual = self._usual[state.by]
+        return any(
+            state.use[row] and state.stats[row, 2] > 0.0 and not state.stats[row, 3] >= usual[row] - FADED
+            for row in (INSIDE, GROUND)
+        )
+
+    def _look(self, grey: Grey, H: Floats, by: int, use: list[bool]) -> _State:
+        samples: Surfaces = self._surfaces[by]
+        found = kernels.motion_equations(
+            grey,
+            self._shrunk(grey, by),
+            float(by),
+            H,
+            *self._outline.samples,
+            FAR_REACH if by == COARSE else REACH,
+            MIN_STRENGTH,
+            RELATIVE_STRENGTH,
+            samples.places,
+            samples.values,
+            samples.slopes,
+            samples.starts,
+        )
+        return _State(H, found, use, by, LOOSE * self._size)
+
+    def _shrunk(self, grey: Grey, by: int) -> Grey:
+        if self._seen is None or self._seen[0] is not grey:
+            self._seen = grey, {}
+        images = self._seen[1]
+        if by not in images:
+            images[by] = shrunk(grey, by) if by == FINE else shrunk(self._shrunk(grey, FINE), by // FINE)
+        return images[by]
+
+    def _parted(self, state: _State, row: int) -> bool:
+        """Whether a surface that was used does not move along."""
+        if not state.use[row] or not state.stats[row, 2] > 0.0:
+            return False
+        return state.stats[row, 3] < LEAST_ALIKE * self._usual[state.by][row] or state.parted()
+
+    def _told(self, state: _State) -> Fused:
+        stats = state.stats
+        used = [state.use[row] and bool(stats[row, 2] > 0.0) for row in range(3)]
+        for row in (INSIDE, GROUND):
+            used[row] = used[row] and bool(stats[row, 3] * math.sqrt(stats[row, 0]) > CHANCE)
+        if not any(used):
+            raise TransferError("too few edges along the outline where it was expected")
+        left = np.abs(state.left[np.isfinite(state.left)])
+        return Fused(
+            state.H,
+            state.covariance(self._contacts),
+            float(stats[0, 1]),
+            float(stats[0, 2]),
+            1.4826 * float(np.median(left)) if len(left) else math.nan,
+            *(float(stats[row, 3]) if stats[row, 2] > 0.0 else math.nan for row in (INSIDE, GROUND)),
+            (used[0], used[1], used[2]),
+            state.deviation(self._contacts, [False, *used[1:]]) if any(used[1:]) else math.inf,
+            state.by,
+        )
+
+
+class _State:
+    """The evidence at one pose, and the step that it asks for."""
+
+    def __init__(self, H: Floats, found: Any, use: list[bool], by: int, loose: float) -> None:
+        self.H, self.use, self.by, self._loose = H, use, by, loose
+        self._centre, self._radius, self._basis, self._N, self._b, self.stats, self.left, self.weights = found
+        if not math.isfinite(self._radius):
+            raise TransferError("the outline would lie behind the camera")
+        self._share, self._C = self._combined(use)
+        self._x = self._C @ (self._share @ self._b)
+        self.step = math.sqrt(float(self._x @ self._x))
+
+    def _combined(self, use: list[bool]) -> tuple[Floats, Floats]:
+        """(1 + G,) weights of the evidence, (8, 8) px^2 covariance of the motion."""
+        noise = self.stats[:, 2] * (1.0, CAUTION, CAUTION)
+        share = np.where(use & (noise > 0.0), 1.0 / np.maximum(noise, 1e-9) ** 2, 0.0)
+        return share, np.linalg.inv(np.tensordot(share, self._N, 1) + np.eye(8) / self._loose**2)
+
+    def moved(self) -> Floats:
+        """(3, 3) the pose after the step."""
+        H = moved(self._basis @ self._x / self._radius, self._centre, self._radius) @ self.H
+        if not abs(H[2, 2]) > 1e-12:
+            raise TransferError("the outline would lie behind the camera")
+        return np.asarray(H / H[2, 2])
+
+    def parted(self) -> bool:
+        """Whether the outline alone asks for another pose than all the evidence together."""
+        noise = self.stats[0, 2]
+        if not noise > 0.0:
+            return False
+        told, V = np.linalg.eigh(self._N[0])
+        seen = told > 1e-3 * told[-1]
+        x = (V.T @ self._b[0])[seen] / told[seen]
+        apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (told[seen] * x))) / noise
+        return apart > APART and sigmas > APART_SIGMA
+
+    def covariance(self, contacts: Floats, use: list[bool] | None = None) -> Floats:
+        """(2 k, 2 k) px^2 of the contacts (k, 2) of the reference, by the evidence used or by some of it."""
+        h = self.H
+        at = contacts @ h[:2, :2].T + h[:2, 2]
+        at = at / (contacts @ h[2, :2] + h[2, 2])[:, None]
+        rows = (displacement_fields((at - self._centre) / self._radius) @ self._basis).reshape(-1, 8)
+        C = self._C if use is None else self._combined(use)[1]
+        return np.asarray(rows @ C @ rows.T)
+
+    def deviation(self, contacts: Floats, use: list[bool] | None = None) -> float:
+        """px, the largest standard deviation of a contact in x or y."""
+        return math.sqrt(float(np.diag(self.covariance(contacts, use)).max()))
