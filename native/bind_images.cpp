@@ -212,7 +212,7 @@ nb::tuple py_motion_equations(const ByteImage &image, const ByteImage &coarse, d
                                    static_cast<std::ptrdiff_t>(from.shape(1))};
     };
     const Image<std::uint8_t> fine = seen(image), small = seen(coarse);
-    Output left(m), weight(m), basis(8, 8), N(8 * count, 8), b(count, 8), stats(count, 4), centre(2);
+    Output left(m), weight(m), basis(8, 8), N(8 * count, 8), sure(8 * count, 8), b(count, 8), stats(count, 4), centre(2);
     std::fill(left.values(), left.values() + m, std::numeric_limits<double>::quiet_NaN());
     std::fill(weight.values(), weight.values() + m, 0.0);
     MotionEquations out;
@@ -230,13 +230,17 @@ nb::tuple py_motion_equations(const ByteImage &image, const ByteImage &coarse, d
     for (int r = 0; r < 8; ++r) std::copy(out.basis[r].begin(), out.basis[r].end(), basis.values() + 8 * r);
     for (std::size_t g = 0; g < count; ++g) {
         const Equations &row = out.rows[g];
-        for (int r = 0; r < 8; ++r) std::copy(row.N[r].begin(), row.N[r].end(), N.values() + 64 * g + 8 * r);
+        for (int r = 0; r < 8; ++r) {
+            std::copy(row.N[r].begin(), row.N[r].end(), N.values() + 64 * g + 8 * r);
+            std::copy(row.sure[r].begin(), row.sure[r].end(), sure.values() + 64 * g + 8 * r);
+        }
         std::copy(row.b.begin(), row.b.end(), b.values() + 8 * g);
         const double told[4] = {row.total, row.share, row.noise, row.correlation};
         std::copy(told, told + 4, stats.values() + 4 * g);
     }
     return nb::make_tuple(centre.array(), out.radius, basis.array(),
-                          N.array().attr("reshape")(nb::make_tuple(count, 8, 8)), b.array(), stats.array(), left.array(),
+                          N.array().attr("reshape")(nb::make_tuple(count, 8, 8)),
+                          sure.array().attr("reshape")(nb::make_tuple(count, 8, 8)), b.array(), stats.array(), left.array(),
                           weight.array());
 }
 

@@ -19,12 +19,13 @@ constexpr double kLeastNoiseGrey = 0.7;
 constexpr std::size_t kFewest = 24;
 constexpr int kLightWeighings = 4;
 constexpr double kChance = 3.0;
+constexpr double kLeastReal = 0.4;
 constexpr double kEdge = 2.0;
 
 using Row4 = std::array<double, 4>;
 
 struct Equations {
-    Matrix8 N{};
+    Matrix8 N{}, sure{};
     Row8 b{};
     double total = 0.0, share = 0.0, noise = 0.0, correlation = 0.0;
 };
@@ -48,24 +49,25 @@ inline double tukey(double u) {
     return std::fabs(u) < 1.0 ? rest * rest : 0.0;
 }
 
-inline void without_chance(const Matrix8 &told, const Matrix8 &chance, const Row8 &b, Equations &out) {
-    Matrix8 S, V;
+// What is left of `told` without what chance could give, and how much of each motion that keeps.
+inline Matrix8 without_chance(const Matrix8 &told, const Matrix8 &chance, Matrix8 *seen = nullptr) {
+    Matrix8 S, V, out{};
     for (int r = 0; r < 8; ++r)
         for (int c = 0; c < 8; ++c) S[r][c] = told[r][c] - chance[r][c];
     const Row8 left = eigen(S, V);
     for (int e = 0; e < 8; ++e) {
         if (!(left[e] > 0.0)) continue;
-        double by_chance = 0.0, along = 0.0;
-        for (int r = 0; r < 8; ++r) {
-            along += V[r][e] * b[r];
-            for (int c = 0; c < 8; ++c) by_chance += V[r][e] * chance[r][c] * V[c][e];
-        }
-        const double share = left[e] / (left[e] + std::max(by_chance, 0.0));
-        for (int r = 0; r < 8; ++r) {
-            out.b[r] += V[r][e] * share * along;
-            for (int c = 0; c < 8; ++c) out.N[r][c] += V[r][e] * left[e] * V[c][e];
-        }
+        double by_chance = 0.0;
+        if (seen)
+            for (int r = 0; r < 8; ++r)
+                for (int c = 0; c < 8; ++c) by_chance += V[r][e] * chance[r][c] * V[c][e];
+        for (int r = 0; r < 8; ++r)
+            for (int c = 0; c < 8; ++c) {
+                out[r][c] += V[r][e] * left[e] * V[c][e];
+                if (seen) (*seen)[r][c] += V[r][e] * V[c][e] * left[e] / (left[e] + by_chance);
+            }
     }
+    return out;
 }
 
 // The inverse of a symmetric positive 4 x 4 matrix; false where its rows are not independent.
@@ -223,14 +225,19 @@ class SurfaceFit {
         const double by = kChance / std::sqrt(std::max(out.total, 1.0));
         for (int r = 0; r < 8; ++r)
             for (int c = 0; c < r; ++c) raw[c][r] = raw[r][c], energy[c][r] = energy[r][c];
-        const Matrix8 told = turned(raw);
-        Matrix8 chance = turned(energy);
+        out.N = turned(energy);
+        Matrix8 chance = out.N;
         for (auto &row : chance)
             for (double &value : row) value *= by;
-        Row8 b{};
+        const Matrix8 told = turned(raw);
+        out.sure = without_chance(told, chance);
+        double real = 0.0, all = 0.0;
+        for (int i = 0; i < 8; ++i) real += told[i][i], all += out.N[i][i];
+        const double share = std::min(std::max(real / std::max(all, 1e-300), kLeastReal), 1.0);
+        for (auto &row : out.N)
+            for (double &value : row) value *= share;
         for (int r = 0; r < 8; ++r)
-            for (int c = 0; c < 8; ++c) b[c] += product[r] * basis_[r][c];
-        without_chance(told, chance, b, out);
+            for (int c = 0; c < 8; ++c) out.b[c] += product[r] * basis_[r][c];
     }
 
     // In the basis.
@@ -348,11 +355,13 @@ inline bool outline_equations(const Image<std::uint8_t> &image, const double *H,
         for (int j = 0; j < 8; ++j) A[k][j] = along[i].x * across[i][j] + along[i].y * down[i][j];
         A[k] = combined(A[k], out.basis);
     }
-    Matrix8 told{}, chance{};
+    Matrix8 chance{}, seen{};
     Row8 b{};
-    row.total = normal_equations(A, w, offsets.data(), told, b);
+    row.total = normal_equations(A, w, offsets.data(), row.N, b);
     for (int i = 0; i < 8; ++i) chance[i][i] = kSliding * kSliding * row.total;
-    without_chance(told, chance, b, row);
+    row.sure = without_chance(row.N, chance, &seen);
+    for (int r = 0; r < 8; ++r)
+        for (int c = 0; c < 8; ++c) row.b[r] += seen[r][c] * b[c];
     row.share = row.total / static_cast<double>(std::max<std::size_t>(inside, 1));
     row.correlation = static_cast<double>(inside) / static_cast<double>(m);
     return true;

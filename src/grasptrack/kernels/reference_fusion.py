@@ -28,8 +28,13 @@ WEIGHINGS = 4
 """Rounds in which a surface's light and noise are found."""
 CHANCE = 3.0
 """Of a surface's slopes, the share of so many over the root of their number may be noise."""
+LEAST_REAL = 0.4
+"""Of a surface's squared slopes, at least this share is taken to be no noise when a step is made."""
 EDGE = 2.0
 """Pixels from the border within which there are no differences."""
+
+
+RIGHT, DOWN = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 
 
 class MotionEquations(NamedTuple):
@@ -41,8 +46,9 @@ class MotionEquations(NamedTuple):
         centre: (2,) px, of the outline in the image.
         radius: px, its rms distance from there.
         basis: (8, 8) columns: the parameters of `displacement_fields`, in px, of these motions.
-        N: (1 + G, 8, 8) weighted squares, less what chance alone could give: 1 per edge that moves by 1 px; of surfaces
-            grey levels squared.
+        N: (1 + G, 8, 8) weighted squares: 1 per edge that moves by 1 px; of surfaces grey levels squared.
+        sure: (1 + G, 8, 8) of N what is left without what chance alone could give: N tells how far to go, this how
+            surely it is right.
         b: (1 + G, 8) weighted products with what is left: N^-1 b is the motion that the evidence asks for, in px.
         stats: (1 + G, 4) total weight; share of the samples in the image that agree; noise, px or grey levels;
             correlation of a surface with its reference, light allowed for (of the outline the share in the image).
@@ -54,6 +60,7 @@ class MotionEquations(NamedTuple):
     radius: float
     basis: Floats
     N: Floats
+    sure: Floats
     b: Floats
     stats: Floats
     left: Floats
@@ -113,12 +120,13 @@ def motion_equations(
     if not 0 < reach <= 1000:
         raise ValueError(f"reach must be above 0 and at most 1000 px, not {reach:g}")
     surfaces = len(starts) - 1
-    N, b, stats = np.zeros((1 + surfaces, 8, 8)), np.zeros((1 + surfaces, 8)), np.zeros((1 + surfaces, 4))
+    N, sure = np.zeros((1 + surfaces, 8, 8)), np.zeros((1 + surfaces, 8, 8))
+    b, stats = np.zeros((1 + surfaces, 8)), np.zeros((1 + surfaces, 4))
     left, weights = np.full(len(points), np.nan), np.zeros(len(points))
     moved = carry_normals(H, points, normals)
     if not np.isfinite(moved).all():
         nothing = np.full(2, np.nan)
-        return MotionEquations(nothing, math.nan, np.full((8, 8), np.nan), N, b, stats, left, weights)
+        return MotionEquations(nothing, math.nan, np.full((8, 8), np.nan), N, sure, b, stats, left, weights)
     at, along = np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4])
     centre = at.mean(axis=0)
     radius = math.sqrt(float(np.einsum("ni,ni->", at - centre, at - centre)) / len(at))
@@ -141,16 +149,18 @@ def motion_equations(
         A = np.einsum("mi,mij->mj", along[found], fields[found]) @ basis
         total = float(weight.sum())
         # motions along which the outline slides into itself are not seen, whatever the normals' noise pretends
-        told = np.einsum("m,mi,mj->ij", weight, A, A)
-        N[0], b[0] = without_chance(told, SLIDING**2 * total * np.eye(8), A.T @ (weight * offsets))
+        N[0] = np.einsum("m,mi,mj->ij", weight, A, A)
+        chance = SLIDING**2 * total * np.eye(8)
+        sure[0] = without_chance(N[0], chance)
+        b[0] = _seen(N[0], chance) @ (A.T @ (weight * offsets))
         stats[0] = total, total / max(np.count_nonzero(inside), 1), noise, np.count_nonzero(inside) / len(at)
         left[found], weights[found] = offsets, weight
     for g in range(surfaces):
         mine = slice(int(starts[g]), int(starts[g + 1]))
         found_here = _surface(coarse, shrink, H, places[mine], values[mine], slopes[mine], centre, radius, basis)
         if found_here is not None:
-            N[1 + g], b[1 + g], stats[1 + g] = found_here
-    return MotionEquations(centre, radius, basis, N, b, stats, left, weights)
+            N[1 + g], sure[1 + g], b[1 + g], stats[1 + g] = found_here
+    return MotionEquations(centre, radius, basis, N, sure, b, stats, left, weights)
 
 
 def _surface(
@@ -163,8 +173,8 @@ def _surface(
     centre: Floats,
     radius: float,
     basis: Floats,
-) -> tuple[Floats, Floats, tuple[float, float, float, float]] | None:
-    """N, b and stats of one surface; None where it says nothing."""
+) -> tuple[Floats, Floats, Floats, tuple[float, float, float, float]] | None:
+    """N, sure, b and stats of one surface; None where it says nothing."""
     carried = carry_normals(H, places, slopes)
     h = H / H[2, 2]
     w = places @ h[2, :2] + 1.0
@@ -184,8 +194,8 @@ def _surface(
     seen = _bilinear(coarse, v)
     now = np.column_stack(
         [
-            _bilinear(coarse, v + [1.0, 0.0]) - _bilinear(coarse, v - [1.0, 0.0]),
-            _bilinear(coarse, v + [0.0, 1.0]) - _bilinear(coarse, v - [0.0, 1.0]),
+            _bilinear(coarse, v + RIGHT) - _bilinear(coarse, v - RIGHT),
+            _bilinear(coarse, v + DOWN) - _bilinear(coarse, v - DOWN),
         ]
     ) / (2.0 * shrink)
     place = (u - centre) / radius
@@ -208,9 +218,11 @@ def _surface(
     told = flat[0].T @ (weight[:, None] * flat[1])
     mean = 0.5 * (flat[0] + flat[1])
     total = float(weight.sum())
-    chance = CHANCE / math.sqrt(max(total, 1.0)) * (mean.T @ (weight[:, None] * mean))
-    N, b_all = without_chance(0.5 * (told + told.T), chance, -mean.T @ (weight * rest))
-    return N, b_all, (total, total / len(u), noise, _correlation(seen, R[:, 0], R[:, 1:], weight))
+    N = mean.T @ (weight[:, None] * mean)
+    sure = without_chance(0.5 * (told + told.T), CHANCE / math.sqrt(max(total, 1.0)) * N)
+    N *= min(max(float(np.trace(told)) / max(float(np.trace(N)), 1e-300), LEAST_REAL), 1.0)  # noise would shorten steps
+    stats = total, total / len(u), noise, _correlation(seen, R[:, 0], R[:, 1:], weight)
+    return N, sure, -mean.T @ (weight * rest), stats
 
 
 def _independent(Q: Floats) -> bool:
@@ -218,13 +230,17 @@ def _independent(Q: Floats) -> bool:
     return bool((size > 0.0).all() and np.linalg.det(Q / np.outer(size, size)) > 1e-9)
 
 
-def without_chance(told: Floats, chance: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Normal equations (n, n), (n,) without what chance could give: motions for which nothing is left are not seen."""
+def without_chance(told: Floats, chance: Floats) -> Floats:
+    """(n, n) squares without what chance could give: nothing is left of motions that only chance shows."""
+    left, V = np.linalg.eigh(told - chance)
+    return np.asarray((V * np.maximum(left, 0.0)) @ V.T)
+
+
+def _seen(told: Floats, chance: Floats) -> Floats:
+    """(n, n) what it keeps of each motion: all of those that are well seen, nothing of those that chance could show."""
     left, V = np.linalg.eigh(told - chance)
     left = np.maximum(left, 0.0)
-    by_chance = np.maximum(np.einsum("ie,ij,je->e", V, chance, V), 0.0)
-    share = left / np.maximum(left + by_chance, 1e-300)
-    return (V * left) @ V.T, V @ (share * (V.T @ b))
+    return np.asarray((V * (left / np.maximum(left + np.einsum("ie,ij,je->e", V, chance, V), 1e-300))) @ V.T)
 
 
 def _correlation(seen: Floats, wanted: Floats, light: Floats, weight: Floats) -> float:

@@ -31,7 +31,7 @@ FINE, COARSE = 2, 4
 over longer ways."""
 REACH, FAR_REACH = 3.0, 6.0
 """px on either side in which edges are searched, with fine and with coarse surfaces."""
-MOST_ROUNDS = 6
+MOST_ROUNDS = 8
 """Steps until the pose stands still ..."""
 STILL = 0.02
 """... which is when the outline moves by less than so many px, rms."""
@@ -39,12 +39,12 @@ FAINT = 0.6
 """A correlation below which noise hides much of a surface: a coarser image may show more of it."""
 FADED = 0.15
 """A correlation that is less than usual by so much asks for coarse steps."""
-LEAST_ALIKE = 0.5
-"""Of its usual correlation, what a surface that moves along keeps at least."""
+LEAST_ALIKE, ALIKE = 0.5, 0.8
+"""Correlations below which a surface is none that moves along; from which on one that did not is looked at again."""
 CHANCE = 4.0
 """A correlation is chance when it is below so many over the root of the number of places."""
-LEARNING = 0.3
-"""Share of a new image in what is usual."""
+FORGETTING = 0.01
+"""By how much less a correlation may get from image to image and still be usual."""
 APART, APART_SIGMA = 0.1, 6.0
 """px, and standard deviations, by which the outline alone asks for another pose when a surface does not move along."""
 CAUTION = 2.0
@@ -98,7 +98,7 @@ class Fusion:
         self._surfaces = {by: surfaces(view, grey, by, hidden) for by in (FINE, COARSE)}
         self._size = math.sqrt(view.outer.area)
         self._trusted = [True, True, True]
-        self._usual = {by: [math.nan, math.nan, math.nan] for by in (FINE, COARSE)}
+        self._usual = {by: [-1.0, -1.0, -1.0] for by in (FINE, COARSE)}
         self._seen: tuple[Grey, dict[int, Grey]] | None = None
 
     @property
@@ -117,54 +117,43 @@ class Fusion:
         Raises:
             TransferError: too little evidence.
         """
-        use = list(self._trusted)
-        state = self._settled(grey, H, use, far)
-        if self._parted(state, GROUND) or self._parted(state, INSIDE):
-            # what does not move along must not bend the pose: without the ground, and if need be without the surface
-            use[GROUND] = False
-            state = self._settled(grey, H, use, far)
-            if self._parted(state, INSIDE):
-                use[INSIDE] = False
-                state = self._settled(grey, H, use, far)
+        state = self._settled(grey, H, self._trusted, far)
+        for row in (GROUND, INSIDE):  # what does not move along must not bend the pose
+            if state.told(row) and state.parted():
+                state = self._settled(grey, H, [used and each != row for each, used in enumerate(state.use)], far)
         return self._told(state)
 
     def believe(self, fused: Fused) -> None:
         """The verdict accepted this one: from now on only what moved along is used."""
         usual = self._usual[fused.by]
         for row, correlation in ((INSIDE, fused.surface), (GROUND, fused.ground)):
-            if not math.isfinite(correlation):
-                continue
-            before = usual[row]
-            self._trusted[row] = math.isnan(before) or correlation >= LEAST_ALIKE * before
-            self._trusted[row] &= fused.used[row] or correlation > FAINT
-            if self._trusted[row]:
-                usual[row] = correlation if math.isnan(before) else before + LEARNING * (correlation - before)
+            if math.isfinite(correlation):
+                self._trusted[row] = fused.used[row] or correlation >= max(ALIKE, usual[row] - FADED)
+                if self._trusted[row]:
+                    usual[row] = max(correlation, usual[row] - FORGETTING)
 
     def _settled(self, grey: Grey, H: Floats, use: list[bool], far: bool) -> _State:
         state = self._look(grey, H, COARSE if far else FINE, use)
-        if not far and self._faded(state):
+        if not far and any(self._weak(state, row) for row in (INSIDE, GROUND)):
             state = self._look(grey, H, COARSE, use)
-        for _ in range(MOST_ROUNDS):
-            if state.by == COARSE and state.step < 1.0:
-                state = self._look(grey, state.H, FINE, use)
-            if state.by == FINE and state.step < STILL:
-                break
-            state = self._look(grey, state.moved(), state.by, use)
-        if state.by == COARSE:
-            state = self._look(grey, state.H, FINE, use)
-        if any(use[row] and state.stats[row, 2] > 0.0 and state.stats[row, 3] < FAINT for row in (INSIDE, GROUND)):
-            coarse = self._look(grey, state.H, COARSE, use)
-            coarse = self._look(grey, coarse.moved(), COARSE, use)
-            if coarse.deviation(self._contacts) < state.deviation(self._contacts):
-                return coarse
-        return state
+        state = self._converged(grey, state)
+        faint = any(state.told(row) and state.stats[row, 3] < FAINT for row in (INSIDE, GROUND))
+        ends = [state, self._converged(grey, self._look(grey, state.H, COARSE, use), COARSE)] if faint else [state]
+        for i, end in enumerate(ends):
+            strong = [used and not self._weak(end, row) for row, used in enumerate(use)]
+            if strong != use:
+                ends[i] = self._converged(grey, self._look(grey, end.H, end.by, strong), end.by)
+        return min(ends, key=lambda end: end.deviation(self._contacts))
 
-    def _faded(self, state: _State) -> bool:
-        usual = self._usual[state.by]
-        return any(
-            state.use[row] and state.stats[row, 2] > 0.0 and not state.stats[row, 3] >= usual[row] - FADED
-            for row in (INSIDE, GROUND)
-        )
+    def _converged(self, grey: Grey, state: _State, end: int = FINE) -> _State:
+        """Step by step to where the pose stands still, in images shrunk at last as said."""
+        for _ in range(MOST_ROUNDS):
+            if state.by > end and state.step < 1.0:
+                state = self._look(grey, state.H, end, state.use)
+            if state.by == end and state.step < STILL:
+                return state
+            state = self._look(grey, state.moved(), state.by, state.use)
+        return state if state.by == end else self._look(grey, state.H, end, state.use)
 
     def _look(self, grey: Grey, H: Floats, by: int, use: list[bool]) -> _State:
         samples: Surfaces = self._surfaces[by]
@@ -192,11 +181,9 @@ class Fusion:
             images[by] = shrunk(grey, by) if by == FINE else shrunk(self._shrunk(grey, FINE), by // FINE)
         return images[by]
 
-    def _parted(self, state: _State, row: int) -> bool:
-        """Whether a surface that was used does not move along."""
-        if not state.use[row] or not state.stats[row, 2] > 0.0:
-            return False
-        return state.stats[row, 3] < LEAST_ALIKE * self._usual[state.by][row] or state.parted()
+    def _weak(self, state: _State, row: int) -> bool:
+        """Whether a surface that is used shows less of the reference than usual: it is off, or something else."""
+        return bool(state.told(row) and state.stats[row, 3] < max(LEAST_ALIKE, self._usual[state.by][row] - FADED))
 
     def _told(self, state: _State) -> Fused:
         stats = state.stats
@@ -224,18 +211,23 @@ class _State:
 
     def __init__(self, H: Floats, found: Any, use: list[bool], by: int, loose: float) -> None:
         self.H, self.use, self.by, self._loose = H, use, by, loose
-        self._centre, self._radius, self._basis, self._N, self._b, self.stats, self.left, self.weights = found
+        self._centre, self._radius, self._basis, self._N, self._sure, self._b, self.stats, self.left, self.weights = (
+            found
+        )
         if not math.isfinite(self._radius):
             raise TransferError("the outline would lie behind the camera")
-        self._share, self._C = self._combined(use)
-        self._x = self._C @ (self._share @ self._b)
+        share = self._share(use)
+        self._x = np.linalg.solve(np.tensordot(share, self._N, 1) + np.eye(8) / loose**2, share @ self._b)
         self.step = math.sqrt(float(self._x @ self._x))
 
-    def _combined(self, use: list[bool]) -> tuple[Floats, Floats]:
-        """(1 + G,) weights of the evidence, (8, 8) px^2 covariance of the motion."""
+    def _share(self, use: list[bool]) -> Floats:
+        """(1 + G,) weights of the evidence."""
         noise = self.stats[:, 2] * (1.0, CAUTION, CAUTION)
-        share = np.where(use & (noise > 0.0), 1.0 / np.maximum(noise, 1e-9) ** 2, 0.0)
-        return share, np.linalg.inv(np.tensordot(share, self._N, 1) + np.eye(8) / self._loose**2)
+        return np.where(use & (noise > 0.0), 1.0 / np.maximum(noise, 1e-9) ** 2, 0.0)
+
+    def told(self, row: int) -> bool:
+        """Whether a piece of evidence is used and says anything."""
+        return bool(self.use[row] and self.stats[row, 2] > 0.0)
 
     def moved(self) -> Floats:
         """(3, 3) the pose after the step."""
@@ -250,7 +242,7 @@ class _State:
         if not noise > 0.0:
             return False
         told, V = np.linalg.eigh(self._N[0])
-        seen = told > 1e-3 * told[-1]
+        seen = np.einsum("ie,ij,je->e", V, self._sure[0], V) > 0.5 * told
         x = (V.T @ self._b[0])[seen] / told[seen]
         apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (told[seen] * x))) / noise
         return apart > APART and sigmas > APART_SIGMA
@@ -261,7 +253,8 @@ class _State:
         at = contacts @ h[:2, :2].T + h[:2, 2]
         at = at / (contacts @ h[2, :2] + h[2, 2])[:, None]
         rows = (displacement_fields((at - self._centre) / self._radius) @ self._basis).reshape(-1, 8)
-        C = self._C if use is None else self._combined(use)[1]
+        share = self._share(self.use if use is None else use)
+        C = np.linalg.inv(np.tensordot(share, self._sure, 1) + np.eye(8) / self._loose**2)
         return np.asarray(rows @ C @ rows.T)
 
     def deviation(self, contacts: Floats, use: list[bool] | None = None) -> float:

@@ -80,7 +80,10 @@ def surfaces(view: View, grey: Grey, by: int, hidden: Grey | None = None) -> Sur
     down, across = np.gradient(light)
     steep = np.hypot(across, down)
     most = MOST if by <= 2 else 3 * MOST
-    groups = [_steepest(steep, usable & (mask != 0), most), _steepest(steep, usable & (mask == 0) & (away <= far), most)]
+    groups = [
+        _steepest(steep, usable & (mask != 0), most),
+        _steepest(steep, usable & (mask == 0) & (away <= far), most),
+    ]
     at = np.concatenate(groups)
     row, column = at.T
     return Surfaces(
