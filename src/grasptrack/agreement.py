@@ -19,6 +19,8 @@ BETTER = 0.04
 """A pose on which so much more of the outline agrees makes another one unbelievable."""
 MOST_NOISE = 0.8
 """px that edges of a flat part may scatter, in the poorest light."""
+HELD = 2.0
+"""So many times as much where surfaces hold the pose: the edges are blurred then, and nothing depends on them alone."""
 WHOLE = 0.75
 """Where so much of the outline agrees, little can be covered."""
 RISE, RISE_COVERED = 2.5, 1.5
@@ -26,8 +28,6 @@ RISE, RISE_COVERED = 2.5, 1.5
 for a while, and draws it away, ..."""
 CALM = 0.2
 """... or so many px, whichever is more."""
-HELD = 0.7
-"""px: surfaces that fix each contact to so much hold the pose."""
 LEARNING = 0.2
 """Share of a new image in what they did of late."""
 SLOW = 1.1
@@ -56,7 +56,8 @@ class Agreement:
         if fused.agreement < LEAST:
             return f"only {100 * fused.agreement:.0f} % of the outline's edges agree on one motion"
         rise = RISE if fused.agreement >= WHOLE else RISE_COVERED
-        limit = MOST_NOISE if math.isnan(self._noise) else min(MOST_NOISE, max(CALM, rise * self._noise))
+        most = MOST_NOISE * (HELD if fused.held else 1.0)
+        limit = most if math.isnan(self._noise) else min(most, max(CALM, rise * self._noise))
         scatter = self._scatter(fused)
         if scatter > limit:
             return f"the outline's edges scatter by {scatter:.2f} px, more than before: it may be covered, or not flat"
@@ -65,7 +66,7 @@ class Agreement:
     @staticmethod
     def _scatter(fused: Fused) -> float:
         """px, of all edges, or of those that agree where a cover cannot draw the pose away, as surfaces hold it."""
-        return fused.noise if fused.held <= HELD else fused.scatter
+        return fused.noise if fused.held else fused.scatter
 
     def believe(self, carried: Carried) -> None:
         """The verdict accepted this one."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from grasptrack.agreement import Agreement
 from grasptrack.carriers import Carried, Carrier
 from grasptrack.errors import TransferError
+from grasptrack.observation.fusion import GROUND
 from grasptrack.observation.images import Grey
 from grasptrack.observation.support import Support
 from grasptrack.reference import Reference
@@ -53,7 +54,16 @@ class Belief:
             found = self._transfer(grey, hypothesis)
             if found is not None:
                 return found
+        self._coast(grey)
         return None
+
+    def _coast(self, grey: Grey) -> None:
+        """What is covered is where the ground has gone."""
+        registration, motion = self._reference.registration, self._search.whereabouts.motion
+        if registration is not None and motion.remembered and not self._search.whereabouts.gone:
+            H = registration.fusion.on_ground(grey, motion.predict())
+            if H is not None:
+                motion.coast(H)
 
     def accept(self, found: Believed) -> None:
         """The analysis could judge this one: learn from it."""
@@ -98,9 +108,22 @@ class Belief:
         except TransferError as problem:
             self.reasons.append(str(problem))
             return None
-        refusal = refuse(support, again=self._search.whereabouts.again(H), registered=registration is not None)
-        doubt = "" if refusal else self._search.doubt(H, grey)
+        whereabouts, fused = self._search.whereabouts, carried.fused
+        # what the ground holds has gone along with it, covered or not
+        still = fused is not None and fused.held and fused.used[GROUND] and not whereabouts.gone
+        again = whereabouts.again(H) and not still
+        refusal = refuse(support, again=again, registered=registration is not None)
+        if not refusal and fused is not None and registration is not None and registration.fusion.differs(fused):
+            refusal = "another surface: the object does not show what it showed before"
+        doubt = "" if refusal else self._search.doubt(H, grey, lambda: still or self._settled(grey, carried))
         if refusal or doubt:
             self.reasons.insert(0 if doubt else len(self.reasons), refusal or doubt)
             return None
         return Believed(carried, H, support)
+
+    def _settled(self, grey: Grey, carried: Carried) -> bool:
+        """Whether the surface tells which way round a symmetric object lies."""
+        registration, fused = self._reference.registration, carried.fused
+        if registration is None or fused is None:
+            return False
+        return registration.fusion.settles(grey, fused, self._reference.turns)

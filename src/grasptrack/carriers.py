@@ -87,6 +87,7 @@ class RegistrationCarrier:
         grasp, reference, grey: the grasp, its outline and the image of both.
         polarity: as for `OutlineRegistration`.
         hidden: (H, W) nonzero where nothing belongs to a scene.
+        turns: (3, 3) each, under which the outline lies on itself.
 
     Raises:
         TransferError: the reference shows too few edges.
@@ -95,8 +96,16 @@ class RegistrationCarrier:
     name = "registration"
     needs_silhouette = False
 
-    def __init__(self, grasp: Grasp, reference: View, grey: Grey, polarity: int, hidden: Grey | None = None) -> None:
-        self._contacts, self._reference = grasp.contacts, reference
+    def __init__(
+        self,
+        grasp: Grasp,
+        reference: View,
+        grey: Grey,
+        polarity: int,
+        hidden: Grey | None = None,
+        turns: list[Floats] | None = None,
+    ) -> None:
+        self._contacts, self._reference, self._turns = grasp.contacts, reference, turns or []
         self._registration = OutlineRegistration(reference, grey, polarity)
         self.fusion = Fusion(self._registration, reference, grey, grasp.contacts, hidden)
 
@@ -121,7 +130,13 @@ class RegistrationCarrier:
         if best is None:
             assert problem is not None
             raise problem
-        return self._carried(best)
+        return self._carried(self._turned(grey, best))
+
+    def _turned(self, grey: Grey, fused: Fused) -> Fused:
+        """Where the surface is not as it should be, the symmetric turn in which it is, if there is one."""
+        if not self._turns or not self.fusion.differs(fused):
+            return fused
+        return self.fusion.best(grey, [fused.homography @ turn for turn in self._turns]) or fused
 
     def polished(self, grey: Grey, carried: Carried) -> Carried:
         """What another strategy carried, laid on the edges.
@@ -131,7 +146,8 @@ class RegistrationCarrier:
         """
         H = carried.transfer.homography
         assert H is not None
-        return self._carried(self.fusion.refine(grey, self._registration.refine(grey, H, CLOSE).homography))
+        fused = self.fusion.refine(grey, self._registration.refine(grey, H, CLOSE).homography)
+        return self._carried(self._turned(grey, fused))
 
     def _carried(self, fused: Fused) -> Carried:
         H = fused.homography

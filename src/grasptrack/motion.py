@@ -41,6 +41,8 @@ class Motion:
         self._interval: float | None = None
         self._expected: Floats = np.eye(3)
         self.missed = 0
+        self._adrift = 0  # frames without a pose that the ground did not bridge
+        self._coasting = False
 
     def begin(self, time: float | None) -> None:
         """The reference image, taken at a time in s."""
@@ -72,7 +74,7 @@ class Motion:
     @property
     def remembered(self) -> bool:
         """Whether the last pose is recent enough to say anything."""
-        return self.missed <= MEMORY
+        return self._adrift <= MEMORY
 
     @property
     def turn(self) -> float:
@@ -94,11 +96,20 @@ class Motion:
         if self._now is not None and self._time is not None and self._now > self._time:
             self._interval = self._now - self._time
         self._time = self._now
-        self.missed = 0
+        self.missed = self._adrift = 0
+
+    def coast(self, H: Floats) -> None:
+        """The pose (3, 3) that the object must have if it moved on with the ground, in a frame that does not show it."""
+        self._pose = normalised(H)
+        self._step = np.eye(3)
+        self._coasting = True
 
     def lost(self) -> None:
         """This frame gave none."""
         self.missed += 1
+        if not self._coasting:
+            self._adrift += 1
+        self._coasting = False
 
 
 def power(H: Floats, exponent: float, place: tuple[float, float]) -> Floats:

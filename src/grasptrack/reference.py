@@ -17,7 +17,7 @@ from grasptrack.grasp import Grasp
 from grasptrack.observation.images import Grey
 from grasptrack.observation.interior import Interior
 from grasptrack.observation.support import OutlineSamples
-from grasptrack.projective import apply_homography
+from grasptrack.projective import apply_homography, similarity
 from grasptrack.transfer.alignment import alignments, as_similarity
 
 Floats = NDArray[np.float64]
@@ -26,6 +26,10 @@ AUTO = "auto"
 
 SYMMETRIC = 0.85
 """Of a turned outline, at least so much must lie on the object's own edges for the turn to be a symmetry."""
+
+
+ROUND_TURNS = 48
+"""Turns in which a surface is compared where the outline shows none."""
 
 
 class Reference:
@@ -64,8 +68,8 @@ class Reference:
         self.analysis = analyze(grasp, view, friction, self.width, "reference")
         self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity, hidden)
         self.carriers = _carriers(strategy, grasp, view, grey)
-        self.registration = _registration(grasp, view, grey, polarity, hidden) if strategy == AUTO else None
-        self.symmetry = _symmetry(view, grey, self.samples, grasp.contacts)
+        self.symmetry, turns = _symmetries(view, grey, self.samples, grasp.contacts)
+        self.registration = _registration(grasp, view, grey, polarity, hidden, turns) if strategy == AUTO else None
         self.interior = Interior(view, grey)
         self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // 64)])
         self._holes = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
@@ -94,21 +98,24 @@ class Reference:
         return np.array([[s, 0.0, x - s * u], [0.0, s, y - s * v], [0.0, 0.0, 1.0]]) @ H
 
 
-def _symmetry(view: View, grey: Grey, samples: OutlineSamples, contacts: Floats) -> float:
-    """rad, the smallest turn under which the reference image bears the outline out again; infinite without one."""
+def _symmetries(view: View, grey: Grey, samples: OutlineSamples, contacts: Floats) -> tuple[float, list[Floats]]:
+    """rad, the smallest turn under which the reference image bears the outline out again, infinite without one; and (3, 3)
+    all such turns: of a disc, which has no smallest one, many."""
     if view.is_clipped:
-        return math.inf
+        return math.inf, []
     fits = alignments(view.outer, view.outer)
     if not fits:
-        return 0.0
-    least = math.inf
+        _, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
+        angles = np.arange(1, ROUND_TURNS) * (2.0 * math.pi / ROUND_TURNS)
+        return 0.0, [similarity(1.0, float(angle), (x, y), (x, y)) for angle in angles]
+    least, turns = math.inf, []
     for alignment in fits:
-        turn = abs(alignment.angle)
-        if 1e-3 < turn < least:
+        if abs(alignment.angle) > 1e-3:
             H = as_similarity(alignment, view.outer, view.outer)
             if samples.support(grey, H, contacts).share >= SYMMETRIC:
-                least = turn
-    return least
+                turns.append(H)
+                least = min(least, abs(alignment.angle))
+    return least, turns
 
 
 def _carriers(strategy: str, grasp: Grasp, view: View, grey: Grey) -> list[Carrier]:
@@ -136,10 +143,10 @@ def _carriers(strategy: str, grasp: Grasp, view: View, grey: Grey) -> list[Carri
 
 
 def _registration(
-    grasp: Grasp, view: View, grey: Grey, polarity: int, hidden: Grey | None
+    grasp: Grasp, view: View, grey: Grey, polarity: int, hidden: Grey | None, turns: list[Floats]
 ) -> RegistrationCarrier | None:
     try:
-        return RegistrationCarrier(grasp, view, grey, polarity, hidden)
+        return RegistrationCarrier(grasp, view, grey, polarity, hidden, turns)
     except TransferError:
         return None
 

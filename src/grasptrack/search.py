@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -101,9 +101,9 @@ class Search:
             raise AmbiguousError("found again, but its outline fits itself in more than one way: ambiguous")
         return alike[0]
 
-    def doubt(self, H: Floats, grey: Grey) -> str:
+    def doubt(self, H: Floats, grey: Grey, settled: Callable[[], bool]) -> str:
         """Why a pose that the image bears out is not believed to be the object's; empty when it is."""
-        return self.whereabouts.doubt(H, grey, self._observer.levels)
+        return self.whereabouts.doubt(H, grey, self._observer.levels, settled)
 
     def believe(self, view: View, H: Floats, levels: tuple[float, float]) -> None:
         """The verdict accepted this outline and pose (3, 3), at which the edges have these levels on either side."""

@@ -8,6 +8,7 @@ own symmetries. Only continuity does, and continuity ends where the object was o
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,13 +76,14 @@ class Whereabouts:
         """Whether a pose (3, 3) has to be recognised anew, not just followed."""
         return self.motion.missed > 0 or not self._is_step(H)
 
-    def doubt(self, H: Floats, grey: Grey, levels: tuple[float, float]) -> str:
+    def doubt(self, H: Floats, grey: Grey, levels: tuple[float, float], settled: Callable[[], bool]) -> str:
         """Why a pose (3, 3) that the image bears out may be another object's, or a turned one; empty if it is not.
 
         Args:
             H: H_current_reference.
             grey: (H, W).
             levels: grey levels of the object and of the ground.
+            settled: whether something besides the outline tells which way round the object lies.
         """
         if self.hopeless:
             return self.hopeless
@@ -90,7 +92,7 @@ class Whereabouts:
         expected = motion.predict()
         turn = abs(wrapped(motion.angle(H) - motion.angle(expected)))
         may_turn = motion.turn if step or shift[1] <= STEP_PX else math.pi
-        if max(may_turn, turn) >= 0.5 * symmetry:
+        if max(may_turn, turn) >= 0.5 * symmetry and not settled():
             return "the outline is symmetric, and the object may have turned round since it was last seen: ambiguous"
         if step:
             if _bend(H, expected, self._reference.centre) > BEND:

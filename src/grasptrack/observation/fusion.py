@@ -43,6 +43,10 @@ LEAST_ALIKE, ALIKE = 0.5, 0.8
 """Correlations below which a surface is none that moves along; from which on one that did not is looked at again."""
 CHANCE = 4.0
 """A correlation is chance when it is below so many over the root of the number of places."""
+OTHER = 0.3
+"""A correlation less than usual by so much is another surface's, or that of another turn."""
+HELD = 0.7
+"""px: surfaces that fix each contact to so much hold the pose, whatever covers the outline."""
 FORGETTING = 0.01
 """By how much less a correlation may get from image to image and still be usual."""
 APART, APART_SIGMA = 0.1, 6.0
@@ -65,7 +69,7 @@ class Fused(NamedTuple):
         surface, ground: correlation of the object's surface and of the ground round it with the reference, -1 to 1; NaN
             where there is nothing to compare.
         used: whether the pose rests on the outline, the surface and the ground.
-        held: px, standard deviation of the worst contact by the surfaces alone: what no cover of the outline can bend.
+        held: whether the surfaces alone fix each contact: no cover of the outline can bend the pose then.
         by: how many times the image was shrunk in which surfaces were compared.
     """
 
@@ -77,7 +81,7 @@ class Fused(NamedTuple):
     surface: float
     ground: float
     used: tuple[bool, bool, bool]
-    held: float
+    held: bool
     by: int
 
 
@@ -122,6 +126,44 @@ class Fusion:
             if state.told(row) and state.parted():
                 state = self._settled(grey, H, [used and each != row for each, used in enumerate(state.use)], far)
         return self._told(state)
+
+    def differs(self, fused: Fused) -> bool:
+        """Whether the object's surface, which was seen to be as in the reference, is not so in a pose."""
+        usual = self._usual[fused.by][INSIDE]
+        return usual >= ALIKE and math.isfinite(fused.surface) and fused.surface < usual - OTHER
+
+    def settles(self, grey: Grey, fused: Fused, turns: list[Floats]) -> bool:
+        """Whether the object's surface tells a pose from the pose turned by each of some symmetries."""
+        if not fused.used[INSIDE] or fused.surface < LEAST_ALIKE:
+            return False
+        other = self.best(grey, [fused.homography @ turn for turn in turns], fused.surface - OTHER)
+        return other is None
+
+    def best(self, grey: Grey, poses: list[Floats], least: float = FAINT) -> Fused | None:
+        """The pose in which the object's surface is most like the reference; None where in none it is so as asked."""
+        seen = [self._look(grey, H, COARSE, [True, True, False]) for H in poses]
+        seen = sorted((s for s in seen if s.told(INSIDE)), key=lambda s: -s.stats[INSIDE, 3])[:3]
+        found = [self._converged(grey, s) for s in seen]
+        found = [s for s in found if s.stats[INSIDE, 3] > least]
+        return self._told(max(found, key=lambda s: float(s.stats[INSIDE, 3]))) if found else None
+
+    def on_ground(self, grey: Grey, H: Floats) -> Floats | None:
+        """(3, 3) where the object must lie if it went along with the ground, which alone is looked at; None where the
+        ground does not tell.
+
+        Args:
+            grey: (H, W).
+            H: (3, 3) where it was expected.
+        """
+        if not self._trusted[GROUND]:
+            return None
+        try:
+            state = self._converged(grey, self._look(grey, H, COARSE, [False, False, True]))
+        except TransferError:
+            return None
+        if not state.told(GROUND) or self._weak(state, GROUND) or state.deviation(self._contacts) > HELD:
+            return None
+        return state.H
 
     def believe(self, fused: Fused) -> None:
         """The verdict accepted this one: from now on only what moved along is used."""
@@ -199,11 +241,16 @@ class Fusion:
             float(stats[0, 1]),
             float(stats[0, 2]),
             1.4826 * float(np.median(left)) if len(left) else math.nan,
-            *(float(stats[row, 3]) if stats[row, 2] > 0.0 else math.nan for row in (INSIDE, GROUND)),
+            _correlation(stats[INSIDE]),
+            _correlation(stats[GROUND]),
             (used[0], used[1], used[2]),
-            state.deviation(self._contacts, [False, *used[1:]]) if any(used[1:]) else math.inf,
+            any(used[1:]) and state.deviation(self._contacts, [False, *used[1:]]) <= HELD,
             state.by,
         )
+
+
+def _correlation(stats: Floats) -> float:
+    return float(stats[3]) if stats[2] > 0.0 else math.nan
 
 
 class _State:

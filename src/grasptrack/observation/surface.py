@@ -102,6 +102,7 @@ def _steepest(steep: Floats, usable: NDArray[np.bool_], most: int) -> NDArray[np
         return np.zeros((0, 2), np.intp)
     row, column = np.nonzero(usable)
     step = max(1, math.ceil(math.sqrt(count / most)))
+    row, column = row.astype(np.intp), column.astype(np.intp)
     square = (row // step) * (usable.shape[1] // step + 1) + column // step
     order = np.lexsort((-steep[row, column], square))
     first = order[np.flatnonzero(np.diff(square[order], prepend=-1))]
