@@ -355,11 +355,11 @@ inline bool outline_equations(const Image<std::uint8_t> &image, const double *H,
         for (int j = 0; j < 8; ++j) A[k][j] = along[i].x * across[i][j] + along[i].y * down[i][j];
         A[k] = combined(A[k], out.basis);
     }
-    Matrix8 chance{}, seen{};
+    Matrix8 told{}, chance{}, seen{};
     Row8 b{};
-    row.total = normal_equations(A, w, offsets.data(), row.N, b);
+    row.total = normal_equations(A, w, offsets.data(), told, b);
     for (int i = 0; i < 8; ++i) chance[i][i] = kSliding * kSliding * row.total;
-    row.sure = without_chance(row.N, chance, &seen);
+    row.N = row.sure = without_chance(told, chance, &seen);
     for (int r = 0; r < 8; ++r)
         for (int c = 0; c < 8; ++c) row.b[r] += seen[r][c] * b[c];
     row.share = row.total / static_cast<double>(std::max<std::size_t>(inside, 1));

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.agreement import Agreement
+from grasptrack.agreement import WHOLE, Agreement
 from grasptrack.carriers import Carried, Carrier
 from grasptrack.errors import TransferError
-from grasptrack.observation.fusion import GROUND
+from grasptrack.observation.fusion import GROUND, Fused
 from grasptrack.observation.images import Grey
 from grasptrack.observation.support import Support
 from grasptrack.reference import Reference
@@ -70,6 +70,7 @@ class Belief:
         self._agreement.believe(found.carried)
         if found.carried.fused is not None and self._reference.registration is not None:
             self._reference.registration.fusion.believe(found.carried.fused)
+            self._search.whereabouts.telling = self._reference.registration.fusion.telling
         self._search.believe(found.carried.view, found.homography, found.support.levels)
 
     def _transfer(self, grey: Grey, hypothesis: Hypothesis) -> Believed | None:
@@ -105,6 +106,7 @@ class Belief:
             support = self._reference.samples.support(grey, H, carried.transfer.grasp.contacts)
             if carried.fused is not None and carried.transfer.covariance is not None:
                 support = support._replace(covariance=carried.transfer.covariance)
+                support = self._judged(grey, H, support, carried.fused)
         except TransferError as problem:
             self.reasons.append(str(problem))
             return None
@@ -113,13 +115,27 @@ class Belief:
         still = fused is not None and fused.held and fused.used[GROUND] and not whereabouts.gone
         again = whereabouts.again(H) and not still
         refusal = refuse(support, again=again, registered=registration is not None)
-        if not refusal and fused is not None and registration is not None and registration.fusion.differs(fused):
+        if (
+            not refusal
+            and fused is not None
+            and registration is not None
+            and fused.agreement >= WHOLE
+            and registration.fusion.differs(fused)
+        ):
             refusal = "another surface: the object does not show what it showed before"
         doubt = "" if refusal else self._search.doubt(H, grey, lambda: still or self._settled(grey, carried))
         if refusal or doubt:
             self.reasons.insert(0 if doubt else len(self.reasons), refusal or doubt)
             return None
         return Believed(carried, H, support)
+
+    def _judged(self, grey: Grey, H: Floats, support: Support, fused: Fused) -> Support:
+        """What speaks against the outline, both sides of it looked at: a cover does not, a notch or a tab does."""
+        samples, ground = self._reference.samples, fused.used[GROUND] and fused.held
+        if not samples.against.any() and not (ground and samples.missed.any()):
+            return support
+        left = self._reference.flanks.judged(grey, H, samples.against, samples.missed, ground)
+        return support._replace(contradicted=int(np.count_nonzero(left)) / max(support.visible * samples.count, 1.0))
 
     def _settled(self, grey: Grey, carried: Carried) -> bool:
         """Whether the surface tells which way round a symmetric object lies."""

@@ -14,6 +14,7 @@ from grasptrack.carriers import Carrier, RegistrationCarrier, SilhouetteCarrier,
 from grasptrack.contour import View
 from grasptrack.errors import StrategyError, TransferError
 from grasptrack.grasp import Grasp
+from grasptrack.observation.flanks import Flanks
 from grasptrack.observation.images import Grey
 from grasptrack.observation.interior import Interior
 from grasptrack.observation.support import OutlineSamples
@@ -67,9 +68,11 @@ class Reference:
         self.width = FINGER_WIDTH * self.size
         self.analysis = analyze(grasp, view, friction, self.width, "reference")
         self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity, hidden)
+        own = self.samples.outline
+        self.flanks = Flanks(self.samples.points[own], self.samples.normals[own], grey, self.size)
         self.carriers = _carriers(strategy, grasp, view, grey)
-        self.symmetry, turns = _symmetries(view, grey, self.samples, grasp.contacts)
-        self.registration = _registration(grasp, view, grey, polarity, hidden, turns) if strategy == AUTO else None
+        self.symmetry, self.turns = _symmetries(view, grey, self.samples, grasp.contacts)
+        self.registration = _registration(grasp, view, grey, polarity, hidden, self.turns) if strategy == AUTO else None
         self.interior = Interior(view, grey)
         self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // 64)])
         self._holes = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)

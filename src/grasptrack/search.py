@@ -97,6 +97,8 @@ class Search:
         if motion.remembered and not self.whereabouts.gone:
             return align(first, second, motion.angle(motion.predict()))
         alike = alignments(first, second)
+        if self.whereabouts.telling:  # the surface tells them apart
+            return alike[0] if alike else Alignment(0.0, 0.0, 0.0)
         if len(alike) != 1:
             raise AmbiguousError("found again, but its outline fits itself in more than one way: ambiguous")
         return alike[0]

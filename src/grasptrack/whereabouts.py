@@ -50,6 +50,11 @@ class Whereabouts:
     Args:
         reference: the reference view.
         equals: another object with this outline was seen.
+
+    Attributes:
+        motion: where it is expected.
+        gone: its place was seen without it, or left the image.
+        telling: its surface would tell which way round it lies.
     """
 
     def __init__(self, reference: Reference, equals: bool) -> None:
@@ -57,11 +62,12 @@ class Whereabouts:
         self.motion = Motion(reference.centre)
         self.equals = equals
         self.gone = False
+        self.telling = False
 
     @property
     def hopeless(self) -> str:
         """Why nothing found in this image could be believed to be the object; empty as long as something could."""
-        if self.gone and math.isfinite(self._reference.symmetry):
+        if self.gone and math.isfinite(self._reference.symmetry) and not self.telling:
             return "the object was out of sight, and which way round its symmetric outline lies is ambiguous"
         if self.gone and self.equals:
             return "the object was out of sight, and another one with its outline was seen: ambiguous"

@@ -149,10 +149,10 @@ def motion_equations(
         A = np.einsum("mi,mij->mj", along[found], fields[found]) @ basis
         total = float(weight.sum())
         # motions along which the outline slides into itself are not seen, whatever the normals' noise pretends
-        N[0] = np.einsum("m,mi,mj->ij", weight, A, A)
+        told = np.einsum("m,mi,mj->ij", weight, A, A)
         chance = SLIDING**2 * total * np.eye(8)
-        sure[0] = without_chance(N[0], chance)
-        b[0] = _seen(N[0], chance) @ (A.T @ (weight * offsets))
+        N[0] = sure[0] = without_chance(told, chance)
+        b[0] = _seen(told, chance) @ (A.T @ (weight * offsets))
         stats[0] = total, total / max(np.count_nonzero(inside), 1), noise, np.count_nonzero(inside) / len(at)
         left[found], weights[found] = offsets, weight
     for g in range(surfaces):

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 INSIDE, GROUND = 1, 2
 """Rows of the evidence; 0 is the outline."""
-FINE, COARSE = 2, 4
+FINE, COARSE, COARSEST = 2, 4, 8
 """How many times the images are shrunk in which surfaces are compared: noise shrinks alike, and a coarse one is compared
 over longer ways."""
 REACH, FAR_REACH = 3.0, 6.0
@@ -38,7 +38,9 @@ STILL = 0.02
 FAINT = 0.6
 """A correlation below which noise hides much of a surface: a coarser image may show more of it."""
 FADED = 0.15
-"""A correlation that is less than usual by so much asks for coarse steps."""
+"""A surface shows less than usual where its correlation is less by so much, ..."""
+LACKING, LACKING_ALSO = 3.0, 0.03
+"""... or where it lacks, of perfect correlation, so many times as much as usual and this besides."""
 LEAST_ALIKE, ALIKE = 0.5, 0.8
 """Correlations below which a surface is none that moves along; from which on one that did not is looked at again."""
 CHANCE = 4.0
@@ -51,6 +53,8 @@ FORGETTING = 0.01
 """By how much less a correlation may get from image to image and still be usual."""
 APART, APART_SIGMA = 0.1, 6.0
 """px, and standard deviations, by which the outline alone asks for another pose when a surface does not move along."""
+SEEN = 0.05
+"""Motions of which the outline shows less than this share of what it shows of the clearest are not asked for."""
 CAUTION = 2.0
 """How many times its noise a surface is taken to have: it has light and reflections of its own."""
 LOOSE = 0.25
@@ -99,10 +103,10 @@ class Fusion:
         self, registration: OutlineRegistration, view: View, grey: Grey, contacts: Floats, hidden: Grey | None = None
     ) -> None:
         self._outline, self._contacts = registration, contacts
-        self._surfaces = {by: surfaces(view, grey, by, hidden) for by in (FINE, COARSE)}
+        self._surfaces = {by: surfaces(view, grey, by, hidden) for by in (FINE, COARSE, COARSEST)}
         self._size = math.sqrt(view.outer.area)
         self._trusted = [True, True, True]
-        self._usual = {by: [-1.0, -1.0, -1.0] for by in (FINE, COARSE)}
+        self._usual = {by: [-1.0, -1.0, -1.0] for by in (FINE, COARSE, COARSEST)}
         self._seen: tuple[Grey, dict[int, Grey]] | None = None
 
     @property
@@ -126,6 +130,11 @@ class Fusion:
             if state.told(row) and state.parted():
                 state = self._settled(grey, H, [used and each != row for each, used in enumerate(state.use)], far)
         return self._told(state)
+
+    @property
+    def telling(self) -> bool:
+        """Whether the object's surface is one that can be known again."""
+        return max(usual[INSIDE] for usual in self._usual.values()) >= ALIKE
 
     def differs(self, fused: Fused) -> bool:
         """Whether the object's surface, which was seen to be as in the reference, is not so in a pose."""
@@ -158,7 +167,7 @@ class Fusion:
         if not self._trusted[GROUND]:
             return None
         try:
-            state = self._converged(grey, self._look(grey, H, COARSE, [False, False, True]))
+            state = self._converged(grey, self._look(grey, H, COARSEST, [False, False, True]))
         except TransferError:
             return None
         if not state.told(GROUND) or self._weak(state, GROUND) or state.deviation(self._contacts) > HELD:
@@ -175,10 +184,10 @@ class Fusion:
                     usual[row] = max(correlation, usual[row] - FORGETTING)
 
     def _settled(self, grey: Grey, H: Floats, use: list[bool], far: bool) -> _State:
-        state = self._look(grey, H, COARSE if far else FINE, use)
-        if not far and any(self._weak(state, row) for row in (INSIDE, GROUND)):
-            state = self._look(grey, H, COARSE, use)
-        state = self._converged(grey, state)
+        state = self._converged(grey, self._look(grey, H, COARSEST if far else FINE, use))
+        if not far and self._lacking(state):
+            again = self._converged(grey, self._look(grey, H, COARSEST, use))
+            state = min(state, again, key=self._lack)
         faint = any(state.told(row) and state.stats[row, 3] < FAINT for row in (INSIDE, GROUND))
         ends = [state, self._converged(grey, self._look(grey, state.H, COARSE, use), COARSE)] if faint else [state]
         for i, end in enumerate(ends):
@@ -188,14 +197,23 @@ class Fusion:
         return min(ends, key=lambda end: end.deviation(self._contacts))
 
     def _converged(self, grey: Grey, state: _State, end: int = FINE) -> _State:
-        """Step by step to where the pose stands still, in images shrunk at last as said."""
+        """Step by step, in ever finer images, to where the pose stands still."""
         for _ in range(MOST_ROUNDS):
-            if state.by > end and state.step < 1.0:
-                state = self._look(grey, state.H, end, state.use)
+            if state.by > end and state.step < 0.25 * state.by:
+                state = self._look(grey, state.H, max(state.by // 2, end), state.use)
             if state.by == end and state.step < STILL:
                 return state
             state = self._look(grey, state.moved(), state.by, state.use)
         return state if state.by == end else self._look(grey, state.H, end, state.use)
+
+    def _lacking(self, state: _State) -> bool:
+        """Whether a surface shows less than usual: the pose may be too far off to feel where it belongs."""
+        return any(self._weak(state, row) for row in (INSIDE, GROUND))
+
+    def _lack(self, state: _State) -> float:
+        """How much the surfaces lack of their usual correlations."""
+        usual = self._usual[state.by]
+        return float(sum(max(usual[row] - state.stats[row, 3], 0.0) for row in (INSIDE, GROUND) if state.told(row)))
 
     def _look(self, grey: Grey, H: Floats, by: int, use: list[bool]) -> _State:
         samples: Surfaces = self._surfaces[by]
@@ -205,7 +223,7 @@ class Fusion:
             float(by),
             H,
             *self._outline.samples,
-            FAR_REACH if by == COARSE else REACH,
+            REACH if by == FINE else FAR_REACH,
             MIN_STRENGTH,
             RELATIVE_STRENGTH,
             samples.places,
@@ -220,12 +238,17 @@ class Fusion:
             self._seen = grey, {}
         images = self._seen[1]
         if by not in images:
-            images[by] = shrunk(grey, by) if by == FINE else shrunk(self._shrunk(grey, FINE), by // FINE)
+            images[by] = shrunk(grey if by == FINE else self._shrunk(grey, by // 2), 2)
         return images[by]
 
     def _weak(self, state: _State, row: int) -> bool:
         """Whether a surface that is used shows less of the reference than usual: it is off, or something else."""
-        return bool(state.told(row) and state.stats[row, 3] < max(LEAST_ALIKE, self._usual[state.by][row] - FADED))
+        return bool(state.told(row) and state.stats[row, 3] < self._least(state.by, row))
+
+    def _least(self, by: int, row: int) -> float:
+        """The least correlation of a surface that is where it belongs."""
+        usual = self._usual[by][row]
+        return max(LEAST_ALIKE, usual - FADED, 1.0 - LACKING * (1.0 - usual) - LACKING_ALSO)
 
     def _told(self, state: _State) -> Fused:
         stats = state.stats
@@ -289,7 +312,7 @@ class _State:
         if not noise > 0.0:
             return False
         told, V = np.linalg.eigh(self._N[0])
-        seen = np.einsum("ie,ij,je->e", V, self._sure[0], V) > 0.5 * told
+        seen = told > SEEN * told[-1]
         x = (V.T @ self._b[0])[seen] / told[seen]
         apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (told[seen] * x))) / noise
         return apart > APART and sigmas > APART_SIGMA

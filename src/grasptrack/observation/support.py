@@ -98,6 +98,8 @@ class OutlineSamples:
         hidden: (H, W) nonzero where nothing belongs to the scene, in this image and in those that follow.
 
     Attributes:
+        against, missed: (count,) samples that spoke against the outline, and that were in the image without their edge,
+            when it was looked for last.
         ground, grain: median grey level of the ground beyond the outline, and its spread.
     """
 
@@ -160,10 +162,11 @@ class OutlineSamples:
             )
         # nor does what already speaks against the outline where it was seen first, as print that reaches its edge may
         self._known: Bools = np.zeros(self.count, dtype=np.bool_)
-        self._against: Bools = self._known
+        self.against: Bools = self._known
+        self.missed: Bools = self._known
         self.support(grey, np.eye(3), contacts)
         shifts = range(-KNOWN_BESIDE, KNOWN_BESIDE + 1)
-        self._known = np.logical_or.reduce([np.roll(self._against, shift) for shift in shifts])
+        self._known = np.logical_or.reduce([np.roll(self.against, shift) for shift in shifts])
 
     def support(self, grey: Grey, H: Floats, contacts: Floats) -> Support:
         """Look for the outline in an image under H (3, 3), reference to current, that puts the contacts at (k, 2).
@@ -258,7 +261,8 @@ class OutlineSamples:
     ) -> int:
         """How many samples of the outline the image contradicts."""
         use, missed = self.outline, inside & ~found
-        self._against = np.zeros(self.count, dtype=np.bool_)
+        self.missed = missed[use]
+        self.against = np.zeros(self.count, dtype=np.bool_)
         if np.count_nonzero(missed & use) > HOPELESS * len(missed):
             return 0
         against = np.zeros(self.count, dtype=np.bool_)
@@ -269,8 +273,8 @@ class OutlineSamples:
         if not self.polarity:
             more = self._attached(grey, points, normals, ground, material, reach, size)
             against = against | (more & inside[use] & ~self._beside)
-        self._against = against & ~self._known
-        return int(np.count_nonzero(self._against))
+        self.against = against & ~self._known
+        return int(np.count_nonzero(self.against))
 
     def _attached(
         self, grey: Grey, points: Floats, normals: Floats, ground: Floats, material: Floats, reach: float, size: float
