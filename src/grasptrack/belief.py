@@ -16,7 +16,7 @@ from grasptrack.observation.images import Grey
 from grasptrack.observation.support import Support
 from grasptrack.reference import Reference
 from grasptrack.search import Hypothesis, Search
-from grasptrack.verdict import close, error, refuse
+from grasptrack.verdict import MIN_SHARE_AGAIN, close, error, refuse
 
 Floats = NDArray[np.float64]
 
@@ -104,16 +104,17 @@ class Belief:
             if worse:
                 raise TransferError(worse)
             support = self._reference.samples.support(grey, H, carried.transfer.grasp.contacts)
+            explained = support.share
             if carried.fused is not None and carried.transfer.covariance is not None:
                 support = support._replace(covariance=carried.transfer.covariance)
-                support = self._judged(grey, H, support, carried.fused)
+                support, explained = self._judged(grey, H, support, carried.fused)
         except TransferError as problem:
             self.reasons.append(str(problem))
             return None
         whereabouts, fused = self._search.whereabouts, carried.fused
-        # what the ground holds has gone along with it, covered or not
+        # what the ground holds has gone along with it, covered or not; so has what lies where it was, but for its covers
         still = fused is not None and fused.held and fused.used[GROUND] and not whereabouts.gone
-        again = whereabouts.again(H) and not still
+        again = whereabouts.again(H) and not (still or (explained >= MIN_SHARE_AGAIN and whereabouts.stayed(H)))
         refusal = refuse(support, again=again, registered=registration is not None)
         if (
             not refusal
@@ -129,13 +130,16 @@ class Belief:
             return None
         return Believed(carried, H, support)
 
-    def _judged(self, grey: Grey, H: Floats, support: Support, fused: Fused) -> Support:
-        """What speaks against the outline, both sides of it looked at: a cover does not, a notch or a tab does."""
-        samples, ground = self._reference.samples, fused.used[GROUND] and fused.held
-        if not samples.against.any() and not (ground and samples.missed.any()):
-            return support
-        left = self._reference.flanks.judged(grey, H, samples.against, samples.missed, ground)
-        return support._replace(contradicted=int(np.count_nonzero(left)) / max(support.visible * samples.count, 1.0))
+    def _judged(self, grey: Grey, H: Floats, support: Support, fused: Fused) -> tuple[Support, float]:
+        """The evidence with both sides of the outline looked at: a cover does not speak against it, a notch or a tab does.
+        And the share of the outline that shows its edge or lies under a cover."""
+        samples, ground = self._reference.samples, fused.used[GROUND]
+        asked = max(support.visible * samples.count, 1.0)
+        if not ground and not samples.against.any():
+            return support, support.share
+        left, covered = self._reference.flanks.judged(grey, H, samples.against, samples.missed, ground)
+        explained = support.share + int(np.count_nonzero(covered)) / asked
+        return support._replace(contradicted=int(np.count_nonzero(left)) / asked), explained
 
     def _settled(self, grey: Grey, carried: Carried) -> bool:
         """Whether the surface tells which way round a symmetric object lies."""

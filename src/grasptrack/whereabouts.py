@@ -82,6 +82,10 @@ class Whereabouts:
         """Whether a pose (3, 3) has to be recognised anew, not just followed."""
         return self.motion.missed > 0 or not self._is_step(H)
 
+    def stayed(self, H: Floats) -> bool:
+        """Whether a pose (3, 3) is where the object was last, and nothing says that it has been elsewhere."""
+        return self._is_step(H) and not self.gone and self.motion.remembered
+
     def doubt(self, H: Floats, grey: Grey, levels: tuple[float, float], settled: Callable[[], bool]) -> str:
         """Why a pose (3, 3) that the image bears out may be another object's, or a turned one; empty if it is not.
 

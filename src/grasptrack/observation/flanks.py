@@ -27,10 +27,10 @@ OTHER, OTHER_GREY = 4.0, 5.0
 """What differs from the reference by more than so many times the noise, and by more grey levels, is something else."""
 MOST_OF_IT = 0.5
 """Of the places beside a sample, so many must be something else for the side to be."""
-COVERED = 0.2
-"""Of samples in a row, both sides of so many must be something else for a cover to lie across the outline."""
-FEWEST = 2
-"""Samples in a row that make a notch or a tab."""
+ACROSS = 3
+"""Samples in a row, both sides of which must be something else for a cover to lie across the outline."""
+FEWEST, GROWN = 2, 3
+"""Samples in a row that make a notch, and a tab."""
 COMPACT = 0.05
 """Of the outline, what touches so much at most from outside may have grown on it."""
 WEIGHINGS = 3
@@ -52,8 +52,8 @@ class Flanks:
         self._places: Floats = points[:, None, :] + offsets[None, :, None] * normals[:, None, :]
         self._values = levels_at(grey, self._places)
 
-    def judged(self, grey: Grey, H: Floats, against: Bools, missed: Bools, ground: bool) -> Bools:
-        """(m,) samples that speak against the outline, when both sides have been looked at.
+    def judged(self, grey: Grey, H: Floats, against: Bools, missed: Bools, ground: bool) -> tuple[Bools, Bools]:
+        """(m,) samples that speak against the outline, when both sides have been looked at; (m,) samples under a cover.
 
         Args:
             grey: (H, W).
@@ -71,20 +71,29 @@ class Flanks:
         (within, told_within), (beyond, told_beyond) = (
             _changed(other[:, side], told[:, side]) for side in (slice(None, half), slice(half, None))
         )
-        both = within & beyond
-        one = (within != beyond) & told_within & told_beyond
-        out = against.copy()
-        for run in runs(np.flatnonzero(against | missed if ground else against), len(against)):
-            if np.count_nonzero(both[run]) >= COVERED * len(run):
+        both, sure = within & beyond, told_within & told_beyond
+        out, covered = against.copy(), np.zeros(len(against), np.bool_)
+        odd = against | missed | within | beyond if ground else against
+        for run in runs(np.flatnonzero(odd), len(against)):
+            if longest(both[run]) >= ACROSS:
                 out[run] = False
-            elif ground and np.count_nonzero(one[run] & missed[run]) >= FEWEST:
-                out[run] |= one[run] & missed[run]
-        if ground:
-            grown = beyond & ~within & told_within & told_beyond
-            for run in runs(np.flatnonzero(grown), len(against)):
-                if FEWEST <= len(run) <= COMPACT * len(against):
-                    out[run] = True
-        return out
+                covered[run] = missed[run]
+            elif ground:
+                grown, cut = (
+                    beyond[run] & ~within[run] & sure[run],
+                    within[run] & ~beyond[run] & sure[run] & missed[run],
+                )
+                if GROWN <= np.count_nonzero(grown) <= COMPACT * len(against):
+                    out[run] |= grown
+                if np.count_nonzero(cut) >= FEWEST:
+                    out[run] |= cut
+        return out, covered
+
+
+def longest(flags: Bools) -> int:
+    """How many in a row are true at most."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return int((edges[1::2] - edges[::2]).max()) if len(edges) else 0
 
 
 def _changed(other: Bools, told: Bools) -> tuple[Bools, Bools]:
