@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which motions an outline shows, and how far each contact may be off for it: from the normal equations of a registration."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.kernels.reference_evidence import SLIDING, displacement_fields, whitening
+from grasptrack.observation.support import LOOSE
+
+Floats = NDArray[np.float64]
+
+MODELS = {"similarity": 4, "affine": 6, "homography": 8}
+"""Parameters of each model, the first so many of a homography's."""
+NAMES = (
+    "shift along",
+    "shift across",
+    "scale",
+    "turn",
+    "stretch along",
+    "shear",
+    "bend along",
+    "bend across",
+)
+"""The motions that a homography is made of near the identity, in the frame of the outline's inertia axes."""
+TURN = NAMES.index("turn")
+FREE = 0.4
+"""A motion is not shown when so much of it, by its square, lies among those that slide the outline along itself."""
+
+
+class Motion(NamedTuple):
+    """One motion.
+
+    Attributes:
+        name: one of NAMES.
+        shown: 0 to 1: of the motion, how much is across the outline and moves its edges, rms; below SLIDING the tracker
+            takes it as not seen.
+        observed: in which models it is told from the other motions.
+    """
+
+    name: str
+    shown: float
+    observed: tuple[str, ...]
+
+
+class Model(NamedTuple):
+    """A model of the motion.
+
+    Attributes:
+        name: "similarity", "affine" or "homography".
+        observable: the outline shows all its motions.
+        weakest: 0 to 1, the part across the outline of the motion that it shows least; the tracker asks for SLIDING.
+        covariance: (k, 2, 2) px^2 of each contact.
+    """
+
+    name: str
+    observable: bool
+    weakest: float
+    covariance: Floats
+
+    @property
+    def sigma(self) -> Floats:
+        """(k,) px, root of the mean squared distance by which each contact is off."""
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)), dtype=np.float64)
+
+
+class Frame(NamedTuple):
+    """Coordinates in which motions are told: the outline's inertia axes, in units of sqrt(area).
+
+    Attributes:
+        centre: (2,) px.
+        axes: (2, 2) unit rows: along and across.
+        size: px.
+    """
+
+    centre: Floats
+    axes: Floats
+    size: float
+
+    def place(self, points: Floats) -> Floats:
+        """(m, 2) points of the image, px, in the frame."""
+        return np.asarray((points - self.centre) @ self.axes.T / self.size)
+
+
+class Motions(NamedTuple):
+    """What an outline shows.
+
+    Attributes:
+        motions: all eight.
+        models: by name.
+        frame: in which the motions are told.
+        free: (8, r) parameters in the frame of motions that a homography has and the outline does not show, each moving
+            the outline by 1 px rms.
+    """
+
+    motions: tuple[Motion, ...]
+    models: dict[str, Model]
+    frame: Frame
+    free: Floats
+
+
+def motions_of(points: Floats, normals: Floats, contacts: Floats, frame: Frame, noise: float) -> Motions:
+    """What edges at points (m, 2) px with normals (m, 2) show of a motion.
+
+    Args:
+        points, normals: of the edges that a registration uses.
+        contacts: (k, 2) px.
+        frame: of the outline.
+        noise: px, standard deviation of an edge's place.
+    """
+    fields = displacement_fields(frame.place(points))
+    across = normals @ frame.axes.T
+    at = frame.axes.T @ displacement_fields(frame.place(contacts))
+    models, seen = {}, {}
+    free = np.zeros((8, 0))
+    for name, count in MODELS.items():
+        own = whitening(fields[:, :, :count])
+        A = np.einsum("mi,mij->mj", across, fields[:, :, :count]) @ own
+        told, V = np.linalg.eigh(A.T @ A)
+        slides = told <= SLIDING**2 * len(points)
+        told = np.maximum(told - SLIDING**2 * len(points), 0.0)
+        C = (V / (told / noise**2 + 1.0 / (LOOSE * frame.size) ** 2)) @ V.T
+        here = at[:, :, :count] @ own
+        weakest = math.sqrt(max(float(np.linalg.eigvalsh(A.T @ A)[0]), 0.0) / len(points))
+        models[name] = Model(name, not slides.any(), weakest, here @ C @ here.transpose(0, 2, 1))
+        apart = V[:, slides].T @ np.linalg.inv(own)
+        total = np.square(np.linalg.inv(own)).sum(axis=0)
+        seen[name] = np.square(apart).sum(axis=0) <= FREE * total
+        if name == "homography":
+            free = own @ V[:, slides]
+    moved = np.sqrt(np.square(fields).sum(axis=(0, 1)))
+    part = np.linalg.norm(np.einsum("mi,mij->mj", across, fields), axis=0) / np.maximum(moved, 1e-300)
+    listed = tuple(
+        Motion(name, float(part[i]), tuple(m for m, n in MODELS.items() if i < n and seen[m][i]))
+        for i, name in enumerate(NAMES)
+    )
+    return Motions(listed, models, frame, free)
