@@ -84,12 +84,12 @@ def inspect(
     stand_in = Grasp(view.outer.points[[0, len(view.outer) // 2]])
     held = first.grasp or stand_in
     motions = motions_of(*edges.used, held.contacts, _frame(view), math.sqrt(2.0) * looks.scatter)
-    usable = strategies_of(held, view, grey, polarity)
     samples, refusal, rehearsal = _samples(first, held), "", None
     if first.reference is not None:
         refusal = refuse(samples.support(grey, np.eye(3), held.contacts), registered=strategy == AUTO)
         rehearsal = rehearse(first, surface.noise)
     grip = None if first.grasp is None else _held(first.grasp, view, friction, motions, rehearsal)
+    usable = strategies_of(held, view, grey, polarity, refusal)
     symmetry = symmetry_of(view, grey, samples, held.contacts, "similarity" in motions.motions[TURN].observed)
     equals = equals_of(first.candidate, first.others)
     reasons = reasons_of(
@@ -98,7 +98,7 @@ def inspect(
     return Suitability(
         level=level_of(reasons),
         reasons=reasons,
-        strategy=recommended(usable) if grip is not None else "",
+        strategy=recommended(usable) if grip is not None and not refusal else "",
         looks=looks,
         motions=motions,
         symmetry=symmetry,

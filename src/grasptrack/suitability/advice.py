@@ -45,12 +45,11 @@ def reasons_of(found: Findings) -> tuple[Reason, ...]:
     """Why an object is less than good to track, the gravest first; empty when it is good."""
     listed = [*_of_grasp(found), *_of_motions(found), *_of_edges(found.looks), *_of_likeness(found)]
     rehearsal = found.rehearsal
-    if rehearsal is not None and rehearsal.located < rehearsal.steps:
-        missed = rehearsal.steps - rehearsal.located
+    lost = 0 if rehearsal is None else rehearsal.steps - rehearsal.located
+    if rehearsal is not None and lost and not any(r.level == "poor" for r in listed):
         level: Level = "poor" if rehearsal.located < MIN_SHARE * rehearsal.steps else "fair"
-        if level == "poor" or not any(r.level == "poor" for r in listed):
-            text = f"lost in {missed} of {rehearsal.steps} rehearsed motions: {rehearsal.reason}"
-            listed.append(Reason(level, text, ""))
+        text = f"lost in {lost} of {rehearsal.steps} small motions that were tried: {rehearsal.reason}"
+        listed.append(Reason(level, text, "" if found.looks.clear < MIN_SHARE else _clearer(found.looks)))
     return tuple(sorted(listed, key=lambda r: r.level != "poor"))
 
 
@@ -66,10 +65,10 @@ def _of_grasp(found: Findings) -> list[Reason]:
         listed.append(Reason("poor", found.no_grasp, "give contacts with --grasp, or more --friction"))
     elif grasp is not None and not grasp.stable:
         listed.append(Reason("poor", "the grasp does not close", "another grasp, or more --friction"))
-    elif grasp is not None and grasp.chance < MIN_SHARE:
+    elif grasp is not None and grasp.chance < MIN_SHARE and found.motions.models["homography"].observable:
         text = f"the grasp closes with a chance of only {100.0 * grasp.chance:.0f} % where its contacts are uncertain"
         listed.append(Reason("fair", text, "another grasp, on longer straight sides"))
-    if not recommended(found.strategies):
+    if not recommended(found.strategies) and not found.refusal:
         listed.append(Reason("poor", f"no strategy can carry it: {found.strategies[0].reason}", "more contrast"))
     return listed
 
@@ -152,8 +151,9 @@ def _of_likeness(found: Findings) -> list[Reason]:
     listed = []
     symmetry = found.symmetry
     if symmetry.known and not symmetry.every and symmetry.turns:
-        least = min(symmetry.turns)
-        text = f"it looks the same after a turn by {least:.0f}°: out of sight for a moment, it stays lost"
+        text = (
+            f"it looks the same after a turn by {360.0 / symmetry.order:.0f}°: out of sight for a moment, it stays lost"
+        )
         listed.append(Reason("fair", text, "keep it in view, or mark one side"))
     if found.equals:
         others = "another object has" if found.equals == 1 else f"{found.equals} other objects have"

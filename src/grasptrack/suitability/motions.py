@@ -95,12 +95,14 @@ class Motions(NamedTuple):
         frame: in which the motions are told.
         free: (8, r) parameters in the frame of motions that a homography has and the outline does not show, each moving
             the outline by 1 px rms.
+        slide: (8,) that of them, of the smallest model that has any, which the outline shows least; None where it shows all.
     """
 
     motions: tuple[Motion, ...]
     models: dict[str, Model]
     frame: Frame
     free: Floats
+    slide: Floats | None
 
 
 def motions_of(points: Floats, normals: Floats, contacts: Floats, frame: Frame, noise: float) -> Motions:
@@ -116,7 +118,7 @@ def motions_of(points: Floats, normals: Floats, contacts: Floats, frame: Frame, 
     across = normals @ frame.axes.T
     at = frame.axes.T @ displacement_fields(frame.place(contacts))
     models, seen = {}, {}
-    free = np.zeros((8, 0))
+    free, slide = np.zeros((8, 0)), None
     for name, count in MODELS.items():
         own = whitening(fields[:, :, :count])
         A = np.einsum("mi,mij->mj", across, fields[:, :, :count]) @ own
@@ -130,12 +132,21 @@ def motions_of(points: Floats, normals: Floats, contacts: Floats, frame: Frame, 
         apart = V[:, slides].T @ np.linalg.inv(own)
         total = np.square(np.linalg.inv(own)).sum(axis=0)
         seen[name] = np.square(apart).sum(axis=0) <= FREE * total
-        if name == "homography":
-            free = own @ V[:, slides]
+        free = own @ V[:, slides]
+        if slide is None and slides.any():
+            slide = np.concatenate([free[:, 0], np.zeros(8 - count)])
     moved = np.sqrt(np.square(fields).sum(axis=(0, 1)))
     part = np.linalg.norm(np.einsum("mi,mij->mj", across, fields), axis=0) / np.maximum(moved, 1e-300)
     listed = tuple(
         Motion(name, float(part[i]), tuple(m for m, n in MODELS.items() if i < n and seen[m][i]))
         for i, name in enumerate(NAMES)
     )
-    return Motions(listed, models, frame, free)
+    return Motions(listed, models, frame, free, slide)
+
+
+def slid(motions: Motions, points: Floats) -> Floats:
+    """(m, 2) px by which the motion that an outline shows least moves points (m, 2) px; zero where it shows all."""
+    if motions.slide is None:
+        return np.zeros_like(points)
+    frame = motions.frame
+    return np.asarray(displacement_fields(frame.place(points)) @ motions.slide @ frame.axes)

@@ -152,5 +152,6 @@ class Suitability:
 
     @property
     def verdict(self) -> str:
-        """One line: "good", or "fair: ..." or "poor: ..." with the reasons."""
-        return f"{self.level}: {'; '.join(r.text for r in self.reasons)}" if self.reasons else self.level
+        """One line: "good", or "fair: ..." or "poor: ..." with the reasons that make it so."""
+        why = "; ".join(r.text for r in self.reasons if r.level == self.level)
+        return f"{self.level}: {why}" if why else self.level

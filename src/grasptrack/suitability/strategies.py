@@ -45,10 +45,18 @@ def peaks_of(view: View) -> Floats:
     return outer.points[peaks].reshape(-1, 2)
 
 
-def strategies_of(grasp: Grasp, view: View, grey: Grey, polarity: int) -> tuple[Usable, ...]:
-    """`auto`'s registration and the three strategies, each tried on the view of the choice itself."""
+def strategies_of(grasp: Grasp, view: View, grey: Grey, polarity: int, refusal: str = "") -> tuple[Usable, ...]:
+    """`auto`'s registration and the three strategies, each tried on the view of the choice itself.
 
-    def refusal(name: str) -> str:
+    Args:
+        grasp: on the outline.
+        view: the outline.
+        grey: (H, W) its image.
+        polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ.
+        refusal: why the verdict believes no transfer at all, whichever strategy made it; else empty.
+    """
+
+    def why(name: str) -> str:
         try:
             if name == AUTO:
                 RegistrationCarrier(grasp, view, grey, polarity)
@@ -58,9 +66,9 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, polarity: int) -> tuple[
                 SilhouetteCarrier(name, grasp, view)
         except GraspTrackError as error:
             return str(error)
-        return ""
+        return refusal
 
-    return tuple(Usable(name, refusal(name)) for name in (AUTO, *ORDER))
+    return tuple(Usable(name, why(name)) for name in (AUTO, *ORDER))
 
 
 def recommended(usable: tuple[Usable, ...]) -> str:
