@@ -24,6 +24,8 @@ FAINT = MIN_STRENGTH / RELATIVE_STRENGTH
 HARDLY = math.sqrt(2.0) * SLIDING
 """Of a motion, the part across the outline below which the evidence counts for less than half."""
 
+WORDS = {"turn": "a turn", "shift along": "a shift", "shift across": "a shift", "scale": "a change of scale"}
+"""What a user calls the motions within the image; the others are parts of a tilt."""
 NO_TURN = "another object, or a mark on its outline such as a notch"
 
 
@@ -83,24 +85,27 @@ def _of_motions(found: Findings) -> list[Reason]:
         return [Reason("poor", f"{what} is not shown by the outline", NO_TURN)]
     whole = models["homography"]
     if not whole.observable:
+        mixed = _mixed(found.motions)
         text = (
-            f"once the view tilts, {_listed(_mixed(found.motions))} cannot be told from other motions by this outline"
+            f"a tilt cannot be told from {_listed(mixed)} by this outline"
+            if mixed
+            else "a tilt is not shown by this outline"
         )
-        return [Reason("poor", text, NO_TURN)]
+        return [Reason("poor", text, "begin with the whole object in view" if looks.clipped else NO_TURN)]
     if found.refusal:
         return [Reason("poor", found.refusal, "another grasp, nearer to where the outline bends")]
     if whole.weakest < HARDLY:
-        text = f"one motion is hardly shown by the outline ({100.0 * whole.weakest:.0f} %; {100.0 * SLIDING:.0f} % is needed)"
+        share = f"{100.0 * whole.weakest:.0f} %; {100.0 * SLIDING:.0f} % is needed"
+        text = f"{WORDS.get(whole.least, 'a tilt')} is hardly told from other motions ({share})"
         advice = "a sharper image" if looks.sharpness > WINDOW else "more of the object in view, or another object"
         return [Reason("fair", text, advice)]
     return []
 
 
 def _mixed(motions: Motions) -> list[str]:
-    """The motions that are not told from others under tilt, in words."""
-    words = {"turn": "a turn", "shift along": "a shift", "shift across": "a shift", "scale": "a change of scale"}
-    names = [words.get(m.name, "a tilt") for m in motions.motions if "homography" not in m.observed]
-    return list(dict.fromkeys(names)) or ["a tilt"]
+    """The motions within the image that are not told from a tilt, in words."""
+    names = [WORDS[m.name] for m in motions.motions if m.name in WORDS and "homography" not in m.observed]
+    return list(dict.fromkeys(names))
 
 
 def _listed(names: list[str]) -> str:
@@ -125,7 +130,7 @@ def _of_edges(looks: Looks) -> list[Reason]:
         text = f"faint edges ({looks.strength:.1f} grey levels per px)"
         listed.append(Reason("fair", text, _clearer(looks)))
     if looks.size < SMALL:
-        text = f"the object is only {looks.size:.0f} px large"
+        text = f"a small object: its area is only that of {looks.size:.0f} x {looks.size:.0f} px"
         listed.append(Reason("fair", text, "move nearer, or take a larger image"))
     if looks.clipped:
         text = "the image border cuts the object: once lost, it is not found again"

@@ -18,6 +18,8 @@ from grasptrack.observation.registration import MIN_STRENGTH, MOST, NEAR, RELATI
 
 Floats = NDArray[np.float64]
 
+ACROSS = 6.0
+"""px along the outline over which its direction is taken."""
 LEAST = 5
 """Edges in a row that their scatter is measured on."""
 CENTROID = 1.8
@@ -65,7 +67,7 @@ def edges_of(view: View, grey: Grey, polarity: int) -> Edges:
     where = np.concatenate(
         [np.column_stack([np.full(len(c), float(i)), np.arange(len(c))]) for i, c in enumerate(view.contours)]
     )
-    frames = kernels.contact_frames(view.points, view.offsets, np.ascontiguousarray(where), 4.0)
+    frames = kernels.contact_frames(view.points, view.offsets, np.ascontiguousarray(where), ACROSS)
     normals = np.ascontiguousarray(-frames[:, :2])
     found = kernels.edge_search(grey, np.ascontiguousarray(view.points), normals, NEAR, polarity)
     cut = np.concatenate([np.zeros(len(c), np.bool_) if c.clipped is None else c.clipped for c in view.contours])

@@ -54,12 +54,14 @@ class Model(NamedTuple):
         name: "similarity", "affine" or "homography".
         observable: the outline shows all its motions.
         weakest: 0 to 1, the part across the outline of the motion that it shows least; the tracker asks for SLIDING.
+        least: the named motion that is most like that one.
         covariance: (k, 2, 2) px^2 of each contact.
     """
 
     name: str
     observable: bool
     weakest: float
+    least: str
     covariance: Floats
 
     @property
@@ -121,17 +123,22 @@ def motions_of(points: Floats, normals: Floats, contacts: Floats, frame: Frame, 
     free, slide = np.zeros((8, 0)), None
     for name, count in MODELS.items():
         own = whitening(fields[:, :, :count])
+        named = np.linalg.inv(own)  # columns: the named motions, in motions of their own
         A = np.einsum("mi,mij->mj", across, fields[:, :, :count]) @ own
         told, V = np.linalg.eigh(A.T @ A)
         slides = told <= SLIDING**2 * len(points)
-        told = np.maximum(told - SLIDING**2 * len(points), 0.0)
-        C = (V / (told / noise**2 + 1.0 / (LOOSE * frame.size) ** 2)) @ V.T
+        sure = np.maximum(told - SLIDING**2 * len(points), 0.0)
+        C = (V / (sure / noise**2 + 1.0 / (LOOSE * frame.size) ** 2)) @ V.T
         here = at[:, :, :count] @ own
-        weakest = math.sqrt(max(float(np.linalg.eigvalsh(A.T @ A)[0]), 0.0) / len(points))
-        models[name] = Model(name, not slides.any(), weakest, here @ C @ here.transpose(0, 2, 1))
-        apart = V[:, slides].T @ np.linalg.inv(own)
-        total = np.square(np.linalg.inv(own)).sum(axis=0)
-        seen[name] = np.square(apart).sum(axis=0) <= FREE * total
+        parts = np.square(V.T @ named) / np.square(named).sum(axis=0)
+        models[name] = Model(
+            name,
+            not slides.any(),
+            math.sqrt(max(told.item(0), 0.0) / max(len(points), 1)),
+            NAMES[int(parts[0].argmax())],
+            here @ C @ here.transpose(0, 2, 1),
+        )
+        seen[name] = parts[slides].sum(axis=0) <= FREE
         free = own @ V[:, slides]
         if slide is None and slides.any():
             slide = np.concatenate([free[:, 0], np.zeros(8 - count)])

@@ -48,7 +48,7 @@ def rows(found: Suitability) -> list[Row]:
 
 def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
     models = found.motions.models
-    each = ", ".join(f"{name} {px(float(m.sigma.max())) if m.observable else 'free'}" for name, m in models.items())
+    each = ", ".join(f"{n} {_figure(float(m.sigma.max())) if m.observable else 'not fixed'}" for n, m in models.items())
     tried = found.rehearsal
     error = px(found.expected) if models["homography"].observable else "not fixed"
     listed = [
@@ -61,13 +61,17 @@ def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
     ]
     if tried is not None:
         off = "" if math.isnan(tried.error) else f", off by {px(tried.error)}"
-        listed.append(Row("tried", f"{tried.located} of {tried.steps}", f"small motions of this image followed{off}"))
+        listed.append(Row("tried", f"{tried.located} of {tried.steps}", f"small motions followed{off}"))
     return listed
 
 
 def px(value: float) -> str:
     """A length in px with two figures."""
-    return "no end" if math.isinf(value) else f"{value:.0f} px" if value >= 9.5 else f"{value:.2g} px"
+    return f"{_figure(value)} px"
+
+
+def _figure(value: float) -> str:
+    return f"{value:.0f}" if value >= 9.5 else f"{value:.2g}"
 
 
 def told(motions: Motions) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from grasptrack.suitability.motions import slid
 from grasptrack.view.grasp_panel import DARK, LINE, Panel, muted
 from grasptrack.view.inspect_text import BAD, CLEAR, PEAK, WEAK, Sheet, legend
-from grasptrack.view.layout import window
+from grasptrack.view.layout import quiet_corner, window
 
 if TYPE_CHECKING:
     from grasptrack.suitability import Suitability
@@ -55,7 +55,8 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
     FigureCanvasAgg(figure)
     picture = muted(image)
     left, bottom, width, height = _MAIN
-    shown = window([found.view.points], [], (picture.shape[0], picture.shape[1]), width / height, 0.16, 1.3)
+    seen = [found.view.points, *(v.outer.points for v in found.equals[:1])]
+    shown = window(seen, [], (picture.shape[0], picture.shape[1]), width / height, 0.16, 1.3)
     axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
     panel = Panel(axes, picture, shown, (72.0 * width, 72.0 * height))
     times = magnification(found, panel.px_per_point)
@@ -113,7 +114,8 @@ def _slides(panel: Panel, found: Suitability) -> None:
         return
     outer = found.view.outer
     at = np.linspace(0.0, outer.length, _ARROWS, endpoint=False)
-    points = outer.points[np.searchsorted(outer.arc_length[:-1], at).clip(0, len(outer) - 1)]
+    chosen = np.searchsorted(outer.arc_length[:-1], at).clip(0, len(outer) - 1)
+    points = outer.points[chosen if outer.clipped is None else chosen[~outer.clipped[chosen]]]
     moved = slid(found.motions, points)
     longest = float(np.hypot(*moved.T).max())
     reach = min(max(0.16 * found.looks.size, 24.0 * panel.px_per_point), 60.0 * panel.px_per_point)
@@ -133,17 +135,32 @@ def _symmetry(panel: Panel, found: Suitability) -> None:
     if not symmetry.every and not symmetry.turns:
         return
     radius = min(max(0.13 * found.looks.size, 26.0 * panel.px_per_point), 60.0 * panel.px_per_point)
+    centre = _free_place(panel, found, radius)
     around = np.linspace(0.0, 2.0 * math.pi, 121)
-    panel.line(frame.centre + radius * np.column_stack([np.cos(around), np.sin(around)]), "white", 1.6)
+    panel.line(centre + radius * np.column_stack([np.cos(around), np.sin(around)]), "white", 1.6)
     start = math.degrees(math.atan2(frame.axes[0, 1], frame.axes[0, 0]))
     if not symmetry.every and len(symmetry.turns) < _MANY:
         for turn in (0.0, *symmetry.turns):
             way = np.array([math.cos(math.radians(start + turn)), math.sin(math.radians(start + turn))])
-            panel.line(frame.centre + radius * np.outer([0.72, 1.28], way), "white", 2.4)
+            panel.line(centre + radius * np.outer([0.72, 1.28], way), "white", 2.4)
     text = "every turn" if symmetry.every else f"alike {symmetry.order} ×"
     style = {"ha": "center", "va": "center", "fontsize": 11.0, "fontweight": "bold", "color": "white", "zorder": 6}
     box = {"boxstyle": "round,pad=0.25", "fc": DARK, "ec": "none", "alpha": 0.75}
-    panel.axes.text(*frame.centre, text, bbox=box, **style)
+    panel.axes.text(*centre, text, bbox=box, **style)
+
+
+def _free_place(panel: Panel, found: Suitability, radius: float) -> Floats:
+    """The object's centre, or where the grasp is there a corner of the picture."""
+    centre = found.motions.frame.centre
+    if found.grasp is None or np.hypot(*(found.grasp.contacts - centre).T).min() > 2.0 * radius:
+        return centre
+    left, top, right, bottom = panel.window
+    share = 3.0 * radius / min(right - left, bottom - top)
+    corner = quiet_corner(panel.window, share, found.view.points, [v.outer.points for v in found.equals])
+    if corner is None:
+        return centre
+    x = right - 1.6 * radius if corner % 2 else left + 1.6 * radius
+    return np.array([x, bottom - 1.6 * radius if corner // 2 else top + 1.6 * radius])
 
 
 def _grasp(panel: Panel, grasp: Held, times: float) -> None:

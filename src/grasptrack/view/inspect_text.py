@@ -161,5 +161,11 @@ def legend(axes: Any, found: Suitability, times: float) -> None:
         handles.append(Line2D([], [], color=LINE, lw=2, marker="o", mec="white", label="grasp"))
         handles.append(Line2D([], [], color=INK, marker="o", ms=12, mfc="none", lw=0, label=label))
     place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.005), "borderaxespad": 0.3, "borderpad": 0.0}
-    style = {"frameon": False, "fontsize": 11, "labelcolor": INK, "handlelength": 1.6, "columnspacing": 1.2}
+    style = {
+        "frameon": False,
+        "fontsize": 11 if len(handles) < 7 else 10,
+        "labelcolor": INK,
+        "handlelength": 1.6,
+        "columnspacing": 1.2,
+    }
     axes.legend(handles=handles, ncols=len(handles), **place, **style)
