@@ -19,7 +19,7 @@ from grasptrack.observation.relief import Relief, reliefs
 from grasptrack.observation.support import OutlineSamples
 from grasptrack.reference import AUTO
 from grasptrack.suitability.advice import Findings, level_of, reasons_of
-from grasptrack.suitability.edges import Edges, edges_of, scatter
+from grasptrack.suitability.edges import Edges, edges_of, scatter, sway
 from grasptrack.suitability.first import FirstView, first_view
 from grasptrack.suitability.hold import chance
 from grasptrack.suitability.motions import TURN, Frame, Motions, motions_of
@@ -83,7 +83,8 @@ def inspect(
     # without a grasp, two places on the outline stand for its contacts
     stand_in = Grasp(view.outer.points[[0, len(view.outer) // 2]])
     held = first.grasp or stand_in
-    motions = motions_of(*edges.used, held.contacts, _frame(view), math.sqrt(2.0) * looks.scatter)
+    noise = math.sqrt(2.0) * looks.scatter  # of both views
+    motions = motions_of(*edges.used, held.contacts, _frame(view), noise, sway(edges))
     samples, refusal, rehearsal = _samples(first, held), "", None
     if first.reference is not None:
         refusal = refuse(samples.support(grey, np.eye(3), held.contacts), registered=strategy == AUTO)

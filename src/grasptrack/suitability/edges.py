@@ -115,3 +115,16 @@ def scatter(edges: Edges, pixels: float) -> float:
     rough = 1.4826 * lower_median(shown) / math.sqrt(20.0)
     contrast = float(np.median(edges.contrast[edges.clear])) if edges.clear.any() else 0.0
     return max(rough, CENTROID * pixels / contrast) if contrast > 0.0 else WINDOW
+
+
+def sway(edges: Edges) -> float:
+    """rad, standard deviation of an edge's direction from noise alone: by third differences, as `scatter`."""
+    angles = np.arctan2(edges.normals[:, 1], edges.normals[:, 0])
+    step, differences = round(ACROSS), []
+    for i in range(int(edges.contour.max()) + 1):
+        own = angles[edges.contour == i]
+        if len(own) >= LEAST * step:
+            turns = np.angle(np.exp(1j * (np.roll(own, -step) - own)))  # from one stretch to the next
+            differences.append(np.roll(turns, -step) - 2.0 * turns + np.roll(turns, step))
+    shown = np.abs(np.concatenate(differences)) if differences else np.zeros(0)
+    return 1.4826 * lower_median(shown) / math.sqrt(20.0)

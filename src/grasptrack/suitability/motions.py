@@ -107,7 +107,9 @@ class Motions(NamedTuple):
     slide: Floats | None
 
 
-def motions_of(points: Floats, normals: Floats, contacts: Floats, frame: Frame, noise: float) -> Motions:
+def motions_of(
+    points: Floats, normals: Floats, contacts: Floats, frame: Frame, noise: float, sway: float = 0.0
+) -> Motions:
     """What edges at points (m, 2) px with normals (m, 2) show of a motion.
 
     Args:
@@ -115,9 +117,12 @@ def motions_of(points: Floats, normals: Floats, contacts: Floats, frame: Frame, 
         contacts: (k, 2) px.
         frame: of the outline.
         noise: px, standard deviation of an edge's place.
+        sway: rad, standard deviation of the normals' directions; what this makes of a motion along the outline is no sign
+            of it.
     """
     fields = displacement_fields(frame.place(points))
     across = normals @ frame.axes.T
+    along = np.column_stack([-across[:, 1], across[:, 0]])
     at = frame.axes.T @ displacement_fields(frame.place(contacts))
     models, seen = {}, {}
     free, slide = np.zeros((8, 0)), None
@@ -125,7 +130,8 @@ def motions_of(points: Floats, normals: Floats, contacts: Floats, frame: Frame, 
         own = whitening(fields[:, :, :count])
         named = np.linalg.inv(own)  # columns: the named motions, in motions of their own
         A = np.einsum("mi,mij->mj", across, fields[:, :, :count]) @ own
-        told, V = np.linalg.eigh(A.T @ A)
+        B = np.einsum("mi,mij->mj", along, fields[:, :, :count]) @ own
+        told, V = np.linalg.eigh(A.T @ A - sway**2 * (B.T @ B))
         slides = told <= SLIDING**2 * len(points)
         sure = np.maximum(told - SLIDING**2 * len(points), 0.0)
         C = (V / (sure / noise**2 + 1.0 / (LOOSE * frame.size) ** 2)) @ V.T
@@ -143,7 +149,9 @@ def motions_of(points: Floats, normals: Floats, contacts: Floats, frame: Frame, 
         if slide is None and slides.any():
             slide = np.concatenate([free[:, 0], np.zeros(8 - count)])
     moved = np.sqrt(np.square(fields).sum(axis=(0, 1)))
-    part = np.linalg.norm(np.einsum("mi,mij->mj", across, fields), axis=0) / np.maximum(moved, 1e-300)
+    part = np.square(np.einsum("mi,mij->mj", across, fields)).sum(axis=0)
+    part -= sway**2 * np.square(np.einsum("mi,mij->mj", along, fields)).sum(axis=0)
+    part = np.sqrt(np.maximum(part, 0.0)) / np.maximum(moved, 1e-300)
     listed = tuple(
         Motion(name, float(part[i]), tuple(m for m, n in MODELS.items() if i < n and seen[m][i]))
         for i, name in enumerate(NAMES)
