@@ -47,6 +47,7 @@ def inspection(found: Suitability, name: str, shape: tuple[int, ...], options: M
             key: {
                 "observable": m.observable,
                 "weakest": _plain(m.weakest),
+                "least": m.least,
                 "sigma_px": None if found.grasp is None else _plain(m.sigma),
             }
             for key, m in models.items()

@@ -22,6 +22,10 @@ OF_SLOPES = 12.0 / 64.0
 """Variance of one component of a Sobel slope of independent pixels of variance 1."""
 QUANTUM = 1.0 / math.sqrt(12.0)
 """Grey levels, the noise of rounding to whole ones."""
+CUT = 3.0
+"""Standard deviations beyond which a second difference is structure, ..."""
+OF_NORMAL = math.sqrt(2.0 / math.pi) * (1.0 - math.exp(-0.5 * CUT**2)) / math.erf(CUT / math.sqrt(2.0))
+"""... and the mean size of normal noise that is cut off there, in its standard deviation."""
 DOUBT = 3.0
 """Structure counts as far as it exceeds what noise makes by so many standard deviations of that."""
 
@@ -108,5 +112,9 @@ def reliefs(grey: Grey, view: View, hidden: Grey | None = None) -> tuple[Relief,
 def _noise(part: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
     """Grey levels, standard deviation of a pixel, from second differences in both directions (Immerkaer 1996), robust."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    left = np.abs(cv2.filter2D(part, cv2.CV_32F, kernel)[free])
-    return max(1.4826 * float(np.median(left)) / 6.0 if left.size else 0.0, QUANTUM)
+    left = np.abs(cv2.filter2D(part, cv2.CV_32F, kernel)[free]) / 6.0
+    if not left.size:
+        return QUANTUM
+    rough = max(1.4826 * float(np.median(left)), QUANTUM)
+    # grey levels are whole numbers, and so would a median be: the mean of what is not plainly an edge
+    return max(float(left[left <= CUT * rough].mean()) / OF_NORMAL, QUANTUM)
