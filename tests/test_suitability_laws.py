@@ -206,3 +206,15 @@ def test_a_grasp_holds_as_long_as_its_contacts_are_known(noise: float) -> None:
     unsure = chance(grasp, view, 0.5, 8.0, noise**2 * np.stack([np.eye(2)] * 2))
     assert sure == 1.0 and 0.0 <= unsure <= 1.0
     assert chance(grasp, view, 0.5, 8.0, 900.0 * np.stack([np.eye(2)] * 2)) < 0.9
+
+
+@given(sway_a=st.floats(0.0, 0.6), sway_b=st.floats(0.0, 0.6))
+def test_noise_of_the_directions_only_hides_motions(sway_a: float, sway_b: float) -> None:
+    points, normals = sampled(np.array([[-70, -45], [70, -45], [70, 5], [-20, 5], [-20, 45], [-70, 45]], float))
+    frame = Frame(points.mean(axis=0), np.eye(2), 90.0)
+    low, high = (motions_of(points, normals, points[:2], frame, 0.1, s) for s in sorted((sway_a, sway_b)))
+    for name in MODELS:
+        one, other = low.models[name], high.models[name]
+        assert other.weakest <= one.weakest + 1e-9 and one.observable >= other.observable
+        assert one.unswayed == pytest.approx(other.unswayed) and one.weakest <= one.unswayed + 1e-9
+    assert all(b.shown <= a.shown + 1e-9 for a, b in zip(low.motions, high.motions, strict=True))

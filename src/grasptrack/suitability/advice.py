@@ -77,13 +77,18 @@ def _of_grasp(found: Findings) -> list[Reason]:
 
 def _of_motions(found: Findings) -> list[Reason]:
     models, looks = found.motions.models, found.looks
-    if found.symmetry.every or not models["similarity"].observable:
+    flat = models["similarity"]
+    if not flat.observable and flat.unswayed >= HARDLY:
+        return [Reason("poor", "the noise of its edges hides how it moves", _clearer(looks))]
+    if found.symmetry.every or not flat.observable:
         hidden = [
             m.name for m in found.motions.motions if "similarity" not in m.observed and "affine" not in m.observed
         ]
         what = "a turn about its centre" if found.symmetry.every or "turn" in hidden else "a shift along itself"
         return [Reason("poor", f"{what} is not shown by the outline", NO_TURN)]
     whole = models["homography"]
+    if not whole.observable and whole.unswayed >= HARDLY:
+        return [Reason("poor", "the noise of its edges hides a tilt", _clearer(looks))]
     if not whole.observable:
         mixed = _mixed(found.motions)
         text = (

@@ -55,6 +55,8 @@ class Model(NamedTuple):
         observable: the outline shows all its motions.
         weakest: 0 to 1, the part across the outline of the motion that it shows least; the tracker asks for SLIDING.
         least: the named motion that is most like that one.
+        unswayed: 0 to 1, `weakest` had the normals no noise that is taken off: what is much more than `weakest` is hidden by
+            noise, not by the shape.
         covariance: (k, 2, 2) px^2 of each contact.
     """
 
@@ -62,6 +64,7 @@ class Model(NamedTuple):
     observable: bool
     weakest: float
     least: str
+    unswayed: float
     covariance: Floats
 
     @property
@@ -142,6 +145,7 @@ def motions_of(
             not slides.any(),
             math.sqrt(max(told.item(0), 0.0) / max(len(points), 1)),
             NAMES[int(parts[0].argmax())],
+            math.sqrt(max(float(np.linalg.eigvalsh(A.T @ A)[0]), 0.0) / max(len(points), 1)),
             here @ C @ here.transpose(0, 2, 1),
         )
         seen[name] = parts[slides].sum(axis=0) <= FREE
