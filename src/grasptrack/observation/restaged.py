@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+TURN, TILT, GROWTH, SHIFT = 12.0, 12.0, 0.04, 0.1
+"""Degrees, degrees, share, and share of the size by which a course ends."""
+DISTANCE = 6.0
+"""Sizes of the object from which the camera looks."""
+
 
 def restaged(image: NDArray[np.uint8], H: Floats, noise: float, rng: np.random.Generator) -> NDArray[np.uint8]:
     """An image under a homography, with noise added; what comes into view mirrors what was there.
@@ -55,9 +60,3 @@ def course(steps: int, centre: Floats, size: float, middle: Floats) -> list[Floa
         there[:2, 2], back[:2, 2] = shift, -centre
         made.append(there @ H @ back)
     return made
-
-
-TURN, TILT, GROWTH, SHIFT = 12.0, 12.0, 0.04, 0.1
-"""Degrees, degrees, share, and share of the size by which a course ends."""
-DISTANCE = 6.0
-"""Sizes of the object from which the camera looks."""
