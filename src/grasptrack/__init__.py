@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from grasptrack.hand import Hand, Length
     from grasptrack.io.sources import Frame, open_source
     from grasptrack.result import TrackResult
+    from grasptrack.suitability import Suitability, inspect
     from grasptrack.synthesis import GraspList, RankedGrasp, synthesize
     from grasptrack.tracker import GraspTracker
     from grasptrack.transfer import Transfer, transfer
@@ -64,6 +65,7 @@ _HOME = {
     "hand": ("Hand", "Length"),
     "io.sources": ("Frame", "open_source"),
     "result": ("TrackResult",),
+    "suitability": ("Suitability", "inspect"),
     "synthesis": ("GraspList", "RankedGrasp", "synthesize"),
     "tracker": ("GraspTracker",),
     "transfer": ("Transfer", "transfer"),
@@ -94,12 +96,14 @@ __all__ = [
     "RankedGrasp",
     "SourceError",
     "StrategyError",
+    "Suitability",
     "TrackResult",
     "Transfer",
     "TransferError",
     "View",
     "__version__",
     "analyze",
+    "inspect",
     "open_source",
     "synthesize",
     "transfer",

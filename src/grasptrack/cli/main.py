@@ -16,6 +16,7 @@ import typer
 from grasptrack.cli.compare import compare
 from grasptrack.cli.demo import demo
 from grasptrack.cli.evaluate import evaluate
+from grasptrack.cli.inspect import inspect
 from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import INTERRUPTED, only_our_errors, tell_error
 from grasptrack.cli.track import track
@@ -34,6 +35,7 @@ Examples:
   grasptrack track photos --fps 30 --output run --strategy homography
   grasptrack track video.mp4 --grasp "193,308 157,99"
   grasptrack synthesize photo.jpg   the best grasps on the object in one image
+  grasptrack inspect photo.jpg      how well that object can be tracked, before the run
   grasptrack transfer a.png b.png   the same grasp in two views
   grasptrack evaluate scenes        every method on scenes with exact truth, and a report
 
@@ -71,6 +73,7 @@ def _options(
 
 
 app.command(short_help="Choose grasps on an object in one image.")(synthesize)
+app.command(short_help="Tell how well the object in an image can be tracked.")(inspect)
 app.command(short_help="Carry a grasp through a sequence of images.")(track)
 app.command(short_help="Carry a grasp from one image to another, by every strategy.")(transfer)
 app.command(short_help="Track in a rendered scene and compare with the truth.")(demo)

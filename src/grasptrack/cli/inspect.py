@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack inspect`: how well the object in an image can be tracked, before the run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from grasptrack.cli import options
+from grasptrack.errors import InputError, ObservationError
+
+if TYPE_CHECKING:
+    from grasptrack.suitability import Suitability
+
+_HEADS = (("", "left"), ("found", "left"), ("", "left"))
+Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for inspect.json and inspect.png.")]
+MaskPath = Annotated[
+    str | None, typer.Option(metavar="MASK", help="Your own segmentation: an image that is not black on objects.")
+]
+StrategyName = Annotated[str, typer.Option(metavar="NAME", help="That is to carry the grasp.")]
+Json = Annotated[bool, typer.Option("--json", help="Print inspect.json in place of the table.")]
+
+
+def inspect(
+    image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, the first of a run.")],
+    object_: options.ObjectText = None,
+    box: options.BoxText = None,
+    mask: MaskPath = None,
+    ignore: options.IgnorePath = None,
+    grasp: options.GraspText = None,
+    fingers: options.Fingers = None,
+    friction: options.Friction = 0.5,
+    strategy: StrategyName = "auto",
+    min_opening: options.MinOpening = None,
+    max_opening: options.MaxOpening = None,
+    finger_width: options.FingerWidth = None,
+    finger_thickness: options.FingerThickness = None,
+    clearance: options.Clearance = None,
+    scale: options.Scale = None,
+    output: Output = Path(),
+    json_: Json = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Tell before a run how well the object in an image can be tracked.
+
+    Which motions its outline shows, its symmetries, edges and contrast, which strategies can carry the grasp and why the
+    others cannot, the error to be expected at the contacts; a verdict, and what would help.
+
+    Writes inspect.json and inspect.png, the picture of it.
+
+    \b
+    Examples:
+      grasptrack inspect photo.jpg
+      grasptrack inspect photo.jpg --object 320,240 --fingers 3
+      grasptrack inspect photo.jpg --grasp "193,308 157,99" --json
+    """
+    place, frame = options.point(object_, "--object"), options.rectangle(box, "--box")
+    if place is not None and frame is not None:
+        raise InputError("--object and --box both say which object is meant: give one of them")
+    contacts, count = options.contacts_and_fingers(grasp, fingers)
+    if contacts is None:
+        options.two_or_three(count)
+    options.positive_friction(friction)
+    options.strategy_choice(strategy)
+    lengths = {
+        "min_opening": min_opening,
+        "max_opening": max_opening,
+        "finger_width": finger_width,
+        "finger_thickness": finger_thickness,
+        "clearance": clearance,
+    }
+    hand = options.hand_for_first(scale, lengths, grasp, False)
+
+    from grasptrack.cli.scene import check_within, only_image
+    from grasptrack.io.inspection import inspection
+    from grasptrack.io.masks import read_mask
+    from grasptrack.io.results import write_json
+    from grasptrack.io.run import prepare_folder
+    from grasptrack.suitability import inspect as look
+    from grasptrack.view.inspect import write_inspection
+
+    picture = only_image(image, "inspect takes one image").image
+    check_within(picture.shape, place, frame)
+    own, ignored = None if mask is None else read_mask(mask), options.ignore_mask(ignore)
+    prepare_folder(output)
+    try:
+        found = look(
+            picture,
+            grasp=contacts,
+            fingers=count,
+            friction=friction,
+            object_at=place,
+            box=frame,
+            mask=own,
+            ignore=ignored,
+            hand=hand,
+            strategy=strategy,
+        )
+    except ObservationError as error:
+        raise InputError(f'"{image}": {error}') from None
+    asked = {
+        "object": object_,
+        "box": box,
+        "mask": mask,
+        "ignore": ignore,
+        "grasp": grasp,
+        "fingers": count,
+        "friction": friction,
+        "strategy": strategy,
+        **lengths,
+        "scale": scale,
+    }
+    data, page = output / "inspect.json", output / "inspect.png"
+    told = inspection(found, image, picture.shape, asked)
+    write_json(data, told)
+    write_inspection(page, picture, found, title=Path(image).name)
+    if json_ and not quiet:
+        import json
+
+        typer.echo(json.dumps(told, ensure_ascii=False, indent=1))
+    elif not quiet:
+        _show(found, f"{data}, {page}")
+
+
+def _show(found: Suitability, files: str) -> None:
+    from grasptrack.cli.report import show_rows
+    from grasptrack.suitability.words import rows
+
+    notes = []
+    for reason in found.reasons:
+        notes.append(f"{reason.level}: {reason.text}" + (f". Would help: {reason.advice}" if reason.advice else ""))
+    advice = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
+    show_rows(f"{found.level.upper()}, {advice}", _HEADS, rows(found), [*notes, files])

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""inspect.json: how well an object can be tracked, for other programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from grasptrack.io.results import versions
+
+if TYPE_CHECKING:
+    from grasptrack.suitability import Suitability
+    from grasptrack.suitability.result import Held, Texture
+
+FORMAT = 1
+"""Raised when a key changes its meaning or goes away; new keys alone do not raise it."""
+
+
+def inspection(found: Suitability, name: str, shape: tuple[int, ...], options: Mapping[str, Any]) -> dict[str, Any]:
+    """An inspection as plain values; lengths in px, the centre of the top-left pixel at (0, 0), x right and y down.
+
+    Args:
+        found: what was found.
+        name: the image's, as the user gave it.
+        shape: height and width of the image.
+        options: what was asked for.
+    """
+    models, rehearsal = found.motions.models, found.rehearsal
+    return {
+        "format": FORMAT,
+        "image": {"name": name, "width": shape[1], "height": shape[0]},
+        "options": dict(options),
+        "versions": versions(),
+        "level": found.level,
+        "verdict": found.verdict,
+        "reasons": [reason._asdict() for reason in found.reasons],
+        "strategy": found.strategy,
+        "expected_px": _plain(found.expected),
+        "object": {key: _plain(value) for key, value in found.looks._asdict().items()},
+        "motions": [
+            {**m._asdict(), "shown": _plain(m.shown), "observed": list(m.observed)} for m in found.motions.motions
+        ],
+        "models": {
+            key: {
+                "observable": m.observable,
+                "weakest": _plain(m.weakest),
+                "least": m.least,
+                "sigma_px": None if found.grasp is None else _plain(m.sigma),
+            }
+            for key, m in models.items()
+        },
+        "symmetry": {
+            "known": found.symmetry.known,
+            "every_turn": found.symmetry.every,
+            "turns_deg": _plain(np.array(found.symmetry.turns)),
+        },
+        "equals": [_plain(view.outer.points) for view in found.equals],
+        "peaks": _plain(found.peaks),
+        "strategies": {u.name: {"usable": not u.reason, "reason": u.reason} for u in found.strategies},
+        "texture": {"surface": _texture(found.surface), "ground": _texture(found.ground)},
+        "grasp": None if found.grasp is None else _grasp(found.grasp),
+        "rehearsal": None if rehearsal is None else {k: _plain(v) for k, v in rehearsal._asdict().items()},
+        "outline": [_plain(contour.points) for contour in found.view.contours],
+    }
+
+
+def _texture(texture: Texture) -> dict[str, Any]:
+    return {key: _plain(value) for key, value in texture._asdict().items()}
+
+
+def _grasp(grasp: Held) -> dict[str, Any]:
+    return {
+        "contacts": _plain(grasp.contacts),
+        "opening_px": _plain(grasp.opening),
+        "margin_deg": _plain(math.degrees(grasp.margin)),
+        "stable": grasp.stable,
+        "chance": _plain(grasp.chance),
+        "sigma_px": _plain(grasp.sigma),
+        "covariance_px2": _plain(grasp.covariance),
+        "limit_px": _plain(grasp.limit),
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Rounded; JSON has no word for what is not finite."""
+    if isinstance(value, np.ndarray):
+        return [_plain(v) for v in value.tolist()]
+    if isinstance(value, list):
+        return [_plain(v) for v in value]
+    if isinstance(value, float):
+        return float(f"{value:.6g}") if math.isfinite(value) else None
+    return value

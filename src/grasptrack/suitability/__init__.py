@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well an object can be tracked, told from one image before the run."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack import kernels
+from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, analyze
+from grasptrack.contour import View
+from grasptrack.grasp import Grasp
+from grasptrack.hand import Hand
+from grasptrack.kernels.reference_evidence import displacement_fields
+from grasptrack.observation.relief import Relief, reliefs
+from grasptrack.observation.support import OutlineSamples
+from grasptrack.reference import AUTO
+from grasptrack.suitability.advice import Findings, level_of, reasons_of
+from grasptrack.suitability.edges import Edges, edges_of, scatter, sway
+from grasptrack.suitability.first import FirstView, first_view
+from grasptrack.suitability.hold import chance
+from grasptrack.suitability.motions import TURN, Frame, Motions, motions_of
+from grasptrack.suitability.rehearsal import Rehearsal, rehearse
+from grasptrack.suitability.result import Held, Looks, Reason, Suitability, Texture
+from grasptrack.suitability.strategies import peaks_of, recommended, strategies_of
+from grasptrack.suitability.symmetry import equals_of, symmetry_of
+from grasptrack.tracker import GraspTracker
+from grasptrack.verdict import MAX_SIGMA, MAX_SIGMA_PX, refuse
+
+__all__ = ["Reason", "Suitability", "inspect"]
+
+Floats = NDArray[np.float64]
+
+
+def inspect(
+    image: NDArray[Any],
+    *,
+    grasp: ArrayLike | None = None,
+    fingers: int = 2,
+    friction: float = DEFAULT_FRICTION,
+    object_at: tuple[float, float] | None = None,
+    box: tuple[float, float, float, float] | None = None,
+    mask: NDArray[Any] | None = None,
+    ignore: NDArray[Any] | None = None,
+    hand: Hand | None = None,
+    strategy: str = AUTO,
+) -> Suitability:
+    """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
+
+    Object and grasp are chosen as `GraspTracker` does in a first image. Errors are expected from the normal equations of
+    the outline and the scatter of its edges; the tracker is also tried on the image itself, moved a little.
+
+    Args:
+        image: 8 or 16 bit, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
+        grasp: (k, 2) px contacts in place of synthesis; they choose the object.
+        fingers: number of contacts to synthesise, 2 or 3.
+        friction: Coulomb coefficient; more lets more grasps close.
+        object_at: (x, y) px of the object.
+        box: left, top, width and height of it, px, in the place of a pixel.
+        mask: (H, W) your own segmentation, nonzero on objects; it takes the image's place.
+        ignore: (H, W) nonzero where nothing belongs to the scene.
+        hand: opening and fingers that a synthesised grasp must suit.
+        strategy: that is to carry the grasp.
+
+    Raises:
+        ObservationError: no object.
+        SourceError, InputError: an image or mask that cannot be used, friction not positive.
+        GraspError: given contacts that are none, or not on an object.
+        StrategyError: unknown strategy, or more fingers than it can carry.
+    """
+    asked = GraspTracker(
+        fingers=fingers, strategy=strategy, friction=friction, grasp=grasp, object_at=object_at, box=box
+    )
+    given = None if grasp is None else Grasp(grasp)
+    first = first_view(image, given, asked.fingers, friction, object_at, box, mask, ignore, hand, strategy)
+    view, grey, polarity = first.candidate.view, first.grey, first.candidate.polarity
+    edges = edges_of(view, grey, polarity)
+    surface, ground = reliefs(grey, view, first.observer.hidden)
+    looks = _looks(first, edges, surface)
+    # without a grasp, two places on the outline stand for its contacts
+    stand_in = Grasp(view.outer.points[[0, len(view.outer) // 2]])
+    held = first.grasp or stand_in
+    noise = math.sqrt(2.0) * looks.scatter  # of both views
+    motions = motions_of(*edges.used, held.contacts, _frame(view), noise, sway(edges))
+    samples, refusal, rehearsal = _samples(first, held), "", None
+    if first.reference is not None:
+        refusal = refuse(samples.support(grey, np.eye(3), held.contacts), registered=strategy == AUTO)
+        rehearsal = rehearse(first, surface.noise)
+    grip = None if first.grasp is None else _held(first.grasp, view, friction, motions, rehearsal)
+    usable = strategies_of(held, view, grey, polarity, refusal)
+    symmetry = symmetry_of(view, grey, samples, held.contacts, "similarity" in motions.motions[TURN].observed)
+    equals = equals_of(first.candidate, first.others)
+    reasons = reasons_of(
+        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, rehearsal)
+    )
+    return Suitability(
+        level=level_of(reasons),
+        reasons=reasons,
+        strategy=recommended(usable) if grip is not None and not refusal else "",
+        looks=looks,
+        motions=motions,
+        symmetry=symmetry,
+        equals=tuple(equals),
+        peaks=peaks_of(view),
+        strategies=usable,
+        surface=_texture(surface, motions, held.contacts),
+        ground=_texture(ground, motions, held.contacts),
+        grasp=grip,
+        rehearsal=rehearsal,
+        view=view,
+        edges=edges,
+    )
+
+
+def _samples(first: FirstView, held: Grasp) -> OutlineSamples:
+    if first.reference is not None:
+        return first.reference.samples
+    width = FINGER_WIDTH * math.sqrt(first.candidate.view.outer.area)
+    found = first.candidate
+    return OutlineSamples(found.view, first.grey, held.contacts, width, found.polarity, first.observer.hidden)
+
+
+def _frame(view: View) -> Frame:
+    area, x, y, theta, *_ = kernels.inertia(view.points, view.offsets)
+    c, s = math.cos(theta), math.sin(theta)
+    return Frame(np.array([x, y]), np.array([[c, s], [-s, c]]), math.sqrt(area))
+
+
+def _looks(first: FirstView, edges: Edges, surface: Relief) -> Looks:
+    view, grey = first.candidate.view, first.grey
+    height, width = grey.shape
+    low, high = view.outer.points.min(axis=0), view.outer.points.max(axis=0)
+    size = _frame(view).size
+    some = edges.strength > 0.0
+    inside = ~np.concatenate([np.zeros(len(c), np.bool_) if c.clipped is None else c.clipped for c in view.contours])
+    strength = float(np.median(edges.strength[inside])) if inside.any() else 0.0
+    beyond = edges.beyond[some]
+    ground = float(np.median(beyond)) if len(beyond) else math.nan
+    return Looks(
+        size=size,
+        width=float(high[0] - low[0]),
+        height=float(high[1] - low[1]),
+        share=size**2 / (width * height),
+        contrast=float(np.median(edges.contrast[inside])) if inside.any() else 0.0,
+        noise=surface.noise,
+        grain=1.4826 * float(np.median(np.abs(beyond - ground))) if len(beyond) else math.nan,
+        sharpness=float(np.median(edges.contrast[some] / edges.strength[some])) if some.any() else math.nan,
+        strength=strength,
+        clear=float(edges.clear[inside].mean()) if inside.any() else 0.0,
+        scatter=scatter(edges, surface.noise),
+        border=max(0.0, float(min(low.min(), width - 1.0 - high[0], height - 1.0 - high[1]))),
+        holes=len(view.contours) - 1,
+        clipped=view.is_clipped,
+    )
+
+
+def _held(grasp: Grasp, view: View, friction: float, motions: Motions, rehearsal: Rehearsal | None) -> Held:
+    """The grasp with the errors to be expected of its contacts, both ways to foretell them taken together."""
+    model = motions.models["homography"]
+    worst, tried = float(model.sigma.max()), math.nan if rehearsal is None else rehearsal.expected
+    known = 1.0 if math.isnan(tried) else math.sqrt(0.5 * (1.0 + (tried / worst) ** 2))
+    width = FINGER_WIDTH * motions.frame.size
+    analysis = analyze(grasp, view, friction, width, "reference")
+    return Held(
+        contacts=grasp.contacts,
+        opening=grasp.opening,
+        margin=analysis.margin,
+        stable=analysis.stable,
+        chance=chance(grasp, view, friction, width, known**2 * model.covariance),
+        sigma=known * model.sigma,
+        covariance=known**2 * model.covariance,
+        limit=max(MAX_SIGMA_PX, MAX_SIGMA * motions.frame.size),
+    )
+
+
+def _texture(relief: Relief, motions: Motions, contacts: Floats) -> Texture:
+    """What structure there is, and whether it would fix what the outline leaves free."""
+    frame, free = motions.frame, motions.free
+    settles = math.nan
+    if free.shape[1]:
+        fields = frame.axes.T @ displacement_fields(frame.place(relief.points)) @ free
+        least, V = np.linalg.eigh(relief.information(fields))
+        here = frame.axes.T @ displacement_fields(frame.place(contacts)) @ free @ V
+        settles = math.inf
+        if least[0] > 0.0:
+            settles = float(np.sqrt((np.square(here) / least).sum(axis=(1, 2)).max()))
+    return Texture(relief.rms, relief.least, settles)

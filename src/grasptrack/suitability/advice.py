@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Good, fair or poor, why, and what would help. Every limit is one of the tracker's own."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from grasptrack.agreement import MOST_NOISE, RISE_COVERED
+from grasptrack.kernels.reference_edges import WINDOW
+from grasptrack.kernels.reference_evidence import SLIDING
+from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH
+from grasptrack.suitability.motions import Motions
+from grasptrack.suitability.rehearsal import Rehearsal
+from grasptrack.suitability.result import Held, Level, Looks, Reason
+from grasptrack.suitability.strategies import Usable, recommended
+from grasptrack.suitability.symmetry import Symmetry
+from grasptrack.verdict import MAX_SHIFT, MAX_SHIFT_PX, MIN_SHARE, MIN_SHARE_REGISTERED
+
+SMALL = MAX_SHIFT_PX / MAX_SHIFT
+"""px; of a smaller object, the tracker's tolerance in px is a larger share than its tolerance in sqrt(area)."""
+FAINT = MIN_STRENGTH / RELATIVE_STRENGTH
+"""Grey levels per px; a stronger edge may lose as much as the tracker allows for and still be one."""
+HARDLY = math.sqrt(2.0) * SLIDING
+"""Of a motion, the part across the outline below which the evidence counts for less than half."""
+
+WORDS = {"turn": "a turn", "shift along": "a shift", "shift across": "a shift", "scale": "a change of scale"}
+"""What a user calls the motions within the image; the others are parts of a tilt."""
+NO_TURN = "another object, or a mark on its outline such as a notch"
+
+
+class Findings(NamedTuple):
+    """All that a verdict rests on; `refusal` is what the tracker says of the first view itself."""
+
+    looks: Looks
+    motions: Motions
+    symmetry: Symmetry
+    equals: int
+    strategies: tuple[Usable, ...]
+    grasp: Held | None
+    no_grasp: str
+    refusal: str
+    rehearsal: Rehearsal | None
+
+
+def reasons_of(found: Findings) -> tuple[Reason, ...]:
+    """Why an object is less than good to track, the gravest first; empty when it is good."""
+    listed = [*_of_grasp(found), *_of_motions(found), *_of_edges(found.looks), *_of_likeness(found)]
+    rehearsal = found.rehearsal
+    lost = 0 if rehearsal is None else rehearsal.steps - rehearsal.located
+    if rehearsal is not None and lost and not any(r.level == "poor" for r in listed):
+        level: Level = "poor" if rehearsal.located < MIN_SHARE * rehearsal.steps else "fair"
+        text = f"lost in {lost} of {rehearsal.steps} small motions that were tried: {rehearsal.reason}"
+        listed.append(Reason(level, text, "" if found.looks.clear < MIN_SHARE else _clearer(found.looks)))
+    return tuple(sorted(listed, key=lambda r: r.level != "poor"))
+
+
+def level_of(reasons: tuple[Reason, ...]) -> Level:
+    """The gravest of some reasons."""
+    return "poor" if any(r.level == "poor" for r in reasons) else "fair" if reasons else "good"
+
+
+def _of_grasp(found: Findings) -> list[Reason]:
+    listed = []
+    grasp = found.grasp
+    if found.no_grasp:
+        listed.append(Reason("poor", found.no_grasp, "give contacts with --grasp, or more --friction"))
+    elif grasp is not None and not grasp.stable:
+        listed.append(Reason("poor", "the grasp does not close", "another grasp, or more --friction"))
+    elif grasp is not None and grasp.chance < MIN_SHARE and found.motions.models["homography"].observable:
+        text = f"the grasp closes with a chance of only {100.0 * grasp.chance:.0f} % where its contacts are uncertain"
+        listed.append(Reason("fair", text, "another grasp, on longer straight sides"))
+    if not recommended(found.strategies) and not found.refusal:
+        listed.append(Reason("poor", f"no strategy can carry it: {found.strategies[0].reason}", "more contrast"))
+    return listed
+
+
+def _of_motions(found: Findings) -> list[Reason]:
+    models, looks = found.motions.models, found.looks
+    flat = models["similarity"]
+    if not flat.observable and flat.unswayed >= HARDLY:
+        return [Reason("poor", "the noise of its edges hides how it moves", _clearer(looks))]
+    if found.symmetry.every or not flat.observable:
+        hidden = [
+            m.name for m in found.motions.motions if "similarity" not in m.observed and "affine" not in m.observed
+        ]
+        what = "a turn about its centre" if found.symmetry.every or "turn" in hidden else "a shift along itself"
+        return [Reason("poor", f"{what} is not shown by the outline", NO_TURN)]
+    whole = models["homography"]
+    if not whole.observable and whole.unswayed >= HARDLY:
+        return [Reason("poor", "the noise of its edges hides a tilt", _clearer(looks))]
+    if not whole.observable:
+        mixed = _mixed(found.motions)
+        text = (
+            f"a tilt cannot be told from {_listed(mixed)} by this outline"
+            if mixed
+            else "a tilt is not shown by this outline"
+        )
+        return [Reason("poor", text, "begin with the whole object in view" if looks.clipped else NO_TURN)]
+    if found.refusal:
+        return [Reason("poor", found.refusal, "another grasp, nearer to where the outline bends")]
+    if whole.weakest < HARDLY:
+        share = f"{100.0 * whole.weakest:.0f} %; {100.0 * SLIDING:.0f} % is needed"
+        text = f"{WORDS.get(whole.least, 'a tilt')} is hardly told from other motions ({share})"
+        advice = "a sharper image" if looks.sharpness > WINDOW else "more of the object in view, or another object"
+        return [Reason("fair", text, advice)]
+    return []
+
+
+def _mixed(motions: Motions) -> list[str]:
+    """The motions within the image that are not told from a tilt, in words."""
+    names = [WORDS[m.name] for m in motions.motions if m.name in WORDS and "homography" not in m.observed]
+    return list(dict.fromkeys(names))
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _of_edges(looks: Looks) -> list[Reason]:
+    listed = []
+    if looks.scatter * math.sqrt(2.0) > MOST_NOISE:
+        text = f"the edges scatter by {looks.scatter:.1f} px, too much for the tracker"
+        listed.append(Reason("poor", text, _clearer(looks)))
+    elif looks.scatter * math.sqrt(2.0) * RISE_COVERED > MOST_NOISE:
+        text = f"the edges scatter by {looks.scatter:.1f} px: in poorer light or behind a cover it is lost"
+        listed.append(Reason("fair", text, _clearer(looks)))
+    if looks.clear < MIN_SHARE_REGISTERED:
+        text = f"only {100.0 * looks.clear:.0f} % of the outline has a clear edge"
+        listed.append(Reason("poor", text, _clearer(looks)))
+    elif looks.clear < MIN_SHARE:
+        text = f"only {100.0 * looks.clear:.0f} % of the outline has a clear edge"
+        listed.append(Reason("fair", text, _clearer(looks)))
+    elif looks.strength < FAINT:
+        text = f"faint edges ({looks.strength:.1f} grey levels per px)"
+        listed.append(Reason("fair", text, _clearer(looks)))
+    if looks.size < SMALL:
+        text = f"a small object: its area is only that of {looks.size:.0f} x {looks.size:.0f} px"
+        listed.append(Reason("fair", text, "move nearer, or take a larger image"))
+    if looks.clipped:
+        text = "the image border cuts the object: once lost, it is not found again"
+        listed.append(Reason("fair", text, "begin with the whole object in view"))
+    return listed
+
+
+def _clearer(looks: Looks) -> str:
+    """What would make edges clearer."""
+    if looks.sharpness > WINDOW:
+        return "focus: the edges are blurred"
+    if CONTRAST * looks.noise > looks.contrast:
+        return "more light: noise hides the edges"
+    return "more contrast with the ground, or even light"
+
+
+CONTRAST = WINDOW / RELATIVE_STRENGTH
+"""Times its noise that an image's contrast should be, so that the slope of an edge as wide as WINDOW, as weak as the
+tracker allows, is more than the noise of a pixel."""
+
+
+def _of_likeness(found: Findings) -> list[Reason]:
+    listed = []
+    symmetry = found.symmetry
+    if symmetry.known and not symmetry.every and symmetry.turns:
+        text = (
+            f"it looks the same after a turn by {360.0 / symmetry.order:.0f}°: out of sight for a moment, it stays lost"
+        )
+        listed.append(Reason("fair", text, "keep it in view, or mark one side"))
+    if found.equals:
+        others = "another object has" if found.equals == 1 else f"{found.equals} other objects have"
+        text = f"{others} the same outline: out of sight for a moment, it stays lost"
+        listed.append(Reason("fair", text, "keep it in view, or take its equals away"))
+    return listed

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an inspection says of an object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.contour import View
+from grasptrack.suitability.edges import Edges
+from grasptrack.suitability.motions import Motions
+from grasptrack.suitability.rehearsal import Rehearsal
+from grasptrack.suitability.strategies import Usable
+from grasptrack.suitability.symmetry import Symmetry
+
+Floats = NDArray[np.float64]
+Level = Literal["good", "fair", "poor"]
+
+
+class Reason(NamedTuple):
+    """Why an object is less than good to track.
+
+    Attributes:
+        level: "fair" or "poor".
+        text: what is the matter.
+        advice: what would help; empty where nothing is known to.
+    """
+
+    level: Level
+    text: str
+    advice: str
+
+
+class Looks(NamedTuple):
+    """The object as the image shows it.
+
+    Attributes:
+        size: px, square root of the area.
+        width, height: px, of the box round it.
+        share: 0 to 1, of the image.
+        contrast: grey levels across the outline, median.
+        noise: grey levels, standard deviation of a pixel.
+        grain: grey levels, spread of the ground beside the outline.
+        sharpness: px, width of the edge: contrast over steepest slope.
+        strength: grey levels per px, median along the outline.
+        clear: 0 to 1, share of the outline in the image with an edge that the tracker can use.
+        scatter: px, standard deviation of one edge's place.
+        border: px from the outline to the nearest border of the image.
+        holes: number of them.
+        clipped: the border cuts the object.
+    """
+
+    size: float
+    width: float
+    height: float
+    share: float
+    contrast: float
+    noise: float
+    grain: float
+    sharpness: float
+    strength: float
+    clear: float
+    scatter: float
+    border: float
+    holes: int
+    clipped: bool
+
+
+class Texture(NamedTuple):
+    """Structure of the surface, or of the ground round it.
+
+    Attributes:
+        rms: grey levels per px, rms slope beyond what noise makes.
+        least: the same in the direction that shows least.
+        settles: px, worst contact's standard deviation if this structure were matched for what the outline leaves free;
+            NaN where the outline leaves nothing free, infinite where the structure does not show it either.
+    """
+
+    rms: float
+    least: float
+    settles: float
+
+
+class Held(NamedTuple):
+    """The grasp.
+
+    Attributes:
+        contacts: (k, 2) px.
+        opening: px between the first two contacts.
+        margin: rad, of the friction angle.
+        stable: it closes.
+        chance: 0 to 1, that it closes with contacts as uncertain as expected.
+        sigma: (k,) px, expected error of each contact, rms of the distance.
+        covariance: (k, 2, 2) px^2.
+        limit: px; a larger standard deviation of a contact is not believed (`verdict:MAX_SIGMA`).
+    """
+
+    contacts: Floats
+    opening: float
+    margin: float
+    stable: bool
+    chance: float
+    sigma: Floats
+    covariance: Floats
+    limit: float
+
+
+@dataclass(frozen=True, eq=False)
+class Suitability:
+    """How well an object can be tracked, told from one image.
+
+    Attributes:
+        level: "good", "fair" or "poor".
+        reasons: why it is not good, the gravest first.
+        strategy: to be recommended; empty where none can carry the grasp.
+        looks: the object as the image shows it.
+        motions: which motions the outline shows.
+        symmetry: turns under which it fits itself.
+        equals: outlines of objects in the image that have the same shape.
+        peaks: (n, 2) px, peaks of curvature.
+        strategies: `auto` and the paper's three, each usable or not.
+        surface, ground: structure within the outline and round it.
+        grasp: None where there is none.
+        rehearsal: the tracker on the image itself, moved a little; None without a grasp that can be carried.
+        view: the outline.
+        edges: along it.
+    """
+
+    level: Level
+    reasons: tuple[Reason, ...]
+    strategy: str
+    looks: Looks
+    motions: Motions
+    symmetry: Symmetry
+    equals: tuple[View, ...]
+    peaks: Floats
+    strategies: tuple[Usable, ...]
+    surface: Texture
+    ground: Texture
+    grasp: Held | None
+    rehearsal: Rehearsal | None
+    view: View
+    edges: Edges
+
+    @property
+    def expected(self) -> float:
+        """px, expected error of the worst contact, rms of the distance; NaN without a grasp."""
+        return float("nan") if self.grasp is None else float(self.grasp.sigma.max())
+
+    @property
+    def verdict(self) -> str:
+        """One line: "good", or "fair: ..." or "poor: ..." with the reasons that make it so."""
+        why = "; ".join(r.text for r in self.reasons if r.level == self.level)
+        return f"{self.level}: {why}" if why else self.level

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which strategies can carry a grasp on this outline, and why the others cannot."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.carriers import RegistrationCarrier, SilhouetteCarrier, SnakeCarrier
+from grasptrack.contour import View
+from grasptrack.errors import GraspTrackError
+from grasptrack.grasp import Grasp
+from grasptrack.observation.images import Grey
+from grasptrack.reference import AUTO
+from grasptrack.transfer.homography import PROMINENCE, SEPARATION, SMOOTHING
+
+Floats = NDArray[np.float64]
+
+ORDER = ("homography", "grasp-line", "rrp")
+"""The strategies of the paper in the order in which `auto` asks them."""
+PEAKS = 4
+"""That a homography needs."""
+
+
+class Usable(NamedTuple):
+    """Whether a strategy can carry the grasp.
+
+    Attributes:
+        name: of the strategy; "auto" stands for the registration of the whole outline.
+        reason: why not; empty when it can.
+    """
+
+    name: str
+    reason: str
+
+
+def peaks_of(view: View) -> Floats:
+    """(n, 2) px, peaks of curvature of the outer contour that a homography may rest on."""
+    outer = view.outer
+    arc, curvature = kernels.curvature_vector(outer.points, outer.clipped, SMOOTHING)
+    peaks, _ = kernels.select_points(outer.points, arc, curvature, SEPARATION * arc.item(-1), PROMINENCE)
+    return outer.points[peaks].reshape(-1, 2)
+
+
+def strategies_of(grasp: Grasp, view: View, grey: Grey, polarity: int, refusal: str = "") -> tuple[Usable, ...]:
+    """`auto`'s registration and the three strategies, each tried on the view of the choice itself.
+
+    Args:
+        grasp: on the outline.
+        view: the outline.
+        grey: (H, W) its image.
+        polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ.
+        refusal: why the verdict believes no transfer at all, whichever strategy made it; else empty.
+    """
+
+    def why(name: str) -> str:
+        try:
+            if name == AUTO:
+                RegistrationCarrier(grasp, view, grey, polarity)
+            elif name == "rrp":
+                SnakeCarrier(grasp, view, grey, "similarity").carry(grey, None, np.eye(3))
+            else:
+                SilhouetteCarrier(name, grasp, view)
+        except GraspTrackError as error:
+            return str(error)
+        return refusal
+
+    return tuple(Usable(name, why(name)) for name in (AUTO, *ORDER))
+
+
+def recommended(usable: tuple[Usable, ...]) -> str:
+    """The strategy to take: `auto` where anything can carry the grasp, for it asks all of them; else none, empty."""
+    return AUTO if any(not u.reason for u in usable) else ""

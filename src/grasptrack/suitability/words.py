@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An inspection in words: the same rows in the terminal and beside the picture."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from grasptrack.kernels.reference_evidence import SLIDING
+from grasptrack.suitability.motions import Motions
+from grasptrack.suitability.result import Held, Suitability, Texture
+from grasptrack.suitability.strategies import PEAKS
+from grasptrack.suitability.symmetry import Symmetry
+
+
+class Row(NamedTuple):
+    """One row: of what, the figure, and what goes with it."""
+
+    name: str
+    value: str
+    note: str
+
+
+def rows(found: Suitability) -> list[Row]:
+    """All that was found, in rows."""
+    looks = found.looks
+    holes = {0: "no hole", 1: "1 hole"}.get(looks.holes, f"{looks.holes} holes")
+    border = "cut by the border" if looks.clipped else f"{looks.border:.0f} px from the border"
+    listed = [
+        Row("object", f"{looks.size:.0f} px", f"{100.0 * looks.share:.0f} % of the image, {border}, {holes}"),
+        Row(
+            "contrast", f"{looks.contrast:.0f} levels", f"noise {looks.noise:.1f}, the ground's grain {looks.grain:.1f}"
+        ),
+        Row(
+            "edges", f"{100.0 * looks.clear:.0f} % clear", f"{looks.sharpness:.1f} px wide, scatter {px(looks.scatter)}"
+        ),
+        Row("motions", told(found.motions), weakest(found.motions)),
+        Row("symmetry", symmetry(found.symmetry), f"equal objects in view: {len(found.equals) or 'none'}"),
+        Row("peaks", str(len(found.peaks)), f"a homography needs {PEAKS}"),
+        Row("surface", f"{found.surface.rms:.1f} levels/px", settles(found.surface)),
+        Row("ground", f"{found.ground.rms:.1f} levels/px", settles(found.ground)),
+    ]
+    listed += [Row(u.name, "no" if u.reason else "yes", u.reason) for u in found.strategies]
+    if found.grasp is None:
+        return [*listed, Row("grasp", "none", "")]
+    return [*listed, *_grasp_rows(found, found.grasp)]
+
+
+def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
+    models = found.motions.models
+    each = ", ".join(f"{n} {_figure(float(m.sigma.max())) if m.observable else 'not fixed'}" for n, m in models.items())
+    tried = found.rehearsal
+    error = px(found.expected) if models["homography"].observable else "not fixed"
+    listed = [
+        Row(
+            "grasp",
+            f"{grasp.opening:.0f} px wide",
+            f"margin {math.degrees(grasp.margin):.0f}°, closes with {100.0 * grasp.chance:.0f} % chance",
+        ),
+        Row("error", error, each),
+    ]
+    if tried is not None:
+        off = "" if math.isnan(tried.error) else f", off by {px(tried.error)}"
+        listed.append(Row("tried", f"{tried.located} of {tried.steps}", f"small motions followed{off}"))
+    return listed
+
+
+def px(value: float) -> str:
+    """A length in px with two figures."""
+    return f"{_figure(value)} px"
+
+
+def _figure(value: float) -> str:
+    return f"{value:.0f}" if value >= 9.5 else f"{value:.2g}"
+
+
+def told(motions: Motions) -> str:
+    """Which motions the outline shows."""
+    if motions.models["homography"].observable:
+        return "all shown"
+    return "flat ones only" if motions.models["similarity"].observable else "not all shown"
+
+
+def weakest(motions: Motions) -> str:
+    """How much of the motion that is shown least moves the edges."""
+    shown = motions.models["homography"].weakest
+    return f"the weakest moves the edges by {100.0 * shown:.0f} % of itself, {100.0 * SLIDING:.0f} % is needed"
+
+
+def symmetry(found: Symmetry) -> str:
+    """How often the outline fits itself."""
+    if not found.known:
+        return "unknown"
+    return "every turn" if found.every else f"each {360.0 / found.order:.0f}°" if found.turns else "none"
+
+
+def settles(texture: Texture) -> str:
+    """Whether a texture could fix what the outline leaves free."""
+    if math.isnan(texture.settles):
+        return "not needed: the outline fixes all motions" if texture.rms else "no structure"
+    if math.isinf(texture.settles):
+        return "no structure that could fix the free motions"
+    return f"could fix the free motions to {px(texture.settles)}, but is not looked at"

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an inspection rests on: motions, scatter, noise and rehearsed views, on curves and images that are known exactly."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grasptrack.contour import Contour, View
+from grasptrack.grasp import Grasp
+from grasptrack.kernels.reference_evidence import SLIDING
+from grasptrack.observation.relief import reliefs
+from grasptrack.observation.restaged import course, restaged
+from grasptrack.projective import apply_homography
+from grasptrack.suitability.edges import Edges, scatter, sway
+from grasptrack.suitability.hold import chance
+from grasptrack.suitability.motions import MODELS, NAMES, Frame, Motions, motions_of, slid
+from scenery import SQUARE, drawn, ellipse
+
+
+def sampled(corners: np.ndarray, step: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Points and outward normals of a polygon with corners in the order of a contour, at the middle of equal steps."""
+    points, normals = [], []
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        length = math.dist(a, b)
+        u = (np.arange(round(length / step)) + 0.5) / round(length / step)
+        points.append(a + u[:, None] * (b - a))
+        way = (b - a) / length
+        normals.append(np.tile([way[1], -way[0]], (len(u), 1)))
+    return np.vstack(points), np.vstack(normals)
+
+
+def box(a: float, b: float) -> np.ndarray:
+    return np.array([[-a, -b], [a, -b], [a, b], [-a, b]])
+
+
+def turned(angle: float) -> np.ndarray:
+    return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+
+
+def shown(found: Motions, name: str) -> float:
+    return found.motions[NAMES.index(name)].shown
+
+
+def of(
+    points: np.ndarray, normals: np.ndarray, size: float, noise: float = 0.1, axes: np.ndarray | None = None
+) -> Motions:
+    frame = Frame(points.mean(axis=0), np.eye(2) if axes is None else axes, size)
+    return motions_of(points, normals, points[[0, len(points) // 2]], frame, noise)
+
+
+@given(half=st.integers(20, 400), thick=st.integers(10, 60))
+def test_a_strip_shows_a_shift_along_it_by_its_ends_alone(half: int, thick: int) -> None:
+    found = of(*sampled(box(half, thick)), math.sqrt(4.0 * half * thick))
+    assert shown(found, "shift along") == pytest.approx(math.sqrt(thick / (half + thick)), rel=1e-9)
+    assert shown(found, "shift across") == pytest.approx(math.sqrt(half / (half + thick)), rel=1e-9)
+    if thick / (half + thick) < SLIDING**2:
+        assert not found.models["similarity"].observable
+
+
+@given(radius=st.floats(15.0, 300.0))
+def test_a_circle_hides_turns_and_what_moves_a_circle_into_itself(radius: float) -> None:
+    t = np.linspace(0.0, 2.0 * math.pi, 240, endpoint=False)
+    normals = np.column_stack([np.cos(t), np.sin(t)])
+    found = of(radius * normals, normals, math.sqrt(math.pi) * radius)
+    assert shown(found, "turn") < 1e-9 and shown(found, "scale") == pytest.approx(1.0)
+    assert [m.name for m in found.motions if "similarity" not in m.observed and m.name in NAMES[:4]] == ["turn"]
+    # the homographies that map a conic to itself have three parameters
+    assert found.free.shape == (8, 3) and not any(m.observable for m in found.models.values())
+    moved = slid(found, radius * normals)
+    assert np.abs(np.einsum("ij,ij->i", moved, normals)).max() < 1e-6 * np.abs(moved).max()
+
+
+@given(
+    angle=st.floats(-3.0, 3.0),
+    scale=st.floats(0.3, 5.0),
+    shift=st.tuples(st.floats(-500, 500), st.floats(-500, 500)),
+)
+def test_what_an_outline_shows_does_not_depend_on_where_it_lies_nor_on_its_size(
+    angle: float, scale: float, shift: tuple[float, float]
+) -> None:
+    corners = np.array([[-70, -45], [70, -45], [70, 5], [-20, 5], [-20, 45], [-70, 45]], dtype=np.float64)
+    points, normals = sampled(corners)
+    first = of(points, normals, 90.0)
+    R = turned(angle)
+    second = of(scale * points @ R + shift, normals @ R, 90.0 * scale, axes=R)
+    assert [m.shown for m in second.motions] == pytest.approx([m.shown for m in first.motions], rel=1e-6)
+    assert [m.observed for m in second.motions] == [m.observed for m in first.motions]
+    for name in MODELS:
+        assert second.models[name].weakest == pytest.approx(first.models[name].weakest, rel=1e-6)
+        # as many edges with the same scatter in px fix the contacts to the same px
+        assert second.models[name].sigma == pytest.approx(first.models[name].sigma, rel=1e-3)
+
+
+@given(noise=st.floats(0.02, 1.0), factor=st.floats(1.1, 5.0))
+def test_errors_grow_with_the_scatter_and_with_the_parameters(noise: float, factor: float) -> None:
+    points, normals = sampled(np.array([[-70, -45], [70, -45], [70, 5], [-20, 5], [-20, 45], [-70, 45]], float))
+    calm, rough = of(points, normals, 90.0, noise), of(points, normals, 90.0, factor * noise)
+    for name in MODELS:
+        assert rough.models[name].sigma == pytest.approx(factor * calm.models[name].sigma, rel=2e-2)
+    order = [calm.models[name].sigma for name in MODELS]
+    assert (order[0] <= order[1] + 1e-9).all() and (order[1] <= order[2] + 1e-9).all()
+
+
+def test_an_outline_without_edges_shows_nothing() -> None:
+    frame = Frame(np.zeros(2), np.eye(2), 50.0)
+    found = motions_of(np.zeros((0, 2)), np.zeros((0, 2)), np.array([[0.0, 9.0], [9.0, 0.0]]), frame, 1.0)
+    assert not any(m.observable for m in found.models.values())
+    assert all(np.isfinite(m.sigma).all() for m in found.models.values())
+
+
+# --- edges ---------------------------------------------------------------------------------------
+
+
+def wavering(noise: float, a: float, b: float, seed: int) -> Edges:
+    """Edges on an ellipse, each off by noise of its own; normals as a chord of four px sees them."""
+    count = round(math.pi * (a + b))
+    t = 2.0 * math.pi * np.arange(count) / count
+    ideal = np.column_stack([b * np.cos(t), a * np.sin(t)])
+    ideal /= np.hypot(*ideal.T)[:, None]
+    points = np.column_stack([a * np.cos(t), b * np.sin(t)])
+    points += noise * np.random.default_rng(seed).standard_normal(count)[:, None] * ideal
+    chord = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
+    normals = np.column_stack([chord[:, 1], -chord[:, 0]]) / np.hypot(*chord.T)[:, None]
+    full = np.full(count, 50.0)
+    return Edges(points, normals, full, full, full, np.ones(count, np.bool_), np.zeros(count, np.int64), 2)
+
+
+@settings(max_examples=40)
+@given(noise=st.floats(0.02, 0.3), a=st.floats(60.0, 150.0), b=st.floats(60.0, 150.0), seed=st.integers(0, 99))
+def test_scatter_is_the_noise_of_edges_on_any_smooth_outline(noise: float, a: float, b: float, seed: int) -> None:
+    edges = wavering(noise, a, b, seed)
+    assert scatter(edges, 0.0) == pytest.approx(noise, rel=0.35)
+    assert scatter(edges, 1e3) > 10.0  # nothing is better than the pixels' own noise allows
+    # a chord over four px sways by its ends' noise
+    assert sway(edges) == pytest.approx(math.sqrt(2.0) * noise / 4.0, rel=0.45, abs=2e-3)
+
+
+def test_the_directions_of_a_smooth_outline_do_not_sway() -> None:
+    assert sway(wavering(0.0, 100.0, 70.0, 0)) < 1e-3
+
+
+# --- texture -------------------------------------------------------------------------------------
+
+
+def outline(corners: np.ndarray, centre: tuple[float, float] = (160.0, 120.0)) -> View:
+    return View(Contour(sampled(corners)[0] + centre))
+
+
+@settings(deadline=None, max_examples=8)
+@given(noise=st.floats(0.8, 12.0), seed=st.integers(0, 99))
+def test_noise_is_measured_and_is_no_structure(noise: float, seed: int) -> None:
+    image = np.random.default_rng(seed).normal(128.0, noise, (240, 320)).round().astype(np.uint8)
+    view = outline(SQUARE)
+    for relief in reliefs(image, view):
+        assert relief.noise == pytest.approx(math.hypot(noise, 1.0 / math.sqrt(12.0)), rel=0.06)
+        assert relief.rms <= 0.2 * noise
+        turn = np.stack([-relief.points[:, 1], relief.points[:, 0]], axis=1)[:, :, None]
+        turn -= turn.mean(axis=0)
+        assert relief.information(turn)[0, 0] <= 0.1 * np.square(turn).sum()
+
+
+def test_slopes_within_and_round_an_outline_are_kept_apart() -> None:
+    image = np.full((240, 320), 100, np.uint8)
+    image[:, 112:209] += np.arange(97, dtype=np.uint8)  # a slope of 1 within
+    image[:, :112], image[:, 209:] = 100, 100
+    image[:72], image[169:] = 100, 100
+    surface, ground = reliefs(image, outline(SQUARE))
+    assert surface.rms == pytest.approx(1.0, rel=0.05) and surface.least < 0.2
+    assert ground.rms == 0.0
+
+
+# --- rehearsed views -----------------------------------------------------------------------------
+
+
+def test_a_view_that_has_not_moved_is_the_image() -> None:
+    image = drawn(SQUARE)
+    assert np.array_equal(restaged(image, np.eye(3), 0.0, np.random.default_rng(0)), image)
+
+
+@given(steps=st.integers(1, 8), size=st.floats(30.0, 300.0), x=st.floats(50, 600), y=st.floats(50, 400))
+def test_a_course_begins_near_and_never_mirrors(steps: int, size: float, x: float, y: float) -> None:
+    centre, middle = np.array([x, y]), np.array([320.0, 240.0])
+    corners = centre + size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    far = [np.hypot(*(apply_homography(H, corners) - corners).T).max() for H in course(steps, centre, size, middle)]
+    assert far == sorted(far) and far[-1] < 0.8 * size
+    for H in course(steps, centre, size, middle):
+        moved = apply_homography(H, corners)
+        ahead, back = np.roll(moved, -1, 0) - moved, moved - np.roll(moved, 1, 0)
+        assert (back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0] > 0).all()
+
+
+# --- the grasp -----------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=10)
+@given(noise=st.floats(0.0, 20.0))
+def test_a_grasp_holds_as_long_as_its_contacts_are_known(noise: float) -> None:
+    view = View(Contour(ellipse(60.0, 40.0) + 100.0))
+    grasp = Grasp([[100.0, 60.0], [100.0, 140.0]])
+    sure = chance(grasp, view, 0.5, 8.0, np.zeros((2, 2, 2)))
+    unsure = chance(grasp, view, 0.5, 8.0, noise**2 * np.stack([np.eye(2)] * 2))
+    assert sure == 1.0 and 0.0 <= unsure <= 1.0
+    assert chance(grasp, view, 0.5, 8.0, 900.0 * np.stack([np.eye(2)] * 2)) < 0.9
+
+
+@given(sway_a=st.floats(0.0, 0.6), sway_b=st.floats(0.0, 0.6))
+def test_noise_of_the_directions_only_hides_motions(sway_a: float, sway_b: float) -> None:
+    points, normals = sampled(np.array([[-70, -45], [70, -45], [70, 5], [-20, 5], [-20, 45], [-70, 45]], float))
+    frame = Frame(points.mean(axis=0), np.eye(2), 90.0)
+    low, high = (motions_of(points, normals, points[:2], frame, 0.1, s) for s in sorted((sway_a, sway_b)))
+    for name in MODELS:
+        one, other = low.models[name], high.models[name]
+        assert other.weakest <= one.weakest + 1e-9 and one.observable >= other.observable
+        assert one.unswayed == pytest.approx(other.unswayed) and one.weakest <= one.unswayed + 1e-9
+    assert all(b.shown <= a.shown + 1e-9 for a, b in zip(low.motions, high.motions, strict=True))
