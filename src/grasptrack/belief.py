@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from grasptrack.agreement import WHOLE, Agreement
 from grasptrack.carriers import Carried, Carrier
 from grasptrack.errors import TransferError
+from grasptrack.observation.flanks import BY
 from grasptrack.observation.fusion import GROUND, Fused
 from grasptrack.observation.images import Grey
 from grasptrack.observation.support import Support
@@ -137,7 +138,9 @@ class Belief:
         asked = max(support.visible * samples.count, 1.0)
         if not ground and not samples.against.any():
             return support, support.share
-        left, covered = self._reference.flanks.judged(grey, H, samples.against, samples.missed, ground)
+        assert self._reference.registration is not None
+        coarse = self._reference.registration.fusion.shrunk(grey, BY)
+        left, covered = self._reference.flanks.judged(coarse, H, samples.against, samples.missed, ground)
         explained = support.share + int(np.count_nonzero(covered)) / asked
         return support._replace(contradicted=int(np.count_nonzero(left)) / asked), explained
 

@@ -191,11 +191,11 @@ def _surface(
     c, d = (h[1, 0] - h[2, 0] * u[:, 1]) / w, (h[1, 1] - h[2, 1] * u[:, 1]) / w
     sx, sy = slopes[inside].T
     then = np.column_stack([d * sx - c * sy, a * sy - b * sx]) / (a * d - b * c)[:, None]
-    seen = _bilinear(coarse, v)
+    seen = bilinear(coarse, v)
     now = np.column_stack(
         [
-            _bilinear(coarse, v + RIGHT) - _bilinear(coarse, v - RIGHT),
-            _bilinear(coarse, v + DOWN) - _bilinear(coarse, v - DOWN),
+            bilinear(coarse, v + RIGHT) - bilinear(coarse, v - RIGHT),
+            bilinear(coarse, v + DOWN) - bilinear(coarse, v - DOWN),
         ]
     ) / (2.0 * shrink)
     place = (u - centre) / radius
@@ -220,7 +220,8 @@ def _surface(
     total = float(weight.sum())
     N = mean.T @ (weight[:, None] * mean)
     sure = without_chance(0.5 * (told + told.T), CHANCE / math.sqrt(max(total, 1.0)) * N)
-    N *= min(max(float(np.trace(told)) / max(float(np.trace(N)), 1e-300), LEAST_REAL), 1.0)  # noise would shorten steps
+    real = float(np.trace(told)) / max(float(np.trace(N)), 1e-300)
+    N *= min(max(real, LEAST_REAL), 1.0)  # noise would shorten steps
     stats = total, total / len(u), noise, _correlation(seen, R[:, 0], R[:, 1:], weight)
     return N, sure, -mean.T @ (weight * rest), stats
 
@@ -252,7 +253,8 @@ def _correlation(seen: Floats, wanted: Floats, light: Floats, weight: Floats) ->
     return float(c / math.sqrt(a * b)) if a > 0.0 and b > 0.0 else 0.0
 
 
-def _bilinear(image: NDArray[np.uint8], at: Floats) -> Floats:
+def bilinear(image: NDArray[np.uint8], at: Floats) -> Floats:
+    """(n,) grey levels between the pixels, at (n, 2) px of which the last column and row are excluded."""
     low = np.floor(at).astype(np.intp)
     x, y = (at - low).T
     column, row = low.T

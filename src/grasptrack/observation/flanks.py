@@ -14,17 +14,22 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import Bools
-from grasptrack.kernels.reference_fusion import quiet, tukey
+from grasptrack.kernels.reference_fusion import bilinear, quiet, tukey
 from grasptrack.observation.images import Grey
+from grasptrack.observation.surface import shrunk
 
 Floats = NDArray[np.float64]
 
+BY = 2
+"""How many times the image is shrunk in which they are looked at."""
 DEPTHS = (0.03, 0.045, 0.06)
 """Fractions of sqrt(area) from the outline at which its sides are looked at, ..."""
-LEAST_DEPTH = 4.0
+LEAST_DEPTH = 5.0
 """... and px at least, for the first."""
 OTHER, OTHER_GREY = 4.0, 5.0
 """What differs from the reference by more than so many times the noise, and by more grey levels, is something else."""
+CLEARLY = 0.4
+"""What has the other side's level differs by this share of the contrast between them at least."""
 MOST_OF_IT = 0.5
 """Of the places beside a sample, so many must be something else for the side to be."""
 ACROSS = 3
@@ -50,13 +55,13 @@ class Flanks:
         depths = first / DEPTHS[0] * np.array(DEPTHS)
         offsets = np.concatenate([-depths, depths])
         self._places: Floats = points[:, None, :] + offsets[None, :, None] * normals[:, None, :]
-        self._values = levels_at(grey, self._places)
+        self._values = _levels(shrunk(grey, BY), self._places)
 
-    def judged(self, grey: Grey, H: Floats, against: Bools, missed: Bools, ground: bool) -> tuple[Bools, Bools]:
+    def judged(self, coarse: Grey, H: Floats, against: Bools, missed: Bools, ground: bool) -> tuple[Bools, Bools]:
         """(m,) samples that speak against the outline, when both sides have been looked at; (m,) samples under a cover.
 
         Args:
-            grey: (H, W).
+            coarse: (H / BY, W / BY), the image shrunk.
             H: (3, 3) reference to current.
             against: (m,) those that seem to, by their grey levels.
             missed: (m,) those without an edge.
@@ -65,12 +70,14 @@ class Flanks:
         shape = self._values.shape
         flat = np.ascontiguousarray(self._places.reshape(-1, 2))
         at = kernels.carry_normals(H, flat, np.ones_like(flat))[:, :2].reshape(*shape, 2)
-        seen = levels_at(grey, np.where(np.isfinite(at), at, -1.0))
-        other, told = _other(seen, self._values, at)
         half = shape[1] // 2
-        (within, told_within), (beyond, told_beyond) = (
-            _changed(other[:, side], told[:, side]) for side in (slice(None, half), slice(half, None))
-        )
+        rest, noise = _rest(_levels(coarse, at), self._values, at)
+        sides = rest[:, :half], rest[:, half:]
+        least = max(OTHER * noise, OTHER_GREY)
+        within, beyond = (_changed(side, least) for side in sides)
+        told_within, told_beyond = (np.isfinite(side).any(axis=1) for side in sides)
+        contrast = abs(float(np.nanmedian(self._values[:, half:])) - float(np.nanmedian(self._values[:, :half])))
+        cut, grown = ((np.abs(np.nan_to_num(side)) > CLEARLY * contrast).any(axis=1) for side in sides)
         both, sure = within & beyond, told_within & told_beyond
         out, covered = against.copy(), np.zeros(len(against), np.bool_)
         odd = against | missed | within | beyond if ground else against
@@ -96,25 +103,26 @@ def longest(flags: Bools) -> int:
     return int((edges[1::2] - edges[::2]).max()) if len(edges) else 0
 
 
-def _changed(other: Bools, told: Bools) -> tuple[Bools, Bools]:
-    """(m,) where a side shows something else, and where that can be told."""
-    count = told.sum(axis=1)
-    return (other & told).sum(axis=1) >= np.maximum(MOST_OF_IT * count, 1), count > 0
+def _changed(side: Floats, least: float) -> Bools:
+    """(m,) where most of what can be told of a side is something else."""
+    told = np.isfinite(side)
+    other = np.abs(np.where(told, side, 0.0)) > least
+    return np.asarray(other.sum(axis=1) >= np.maximum(MOST_OF_IT * told.sum(axis=1), 1))
 
 
-def _other(seen: Floats, wanted: Floats, at: Floats) -> tuple[Bools, Bools]:
-    """(m, d) what differs from the reference, light allowed for; and where that can be told."""
+def _rest(seen: Floats, wanted: Floats, at: Floats) -> tuple[Floats, float]:
+    """(m, d) grey levels by which the image differs from the reference, light allowed for, NaN where that cannot be told;
+    and their noise."""
     told = np.isfinite(seen) & np.isfinite(wanted)
-    other = np.zeros(seen.shape, np.bool_)
+    out = np.full(seen.shape, math.nan)
     if np.count_nonzero(told) < 24:
-        return other, np.zeros(seen.shape, np.bool_)
+        return out, math.inf
     s, w, place = seen[told], wanted[told], at[told]
     place = (place - place.mean(axis=0)) / max(float(place.std()), 1.0)
     R = np.column_stack([w - w.mean(), np.ones(len(s)), place])
     middle = float(np.median(w))
-    dark, light = (float(np.median((s)[part])) for part in (w <= middle, w >= middle))
     before = float(np.median(w[w >= middle]) - np.median(w[w <= middle]))
-    gain = (light - dark) / before if before > OTHER_GREY else 1.0
+    gain = float(np.median(s[w >= middle]) - np.median(s[w <= middle])) / before if before > OTHER_GREY else 1.0
     rest = s - gain * w
     rest = rest - float(np.median(rest))
     noise = OTHER_GREY
@@ -123,20 +131,19 @@ def _other(seen: Floats, wanted: Floats, at: Floats) -> tuple[Bools, Bools]:
         weight = tukey(rest / noise)
         Q = R.T @ (weight[:, None] * R) + 1e-9 * np.eye(4)
         rest = s - R @ np.linalg.solve(Q, R.T @ (weight * s))
-    other[told] = np.abs(rest) > max(OTHER * noise, OTHER_GREY)
-    return other, told
+    out[told] = rest
+    return out, noise
 
 
-def levels_at(grey: Grey, points: Floats) -> Floats:
-    """(...) grey levels, each the mean of 3 x 3 pixels at points (..., 2) px; NaN at the border and beyond."""
-    column, row = np.rint(points[..., 0]).astype(np.intp), np.rint(points[..., 1]).astype(np.intp)
-    out = (column < 1) | (row < 1) | (column >= grey.shape[1] - 1) | (row >= grey.shape[0] - 1)
-    column[out] = row[out] = 1
-    total = np.zeros(column.shape)
-    for dy in (-1, 0, 1):
-        for dx in (-1, 0, 1):
-            total += grey[row + dy, column + dx]
-    return np.asarray(np.where(out, math.nan, total / 9.0))
+def _levels(coarse: Grey, points: Floats) -> Floats:
+    """(...) grey levels of a shrunk image at points (..., 2) px of the full one; NaN at the border and beyond."""
+    at = (points + 0.5) / BY - 0.5
+    height, width = coarse.shape
+    with np.errstate(invalid="ignore"):
+        good = (at >= 1.0).all(axis=-1) & (at[..., 0] < width - 2.0) & (at[..., 1] < height - 2.0)
+    out = np.full(points.shape[:-1], math.nan)
+    out[good] = bilinear(coarse, at[good])
+    return out
 
 
 def runs(index: NDArray[np.intp], count: int) -> list[NDArray[np.intp]]:

@@ -219,7 +219,7 @@ class Fusion:
         samples: Surfaces = self._surfaces[by]
         found = kernels.motion_equations(
             grey,
-            self._shrunk(grey, by),
+            self.shrunk(grey, by),
             float(by),
             H,
             *self._outline.samples,
@@ -233,12 +233,13 @@ class Fusion:
         )
         return _State(H, found, use, by, LOOSE * self._size)
 
-    def _shrunk(self, grey: Grey, by: int) -> Grey:
+    def shrunk(self, grey: Grey, by: int) -> Grey:
+        """The image shrunk, kept as long as it is the one at hand."""
         if self._seen is None or self._seen[0] is not grey:
             self._seen = grey, {}
         images = self._seen[1]
         if by not in images:
-            images[by] = shrunk(grey if by == FINE else self._shrunk(grey, by // 2), 2)
+            images[by] = shrunk(grey if by == FINE else self.shrunk(grey, by // 2), 2)
         return images[by]
 
     def _weak(self, state: _State, row: int) -> bool:
