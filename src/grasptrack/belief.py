@@ -30,6 +30,10 @@ class Believed(NamedTuple):
     support: Support
 
 
+SPEAKS_AGAINST = "another s"
+"""How reasons begin that name another shape or surface."""
+
+
 class Belief:
     """Transfers the grasp to image after image, and believes what the edges bear out.
 
@@ -44,6 +48,7 @@ class Belief:
     def __init__(self, reference: Reference, search: Search) -> None:
         self._reference, self._search = reference, search
         self._agreement = Agreement()
+        self._suspect = False
         self.reasons: list[str] = []
 
     def find(self, grey: Grey, time: float | None) -> Believed | None:
@@ -68,6 +73,7 @@ class Belief:
 
     def accept(self, found: Believed) -> None:
         """The analysis could judge this one: learn from it."""
+        self._suspect = False
         self._agreement.believe(found.carried)
         if found.carried.fused is not None and self._reference.registration is not None:
             self._reference.registration.fusion.believe(found.carried.fused)
@@ -125,6 +131,11 @@ class Belief:
             and registration.fusion.differs(fused)
         ):
             refusal = "another surface: the object does not show what it showed before"
+        if refusal.startswith(SPEAKS_AGAINST):
+            self._suspect = True
+        elif not refusal and self._suspect and registration is not None and fused is not None:
+            unseen = registration.fusion.on_trusted_ground and not fused.used[GROUND]
+            refusal = "another shape was seen here of late, and the ground round it does not show now" if unseen else ""
         doubt = "" if refusal else self._search.doubt(H, grey, lambda: still or self._settled(grey, carried))
         if refusal or doubt:
             self.reasons.insert(0 if doubt else len(self.reasons), refusal or doubt)

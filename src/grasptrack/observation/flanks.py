@@ -77,7 +77,7 @@ class Flanks:
         within, beyond = (_changed(side, least) for side in sides)
         told_within, told_beyond = (np.isfinite(side).any(axis=1) for side in sides)
         contrast = abs(float(np.nanmedian(self._values[:, half:])) - float(np.nanmedian(self._values[:, :half])))
-        cut, grown = ((np.abs(np.nan_to_num(side)) > CLEARLY * contrast).any(axis=1) for side in sides)
+        cut, grown = (_changed(side, CLEARLY * contrast, any_of_it=True) for side in sides)
         both, sure = within & beyond, told_within & told_beyond
         out, covered = against.copy(), np.zeros(len(against), np.bool_)
         odd = against | missed | within | beyond if ground else against
@@ -86,14 +86,12 @@ class Flanks:
                 out[run] = False
                 covered[run] = missed[run]
             elif ground:
-                grown, cut = (
-                    beyond[run] & ~within[run] & sure[run],
-                    within[run] & ~beyond[run] & sure[run] & missed[run],
-                )
-                if GROWN <= np.count_nonzero(grown) <= COMPACT * len(against):
-                    out[run] |= grown
-                if np.count_nonzero(cut) >= FEWEST:
-                    out[run] |= cut
+                tab = (beyond & grown & ~within & sure)[run]
+                if GROWN <= np.count_nonzero(tab) <= COMPACT * len(against):
+                    out[run] |= tab
+                notch = (within & cut & ~beyond & sure & missed)[run]
+                if np.count_nonzero(notch) >= FEWEST:
+                    out[run] |= notch
         return out, covered
 
 
@@ -103,11 +101,12 @@ def longest(flags: Bools) -> int:
     return int((edges[1::2] - edges[::2]).max()) if len(edges) else 0
 
 
-def _changed(side: Floats, least: float) -> Bools:
-    """(m,) where most of what can be told of a side is something else."""
+def _changed(side: Floats, least: float, any_of_it: bool = False) -> Bools:
+    """(m,) where most of what can be told of a side, or any of it, is something else."""
     told = np.isfinite(side)
     other = np.abs(np.where(told, side, 0.0)) > least
-    return np.asarray(other.sum(axis=1) >= np.maximum(MOST_OF_IT * told.sum(axis=1), 1))
+    wanted = 1 if any_of_it else np.maximum(MOST_OF_IT * told.sum(axis=1), 1)
+    return np.asarray(other.sum(axis=1) >= wanted)
 
 
 def _rest(seen: Floats, wanted: Floats, at: Floats) -> tuple[Floats, float]:
@@ -140,7 +139,7 @@ def _levels(coarse: Grey, points: Floats) -> Floats:
     at = (points + 0.5) / BY - 0.5
     height, width = coarse.shape
     with np.errstate(invalid="ignore"):
-        good = (at >= 1.0).all(axis=-1) & (at[..., 0] < width - 2.0) & (at[..., 1] < height - 2.0)
+        good: Bools = np.all((at >= 1.0) & (at < (width - 2.0, height - 2.0)), axis=-1)
     out = np.full(points.shape[:-1], math.nan)
     out[good] = bilinear(coarse, at[good])
     return out

@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 
 INSIDE, GROUND = 1, 2
 """Rows of the evidence; 0 is the outline."""
+FEW, MANY, FIXED = 200, 900, 0.2
+"""Places on each surface, in the finest image: few where the outline alone fixes each contact to so many px, else many."""
 FINE, COARSE, COARSEST = 2, 4, 8
 """How many times the images are shrunk in which surfaces are compared: noise shrinks alike, and a coarse one is compared
 over longer ways."""
@@ -103,11 +105,13 @@ class Fusion:
         self, registration: OutlineRegistration, view: View, grey: Grey, contacts: Floats, hidden: Grey | None = None
     ) -> None:
         self._outline, self._contacts = registration, contacts
-        self._surfaces = {by: surfaces(view, grey, by, hidden) for by in (FINE, COARSE, COARSEST)}
         self._size = math.sqrt(view.outer.area)
         self._trusted = [True, True, True]
         self._usual = {by: [-1.0, -1.0, -1.0] for by in (FINE, COARSE, COARSEST)}
         self._seen: tuple[Grey, dict[int, Grey]] | None = None
+        self._surfaces = {by: surfaces(view, grey, by, MANY, hidden) for by in (FINE, COARSE, COARSEST)}
+        if self._look(grey, np.eye(3), FINE, [True, False, False]).deviation(contacts) <= FIXED:
+            self._surfaces[FINE] = surfaces(view, grey, FINE, FEW, hidden)
 
     @property
     def textured(self) -> bool:
@@ -135,6 +139,11 @@ class Fusion:
     def telling(self) -> bool:
         """Whether the object's surface is one that can be known again."""
         return max(usual[INSIDE] for usual in self._usual.values()) >= ALIKE
+
+    @property
+    def on_trusted_ground(self) -> bool:
+        """Whether the ground moved along in the last image that was believed."""
+        return self._trusted[GROUND] and max(usual[GROUND] for usual in self._usual.values()) > 0.0
 
     def differs(self, fused: Fused) -> bool:
         """Whether the object's surface, which was seen to be as in the reference, is not so in a pose."""

@@ -15,9 +15,6 @@ from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
 
-MOST = 300
-"""Places on each surface where the image is shrunk by 2; three times as many where it is shrunk further: what shows there
-only is faint."""
 ROUND = 0.6
 """The ground is looked at within this fraction of sqrt(area) of the object, ..."""
 ROUND_PX = 40.0
@@ -53,13 +50,14 @@ def shrunk(grey: Grey, by: int) -> Grey:
     return np.asarray(cv2.resize(cut, (width // by, height // by), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def surfaces(view: View, grey: Grey, by: int, hidden: Grey | None = None) -> Surfaces:
+def surfaces(view: View, grey: Grey, by: int, most: int, hidden: Grey | None = None) -> Surfaces:
     """The places that show a motion best: of each small square the one with the steepest slope.
 
     Args:
         view: the object's outline.
         grey: (H, W) the image of it.
         by: how many times it is shrunk.
+        most: places on each surface.
         hidden: (H, W) nonzero where nothing belongs to the scene.
     """
     coarse = shrunk(grey, by)
@@ -76,10 +74,9 @@ def surfaces(view: View, grey: Grey, by: int, hidden: Grey | None = None) -> Sur
         usable &= cv2.dilate(shrunk(hidden, by), np.ones((5, 5), np.uint8)) == 0
     usable &= away >= FROM_OUTLINE
     far = max(ROUND * math.sqrt(view.outer.area), ROUND_PX) / by
-    light = coarse.astype(np.float64)
-    down, across = np.gradient(light)
-    steep = np.hypot(across, down)
-    most = MOST if by <= 2 else 3 * MOST
+    light: Floats = coarse.astype(np.float64)
+    down, across = (np.asarray(slope, dtype=np.float64) for slope in np.gradient(light))
+    steep: Floats = np.asarray(np.hypot(across, down))
     groups = [
         _steepest(steep, usable & (mask != 0), most),
         _steepest(steep, usable & (mask == 0) & (away <= far), most),
@@ -105,7 +102,7 @@ def _steepest(steep: Floats, usable: NDArray[np.bool_], most: int) -> NDArray[np
     row, column = row.astype(np.intp), column.astype(np.intp)
     square = (row // step) * (usable.shape[1] // step + 1) + column // step
     order = np.lexsort((-steep[row, column], square))
-    first = order[np.flatnonzero(np.diff(square[order], prepend=-1))]
+    first: NDArray[np.intp] = order[np.flatnonzero(np.diff(square[order], prepend=-1))]
     if len(first) > most:  # squares that are cut count as well
         first = first[np.argsort(-steep[row[first], column[first]], kind="stable")[:most]]
     return np.column_stack([row[first], column[first]])
