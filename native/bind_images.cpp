@@ -190,6 +190,19 @@ nb::tuple py_register_outline(const ByteImage &image, const RowArray &H, const P
     return nb::make_tuple(found.array(), left.array(), weight.array(), out.noise);
 }
 
+nb::tuple py_grey_differences(const ByteImage &coarse, double shrink, const RowArray &H, const PointArray &places,
+                              const ValueArray &values, double least_noise) {
+    const std::size_t p = places.shape(0);
+    if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
+    if (values.shape(0) != p) throw std::invalid_argument("each place needs its value");
+    Output out(p);
+    const Image<std::uint8_t> small{coarse.data(), static_cast<std::ptrdiff_t>(coarse.shape(0)),
+                                    static_cast<std::ptrdiff_t>(coarse.shape(1))};
+    const double noise = grey_differences(small, shrink, H.data(), vectors(places), values.data(), p, least_noise,
+                                          out.values());
+    return nb::make_tuple(out.array(), noise);
+}
+
 nb::tuple py_motion_equations(const ByteImage &image, const ByteImage &coarse, double shrink, const RowArray &H,
                               const PointArray &points, const PointArray &normals, const ValueArray &strength,
                               int polarity, double reach, double least_strength, double relative_strength,
@@ -264,6 +277,8 @@ void bind_images(nb::module_ &m) {
           "relative_strength"_a, "other_ground"_a, "loose"_a);
     m.def("register_outline", &py_register_outline, "image"_a.noconvert(), "H"_a, "points"_a, "normals"_a, "strength"_a,
           "polarity"_a, "reaches"_a, "motions"_a, "strides"_a, "least_strength"_a, "relative_strength"_a);
+    m.def("grey_differences", &py_grey_differences, "coarse"_a.noconvert(), "shrink"_a, "H"_a, "places"_a, "values"_a,
+          "least_noise"_a);
     m.def("motion_equations", &py_motion_equations, "image"_a.noconvert(), "coarse"_a.noconvert(), "shrink"_a, "H"_a,
           "points"_a, "normals"_a, "strength"_a, "polarity"_a, "reach"_a, "least_strength"_a, "relative_strength"_a,
           "places"_a, "values"_a, "slopes"_a, "starts"_a);

@@ -19,6 +19,7 @@ constexpr double kLeastNoiseGrey = 0.7;
 constexpr std::size_t kFewest = 24;
 constexpr int kLightWeighings = 4;
 constexpr double kChance = 3.0;
+constexpr double kDistinct = 5.0;
 constexpr double kLeastReal = 0.4;
 constexpr double kEdge = 2.0;
 
@@ -290,6 +291,75 @@ class SurfaceFit {
     std::vector<Vec> place_, now_, then_;
     std::vector<Row4> R_;
 };
+
+// By how much an image differs from the reference at some places, NaN where nothing can be compared; gives the noise.
+inline double grey_differences(const Image<std::uint8_t> &coarse, double shrink, const double *H, const Vec *places,
+                               const double *values, std::size_t p, double least_noise, double *out) {
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    std::fill(out, out + p, nan);
+    double h[9];
+    for (int i = 0; i < 9; ++i) h[i] = H[i] / H[8];
+    const double right = static_cast<double>(coarse.width) - 1 - kEdge;
+    const double bottom = static_cast<double>(coarse.height) - 1 - kEdge;
+    std::vector<std::size_t> told;
+    std::vector<double> seen, wanted;
+    std::vector<Vec> at;
+    for (std::size_t i = 0; i < p; ++i) {
+        const double w = h[6] * places[i].x + h[7] * places[i].y + 1.0;
+        if (!(w > 1e-9) || !std::isfinite(values[i])) continue;
+        const Vec u{(h[0] * places[i].x + h[1] * places[i].y + h[2]) / w,
+                    (h[3] * places[i].x + h[4] * places[i].y + h[5]) / w};
+        const Vec v{(u.x + 0.5) / shrink - 0.5, (u.y + 0.5) / shrink - 0.5};
+        if (!(v.x >= kEdge && v.y >= kEdge && v.x < right && v.y < bottom)) continue;
+        told.push_back(i), at.push_back(u), seen.push_back(coarse.sample(v)), wanted.push_back(values[i]);
+    }
+    const std::size_t n = told.size();
+    if (n < kFewest) return nan;
+    const double middle = lower_median(wanted);
+    std::vector<double> halves[2][2];
+    for (std::size_t i = 0; i < n; ++i) {
+        if (wanted[i] <= middle) halves[0][0].push_back(wanted[i]), halves[0][1].push_back(seen[i]);
+        if (wanted[i] >= middle) halves[1][0].push_back(wanted[i]), halves[1][1].push_back(seen[i]);
+    }
+    const double before = lower_median(halves[1][0]) - lower_median(halves[0][0]);
+    const double gain = before > kDistinct ? (lower_median(halves[1][1]) - lower_median(halves[0][1])) / before : 1.0;
+    std::vector<double> rest(n), size(n);
+    for (std::size_t i = 0; i < n; ++i) rest[i] = seen[i] - gain * wanted[i];
+    const double level = lower_median(rest);
+    Vec centre{0, 0};
+    double mean = 0.0, spread = 0.0;
+    for (std::size_t i = 0; i < n; ++i) rest[i] -= level, centre = centre + at[i], mean += wanted[i];
+    centre = (1.0 / static_cast<double>(n)) * centre;
+    mean /= static_cast<double>(n);
+    for (const Vec &u : at) spread += dot(u - centre, u - centre);
+    spread = std::sqrt(spread / (2.0 * static_cast<double>(n))) + 1e-9;
+    std::vector<Row4> R(n);
+    for (std::size_t i = 0; i < n; ++i)
+        R[i] = {wanted[i] - mean, 1.0, (at[i].x - centre.x) / spread, (at[i].y - centre.y) / spread};
+    double noise = least_noise;
+    for (int round = 0; round < kLightWeighings; ++round) {
+        for (std::size_t i = 0; i < n; ++i) size[i] = std::fabs(rest[i]);
+        noise = std::max(quiet(size), least_noise);
+        std::array<Row4, 4> Q{}, inverse;
+        Row4 q{}, light{};
+        for (std::size_t i = 0; i < n; ++i) {
+            const double weight = tukey(rest[i] / noise);
+            for (int r = 0; r < 4; ++r) {
+                q[r] += weight * R[i][r] * seen[i];
+                for (int c = 0; c < 4; ++c) Q[r][c] += weight * R[i][r] * R[i][c];
+            }
+        }
+        if (!inverted(Q, inverse)) break;
+        for (int r = 0; r < 4; ++r)
+            for (int c = 0; c < 4; ++c) light[r] += inverse[r][c] * q[c];
+        for (std::size_t i = 0; i < n; ++i) {
+            rest[i] = seen[i];
+            for (int r = 0; r < 4; ++r) rest[i] -= R[i][r] * light[r];
+        }
+    }
+    for (std::size_t i = 0; i < n; ++i) out[told[i]] = rest[i];
+    return noise;
+}
 
 // The part of the outline; false where H sends it to infinity. `left` and `weight` are of the samples.
 inline bool outline_equations(const Image<std::uint8_t> &image, const double *H, const double *points,

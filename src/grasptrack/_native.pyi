@@ -39,6 +39,9 @@ def register_outline(
     least_strength: float,
     relative_strength: float,
 ) -> tuple[Floats, Floats, Floats, float]: ...
+def grey_differences(
+    coarse: NDArray[np.uint8], shrink: float, H: Floats, places: Floats, values: Floats, least_noise: float
+) -> tuple[Floats, float]: ...
 def motion_equations(
     image: NDArray[np.uint8],
     coarse: NDArray[np.uint8],

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack.agreement import WHOLE, Agreement
 from grasptrack.carriers import Carried, Carrier
-from grasptrack.errors import TransferError
+from grasptrack.errors import ConditioningError, TransferError
 from grasptrack.observation.flanks import BY
 from grasptrack.observation.fusion import GROUND, Fused
 from grasptrack.observation.images import Grey
@@ -75,9 +76,11 @@ class Belief:
         """The analysis could judge this one: learn from it."""
         self._suspect = False
         self._agreement.believe(found.carried)
-        if found.carried.fused is not None and self._reference.registration is not None:
-            self._reference.registration.fusion.believe(found.carried.fused)
-            self._search.whereabouts.telling = self._reference.registration.fusion.telling
+        registration = self._reference.registration
+        if found.carried.fused is not None and registration is not None:
+            with contextlib.suppress(ConditioningError):
+                registration.believe(found.carried, self._search.whereabouts.motion.predict())
+            self._search.whereabouts.telling = registration.fusion.telling
         self._search.believe(found.carried.view, found.homography, found.support.levels)
 
     def _transfer(self, grey: Grey, hypothesis: Hypothesis) -> Believed | None:

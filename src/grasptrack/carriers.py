@@ -24,6 +24,9 @@ from grasptrack.transfer import Transfer, TransferStrategy, rrp, strategy_named
 Floats = NDArray[np.float64]
 
 
+AT_ONCE, CALM = 0.8, 2.0
+"""Of the outline, so much must agree where nothing was searched; and px by which the prediction may have been off in the
+image before."""
 MOST_AGREE = 0.75
 """Where less of the outline agrees, the surfaces are asked for another pose."""
 
@@ -107,6 +110,7 @@ class RegistrationCarrier:
     ) -> None:
         self._contacts, self._reference, self._turns = grasp.contacts, reference, turns or []
         self._registration = OutlineRegistration(reference, grey, polarity)
+        self._calm = False
         self.fusion = Fusion(self._registration, reference, grey, grasp.contacts, hidden)
 
     def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
@@ -114,7 +118,9 @@ class RegistrationCarrier:
         if prior is None:
             raise TransferError("nothing says where the outline may be")
         problem: TransferError | None = None
-        best: Fused | None = None
+        best = self._at_once(grey, prior)
+        if best is not None:
+            return self._carried(best)
         try:
             best = self.fusion.refine(grey, self._registration.refine(grey, prior, FAR).homography)
         except TransferError as error:
@@ -131,6 +137,29 @@ class RegistrationCarrier:
             assert problem is not None
             raise problem
         return self._carried(self._turned(grey, best))
+
+    def _at_once(self, grey: Grey, prior: Floats) -> Fused | None:
+        """The pose where the prediction is as good as of late, without a search: the fast path."""
+        if not self._calm:
+            return None
+        try:
+            fused = self.fusion.refine(grey, prior)
+        except TransferError:
+            return None
+        return None if fused.agreement < AT_ONCE or self.fusion.differs(fused) else fused
+
+    def believe(self, carried: Carried, predicted: Floats) -> None:
+        """The verdict accepted this one.
+
+        Args:
+            carried: by this carrier.
+            predicted: (3, 3) pose that had been expected.
+        """
+        assert carried.fused is not None
+        self.fusion.believe(carried.fused)
+        outline = self._reference.outer.points[::16]
+        off = apply_homography(carried.fused.homography, outline) - apply_homography(predicted, outline)
+        self._calm = bool(np.hypot(*off.T).max() <= CALM)
 
     def _turned(self, grey: Grey, fused: Fused) -> Fused:
         """Where the surface is not as it should be, the symmetric turn in which it is, if there is one."""

@@ -13,7 +13,7 @@ from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvat
 from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_evidence import carry_normals, projective_step, settle_edges
 from grasptrack.kernels.reference_fingers import finger_rooms
-from grasptrack.kernels.reference_fusion import motion_equations
+from grasptrack.kernels.reference_fusion import grey_differences, motion_equations
 from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
 from grasptrack.kernels.reference_homography import distortion, fit_homography, homography_4
 from grasptrack.kernels.reference_inertia import inertia
@@ -54,6 +54,7 @@ __all__ = [
     "fixed_places",
     "force_closure",
     "grasp_line",
+    "grey_differences",
     "homography_4",
     "inertia",
     "locate",

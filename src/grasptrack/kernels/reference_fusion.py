@@ -9,7 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference_evidence import SLIDING, carry_normals, displacement_fields, whitening
+from grasptrack.kernels.reference_evidence import (
+    SLIDING,
+    carry_normals,
+    displacement_fields,
+    lower_median,
+    whitening,
+)
 from grasptrack.kernels.reference_support import search_edges
 
 Floats = NDArray[np.float64]
@@ -28,6 +34,8 @@ WEIGHINGS = 4
 """Rounds in which a surface's light and noise are found."""
 CHANCE = 3.0
 """Of a surface's slopes, the share of so many over the root of their number may be noise."""
+DISTINCT = 5.0
+"""Grey levels between a lighter and a darker half from which on they tell a gain."""
 LEAST_REAL = 0.4
 """Of a surface's squared slopes, at least this share is taken to be no noise when a step is made."""
 EDGE = 2.0
@@ -153,7 +161,7 @@ def motion_equations(
         chance = SLIDING**2 * total * np.eye(8)
         N[0] = sure[0] = without_chance(told, chance)
         b[0] = _seen(told, chance) @ (A.T @ (weight * offsets))
-        stats[0] = total, total / max(np.count_nonzero(inside), 1), noise, np.count_nonzero(inside) / len(at)
+        stats[0] = total, total / max(int(np.count_nonzero(inside)), 1), noise, np.count_nonzero(inside) / len(at)
         left[found], weights[found] = offsets, weight
     for g in range(surfaces):
         mine = slice(int(starts[g]), int(starts[g + 1]))
@@ -220,10 +228,62 @@ def _surface(
     total = float(weight.sum())
     N = mean.T @ (weight[:, None] * mean)
     sure = without_chance(0.5 * (told + told.T), CHANCE / math.sqrt(max(total, 1.0)) * N)
-    real = float(np.trace(told)) / max(float(np.trace(N)), 1e-300)
+    real = float(np.trace(told)) / (float(np.trace(N)) + 1e-300)
     N *= min(max(real, LEAST_REAL), 1.0)  # noise would shorten steps
     stats = total, total / len(u), noise, _correlation(seen, R[:, 0], R[:, 1:], weight)
     return N, sure, -mean.T @ (weight * rest), stats
+
+
+def grey_differences(
+    coarse: NDArray[np.uint8], shrink: float, H: Floats, places: Floats, values: Floats, least_noise: float
+) -> tuple[Floats, float]:
+    """By how much an image differs from a reference at some places, light allowed for.
+
+    Light may differ by a gain and by levels that change linearly over the image. What covers the places must not bend it:
+    the gain is first read off the medians of the lighter and of the darker half.
+
+    Args:
+        coarse, shrink, H: as for `motion_equations`.
+        places, values: (p, 2) px and (p,) grey levels of the reference, NaN where they are not known.
+        least_noise: grey levels.
+
+    Returns:
+        (p,) grey levels, NaN where nothing can be compared, and their noise; all NaN with fewer than FEWEST places.
+
+    Raises:
+        ValueError: values of another number.
+    """
+    if len(values) != len(places):
+        raise ValueError("each place needs its value")
+    out = np.full(len(places), np.nan)
+    at = carry_normals(H, places, np.ones_like(places))[:, :2]
+    v = (at + 0.5) / shrink - 0.5
+    height, width = coarse.shape
+    with np.errstate(invalid="ignore"):
+        told = np.isfinite(values) & (v >= EDGE).all(axis=1)
+        told &= (v[:, 0] < width - 1 - EDGE) & (v[:, 1] < height - 1 - EDGE)
+    if np.count_nonzero(told) < FEWEST:
+        return out, math.nan
+    seen, wanted, place = bilinear(coarse, v[told]), values[told], at[told]
+    middle = lower_median(wanted)
+    low, high = wanted <= middle, wanted >= middle
+    before = lower_median(wanted[high]) - lower_median(wanted[low])
+    gain = (lower_median(seen[high]) - lower_median(seen[low])) / before if before > DISTINCT else 1.0
+    rest = seen - gain * wanted
+    rest = rest - lower_median(rest)
+    centre = place.mean(axis=0)
+    spread = math.sqrt(float(np.mean(np.square(place - centre)))) + 1e-9
+    R = np.column_stack([wanted - wanted.mean(), np.ones(len(seen)), (place - centre) / spread])
+    noise = least_noise
+    for _ in range(WEIGHINGS):
+        noise = max(quiet(np.abs(rest)), least_noise)
+        weight = tukey(rest / noise)
+        Q = R.T @ (weight[:, None] * R)
+        if not _independent(Q):
+            break  # of one grey level: there is no gain to find
+        rest = seen - R @ np.linalg.solve(Q, R.T @ (weight * seen))
+    out[told] = rest
+    return out, noise
 
 
 def _independent(Q: Floats) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import Bools
-from grasptrack.kernels.reference_fusion import bilinear, quiet, tukey
+from grasptrack.kernels.reference_fusion import bilinear
 from grasptrack.observation.images import Grey
 from grasptrack.observation.surface import shrunk
 
@@ -38,7 +38,6 @@ FEWEST, GROWN = 2, 3
 """Samples in a row that make a notch, and a tab."""
 COMPACT = 0.05
 """Of the outline, what touches so much at most from outside may have grown on it."""
-WEIGHINGS = 3
 
 
 class Flanks:
@@ -54,8 +53,9 @@ class Flanks:
         first = max(DEPTHS[0] * size, LEAST_DEPTH)
         depths = first / DEPTHS[0] * np.array(DEPTHS)
         offsets = np.concatenate([-depths, depths])
-        self._places: Floats = points[:, None, :] + offsets[None, :, None] * normals[:, None, :]
-        self._values = _levels(shrunk(grey, BY), self._places)
+        places = points[:, None, :] + offsets[None, :, None] * normals[:, None, :]
+        self._values = _levels(shrunk(grey, BY), places)
+        self._places: Floats = np.ascontiguousarray(places.reshape(-1, 2))
 
     def judged(self, coarse: Grey, H: Floats, against: Bools, missed: Bools, ground: bool) -> tuple[Bools, Bools]:
         """(m,) samples that speak against the outline, when both sides have been looked at; (m,) samples under a cover.
@@ -68,10 +68,10 @@ class Flanks:
             ground: the ground moves along with the object, so that its side can be compared.
         """
         shape = self._values.shape
-        flat = np.ascontiguousarray(self._places.reshape(-1, 2))
-        at = kernels.carry_normals(H, flat, np.ones_like(flat))[:, :2].reshape(*shape, 2)
-        half = shape[1] // 2
-        rest, noise = _rest(_levels(coarse, at), self._values, at)
+        flat, noise = kernels.grey_differences(
+            coarse, float(BY), H, self._places, self._values.ravel(), OTHER_GREY / OTHER
+        )
+        rest, half = flat.reshape(shape), shape[1] // 2
         sides = rest[:, :half], rest[:, half:]
         least = max(OTHER * noise, OTHER_GREY)
         within, beyond = (_changed(side, least) for side in sides)
@@ -107,31 +107,6 @@ def _changed(side: Floats, least: float, any_of_it: bool = False) -> Bools:
     other = np.abs(np.where(told, side, 0.0)) > least
     wanted = 1 if any_of_it else np.maximum(MOST_OF_IT * told.sum(axis=1), 1)
     return np.asarray(other.sum(axis=1) >= wanted)
-
-
-def _rest(seen: Floats, wanted: Floats, at: Floats) -> tuple[Floats, float]:
-    """(m, d) grey levels by which the image differs from the reference, light allowed for, NaN where that cannot be told;
-    and their noise."""
-    told = np.isfinite(seen) & np.isfinite(wanted)
-    out = np.full(seen.shape, math.nan)
-    if np.count_nonzero(told) < 24:
-        return out, math.inf
-    s, w, place = seen[told], wanted[told], at[told]
-    place = (place - place.mean(axis=0)) / max(float(place.std()), 1.0)
-    R = np.column_stack([w - w.mean(), np.ones(len(s)), place])
-    middle = float(np.median(w))
-    before = float(np.median(w[w >= middle]) - np.median(w[w <= middle]))
-    gain = float(np.median(s[w >= middle]) - np.median(s[w <= middle])) / before if before > OTHER_GREY else 1.0
-    rest = s - gain * w
-    rest = rest - float(np.median(rest))
-    noise = OTHER_GREY
-    for _ in range(WEIGHINGS):
-        noise = max(quiet(np.abs(rest)), OTHER_GREY / OTHER)
-        weight = tukey(rest / noise)
-        Q = R.T @ (weight[:, None] * R) + 1e-9 * np.eye(4)
-        rest = s - R @ np.linalg.solve(Q, R.T @ (weight * s))
-    out[told] = rest
-    return out, noise
 
 
 def _levels(coarse: Grey, points: Floats) -> Floats:

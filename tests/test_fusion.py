@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All the evidence at once: what each piece shows, what a surface settles, and what does not move along."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grasptrack import kernels
+from grasptrack.evaluation.sequence import chosen_grasp
+from grasptrack.kernels import reference
+from grasptrack.observation.fusion import Fused, Fusion
+from grasptrack.observation.registration import OutlineRegistration
+from grasptrack.observation.segmentation import segment
+from grasptrack.observation.surface import shrunk, surfaces
+from grasptrack.projective import apply_homography, similarity
+from grasptrack.simulation import SHAPES, Conditions, Scene, similarity_path, tilting_path
+from grasptrack.simulation.surfaces import blank, brushed, printed
+from grasptrack.simulation.tables import plain, wood
+
+STILL = {"conditions": Conditions(noise=1.5)}
+
+
+def a_scene(shape: str, seed: int, **options: object) -> Scene:
+    return Scene(SHAPES[shape](), tilting_path(30, seed=seed), seed=seed, **{**STILL, **options})  # type: ignore[arg-type]
+
+
+def begun(scene: Scene) -> tuple[Fusion, np.ndarray]:
+    grey = scene[0].image
+    view, contacts = segment(grey), chosen_grasp(scene[0].outline)
+    dark = grey[view.outer.points[:, 1].astype(int), view.outer.points[:, 0].astype(int)].mean() > 0
+    assert dark
+    return Fusion(OutlineRegistration(view, grey, 1), view, grey, contacts), contacts
+
+
+def off(fused: Fused, scene: Scene, index: int, contacts: np.ndarray) -> float:
+    true = apply_homography(scene.homography(index), contacts)
+    return float(np.hypot(*(apply_homography(fused.homography, contacts) - true).T).max())
+
+
+def turned(scene: Scene, index: int, degrees: float) -> np.ndarray:
+    """The true pose, turned about the part's centre."""
+    x, y = np.concatenate(scene[0].outline).mean(axis=0).tolist()
+    return np.asarray(scene.homography(index) @ similarity(1.0, math.radians(degrees), (x, y), (x, y)))
+
+
+def in_parameters(found: tuple[np.ndarray, ...], row: int) -> tuple[np.ndarray, ...]:
+    """N, sure and b of one piece of evidence in parameters that no choice of eigenvectors changes."""
+    back = np.linalg.inv(found[2])
+    return back.T @ found[3][row] @ back, back.T @ found[4][row] @ back, back.T @ found[5][row]
+
+
+# --- kernels -------------------------------------------------------------------------------------
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 500), st.sampled_from(["bracket", "disc", "blob"]), st.sampled_from([2, 4]), st.data())
+def test_native_equals_reference(seed: int, shape: str, by: int, data: st.DataObject) -> None:
+    scene = a_scene(shape, seed)
+    view, grey = segment(scene[0].image), scene[0].image
+    samples = OutlineRegistration(view, grey, 1).samples
+    places = surfaces(view, grey, by, 200)
+    index = data.draw(st.integers(1, 29))
+    image = scene[index].image
+    shift = np.eye(3)
+    shift[:2, 2] = data.draw(st.tuples(st.floats(-2, 2), st.floats(-2, 2)))
+    arguments = (image, shrunk(image, by), float(by), shift @ scene.homography(index), *samples, 3.0, 2.0, 0.3)
+    arguments = (*arguments, places.places, places.values, places.slopes, places.starts)
+    found, wanted = kernels.motion_equations(*arguments), reference.motion_equations(*arguments)
+    np.testing.assert_allclose(found[6], wanted[6], atol=1e-6)
+    np.testing.assert_allclose(found[7], wanted[7], atol=1e-6)
+    np.testing.assert_allclose(found[8], wanted[8], atol=1e-6)
+    for row in range(3):
+        for a, b in zip(in_parameters(found, row), in_parameters(wanted, row), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-6 * max(float(np.abs(b).max()), 1e-9))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.booleans())
+def test_native_differences_equal_reference(seed: int, smooth: bool) -> None:
+    rng = np.random.default_rng(seed)
+    ramp = 0.5 * np.add.outer(np.arange(120), np.arange(160)) + rng.normal(0, 2, (120, 160))
+    image = (np.clip(ramp, 0, 255) if smooth else rng.integers(0, 255, (120, 160))).astype(np.uint8)
+    places = rng.uniform(-10, 330, (120, 2)) * (1.0, 0.75)
+    values = rng.uniform(0, 255, 120)
+    values[rng.random(120) < 0.1] = np.nan
+    H = np.eye(3) + rng.normal(0, 1, (3, 3)) * [[0.02, 0.02, 3], [0.02, 0.02, 3], [1e-4, 1e-4, 0]]
+    found = kernels.grey_differences(image, 2.0, H, places, values, 1.0)
+    wanted = reference.grey_differences(image, 2.0, H, places, values, 1.0)
+    np.testing.assert_allclose(found[0], wanted[0], atol=1e-8)
+    assert found[1] == pytest.approx(wanted[1], abs=1e-9, nan_ok=True)
+
+
+def test_both_refuse_the_same() -> None:
+    image, H = np.zeros((50, 50), np.uint8), np.eye(3)
+    at, one = np.array([[10.0, 10], [40, 10], [40, 40], [10, 40]]), np.ones(4)
+    none, start = np.zeros((0, 2)), np.zeros(1, np.int64)
+    good = (image, image, 1.0, H, at, at / 50, one, 1, 3.0, 2.0, 0.3, none, none[:, 0], none, start)
+    bad = {4: at[:0], 5: at[:2], 6: one[:1], 8: 0.0, 11: at, 12: one, 13: at, 14: np.array([1], np.int64)}
+    for module in (kernels, reference):
+        assert not np.any(module.motion_equations(*good)[3])  # nothing is to be seen, which is no error
+        for place, value in bad.items():
+            with pytest.raises(ValueError):
+                module.motion_equations(*(value if i == place else given for i, given in enumerate(good)))
+        with pytest.raises(ValueError, match="each place needs its value"):
+            module.grey_differences(image, 1.0, H, at, one[:2], 1.0)
+        assert math.isnan(module.grey_differences(image, 1.0, H, at, one, 1.0)[1])
+
+
+def test_grey_differences_do_not_depend_on_light() -> None:
+    scene = a_scene("bracket", 3, conditions=Conditions(noise=0.0))
+    grey = scene[0].image
+    places = surfaces(segment(grey), grey, 2, 300)
+    lit = np.clip(0.7 * grey.astype(float) + np.linspace(0, 30, grey.shape[1]), 0, 255).astype(np.uint8)
+    rest, noise = kernels.grey_differences(shrunk(lit, 2), 2.0, np.eye(3), places.places, places.values, 0.5)
+    assert noise < 1.0 and np.abs(rest).max() < 2.0
+
+
+# --- fusion --------------------------------------------------------------------------------------
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.integers(0, 200), st.floats(-4, 4), st.integers(1, 29))
+def test_the_ground_settles_the_turn_of_a_disc(seed: int, degrees: float, index: int) -> None:
+    scene = a_scene("disc", seed, surface=blank(seed), table=wood(seed))
+    fusion, contacts = begun(scene)
+    fused = fusion.refine(scene[index].image, turned(scene, index, degrees))
+    assert off(fused, scene, index, contacts) < 0.6
+    assert fused.used[2] and fused.held
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.integers(0, 200), st.floats(-4, 4), st.integers(5, 29))
+def test_print_settles_it_where_the_table_slides_away(seed: int, degrees: float, index: int) -> None:
+    scene = a_scene("disc", seed, surface=printed(seed), slide=(0.02, 0.013))
+    fusion, contacts = begun(scene)
+    fused = fusion.refine(scene[index].image, turned(scene, index, degrees))
+    assert off(fused, scene, index, contacts) < 0.8
+    assert fused.used[1] and not fused.used[2]
+
+
+def test_what_nothing_settles_is_not_claimed() -> None:
+    scene = a_scene("disc", 5, surface=blank(5, contrast=0.0), table=plain(5, contrast=0.0))
+    fusion, _ = begun(scene)
+    fused = fusion.refine(scene[8].image, scene.homography(8))
+    assert math.sqrt(np.diag(fused.covariance).max()) > 10.0 and not fused.held
+
+
+def test_a_table_that_slides_does_not_bend_the_pose() -> None:
+    scene = a_scene("bracket", 7, surface=blank(7), slide=(0.004, 0.003))
+    fusion, contacts = begun(scene)
+    for index in range(1, 30):
+        fused = fusion.refine(scene[index].image, scene.homography(index))
+        assert off(fused, scene, index, contacts) < 0.25
+        fusion.believe(fused)
+    assert not fused.used[2] and not fusion.on_trusted_ground
+
+
+def test_a_cover_does_not_bend_what_surfaces_hold() -> None:
+    scene = a_scene("spanner", 9)
+    fusion, contacts = begun(scene)
+    fusion.believe(fusion.refine(scene[1].image, scene.homography(1)))
+    for index in (5, 15, 25):
+        image = scene[index].image.copy()
+        x, _ = np.rint(np.concatenate(scene[index].outline).mean(axis=0)).astype(int)
+        cv2.rectangle(image, (int(x), 0), (int(x) + 60, 479), 150, -1)
+        fused = fusion.refine(image, scene.homography(index), far=True)
+        assert off(fused, scene, index, contacts) < 0.3 and fused.held
+
+
+def test_where_the_object_went_with_the_ground_while_it_was_hidden() -> None:
+    scene = a_scene("gear", 11)
+    fusion, contacts = begun(scene)
+    fusion.believe(fusion.refine(scene[1].image, scene.homography(1)))
+    image = scene[2].image.copy()
+    cv2.fillPoly(image, [np.rint(p).astype(np.int32) for p in scene[2].outline[:1]], 128)
+    H = fusion.on_ground(image, scene.homography(1))
+    assert H is not None
+    assert np.hypot(*(apply_homography(H, contacts) - scene[2].carry(contacts)).T).max() < 1.0
+    assert fusion.on_ground(np.full_like(image, 128), scene.homography(1)) is None
+
+
+def test_a_surface_tells_a_half_turn_from_none() -> None:
+    scene = Scene(SHAPES["rectangle"](), similarity_path(10, seed=2), surface=printed(2), seed=2, **STILL)  # type: ignore[arg-type]
+    fusion, contacts = begun(scene)
+    for index in (1, 2):
+        fusion.believe(fusion.refine(scene[index].image, scene.homography(index)))
+    assert fusion.telling
+    x, y = np.concatenate(scene[0].outline).mean(axis=0).tolist()
+    half = similarity(1.0, math.pi, (x, y), (x, y))
+    right = fusion.refine(scene[3].image, scene.homography(3))
+    wrong = fusion.refine(scene[3].image, scene.homography(3) @ half)
+    assert not fusion.differs(right) and fusion.differs(wrong)
+    assert fusion.settles(scene[3].image, right, [half])
+    found = fusion.best(scene[3].image, [wrong.homography @ half])
+    assert found is not None and off(found, scene, 3, contacts) < 0.5
+    bare = Scene(SHAPES["rectangle"](), similarity_path(10, seed=2), surface=brushed(2, contrast=0.0), seed=2, **STILL)  # type: ignore[arg-type]
+    fusion, _ = begun(bare)
+    fused = fusion.refine(bare[1].image, bare.homography(1))
+    assert not fusion.settles(bare[1].image, fused, [half])
