@@ -54,6 +54,7 @@ try:
         settle_edges,
         soft_threshold,
         trace_edges,
+        weigh_edges,
     )
 
     BACKEND = "native"
@@ -97,6 +98,7 @@ except ImportError as error:
         settle_edges,
         soft_threshold,
         trace_edges,
+        weigh_edges,
     )
 
     BACKEND = "numpy"
@@ -147,4 +149,5 @@ __all__ = [
     "settle_edges",
     "soft_threshold",
     "trace_edges",
+    "weigh_edges",
 ]
