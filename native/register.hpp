@@ -112,8 +112,7 @@ inline Registered register_outline(const Image<std::uint8_t> &image, const doubl
             if (rules.polarity != 0 || std::isinf(asked(i))) return rules.polarity;
             return asked(i) > 0 ? 1 : -1;
         };
-        for (std::size_t i = 0; i < n; ++i)
-            carry_normals(out.H, points + 2 * i * stride, normals + 2 * i * stride, 1, moved.data() + 5 * i);
+        carry_normals(out.H, points, normals, static_cast<std::int64_t>(n), moved.data(), strides[step]);
         Vec centre{0, 0};
         for (std::size_t i = 0; i < n; ++i) {
             for (int j = 0; j < 5; ++j)

@@ -169,11 +169,12 @@ class _Transformed(Contour):
     def is_sure(self) -> bool:
         """Whether nothing can go wrong: the curve's bounding box lies in front of the camera, the curve keeps an area."""
         (left, top), (right, bottom) = self._source.bounds
-        g, h, i = (float(value) for value in self._H[2])
+        rows: list[list[float]] = self._H.tolist()
+        g, h, i = rows[2]
         depths = [g * x + h * y + i for x in (left, right) for y in (top, bottom)]
         farthest = max(depths)
         # area shrinks by at most the determinant over the cube of the depth
-        area = self._source.area * abs(_determinant(self._H.tolist()))
+        area = self._source.area * abs(_determinant(rows))
         return min(depths) > 1e-6 * max(farthest, 1.0) and len(self._source) * farthest**3 < area < math.inf
 
 
