@@ -20,7 +20,7 @@ from grasptrack.evaluation.truth import Truth
 from grasptrack.simulation import SceneFrame, demo_scene
 
 SIZES = ((640, 480), (1280, 960))
-MEDIAN_MS, P99_MS = 2.0, 4.0
+MEDIAN_MS, P99_MS = 1.5, 3.0
 
 
 def run_strategy(frames: list[SceneFrame], strategy: str) -> tuple[Score, list[float]]:

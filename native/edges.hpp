@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <type_traits>
 #include <vector>
 
 #include "geometry.hpp"
@@ -24,6 +25,11 @@ template <typename Pixel> struct Image {
         return p.x >= 0 && p.y >= 0 && p.x <= static_cast<double>(width - 1) && p.y <= static_cast<double>(height - 1);
     }
 
+    // With all four pixels that a sample there is made of.
+    bool surrounds(Vec p) const {
+        return p.x >= 0 && p.y >= 0 && p.x < static_cast<double>(width - 1) && p.y < static_cast<double>(height - 1);
+    }
+
     double sample(Vec p) const {
         const auto x = static_cast<std::ptrdiff_t>(p.x), y = static_cast<std::ptrdiff_t>(p.y);
         const double fx = p.x - static_cast<double>(x), fy = p.y - static_cast<double>(y);
@@ -35,6 +41,36 @@ template <typename Pixel> struct Image {
         return top + fy * (bottom - top);
     }
 };
+
+// Grey levels v[first..last] at `at + j spacing along`, whose both ends have all four pixels in the image. In runs, so that
+// what can be done for several at once is.
+template <typename Pixel>
+void sample_run(const Image<Pixel> &image, Vec at, Vec along, std::ptrdiff_t first, std::ptrdiff_t last, double *v) {
+    constexpr int most = 32;
+    double fx[most], fy[most];
+    std::int32_t column[most], row[most];
+    std::conditional_t<std::is_integral_v<Pixel>, std::int32_t, double> a[most], b[most], c[most], d[most];
+    for (std::ptrdiff_t start = first; start <= last; start += most) {
+        const int count = static_cast<int>(std::min<std::ptrdiff_t>(most, last - start + 1));
+        const auto from = static_cast<std::int32_t>(start);
+        for (int i = 0; i < count; ++i) {
+            const double distance = spacing * static_cast<double>(from + i);
+            const double x = at.x + distance * along.x, y = at.y + distance * along.y;
+            column[i] = static_cast<std::int32_t>(x), row[i] = static_cast<std::int32_t>(y);
+            fx[i] = x - static_cast<double>(column[i]), fy[i] = y - static_cast<double>(row[i]);
+        }
+        for (int i = 0; i < count; ++i) {
+            const Pixel *pixel = image.data + row[i] * image.width + column[i];
+            a[i] = pixel[0], b[i] = pixel[1], c[i] = pixel[image.width], d[i] = pixel[image.width + 1];
+        }
+        for (int i = 0; i < count; ++i) {
+            const double left = a[i], lower = c[i];
+            const double top = left + fx[i] * static_cast<double>(b[i] - a[i]);
+            const double bottom = lower + fx[i] * static_cast<double>(d[i] - c[i]);
+            v[start + i] = top + fy[i] * (bottom - top);
+        }
+    }
+}
 
 struct Edge {
     double offset = std::numeric_limits<double>::quiet_NaN(), strength = 0;
@@ -52,34 +88,41 @@ struct Profile {
     // Index of the strongest slope as asked for; `first` where there is none, or where it is at an end, so that the edge
     // may lie beyond.
     std::ptrdiff_t peak(int polarity) const {
-        double best = 0;
-        std::ptrdiff_t peak = first;
-        for (std::ptrdiff_t j = first + 1; j < last; ++j) {
-            const double g = slope(j);
-            const double score = polarity == 0 ? std::fabs(g) : (polarity > 0 ? g : -g);
-            if (score > best) best = score, peak = j;
-        }
+        const auto most = [&](auto score) {
+            double best = 0;
+            std::ptrdiff_t peak = first;
+            for (std::ptrdiff_t j = first + 1; j < last; ++j)
+                if (const double g = score(slope(j)); g > best) best = g, peak = j;
+            return peak;
+        };
+        const std::ptrdiff_t peak = polarity == 0  ? most([](double g) { return std::fabs(g); })
+                                    : polarity > 0 ? most([](double g) { return g; })
+                                                   : most([](double g) { return -g; });
         return peak == first + 1 || peak == last - 1 ? first : peak;
     }
 
     // Where gradients of one sign balance under the weight u (1 - u^2), u = (x - centre) / window: near `peak`, by
     // Newton's steps. A weight that fades out does not feel where the samples lie.
     double centre(double sign, double peak) const {
-        // All that any window about a centre within 1 px of the peak can hold.
+        // All that any window about a centre within 1 px of the peak can hold, and as much that counts nothing.
         constexpr std::ptrdiff_t most = static_cast<std::ptrdiff_t>(2 * (window + 1) / spacing) + 2;
+        constexpr std::ptrdiff_t wide = (static_cast<std::ptrdiff_t>(2 * window / spacing) + 3) / 2 * 2;
         const auto start = std::max(static_cast<std::ptrdiff_t>((peak - window - 1) / spacing) - 1, first);
         const auto stop = std::min(start + most - 1, last - 1);
         const auto count = stop - start + 1;
-        double gradient[most], place[most];
-        for (std::ptrdiff_t i = 0; i < count; ++i) {
-            gradient[i] = std::max(sign * (v[start + i + 1] - v[start + i]), 0.0);
-            place[i] = (at(start + i) + spacing / 2) / window;
-        }
+        double gradient[most + wide], place[most + wide];
+        for (std::ptrdiff_t i = 0; i < most + wide; ++i)
+            place[i] = (spacing * static_cast<double>(static_cast<int>(start + i)) + spacing / 2) / window;
+        for (std::ptrdiff_t i = 0; i < count; ++i) gradient[i] = std::max(sign * (v[start + i + 1] - v[start + i]), 0.0);
+        for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(count, 0); i < most + wide; ++i) gradient[i] = 0.0;
         double centre = peak;
         for (int round = 0; round < 3; ++round) {
             const double middle = centre / window;
             double mass[2] = {0, 0}, moment[2] = {0, 0}, rate[2] = {0, 0};  // two lanes, for the vector unit
-            for (std::ptrdiff_t i = 0; i + 1 < count; i += 2)
+            // The first that the window holds, or one before it.
+            const auto ahead = static_cast<std::ptrdiff_t>((centre - window) / spacing - 0.5 - static_cast<double>(start));
+            const auto begin = std::min(std::max<std::ptrdiff_t>(ahead, 0), most) / 2 * 2;
+            for (std::ptrdiff_t i = begin; i < begin + wide; i += 2)
                 for (int lane = 0; lane < 2; ++lane) {
                     const double u = place[i + lane] - middle, square = u * u, fade = std::max(1 - square, 0.0);
                     const double weighted = fade * gradient[i + lane];
@@ -87,12 +130,6 @@ struct Profile {
                     moment[lane] += weighted * u;
                     rate[lane] += fade > 0 ? (1 - 3 * square) * gradient[i + lane] : 0.0;
                 }
-            if (count % 2 == 1) {
-                const double u = place[count - 1] - middle, square = u * u, fade = std::max(1 - square, 0.0);
-                mass[0] += fade * gradient[count - 1];
-                moment[0] += fade * gradient[count - 1] * u;
-                rate[0] += fade > 0 ? (1 - 3 * square) * gradient[count - 1] : 0.0;
-            }
             const double before = centre;
             centre += window * (moment[0] + moment[1]) / std::max(rate[0] + rate[1], 0.2 * (mass[0] + mass[1]));
             centre = std::min(std::max(centre, peak - 1), peak + 1);
@@ -113,8 +150,9 @@ struct Profile {
     }
 };
 
-// The direction in which grey is to change is asked for each point: polarity(k) is +1, -1, or 0 for either.
-template <typename Pixel, typename Polarity>
+// The direction in which grey is to change is asked for each point: polarity(k) is +1, -1, or 0 for either. The grey levels
+// on the two sides of an edge are left out where nobody asks for them.
+template <bool Sides = true, typename Pixel, typename Polarity>
 void edge_search_each(const Image<Pixel> &image, Points points, const Vec *normals, double reach, Polarity polarity,
                       Edge *out) {
     const auto half = static_cast<std::ptrdiff_t>(reach / spacing + 1e-9);
@@ -133,8 +171,8 @@ void edge_search_each(const Image<Pixel> &image, Points points, const Vec *norma
         out[k] = Edge{};
         // The image is convex, so that what lies in it is one run.
         Profile profile{v, -half, half};
-        if (image.holds(place(-half)) && image.holds(place(half))) {
-            for (std::ptrdiff_t j = -half; j <= half; ++j) v[j] = image.sample(place(j));
+        if (image.surrounds(place(-half)) && image.surrounds(place(half))) {
+            sample_run(image, points[k], normals[k], -half, half, v);
         } else {
             while (profile.first <= half && !take(profile.first)) ++profile.first;
             for (std::ptrdiff_t j = profile.first + 1; j <= half; ++j)
@@ -148,9 +186,18 @@ void edge_search_each(const Image<Pixel> &image, Points points, const Vec *norma
         if (peak == profile.first) continue;
         const double strength = profile.slope(peak);
         Profile wide = profile;
+        if (image.surrounds(place(peak - margin)) && image.surrounds(place(peak + margin))) {
+            wide.first = std::min(wide.first, peak - margin), wide.last = std::max(wide.last, peak + margin);
+            sample_run(image, points[k], normals[k], wide.first, profile.first - 1, v);
+            sample_run(image, points[k], normals[k], profile.last + 1, wide.last, v);
+        }
         while (wide.first > peak - margin && take(wide.first - 1)) --wide.first;
         while (wide.last < peak + margin && take(wide.last + 1)) ++wide.last;
-        out[k] = profile.edge(wide.centre(strength > 0 ? 1.0 : -1.0, Profile::at(peak)), strength);
+        const double offset = wide.centre(strength > 0 ? 1.0 : -1.0, Profile::at(peak));
+        if (Sides)
+            out[k] = profile.edge(offset, strength);
+        else
+            out[k].offset = offset, out[k].strength = strength;
     }
 }
 

@@ -32,10 +32,13 @@ inline void settle_edges(const double *points, const double *normals, const doub
     }
 }
 
-inline void carry_normals(const double *H, const double *points, const double *normals, std::int64_t n, double *out) {
+// Of every `stride`-th of the points and normals, n in all.
+inline void carry_normals(const double *H, const double *points, const double *normals, std::int64_t n, double *out,
+                          std::int64_t stride = 1) {
     double h[9];
     for (int i = 0; i < 9; ++i) h[i] = H[i] / H[8];
-    for (std::int64_t i = 0; i < n; ++i, out += 5) {
+    for (std::int64_t k = 0; k < n; ++k, out += 5) {
+        const std::int64_t i = k * stride;
         const double x = points[2 * i], y = points[2 * i + 1], nx = normals[2 * i], ny = normals[2 * i + 1];
         const double w = h[6] * x + h[7] * y + 1.0;
         if (!(w > 1e-9)) {

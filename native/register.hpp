@@ -20,62 +20,41 @@ struct Registered {
     bool good = false;
 };
 
-// The motion of `motion` parameters that moves points by the offsets along their normals; parameters in px.
-class RobustFit {
-  public:
+// The whitened motion that leaves least; none of what slides along the outline.
+inline Row8 told_motion(const Motions &motions) {
+    Matrix8 N, L, V;
+    Row8 b, y{};
+    const int d = motions.d;
+    const double least = kSliding * kSliding * motions.normal_equations(N, b);
+    if (cholesky(N, least, d, L) && cholesky(N, 0.0, d, L)) return backward(L, forward(L, b, d), d);
+    const Row8 told = eigen(N, V, d);
+    for (int e = 0; e < d; ++e) {
+        if (!(told[e] > least)) continue;
+        double along = 0.0;
+        for (int r = 0; r < d; ++r) along += V[r][e] * b[r];
+        for (int r = 0; r < d; ++r) y[r] += V[r][e] * along / told[e];
+    }
+    return y;
+}
+
+// The motion that the points move by, in Tukey's biweight: its parameters in px. Leaves residuals, and weights in `motions`.
+inline Row8 robust_motion(Motions &motions, std::vector<double> &residual, std::vector<double> &size, double &noise) {
     Row8 x{};
-    std::vector<double> weight, residual;
-    double noise = 0.0;
-
-    RobustFit(const std::vector<Vec> &points, const std::vector<Vec> &normals, const std::vector<double> &offsets,
-              int motion)
-        : weight(points.size(), 1.0), residual(offsets) {
-        const std::size_t n = points.size();
-        std::vector<Row8> across(n), down(n), A(n);
-        for (std::size_t i = 0; i < n; ++i) {
-            fields(points[i].x, points[i].y, across[i], down[i]);
-            for (int j = motion; j < 8; ++j) across[i][j] = down[i][j] = 0.0;
+    motions.whiten();
+    double *weight = motions.weights();
+    for (int round = 0; round < kWeighings; ++round) {
+        x = motions.parameters(told_motion(motions));
+        motions.residuals(x, residual.data());
+        for (std::size_t i = 0; i < residual.size(); ++i) size[i] = std::fabs(residual[i]);
+        noise = std::max(1.4826 * lower_median_in_place(size), kLeastNoisePx);
+        const double scale = kTukey * noise;
+        for (std::size_t i = 0; i < residual.size(); ++i) {
+            const double u = residual[i] / scale, rest = 1.0 - u * u;
+            weight[i] = std::fabs(u) < 1.0 ? rest * rest : 0.0;
         }
-        const Matrix8 own = whitening(across, down);
-        for (std::size_t i = 0; i < n; ++i) {
-            for (int j = 0; j < 8; ++j) A[i][j] = normals[i].x * across[i][j] + normals[i].y * down[i][j];
-            A[i] = combined(A[i], own);
-        }
-        Row8 y{};
-        std::vector<double> size(n);
-        for (int round = 0; round < kWeighings; ++round) {
-            y = solved(A, offsets);
-            for (std::size_t i = 0; i < n; ++i) {
-                double expected = 0.0;
-                for (int j = 0; j < 8; ++j) expected += A[i][j] * y[j];
-                residual[i] = offsets[i] - expected;
-                size[i] = std::fabs(residual[i]);
-            }
-            noise = std::max(1.4826 * lower_median(size), kLeastNoisePx);
-            for (std::size_t i = 0; i < n; ++i) {
-                const double u = residual[i] / (kTukey * noise), rest = 1.0 - u * u;
-                weight[i] = std::fabs(u) < 1.0 ? rest * rest : 0.0;
-            }
-        }
-        for (int r = 0; r < motion; ++r)
-            for (int c = 0; c < 8; ++c) x[r] += own[r][c] * y[c];
     }
-
-  private:
-    Row8 solved(const std::vector<Row8> &A, const std::vector<double> &offsets) const {
-        Matrix8 N{}, V;
-        Row8 b{}, y{};
-        const double total = normal_equations(A, weight, offsets.data(), N, b);
-        const Row8 told = eigen(N, V);
-        for (int e = 0; e < 8; ++e) {
-            if (!(told[e] > kSliding * kSliding * total)) continue;
-            double along = 0.0;
-            for (int r = 0; r < 8; ++r) along += V[r][e] * b[r];
-            for (int r = 0; r < 8; ++r) y[r] += V[r][e] * along / told[e];
-        }
-        return y;
-    }
-};
+    return x;
+}
 
 // H moved by the homography near the identity with these parameters, in radii; whether its last element is not 0.
 inline bool move(double *H, const Row8 &x, Vec centre, double radius) {
@@ -117,9 +96,9 @@ inline Registered register_outline(const Image<std::uint8_t> &image, const doubl
     std::fill(left, left + m, nan);
     std::fill(weight, weight + m, 0.0);
     std::vector<double> moved(5 * m);
-    std::vector<Vec> at(m), along(m), where, across;
+    std::vector<Vec> at(m), along(m);
     std::vector<Edge> edges(m);
-    std::vector<double> offsets, gains;
+    std::vector<double> gains, residual, size;
     std::vector<std::size_t> index;
     const auto fail = [&] {
         std::fill(left, left + m, nan);
@@ -133,8 +112,7 @@ inline Registered register_outline(const Image<std::uint8_t> &image, const doubl
             if (rules.polarity != 0 || std::isinf(asked(i))) return rules.polarity;
             return asked(i) > 0 ? 1 : -1;
         };
-        for (std::size_t i = 0; i < n; ++i)
-            carry_normals(out.H, points + 2 * i * stride, normals + 2 * i * stride, 1, moved.data() + 5 * i);
+        carry_normals(out.H, points, normals, static_cast<std::int64_t>(n), moved.data(), strides[step]);
         Vec centre{0, 0};
         for (std::size_t i = 0; i < n; ++i) {
             for (int j = 0; j < 5; ++j)
@@ -147,32 +125,36 @@ inline Registered register_outline(const Image<std::uint8_t> &image, const doubl
         double spread = 0.0;
         for (std::size_t i = 0; i < n; ++i) spread += dot(at[i] - centre, at[i] - centre);
         const double radius = std::sqrt(spread / static_cast<double>(n));
-        edge_search_each(image, {at.data(), n}, along.data(), reaches[step], direction, edges.data());
+        edge_search_each<false>(image, {at.data(), n}, along.data(), reaches[step], direction, edges.data());
         gains.clear();
         for (std::size_t i = 0; i < n; ++i)
             if (std::isfinite(edges[i].offset) && std::fabs(edges[i].strength) >= rules.least_strength)
                 gains.push_back(std::fabs(edges[i].strength) / std::fabs(asked(i)));
-        const double gain = lower_median(gains);
-        index.clear(), where.clear(), across.clear(), offsets.clear();
+        const double gain = lower_median_in_place(gains);
+        index.clear();
         for (std::size_t i = 0; i < n; ++i) {
-            const double size = std::fabs(edges[i].strength);
-            if (!std::isfinite(edges[i].offset) || size < rules.least_strength ||
-                !(size >= rules.relative_strength * gain * std::fabs(asked(i))))
-                continue;
-            index.push_back(i * stride);
-            where.push_back((1.0 / radius) * (at[i] - centre));
-            across.push_back(along[i]);
-            offsets.push_back(edges[i].offset);
+            const double strong = std::fabs(edges[i].strength);
+            if (std::isfinite(edges[i].offset) && strong >= rules.least_strength &&
+                strong >= rules.relative_strength * gain * std::fabs(asked(i)))
+                index.push_back(i);
         }
         if (index.size() < kEnough) return fail();
-        const RobustFit fit(where, across, offsets, static_cast<int>(motions[step]));
-        Row8 x = fit.x;
+        Motions fit(index.size(), static_cast<int>(motions[step]));
+        for (std::size_t k = 0; k < index.size(); ++k) {
+            const Vec where = (1.0 / radius) * (at[index[k]] - centre), normal = along[index[k]];
+            fit.set(k, where.x, where.y, normal.x, normal.y, edges[index[k]].offset);
+        }
+        residual.resize(index.size());
+        size.resize(index.size());
+        Row8 x = robust_motion(fit, residual, size, out.noise);
         for (double &value : x) value /= radius;
         if (!move(out.H, x, centre, radius)) return fail();
         std::fill(left, left + m, nan);
         std::fill(weight, weight + m, 0.0);
-        for (std::size_t k = 0; k < index.size(); ++k) left[index[k]] = fit.residual[k], weight[index[k]] = fit.weight[k];
-        out.noise = fit.noise;
+        for (std::size_t k = 0; k < index.size(); ++k) {
+            left[index[k] * stride] = residual[k];
+            weight[index[k] * stride] = fit.weights()[k];
+        }
     }
     out.good = true;
     return out;

@@ -3,107 +3,74 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <vector>
+
+#include "motions.hpp"
 
 namespace grasptrack {
 
 constexpr int kRounds = 3;
 constexpr double kLeastNoise = 0.2;
-constexpr double kSliding = 0.16;
-constexpr double kSlight = 1e-6;
 
-using Row8 = std::array<double, 8>;
-using Matrix8 = std::array<Row8, 8>;
-
-// Rows x and y of the displacement fields at one point.
-inline void fields(double x, double y, Row8 &fx, Row8 &fy) {
-    fx = {1.0, 0.0, x, -y, x, y, x * x, x * y};
-    fy = {0.0, 1.0, y, x, -y, x, x * y, y * y};
-}
-
-// Eigenvalues and eigenvectors (columns of V) of a symmetric matrix by Jacobi's rotations.
-inline Row8 eigen(Matrix8 S, Matrix8 &V) {
-    V = {};
-    for (int i = 0; i < 8; ++i) V[i][i] = 1.0;
-    for (int sweep = 0; sweep < 30; ++sweep) {
-        double off = 0.0, all = 0.0;
-        for (int i = 0; i < 8; ++i)
-            for (int j = 0; j < 8; ++j) (i == j ? all : off) += S[i][j] * S[i][j];
-        if (off <= 1e-28 * all || all == 0.0) break;
-        for (int p = 0; p < 7; ++p)
-            for (int q = p + 1; q < 8; ++q) {
-                if (S[p][q] == 0.0) continue;
-                const double theta = (S[q][q] - S[p][p]) / (2.0 * S[p][q]);
-                const double t = (theta >= 0 ? 1.0 : -1.0) / (std::abs(theta) + std::sqrt(theta * theta + 1.0));
-                const double c = 1.0 / std::sqrt(t * t + 1.0), s = t * c;
-                for (int k = 0; k < 8; ++k) {
-                    const double a = S[k][p], b = S[k][q];
-                    S[k][p] = c * a - s * b;
-                    S[k][q] = s * a + c * b;
-                }
-                for (int k = 0; k < 8; ++k) {
-                    const double a = S[p][k], b = S[q][k];
-                    S[p][k] = c * a - s * b;
-                    S[q][k] = s * a + c * b;
-                    const double u = V[k][p], v = V[k][q];
-                    V[k][p] = c * u - s * v;
-                    V[k][q] = s * u + c * v;
-                }
-            }
-    }
-    Row8 values;
-    for (int i = 0; i < 8; ++i) values[i] = S[i][i];
-    return values;
-}
-
-inline double lower_median(std::vector<double> values) {
+// Disorders the values.
+inline double lower_median_in_place(std::vector<double> &values) {
     if (values.empty()) return 0.0;
     const auto middle = values.begin() + static_cast<std::ptrdiff_t>((values.size() - 1) / 2);
     std::nth_element(values.begin(), middle, values.end());
     return *middle;
 }
 
-// Parameters of eight motions that each displace the points by 1 px rms, as columns.
-inline Matrix8 whitening(const std::vector<Row8> &across, const std::vector<Row8> &along) {
-    Matrix8 energy{}, own{}, V;
-    for (std::size_t i = 0; i < across.size(); ++i)
-        for (int r = 0; r < 8; ++r)
-            for (int c = 0; c < 8; ++c) energy[r][c] += across[i][r] * across[i][c] + along[i][r] * along[i][c];
-    for (auto &row : energy)
-        for (double &value : row) value /= static_cast<double>(across.size());
-    const Row8 size = eigen(energy, V);
-    const double least = kSlight * *std::max_element(size.begin(), size.end());
-    for (int r = 0; r < 8; ++r)
-        for (int c = 0; c < 8; ++c) own[r][c] = V[r][c] / std::sqrt(std::max(size[c], least));
-    return own;
-}
+inline double lower_median(std::vector<double> values) { return lower_median_in_place(values); }
 
-inline Row8 combined(const Row8 &row, const Matrix8 &own) {
-    Row8 out{};
-    for (int r = 0; r < 8; ++r)
-        for (int c = 0; c < 8; ++c) out[c] += row[r] * own[r][c];
-    return out;
-}
+// The parameters of whitened motions and their covariance, given the noise of the offsets and how loose the motions are
+// before any is looked at. What slides along the outline, below `sliding`, stays as loose as it was.
+struct Loosely {
+    explicit Loosely(double loose) : loose(loose) {}
 
-// A'WA and A'Wb of weighted rows; gives the sum of the weights.
-inline double normal_equations(const std::vector<Row8> &A, const std::vector<double> &weight, const double *offsets,
-                               Matrix8 &N, Row8 &b) {
-    double total = 0.0;
-    for (std::size_t i = 0; i < A.size(); ++i) {
-        total += weight[i];
-        for (int r = 0; r < 8; ++r) {
-            const double wa = weight[i] * A[i][r];
-            b[r] += wa * offsets[i];
-            for (int c = 0; c <= r; ++c) N[r][c] += wa * A[i][c];
+    void solve(const Matrix8 &N, const Row8 &b, double sliding, double noise, bool spread) {
+        const double sure = 1.0 / (noise * noise), prior = 1.0 / (loose * loose);
+        Matrix8 seen, L;
+        if (cholesky(N, sliding, 8, L) && cholesky(N, 0.0, 8, L)) {  // every motion is told: all eigenvalues exceed it
+            const Row8 y = backward(L, forward(L, b, 8), 8);
+            Row8 told{};
+            for (int r = 0; r < 8; ++r)
+                for (int c = 0; c < 8; ++c) {
+                    const double kept = N[r][c] - (r == c ? sliding : 0.0);
+                    told[r] += kept * y[c] * sure;
+                    seen[r][c] = kept * sure + (r == c ? prior : 0.0);
+                }
+            cholesky(seen, 0.0, 8, L);
+            x = backward(L, forward(L, told, 8), 8);
+            if (!spread) return;
+            for (int c = 0; c < 8; ++c) {
+                Row8 unit{};
+                unit[c] = 1.0;
+                C[c] = backward(L, forward(L, unit, 8), 8);
+            }
+            return;
+        }
+        Matrix8 V;
+        const Row8 told = eigen(N, V);
+        C = {};
+        x = {};
+        for (int e = 0; e < 8; ++e) {
+            const double kept = std::max(told[e] - sliding, 0.0), variance = 1.0 / (kept * sure + prior);
+            const double share = kept / std::max(kept + sliding, 1e-300);
+            double along = 0.0;
+            for (int r = 0; r < 8; ++r) along += V[r][e] * b[r];
+            for (int r = 0; r < 8; ++r) {
+                x[r] += V[r][e] * variance * share * along * sure;
+                for (int c = 0; c < 8; ++c) C[r][c] += V[r][e] * variance * V[c][e];
+            }
         }
     }
-    for (int r = 0; r < 8; ++r)
-        for (int c = 0; c < r; ++c) N[c][r] = N[r][c];
-    return total;
-}
+
+    const double loose;
+    Row8 x{};
+    Matrix8 C{};
+};
 
 inline void projective_step(const double *points, const double *normals, const double *offsets, std::int64_t m,
                             const double *contacts, std::int64_t k, double radius, double loose, double *shift,
@@ -115,68 +82,42 @@ inline void projective_step(const double *points, const double *normals, const d
     cx /= static_cast<double>(count);
     cy /= static_cast<double>(count);
 
-    std::vector<Row8> A(m), across(m), down(m);
-    std::vector<double> weight(m, 1.0), residual(m);
-    Row8 fx, fy;
-    for (std::int64_t i = 0; i < m; ++i)
-        fields((points[2 * i] - cx) / radius, (points[2 * i + 1] - cy) / radius, across[i], down[i]);
-    Matrix8 own{};
-    for (int i = 0; i < 8; ++i) own[i][i] = 1.0;
-    if (m > 0) own = whitening(across, down);
-    for (std::int64_t i = 0; i < m; ++i) {
-        for (int j = 0; j < 8; ++j) A[i][j] = normals[2 * i] * across[i][j] + normals[2 * i + 1] * down[i][j];
-        A[i] = combined(A[i], own);
-        residual[i] = std::abs(offsets[i]);
+    const auto n = static_cast<std::size_t>(m);
+    Motions motions(n, 8);
+    std::vector<double> residual(n), size(n);
+    for (std::size_t i = 0; i < n; ++i) {
+        motions.set(i, (points[2 * i] - cx) / radius, (points[2 * i + 1] - cy) / radius, normals[2 * i],
+                    normals[2 * i + 1], offsets[i]);
+        size[i] = std::abs(offsets[i]);
     }
-    double noise = std::max(1.4826 * lower_median(residual), kLeastNoise);
-    Matrix8 C{};
-    Row8 x{};
-    auto solve = [&] {
-        Matrix8 N{}, V;
-        Row8 b{};
-        const double total = normal_equations(A, weight, offsets, N, b);
-        Row8 told = eigen(N, V);
-        C = {};
-        x = {};
-        const double sliding = kSliding * kSliding * total;
-        for (int e = 0; e < 8; ++e) {
-            const double kept = std::max(told[e] - sliding, 0.0);
-            const double variance = 1.0 / (kept / (noise * noise) + 1.0 / (loose * loose));
-            const double share = kept / std::max(kept + sliding, 1e-300);
-            double along = 0.0;
-            for (int r = 0; r < 8; ++r) along += V[r][e] * b[r];
-            for (int r = 0; r < 8; ++r) {
-                x[r] += V[r][e] * variance * share * along / (noise * noise);
-                for (int c = 0; c < 8; ++c) C[r][c] += V[r][e] * variance * V[c][e];
-            }
-        }
-    };
+    motions.whiten();
+    double noise = std::max(1.4826 * lower_median_in_place(size), kLeastNoise);
+    Loosely solved(loose);
     for (int round = 0; round < kRounds; ++round) {
-        solve();
+        Matrix8 N;
+        Row8 b;
+        const double total = motions.normal_equations(N, b);
+        solved.solve(N, b, kSliding * kSliding * total, noise, round + 1 == kRounds);
         if (round + 1 == kRounds) break;
-        for (std::int64_t i = 0; i < m; ++i) {
-            double expected = 0.0;
-            for (int j = 0; j < 8; ++j) expected += A[i][j] * x[j];
-            residual[i] = std::abs(offsets[i] - expected);
-        }
-        noise = std::max(1.4826 * lower_median(residual), kLeastNoise);
-        for (std::int64_t i = 0; i < m; ++i)
-            weight[i] = std::min(1.0, 2.0 * noise / std::max(residual[i], 1e-12));
+        motions.residuals(motions.parameters(solved.x), residual.data());
+        for (std::size_t i = 0; i < n; ++i) size[i] = residual[i] = std::abs(residual[i]);
+        noise = std::max(1.4826 * lower_median_in_place(size), kLeastNoise);
+        double *weight = motions.weights();
+        for (std::size_t i = 0; i < n; ++i) weight[i] = std::min(1.0, 2.0 * noise / std::max(residual[i], 1e-12));
     }
+    const Row8 x = motions.parameters(solved.x);
+    const Matrix8 C = motions.parameters(solved.C);
     for (std::int64_t i = 0; i < k; ++i) {
+        Row8 fx, fy, cfx{}, cfy{};
         fields((contacts[2 * i] - cx) / radius, (contacts[2 * i + 1] - cy) / radius, fx, fy);
-        fx = combined(fx, own), fy = combined(fy, own);
-        double c[4] = {0.0, 0.0, 0.0, 0.0}, sx = 0.0, sy = 0.0;
+        double sx = 0.0, sy = 0.0, xx = 0.0, xy = 0.0, yy = 0.0;
         for (int r = 0; r < 8; ++r) {
             sx += fx[r] * x[r];
             sy += fy[r] * x[r];
-            for (int s = 0; s < 8; ++s) {
-                c[0] += fx[r] * C[r][s] * fx[s];
-                c[1] += fx[r] * C[r][s] * fy[s];
-                c[2] += fy[r] * C[r][s] * fx[s];
-                c[3] += fy[r] * C[r][s] * fy[s];
-            }
+            for (int s = 0; s < 8; ++s) cfx[r] += C[r][s] * fx[s], cfy[r] += C[r][s] * fy[s];
         }
+        for (int r = 0; r < 8; ++r) xx += fx[r] * cfx[r], xy += fx[r] * cfy[r], yy += fy[r] * cfy[r];
+        const double c[4] = {xx, xy, xy, yy};
         shift[2 * i] = sx;
         shift[2 * i + 1] = sy;
         std::copy(c, c + 4, covariance + 4 * i);

@@ -139,6 +139,23 @@ def outline_support(
     other_ground: float,
     loose: float,
 ) -> tuple[float, float, Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], Floats, Floats]: ...
+def weigh_edges(
+    image: NDArray[np.uint8],
+    points: Floats,
+    normals: Floats,
+    edges: Floats,
+    inside: NDArray[np.bool_],
+    found: NDArray[np.bool_],
+    reference_inside: Floats,
+    reference_outside: Floats,
+    contacts: int,
+    polarity: int,
+    reach: float,
+    size: float,
+    beside: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+    hidden: NDArray[np.uint8] | None,
+) -> tuple[float, float, float, float, Floats, float, tuple[float, float], NDArray[np.bool_]]: ...
 def closing_triples(
     contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float
 ) -> tuple[NDArray[np.int64], Floats, Floats]: ...

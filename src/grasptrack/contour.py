@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,7 +34,7 @@ class Contour:
         ContourError: not (N, 2), fewer than 8 points, not finite, or no area.
     """
 
-    __slots__ = ("_arc", "clipped", "hole", "offsets", "points", "signed_area", "strength")
+    __slots__ = ("_arc", "_bounds", "clipped", "hole", "offsets", "points", "signed_area", "strength")
 
     def __init__(
         self,
@@ -74,6 +75,7 @@ class Contour:
         self.signed_area = area
         self.offsets: NDArray[np.int64] = np.array([0, len(pts)], dtype=np.int64)
         self._arc: Floats | None = None
+        self._bounds: tuple[tuple[float, float], tuple[float, float]] | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -99,6 +101,14 @@ class Contour:
         return float(self.arc_length[-1])
 
     @property
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The least and the largest (x, y) px of the curve."""
+        if self._bounds is None:
+            (left, top), (right, bottom) = self.points.min(axis=0).tolist(), self.points.max(axis=0).tolist()
+            self._bounds = (left, top), (right, bottom)
+        return self._bounds
+
+    @property
     def contours(self) -> tuple[Contour, ...]:
         """The contour alone, so that it serves wherever a View does."""
         return (self,)
@@ -109,10 +119,68 @@ class Contour:
         return
 
     def transformed(self, H: ArrayLike) -> Contour:
-        """The same curve under a homography (3, 3) that keeps it in front of the camera."""
+        """The same curve under a homography (3, 3) that keeps it in front of the camera.
+
+        Its points are worked out when they are first asked for: a tracker's outline is mostly there to be drawn.
+
+        Raises:
+            ConditioningError: H sends part of the curve to infinity.
+            ContourError: what comes out has no area.
+        """
+        carried = _Transformed(self, np.array(H, dtype=np.float64))
+        if not carried.is_sure:
+            carried.work_out()
+        return carried
+
+
+class _Transformed(Contour):
+    """A curve under a homography, worked out late."""
+
+    __slots__ = ("_H", "_source")
+    _LATE = frozenset(("clipped", "offsets", "points", "signed_area", "strength"))
+
+    def __init__(self, source: Contour, H: Floats) -> None:
+        self._source, self._H = source, H
+        self.hole = source.hole
+        self._arc = self._bounds = None
+        if source.strength is None:
+            self.strength = None
+        if source.clipped is None:
+            self.clipped = None
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self._LATE:
+            raise AttributeError(f"a contour has no attribute {name!r}")
+        self.work_out()
+        return getattr(self, name)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Transformed, (self._source, self._H)
+
+    def work_out(self) -> None:
+        """Carry the points; raises what `transformed` does."""
         from grasptrack.projective import apply_homography
 
-        return Contour(apply_homography(H, self.points), hole=self.hole, strength=self.strength, clipped=self.clipped)
+        source = self._source
+        points = apply_homography(self._H, source.points)
+        super().__init__(points, hole=source.hole, strength=source.strength, clipped=source.clipped)
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether nothing can go wrong: the curve's bounding box lies in front of the camera, the curve keeps an area."""
+        (left, top), (right, bottom) = self._source.bounds
+        rows: list[list[float]] = self._H.tolist()
+        g, h, i = rows[2]
+        depths = [g * x + h * y + i for x in (left, right) for y in (top, bottom)]
+        farthest = max(depths)
+        # area shrinks by at most the determinant over the cube of the depth
+        area = self._source.area * abs(_determinant(rows))
+        return min(depths) > 1e-6 * max(farthest, 1.0) and len(self._source) * farthest**3 < area < math.inf
+
+
+def _determinant(rows: list[list[float]]) -> float:
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 class View:
@@ -126,7 +194,7 @@ class View:
         ContourError: no contour, a hole in first place, or a second outer contour.
     """
 
-    __slots__ = ("contours", "image", "offsets", "points")
+    __slots__ = ("_joined", "contours", "image")
 
     def __init__(self, contours: Sequence[Contour] | Contour, image: NDArray[Any] | None = None) -> None:
         listed = (contours,) if isinstance(contours, Contour) else tuple(contours)
@@ -136,14 +204,30 @@ class View:
             raise ContourError("a view has one outer contour, in first place, and then only holes")
         self.contours = listed
         self.image = image
-        if len(listed) == 1:
-            self.points, self.offsets = listed[0].points, listed[0].offsets
-        else:
-            self.points = np.ascontiguousarray(np.concatenate([c.points for c in listed]))
-            self.offsets = np.cumsum([0, *(len(c) for c in listed)], dtype=np.int64)
+        self._joined: tuple[Floats, NDArray[np.int64]] | None = None
 
     def __repr__(self) -> str:
         return f"View({len(self.contours)} contours, {len(self.points)} points)"
+
+    @property
+    def points(self) -> Floats:
+        """(N, 2) px of all contours."""
+        return self._together()[0]
+
+    @property
+    def offsets(self) -> NDArray[np.int64]:
+        """(C + 1,): contour c is ``points[offsets[c]:offsets[c + 1]]``."""
+        return self._together()[1]
+
+    def _together(self) -> tuple[Floats, NDArray[np.int64]]:
+        if self._joined is None:
+            listed = self.contours
+            if len(listed) == 1:
+                self._joined = listed[0].points, listed[0].offsets
+            else:
+                points = np.ascontiguousarray(np.concatenate([c.points for c in listed]))
+                self._joined = points, np.cumsum([0, *(len(c) for c in listed)], dtype=np.int64)
+        return self._joined
 
     @property
     def outer(self) -> Contour:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from grasptrack.errors import ConditioningError
 from grasptrack.motion import Motion, wrapped
 from grasptrack.observation.images import Grey
-from grasptrack.projective import apply_homography, jacobian
+from grasptrack.projective import HORIZON, apply_homography, jacobian
 from grasptrack.reference import Reference
 
 Floats = NDArray[np.float64]
@@ -141,11 +141,10 @@ class Whereabouts:
 
     def _shift(self, H: Floats) -> tuple[float, float]:
         """Of the centre relative to the expected one: in sqrt(area), and in px."""
-        expected = self.motion.predict()
-        centre = np.array([self._reference.centre])
-        moved = apply_homography(H, centre) - apply_homography(expected, centre)
-        px = math.hypot(*moved[0].tolist())
-        return px / (self._reference.size * math.sqrt(_growth(expected, self._reference.centre))), px
+        expected, centre = self.motion.predict(), self._reference.centre
+        (x, y), (u, v) = _carried(H, centre), _carried(expected, centre)
+        px = math.hypot(x - u, y - v)
+        return px / (self._reference.size * math.sqrt(_growth(expected, centre))), px
 
     def _is_step(self, H: Floats) -> bool:
         """Whether a pose is so near to the expected one that nothing else can be meant."""
@@ -209,7 +208,26 @@ def _growth(H: Floats, centre: tuple[float, float]) -> float:
 
 def _bend(H: Floats, expected: Floats, centre: tuple[float, float]) -> float:
     """Ratio of the two magnifications, at the centre, of what takes the expected view to the found one."""
-    first = np.array(jacobian(expected, *centre)).reshape(2, 2)
-    second = np.array(jacobian(H, *centre)).reshape(2, 2)
-    s = np.linalg.svd(second @ np.linalg.inv(first), compute_uv=False)
-    return float(s[0] / max(s[1], 1e-12))
+    a, b, c, d = jacobian(expected, *centre)
+    e, f, g, h = jacobian(H, *centre)
+    determinant = a * d - b * c
+    if determinant == 0.0:
+        return math.inf
+    # of the found one after the inverse of the expected one
+    p, q, r, s = e * d - f * c, f * a - e * b, g * d - h * c, h * a - g * b
+    mean, half = math.hypot(p + s, r - q), math.hypot(p - s, q + r)
+    return (mean + half) / max(abs(mean - half), 2e-12 * abs(determinant))
+
+
+def _carried(H: Floats, point: tuple[float, float]) -> tuple[float, float]:
+    """Where a homography takes one point.
+
+    Raises:
+        ConditioningError: to infinity.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = H.tolist()
+    x, y = point
+    w = g * x + h * y + i
+    if not abs(w) > HORIZON:
+        raise ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
+    return (a * x + b * y + c) / w, (d * x + e * y + f) / w

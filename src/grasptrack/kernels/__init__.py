@@ -56,6 +56,7 @@ try:
         settle_edges,
         soft_threshold,
         trace_edges,
+        weigh_edges,
     )
 
     BACKEND = "native"
@@ -101,6 +102,7 @@ except ImportError as error:
         settle_edges,
         soft_threshold,
         trace_edges,
+        weigh_edges,
     )
 
     BACKEND = "numpy"
@@ -153,4 +155,5 @@ __all__ = [
     "settle_edges",
     "soft_threshold",
     "trace_edges",
+    "weigh_edges",
 ]

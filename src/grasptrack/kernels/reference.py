@@ -30,6 +30,7 @@ from grasptrack.kernels.reference_registration import register_outline
 from grasptrack.kernels.reference_support import outline_support
 from grasptrack.kernels.reference_threshold import soft_threshold
 from grasptrack.kernels.reference_triples import closing_triples
+from grasptrack.kernels.reference_weighing import weigh_edges
 from grasptrack.kernels.reference_wrench import force_closure
 
 __all__ = [
@@ -73,4 +74,5 @@ __all__ = [
     "settle_edges",
     "soft_threshold",
     "trace_edges",
+    "weigh_edges",
 ]

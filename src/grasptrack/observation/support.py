@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import Bools, View
 from grasptrack.errors import ConditioningError
-from grasptrack.observation.contradiction import CLEAR, attached, contradicted, levels_at
+from grasptrack.kernels.reference_contradiction import attached
+from grasptrack.kernels.reference_weighing import expected_levels
 from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
@@ -36,21 +37,10 @@ RELATIVE_STRENGTH = 0.3
 OTHER_GROUND = 0.3
 """An edge whose far side differs from the ground round the rest of the outline by this share of the contrast may be the
 edge of something in front. It does not speak against the outline, but it fixes nothing."""
-HOPELESS = 0.5
-"""Where more of the samples than this miss their edge, it is not worth while to ask why."""
 KNOWN_BESIDE = 3
 """Samples on either side of one that speaks against the outline in its own image, which tell nothing later either."""
-BESIDE = 1.75
-"""px from an edge, the material of a thin part begins and has not ended."""
-LEAST = 8
-"""Edges that must be found before their levels tell what ground and material look like."""
 LOOSE = 0.25
 """What the outline does not show of a motion may be as large as this fraction of sqrt(area)."""
-
-
-MATERIAL = 0.3
-"""Across an edge of an object of several colours, grey changes at least by this share of what it does elsewhere: on
-either side of a line on the ground it is the same."""
 
 
 class Support(NamedTuple):
@@ -152,13 +142,17 @@ class OutlineSamples:
         self._beside: Bools = np.zeros(self.count, dtype=np.bool_)
         if not polarity:
             # what lies at the object from the first tells nothing later
-            self._beside = self._attached(
+            ground, material = expected_levels(edges[keep], strong[keep], self.inside, self.outside, polarity)
+            first = slice(self.count)
+            self._beside = attached(
                 grey,
-                self.points,
-                self.normals,
-                *self._levels(edges[keep], strong[keep]),
+                self.points[first],
+                self.normals[first],
+                material[first],
+                ground[first],
                 MIN_REACH,
                 math.sqrt(self.area),
+                hidden,
             )
         # nor does what already speaks against the outline where it was seen first, as print that reaches its edge may
         self._known: Bools = np.zeros(self.count, dtype=np.bool_)
@@ -197,91 +191,25 @@ class OutlineSamples:
             raise ConditioningError("the homography sends part of the object to infinity")
         if covered is not None:
             inside = inside & ~covered
-        asked = int(np.count_nonzero(inside & self.outline))
-        ground, material = self._levels(edges, found)
-        # an edge without material on its inner side, a line on the ground for one, is none of the outline's
-        offset = np.where(found, edges[:, 0], 0.0) - BESIDE
-        within = levels_at(grey, points + offset[:, None] * normals)
-        if self.polarity:
-            found = found & ~(np.abs(within - ground) < np.abs(within - material))
-        else:  # in shadow both sides are darker
-            lit = np.clip(edges[:, 3] / np.maximum(ground, 1.0), 0.0, 1.0)
-            found = found & ~(np.abs(within - edges[:, 3]) < MATERIAL * lit * np.abs(material - ground))
-        hits = np.abs(edges[found & self.outline, 0])
-        return Support(
-            len(hits) / asked if asked else 0.0,
-            asked / self.count,
-            math.sqrt(float(hits @ hits) / len(hits)) if len(hits) else math.inf,
-            float(np.partition(hits, (9 * len(hits)) // 10)[(9 * len(hits)) // 10]) if len(hits) else math.inf,
+        share, visible, rms, spread, seen, against, levels, self.against = kernels.weigh_edges(
+            grey,
+            points,
+            normals,
+            edges,
+            inside,
+            found,
+            self.inside,
+            self.outside,
+            self.contacts,
+            self.polarity,
             reach,
-            shift,
-            covariance,
-            found[~self.outline].reshape(self.contacts, PER_CONTACT).mean(axis=1),
             size,
-            self._contradicted(grey, points, normals, inside, found, ground, material, reach, size) / asked
-            if asked
-            else 0.0,
-            (float(np.median(edges[found, 2])), float(np.median(edges[found, 3])))
-            if found.any()
-            else (math.nan, math.nan),
+            self._beside,
+            self._known,
+            self._hidden,
         )
-
-    def _levels(self, edges: Floats, found: Bools) -> tuple[Floats, Floats]:
-        """(n,) grey levels of the ground and of the material to expect at each sample; NaN where they tell nothing."""
-        if np.count_nonzero(found) < LEAST:
-            nothing = np.full(len(edges), math.nan)
-            return nothing, nothing
-        beyond = edges[found, 3]
-        light = float(np.median(beyond))
-        spread = 1.4826 * float(np.median(np.abs(beyond - light)))
-        if self.polarity:
-            material = self.inside + float(np.median(edges[found, 2] - self.inside[found]))
-        else:
-            material = light + self._gain(edges, found, light) * (self.inside - float(np.median(self.outside[found])))
-        return np.where(np.abs(light - material) > CLEAR * spread, light, math.nan), material
-
-    def _gain(self, edges: Floats, found: Bools, light: float) -> float:
-        """By how much more the material differs from the ground than in the reference: what is lighter and what is
-        darker than the ground changes alike."""
-        then = self.inside[found] - float(np.median(self.outside[found]))
-        clear = np.abs(then) >= 0.5 * float(np.nanmax(np.abs(then)))
-        return float(np.median((edges[found, 2] - light)[clear] / then[clear]))
-
-    def _contradicted(
-        self,
-        grey: Grey,
-        points: Floats,
-        normals: Floats,
-        inside: Bools,
-        found: Bools,
-        ground: Floats,
-        material: Floats,
-        reach: float,
-        size: float,
-    ) -> int:
-        """How many samples of the outline the image contradicts."""
-        use, missed = self.outline, inside & ~found
-        self.missed = missed[use]
-        self.against = np.zeros(self.count, dtype=np.bool_)
-        if np.count_nonzero(missed & use) > HOPELESS * len(missed):
-            return 0
-        against = np.zeros(self.count, dtype=np.bool_)
-        if (missed & use).any():
-            against = contradicted(
-                grey, points[use], normals[use], missed[use], material[use], ground[use], reach, size, self._hidden
-            )
-        if not self.polarity:
-            more = self._attached(grey, points, normals, ground, material, reach, size)
-            against = against | (more & inside[use] & ~self._beside)
-        self.against = against & ~self._known
-        return int(np.count_nonzero(self.against))
-
-    def _attached(
-        self, grey: Grey, points: Floats, normals: Floats, ground: Floats, material: Floats, reach: float, size: float
-    ) -> Bools:
-        """(count,) samples of the outline beyond which something of one of the object's colours ends farther out."""
-        use = self.outline
-        return attached(grey, points[use], normals[use], material[use], ground[use], reach, size, self._hidden)
+        self.missed = (inside & ~found)[self.outline]
+        return Support(share, visible, rms, spread, reach, shift, covariance, seen, size, against, levels)
 
     def _covered(self, H: Floats) -> Bools | None:
         """(n,) samples that H puts where nothing belongs to the scene; None where that is nowhere."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the image shows where an outline should be and is not: another shape, or something in front of it.
+"""NumPy reference of what an image shows where an outline should be and is not: another shape, or a cover.
 
 A covered edge says nothing. Ground where material should be, or material that ends farther out than it should, says
 that this is another object, however well the rest of the outline fits: a near twin, or its mirror image.
@@ -12,10 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.contour import Bools
-from grasptrack.observation.images import Grey
-
+Grey = NDArray[np.uint8]
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 ALIKE = 0.3
 """A grey level is the ground's or the object's within this share of the contrast between them."""
@@ -33,8 +32,6 @@ DEEP = 2.0
 """It is no contradiction but a transfer that is a little off when the edge lies within so many times the reach."""
 COLOURS = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Quantiles of the grey along the inner side of an outline that stand for the object's colours."""
-CLEAR = 3.0
-"""The contrast must exceed so many times the levels' own spread, or they tell nothing apart."""
 
 
 def contradicted(
