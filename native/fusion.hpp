@@ -10,6 +10,7 @@
 #include "evidence.hpp"
 #include "outline.hpp"
 #include "register.hpp"
+#include "register.hpp"
 #include "registration.hpp"
 
 namespace grasptrack {
@@ -380,12 +381,13 @@ inline bool outline_equations(const Image<std::uint8_t> &image, const double *H,
     double spread = 0.0;
     for (std::size_t i = 0; i < m; ++i) spread += dot(at[i] - out.centre, at[i] - out.centre);
     out.radius = std::sqrt(spread / static_cast<double>(m));
-    std::vector<Row8> across(m), down(m);
+    Motions motions(m, 8);
     for (std::size_t i = 0; i < m; ++i) {
         const Vec place = (1.0 / out.radius) * (at[i] - out.centre);
-        fields(place.x, place.y, across[i], down[i]);
+        motions.set(i, place.x, place.y, along[i].x, along[i].y, 0.0);
     }
-    out.basis = whitening(across, down);
+    motions.whiten();
+    out.basis = motions.own;
 
     std::vector<Edge> edges(m);
     const auto direction = [&](std::size_t i) {
@@ -416,18 +418,15 @@ inline bool outline_equations(const Image<std::uint8_t> &image, const double *H,
     if (found.empty()) return true;
     Equations &row = out.rows[0];
     row.noise = std::max(quiet(size), kLeastNoisePx);
-    std::vector<Row8> A(found.size());
-    std::vector<double> w(found.size()), offsets(found.size());
-    for (std::size_t k = 0; k < found.size(); ++k) {
-        const std::size_t i = found[k];
-        offsets[k] = left[i] = edges[i].offset;
-        w[k] = weight[i] = tukey(edges[i].offset / row.noise);
-        for (int j = 0; j < 8; ++j) A[k][j] = along[i].x * across[i][j] + along[i].y * down[i][j];
-        A[k] = combined(A[k], out.basis);
+    std::fill(motions.weights(), motions.weights() + m, 0.0);
+    for (const std::size_t i : found) {
+        left[i] = edges[i].offset;
+        weight[i] = motions.weights()[i] = tukey(edges[i].offset / row.noise);
+        motions.set_offset(i, edges[i].offset);
     }
     Matrix8 told{}, chance{}, seen{};
     Row8 b{};
-    row.total = normal_equations(A, w, offsets.data(), told, b);
+    row.total = motions.normal_equations(told, b);
     for (int i = 0; i < 8; ++i) chance[i][i] = kSliding * kSliding * row.total;
     row.N = row.sure = without_chance(told, chance, &seen);
     for (int r = 0; r < 8; ++r)

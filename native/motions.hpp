@@ -45,6 +45,8 @@ class Motions {
         for (int k = 0; k < kMoments; ++k) energy_[k] += moments[k];
     }
 
+    void set_offset(std::size_t i, double offset) { values_[kOffset * padded_ + i] = offset; }
+
     // To be called when all points are set.
     void whiten() {
         Matrix8 E{}, V, L;
