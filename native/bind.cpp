@@ -17,6 +17,7 @@
 #include "arrays.hpp"
 #include "bind_grasp.hpp"
 #include "bind_images.hpp"
+#include "bind_match.hpp"
 #include "contact.hpp"
 #include "curvature.hpp"
 #include "grasp_line.hpp"
@@ -322,5 +323,6 @@ NB_MODULE(_native, m) {
     m.def("resample", &py_resample, "points"_a, "count"_a, "smooth"_a);
     m.def("select_points", &py_select_points, "points"_a, "arc"_a, "curvature"_a, "separation"_a, "prominence"_a);
     bind_images(m);
+    bind_match(m);
     bind_grasp(m);
 }

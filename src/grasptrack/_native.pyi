@@ -119,6 +119,24 @@ def outline_support(
     other_ground: float,
     loose: float,
 ) -> tuple[float, float, Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], Floats, Floats]: ...
+def lay_outlines(
+    starts: Floats,
+    points: Floats,
+    normals: Floats,
+    targets: Floats,
+    target_normals: Floats,
+    offsets: NDArray[np.int64],
+    reaches: Floats,
+    damping: Floats,
+    strides: NDArray[np.int64],
+    least_noise: float,
+) -> Floats: ...
+def outline_gaps(
+    points: Floats, normals: Floats, targets: Floats, target_normals: Floats, offsets: NDArray[np.int64], reach: float
+) -> Floats: ...
+def outline_starts(
+    first: Floats, second: Floats, bends: Floats, count: int, apart: float, most: int
+) -> Floats: ...
 def closing_triples(
     contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float
 ) -> tuple[NDArray[np.int64], Floats, Floats]: ...
