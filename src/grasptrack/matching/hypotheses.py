@@ -11,48 +11,31 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import Outline
+from grasptrack.matching import starts
 from grasptrack.matching.samples import Sampled, sampled
 
 Floats = NDArray[np.float64]
+Steps = tuple[Floats, Floats]
 
-
-def _bends(*rings: tuple[float, int]) -> Floats:
-    turns = [(0.0, 0.0)]
-    for radius, count in rings:
-        turns += [
-            (radius * math.cos(2 * math.pi * k / count), radius * math.sin(2 * math.pi * k / count))
-            for k in range(count)
-        ]
-    return np.array(turns)
-
-
-BENDS = _bends((0.1, 6))
-"""Perspective that is tried, in units of the whitened outline: up to 0.18 arises when an object that fills 60 % of a view
-of 60 degrees is tilted by 60; nine of ten such views are below 0.11."""
-COUNT = 128
-"""Samples of the whitened alignment."""
-APART = 0.025
-"""Lengths of the outline between two starts."""
-STARTS = 14
-"""Alignments that are refined."""
-COARSE = np.array([0.3, 0.25, 0.2, 0.15, 0.12, 0.1, 0.1, 0.1]), np.array([1e-2, 3e-3, 1e-3, 1e-3, 3e-4, 1e-4, 1e-4, 1e-4])
-"""Step by step: reach in sqrt(area), damping. Few samples of each start."""
+COARSE: Steps = np.array([0.3, 0.25, 0.2, 0.15, 0.12, 0.1, 0.1, 0.1]), np.array([1e-3] * 4 + [1e-4] * 4)
+"""Step by step: reach in sqrt(area), damping. Few samples, of every start."""
 COARSE_SAMPLES = 64
-FINE = np.array([0.08, 0.06, 0.06, 0.05]), np.array([1e-5, 1e-6, 1e-6, 1e-6]), np.array([2, 1, 1, 1])
-"""The same of what is left, with more samples."""
-PROMISING = 3.0
-"""Starts that are left with more than so many times the best one's misfit, and ..."""
-PROMISING_SHARE = 0.02
-"""... more than this share of sqrt(area) beyond it are given up."""
+FINE: Steps = np.array([0.08, 0.06, 0.06, 0.05]), np.array([1e-5, 1e-6, 1e-6, 1e-6])
+"""The same of what is promising; all samples but in the first step."""
+PROMISING, PROMISING_SHARE = 3.0, 0.02
+"""What is left with more than so many times the least misfit, and more than this share of sqrt(area) beyond it, is given
+up after the coarse steps."""
 FINAL = 7
 """Hypotheses that are refined on all samples."""
+FITS = 0.93
+"""A share of both outlines that need not be bettered; below it, parts and stronger perspective are tried as well."""
 LEAST_NOISE = 0.1
 """px; outlines are never believed to be better than this."""
 REACH = 0.1
 """sqrt(area); distances are counted up to this."""
 NEAR, NEAR_PX = 0.02, 1.0
 """Share of sqrt(area), or px, whichever is more: what is as near as this lies on the other outline."""
-SAME = 0.05
+SAME = 0.03
 """Hypotheses that put all points within this share of sqrt(area) of each other are one."""
 MAX_STRETCH = 3.0
 """Largest ratio of the two magnifications at any point of the outline: 2.6 arises at 60 degrees, strong perspective."""
@@ -83,39 +66,73 @@ class Match(NamedTuple):
     size: float
 
 
-def match(first: Outline | Sampled, second: Outline | Sampled, most: int = 4) -> list[Match]:
-    """The homographies that may lay one outline on another, the likeliest first.
+def match(
+    first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *, thorough: bool = True
+) -> list[Match]:
+    """The homographies that may lay one outline on another, the best first.
 
     Args:
-        first, second: the outlines, or samples of them made before. Any start point and direction; holes help.
+        first, second: the outlines, or samples of them made before. Any first point and direction; holes help.
         most: hypotheses given at most.
+        thorough: where no hypothesis fits nearly everywhere, look for parts of the first outline and for stronger
+            perspective as well. It takes several times as long.
 
     Returns:
-        Distinct hypotheses, never a mirror image, none that asks for more tilt than `MAX_STRETCH` and `MAX_DEPTH` allow.
-        The least misfit comes first. Empty where nothing fits at all.
+        Distinct hypotheses, never a mirror image, none that asks for more tilt than `MAX_STRETCH` and `MAX_DEPTH` allow,
+        the least misfit first. Empty where nothing fits at all. `judge` says what they amount to.
     """
     a, b = sampled(first), sampled(second)
-    starts = kernels.outline_starts(a.outer, b.outer, BENDS, COUNT, APART, STARTS)[:, 2:]
+    found = _refined(starts.of_wholes(a, b), a, b)
+    if thorough and not (found and found[0].share >= FITS):
+        again = np.concatenate([starts.of_wholes(a, b, more=True), starts.of_parts(a, b)])
+        found = _merged(found + _refined(again, a, b), a)
+    return found[:most]
+
+
+def _refined(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
+    """Distinct hypotheses that starts (k, 9) lead to, the least misfit first."""
+    found = _fine(_coarse(begun, a, b), a, b)
+    if not found:
+        return []
+    # what the outline does not fix: from nearby, does it come back?
+    known = np.array([[*m.homography.ravel(), 0.0] for m in found])
+    nearby = np.concatenate([known, _coarse(starts.nudged(found[0].homography, a), a, b)])
+    others = [i for i in _distinct(nearby, a, b.size) if i >= len(known)]
+    return _merged(found + _fine(nearby[others], a, b), a) if others else found
+
+
+def _coarse(begun: Floats, a: Sampled, b: Sampled) -> Floats:
+    """(k, 10) distinct homographies, on few samples, the least misfit first."""
     stride = max(1, len(a.points) // COARSE_SAMPLES)
-    reaches, damping = COARSE
-    coarse = _laid(starts, a, b, reaches, damping, np.full(len(reaches), stride, dtype=np.int64))
+    found = _laid(begun, a, b, COARSE, [stride] * len(COARSE[0]))
+    found = found[np.argsort(found[:, 9], kind="stable")]
+    return found[_distinct(found, a, b.size)] if len(found) else found
+
+
+def _fine(coarse: Floats, a: Sampled, b: Sampled) -> list[Match]:
+    """Those that promise something, on all samples."""
     if not len(coarse):
         return []
-    coarse = coarse[np.argsort(coarse[:, 9], kind="stable")]
     limit = max(PROMISING * coarse[0, 9], coarse[0, 9] + PROMISING_SHARE * b.size)
-    rough = _distinct(coarse[coarse[:, 9] <= limit], a, b.size)[:FINAL]
-    fine = _laid(rough[:, :9], a, b, *FINE)
-    found = [m for row in fine if (m := _judged(row[:9].reshape(3, 3), a, b)) is not None]
-    found.sort(key=lambda m: m.misfit)
-    kept = _distinct(np.array([m.homography.ravel() for m in found]).reshape(-1, 9), a, b.size)
-    rows = {row.tobytes() for row in np.ascontiguousarray(kept[:, :9])}
-    return [m for m in found if np.ascontiguousarray(m.homography.ravel()).tobytes() in rows][:most]
+    promising = coarse[coarse[:, 9] <= limit][:FINAL]
+    fine = _laid(np.ascontiguousarray(promising[:, :9]), a, b, FINE, [2] + [1] * (len(FINE[0]) - 1))
+    return _merged([m for row in fine if (m := rated(row[:9].reshape(3, 3), a, b)) is not None], a)
 
 
-def _laid(starts: Floats, a: Sampled, b: Sampled, reaches: Floats, damping: Floats, strides: NDArray[np.int64]) -> Floats:
+def _merged(found: list[Match], a: Sampled) -> list[Match]:
+    """The distinct ones, the least misfit first."""
+    if not found:
+        return []
+    ordered = sorted(found, key=lambda m: m.misfit)
+    kept = _distinct(np.array([m.homography.ravel() for m in ordered]), a, ordered[0].size)
+    return [ordered[i] for i in kept]
+
+
+def _laid(begun: Floats, a: Sampled, b: Sampled, steps: Steps, strides: list[int]) -> Floats:
     """(k, 10) those starts that come to anything, refined."""
+    reaches, damping = steps
     found = kernels.lay_outlines(
-        np.ascontiguousarray(starts),
+        begun,
         a.points,
         a.normals,
         b.points,
@@ -123,32 +140,33 @@ def _laid(starts: Floats, a: Sampled, b: Sampled, reaches: Floats, damping: Floa
         b.offsets,
         reaches * b.size,
         damping,
-        strides,
+        np.array(strides, dtype=np.int64),
         LEAST_NOISE,
     )
     return found[np.isfinite(found[:, 9])]
 
 
-def _distinct(rows: Floats, a: Sampled, size: float) -> Floats:
+def _distinct(rows: Floats, a: Sampled, size: float) -> list[int]:
     """Of homographies (k, 9 or more) that put the outline in the same place the first."""
     points = a.points[:: max(1, len(a.points) // 16)]
+    h = rows[:, :9].reshape(-1, 1, 3, 3)
+    w = h[..., 2, 0] * points[:, 0] + h[..., 2, 1] * points[:, 1] + h[..., 2, 2]
+    at = (h[..., :2, :2] @ points[..., None])[..., 0] + h[..., :2, 2]
+    at = at / w[..., None]
     kept: list[int] = []
-    places: list[Floats] = []
-    for i, row in enumerate(rows):
-        H = row[:9].reshape(3, 3)
-        w = points @ H[2, :2] + H[2, 2]
-        at = (points @ H[:2, :2].T + H[:2, 2]) / w[:, None]
-        if all(((at - other) ** 2).sum(axis=1).max() > (SAME * size) ** 2 for other in places):
+    for i in range(len(rows)):
+        if not kept or ((at[kept] - at[i]) ** 2).sum(axis=2).max(axis=1).min() > (SAME * size) ** 2:
             kept.append(i)
-            places.append(at)
-    return rows[kept]
+    return kept
 
 
-def _judged(H: Floats, a: Sampled, b: Sampled) -> Match | None:
-    """How well a homography lays one outline on the other; None when no camera could have seen it so."""
+def rated(H: Floats, a: Sampled, b: Sampled) -> Match | None:
+    """How well a homography (3, 3) lays one outline on another; None when no camera could have seen it so."""
     in_front, determinant, ratio = kernels.distortion(H, a.points)
-    depth = a.points @ H[2, :2] + H[2, 2]
-    if not (in_front > 1e-9 and determinant > 0.0 and ratio <= MAX_STRETCH and depth.max() <= MAX_DEPTH * depth.min()):
+    if not (in_front > 1e-9 and determinant > 0.0 and ratio <= MAX_STRETCH):
+        return None
+    depth = np.abs(a.points @ H[2, :2] + H[2, 2])
+    if depth.max() > MAX_DEPTH * depth.min():
         return None
     moved = kernels.carry_normals(H, a.points, a.normals)
     at, along = np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4])
@@ -161,7 +179,7 @@ def _judged(H: Floats, a: Sampled, b: Sampled) -> Match | None:
     )
     near = gaps[gaps <= max(NEAR * b.size, NEAR_PX)]
     return Match(
-        H,
+        H / H[2, 2],
         math.sqrt(float(gaps @ gaps) / len(gaps)),
         math.sqrt(float(near @ near) / len(near)) if len(near) else math.inf,
         len(near) / len(gaps),

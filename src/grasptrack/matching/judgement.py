@@ -1,1 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
+"""What hypotheses of a match amount to: matched, ambiguous, or none."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+from grasptrack.matching.hypotheses import Match
+
+LEAST_SHARE = 0.6
+"""Of both outlines, at least so much must lie on the other: a third may be covered or cut."""
+ALIKE = 0.005
+"""Share of sqrt(area): a hypothesis whose misfit exceeds the least by less, in squares, fits alike. Half of the tolerance
+within which an object counts as its own twin."""
+ALIKE_NOISE = 0.75
+"""The same in least misfits: what is left by the best one, noise of the outlines or a piece that is missing, may hide as
+much."""
+ALIKE_PX = 0.2
+"""px, the same: no outline is known better."""
+
+
+class Judgement(NamedTuple):
+    """What hypotheses amount to.
+
+    Attributes:
+        status: "matched" when one fits and no other fits alike, "ambiguous" when others do, "none" when none fits.
+        best: the hypothesis to take; of several that fit alike the one that asks for the least tilt. None when none fits.
+        others: those that fit alike, the least tilt first.
+        reason: empty when matched.
+    """
+
+    status: Literal["matched", "ambiguous", "none"]
+    best: Match | None
+    others: list[Match]
+    reason: str
+
+
+def judge(found: list[Match]) -> Judgement:
+    """What the hypotheses of one match amount to."""
+    if not found:
+        return Judgement("none", None, [], "no view of the outline looks like this")
+    least = min(found, key=lambda m: m.misfit)
+    if least.share < LEAST_SHARE:
+        return Judgement("none", None, [], f"only {100 * least.share:.0f} % of the outlines lie on each other")
+    alike = sorted((m for m in found if fits_alike(m, least)), key=lambda m: m.stretch)
+    if len(alike) == 1:
+        return Judgement("matched", least, [], "")
+    ways = len(alike)
+    return Judgement("ambiguous", alike[0], alike[1:], f"the outline fits in {ways} ways that cannot be told apart")
+
+
+def fits_alike(one: Match, least: Match) -> bool:
+    """Whether a hypothesis fits as well as the one of the least misfit, as far as noise and tolerance let it be told."""
+    excess = math.sqrt(max(one.misfit**2 - least.misfit**2, 0.0))
+    return excess <= max(ALIKE * least.size, ALIKE_NOISE * least.misfit, ALIKE_PX)
