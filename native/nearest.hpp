@@ -23,6 +23,9 @@ class NearestAlike {
             low = {std::min(low.x, points_[i].x), std::min(low.y, points_[i].y)};
             high = {std::max(high.x, points_[i].x), std::max(high.y, points_[i].y)};
         }
+        for (std::size_t i = 0; i < points_.size; ++i)
+            if (!std::isfinite(points_[i].x) || !std::isfinite(points_[i].y))
+                throw std::invalid_argument("targets must be finite");
         origin_ = low;
         // about as many cells along a side as make a point or two of an outline fall into each that it passes
         const double side = std::max(high.x - low.x, high.y - low.y);
@@ -53,6 +56,7 @@ class NearestAlike {
 
     // Its index, -1 where none is within reach; of equally near ones the first.
     std::ptrdiff_t find(Vec at, Vec normal, double reach) const {
+        if (!std::isfinite(at.x) || !std::isfinite(at.y)) return -1;
         double best = reach * reach;
         std::ptrdiff_t index = -1;
         const int c = static_cast<int>(std::clamp(std::floor((at.x - origin_.x) / cell_), -1e6, 1e6));

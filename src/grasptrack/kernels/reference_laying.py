@@ -37,7 +37,7 @@ def outline_gaps(
         (m,) px, `reach` where nothing is nearer.
 
     Raises:
-        ValueError: normals or offsets of other points, or no reach.
+        ValueError: normals or offsets of other points, or no reach, or targets that are not finite.
     """
     _check(points, normals, targets, target_normals, offsets, reach)
     return _gaps(points, normals, targets, target_normals, _half_spacing(targets, offsets), reach)[0]
@@ -205,5 +205,7 @@ def _check(
         raise ValueError("points are needed, each with its normal")
     if len(offsets) < 2 or offsets[0] != 0 or offsets[-1] != len(targets) or (np.diff(offsets) <= 0).any():
         raise ValueError("offsets must rise from 0 to the number of points")
+    if not np.isfinite(targets).all():
+        raise ValueError("targets must be finite")
     if not reach > 0:
         raise ValueError(f"reach must be above 0, not {reach:g}")

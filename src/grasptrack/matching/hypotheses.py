@@ -20,6 +20,8 @@ Steps = tuple[Floats, Floats]
 COARSE: Steps = np.array([0.3, 0.25, 0.2, 0.15, 0.12, 0.1, 0.1, 0.1]), np.array([1e-3] * 4 + [1e-4] * 4)
 """Step by step: reach in sqrt(area), damping. Few samples, of every start."""
 COARSE_SAMPLES = 64
+COARSE_NOISE = 0.02
+"""sqrt(area), of the coarse steps: what is off by ten times as much has a say, as the hole in a disc must have."""
 FINE: Steps = np.array([0.08, 0.06, 0.06, 0.05]), np.array([1e-5, 1e-6, 1e-6, 1e-6])
 """The same of what is promising; all samples but in the first step."""
 PROMISING, PROMISING_SHARE = 3.0, 0.02
@@ -27,6 +29,9 @@ PROMISING, PROMISING_SHARE = 3.0, 0.02
 up after the coarse steps."""
 FINAL = 7
 """Hypotheses that are refined on all samples."""
+SETTLED, SETTLED_SHARE = 3.0, 0.005
+"""Hypotheses with less than so many times the least misfit, or less than this share of sqrt(area) beyond it, are refined
+until they are one or stay apart."""
 FITS = 0.93
 """A share of both outlines that need not be bettered; below it, parts and stronger perspective are tried as well."""
 LEAST_NOISE = 0.1
@@ -86,7 +91,15 @@ def match(
     if thorough and not (found and found[0].share >= FITS):
         again = np.concatenate([starts.of_wholes(a, b, more=True), starts.of_parts(a, b)])
         found = _merged(found + _refined(again, a, b), a)
-    return found[:most]
+    return [_placed(m, a, b) for m in found[:most]]
+
+
+def _placed(m: Match, a: Sampled, b: Sampled) -> Match:
+    """The same between the images; so far it was between the centres."""
+    to, back = np.eye(3), np.eye(3)
+    to[:2, 2], back[:2, 2] = -a.centre, b.centre
+    H = back @ m.homography @ to
+    return m._replace(homography=H / H[2, 2] if abs(H[2, 2]) > 1e-9 else H)
 
 
 def _refined(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
@@ -98,13 +111,29 @@ def _refined(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
     known = np.array([[*m.homography.ravel(), 0.0] for m in found])
     nearby = np.concatenate([known, _coarse(starts.nudged(found[0].homography, a), a, b)])
     others = [i for i in _distinct(nearby, a, b.size) if i >= len(known)]
-    return _merged(found + _fine(nearby[others], a, b), a) if others else found
+    if others:
+        found = _merged(found + _fine(nearby[others], a, b), a)
+    return found if len(found) == 1 else _settled(found, a, b)
+
+
+def _settled(found: list[Match], a: Sampled, b: Sampled) -> list[Match]:
+    """Those that are left when all that come near the best one are refined to the end: slow ones join it."""
+    limit = max(SETTLED * found[0].misfit, found[0].misfit + SETTLED_SHARE * b.size)
+    near = [m for m in found if m.misfit <= limit]
+    reaches, damping = FINE
+    rows = np.array([m.homography.ravel() for m in near])
+    for _ in range(2):
+        rows = _laid(np.ascontiguousarray(rows[:, :9]), a, b, (reaches[-3:], damping[-3:]), [1, 1, 1])
+        if len(rows) < 2 or len(_distinct(rows, a, b.size)) == 1:
+            break
+    again = [m for row in rows if (m := rated(row[:9].reshape(3, 3), a, b)) is not None]
+    return _merged(again + [m for m in found if m.misfit > limit], a)
 
 
 def _coarse(begun: Floats, a: Sampled, b: Sampled) -> Floats:
     """(k, 10) distinct homographies, on few samples, the least misfit first."""
     stride = max(1, len(a.points) // COARSE_SAMPLES)
-    found = _laid(begun, a, b, COARSE, [stride] * len(COARSE[0]))
+    found = _laid(begun, a, b, COARSE, [stride] * len(COARSE[0]), max(COARSE_NOISE * b.size, LEAST_NOISE))
     found = found[np.argsort(found[:, 9], kind="stable")]
     return found[_distinct(found, a, b.size)] if len(found) else found
 
@@ -128,7 +157,9 @@ def _merged(found: list[Match], a: Sampled) -> list[Match]:
     return [ordered[i] for i in kept]
 
 
-def _laid(begun: Floats, a: Sampled, b: Sampled, steps: Steps, strides: list[int]) -> Floats:
+def _laid(
+    begun: Floats, a: Sampled, b: Sampled, steps: Steps, strides: list[int], noise: float = LEAST_NOISE
+) -> Floats:
     """(k, 10) those starts that come to anything, refined."""
     reaches, damping = steps
     found = kernels.lay_outlines(
@@ -141,7 +172,7 @@ def _laid(begun: Floats, a: Sampled, b: Sampled, steps: Steps, strides: list[int
         reaches * b.size,
         damping,
         np.array(strides, dtype=np.int64),
-        LEAST_NOISE,
+        noise,
     )
     return found[np.isfinite(found[:, 9])]
 
