@@ -93,9 +93,7 @@ def lay_outlines(
         for reach, share, stride in zip(reaches.tolist(), damping.tolist(), strides.tolist(), strict=True):
             if H is None:
                 break
-            H = _step(
-                H, points[::stride], normals[::stride], targets, target_normals, half, reach, share, least_noise
-            )
+            H = _step(H, points[::stride], normals[::stride], targets, target_normals, half, reach, share, least_noise)
         if H is None:
             continue
         stride = int(strides[-1])

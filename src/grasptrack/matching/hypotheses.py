@@ -71,9 +71,7 @@ class Match(NamedTuple):
     size: float
 
 
-def match(
-    first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *, thorough: bool = True
-) -> list[Match]:
+def match(first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *, thorough: bool = True) -> list[Match]:
     """The homographies that may lay one outline on another, the best first.
 
     Args:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import Outline
-from grasptrack.matching.hypotheses import COARSE_NOISE, FINE, rated
+from grasptrack.matching.hypotheses import rated
 from grasptrack.matching.samples import Sampled, sampled
 
 Floats = NDArray[np.float64]
@@ -22,10 +22,14 @@ NEAR_TOLERANCE = 0.04
 """The same of a near symmetry."""
 PEAKS = 256
 """Steps of the outline at which it is laid on itself."""
-LOOSE = 0.25
+LOOSE = 0.12
 """Share of the outline's rms radius, rms, that a turn may leave before it is looked at more closely."""
 PROBES = 12
 """Turns that are no part of a full turn: where all of them fit, every turn does."""
+WITHIN, HALVINGS = math.radians(1.5), 7
+"""rad about a turn in which the best one is looked for, and steps of that search."""
+BESIDE = math.radians(2.5)
+"""rad; a symmetry leaves less than what lies so far beside it, and none is nearer to another or to no turn at all."""
 GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 
 
@@ -72,17 +76,15 @@ def symmetries(outline: Outline | Sampled) -> Symmetries:
     if all(_left(a, (k + 1) * GOLDEN) <= TOLERANCE * a.size for k in range(PROBES)):
         return Symmetries([], [], True)
     arc = kernels.arc_length(a.outer)
-    turns: list[float] = []
+    found: list[Symmetry] = []
     for _, turn, _ in kernels.align_outlines(a.outer, arc, a.outer, arc, PEAKS, LOOSE):
-        refined = _refined(a, turn)
-        best = min((turn, refined), key=lambda t: _left(a, t))
-        if all(abs(math.remainder(best - t, 2.0 * math.pi)) > 0.03 for t in [0.0, *turns]):
-            turns.append(math.remainder(best, 2.0 * math.pi))
-    found = [Symmetry(turn, _left(a, turn)) for turn in turns]
+        if abs(math.remainder(turn, 2.0 * math.pi)) <= BESIDE:
+            continue
+        one = _settled(a, turn)
+        if one is not None and all(abs(math.remainder(one.turn - s.turn, 2.0 * math.pi)) > BESIDE for s in found):
+            found.append(one)
     exact = sorted((s for s in found if s.residual <= TOLERANCE * a.size), key=lambda s: abs(s.turn))
-    near = sorted(
-        (s for s in found if TOLERANCE * a.size < s.residual <= NEAR_TOLERANCE * a.size), key=lambda s: s.residual
-    )
+    near = sorted((s for s in found if s.residual > TOLERANCE * a.size), key=lambda s: s.residual)
     return Symmetries(exact, near, False)
 
 
@@ -97,16 +99,14 @@ def _left(a: Sampled, turn: float) -> float:
     return math.inf if found is None else found.misfit
 
 
-def _refined(a: Sampled, turn: float) -> float:
-    """The turn of the homography that lays the turned outline on itself best."""
-    reaches, damping = FINE
-    strides = np.full(len(reaches), 2, dtype=np.int64)
-    start = _turned(turn).reshape(1, 9)
-    found = kernels.lay_outlines(
-        start, a.points, a.normals, a.points, a.normals, a.offsets, reaches * a.size, damping + 1e-2, strides,
-        COARSE_NOISE * a.size,
-    )  # fmt: skip
-    if not math.isfinite(found[0, 9]):
-        return turn
-    h = found[0, :9]
-    return math.atan2(h[3] - h[1], h[0] + h[4])
+def _settled(a: Sampled, turn: float) -> Symmetry | None:
+    """The turn nearby that leaves least; None on a slope, where turns still nearer to another one leave less."""
+    low, high = turn - WITHIN, turn + WITHIN
+    for _ in range(HALVINGS):
+        one, other = low + (high - low) / 3.0, high - (high - low) / 3.0
+        low, high = (low, other) if _left(a, one) < _left(a, other) else (one, high)
+    best = 0.5 * (low + high)
+    least = _left(a, best)
+    if least > NEAR_TOLERANCE * a.size or min(_left(a, best - BESIDE), _left(a, best + BESIDE)) <= least:
+        return None
+    return Symmetry(math.remainder(best, 2.0 * math.pi), least)
