@@ -114,9 +114,11 @@ def carry_to(
     if told.best is None:
         raise TransferError(f"no object with this outline was found: {told.reason}")
     chosen = _least_turned(told, outline)
-    others = [m for m in (told.best, *told.others) if m is not chosen]
+    alike = [told.best, *told.others]
+    others = [m for m in alike if m is not chosen]
+    worse = [m for m in ways if not any(m is known for known in alike)]
     scene = _Scene(grasp, reference, to_bgr(first), colours, found, friction)
-    outcomes = [scene.registered([chosen, *others, *(m for m in ways if m is not chosen and m not in others)])]
+    outcomes = [scene.registered([chosen, *others, *worse])]
     H = outcomes[0].homography if outcomes[0].homography is not None else chosen.homography
     outcomes += [scene.by(name, H) for name in STRATEGIES]
     turns = [math.degrees(_turn(np.linalg.inv(H) @ m.homography, outline.centre)) for m in others]
