@@ -22,7 +22,8 @@ from grasptrack.contour import Contour, View
 from grasptrack.errors import AmbiguousError, GraspTrackError
 from grasptrack.evaluation.score import accept_limit
 from grasptrack.matching import Sampled, judge, match
-from grasptrack.matching.hypotheses import MAX_DEPTH, MAX_STRETCH
+from grasptrack.matching.hypotheses import MAX_DEPTH, MAX_STRETCH, rated
+from grasptrack.matching.starts import nudged
 from grasptrack.pair import carry_to
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES, Camera, Conditions, Path, Scene, Shape, silhouette
@@ -38,6 +39,9 @@ ALIKE = 0.01
 """sqrt(area), rms: what lies on itself so well has a second alignment, ..."""
 AWAY = 0.04
 """... if it moves some point of the outline by more than this: by as much as makes an answer wrong."""
+
+SLIDE = 0.2
+"""sqrt(area): an outline that may slide along itself as far as this has a second alignment too."""
 
 
 class Views(NamedTuple):
@@ -118,6 +122,11 @@ def second_alignments(shape: Shape) -> list[np.ndarray]:
         H = row[:9].reshape(3, 3)
         if np.hypot(*(apply_homography(H, a.outer) - a.outer).T).max() > AWAY * a.size:
             found.append(np.linalg.inv(unit) @ H @ unit)
+    # a slide: as far as a fifth of sqrt(area), the outline stays on itself
+    for row in nudged(np.eye(3), a, (-SLIDE, SLIDE)):
+        moved = rated(row.reshape(3, 3), a, a)
+        if moved is not None and moved.misfit <= ALIKE * a.size:
+            found.append(np.linalg.inv(unit) @ row.reshape(3, 3) @ unit)
     return found
 
 
@@ -239,10 +248,10 @@ def outcome(scene: Scene, views: Views, rng: np.random.Generator) -> str:
     except GraspTrackError:
         return "none"
     best = pair.outcomes[0]
+    if pair.found.status == "ambiguous":
+        return "ambiguous"
     if best.reason or best.homography is None:
         return "none"
-    if pair.turns:
-        return "ambiguous"
     size = math.sqrt(abs(frames[1].area))
     return "wrong" if off(best.homography, views, grasps[0].contacts, size) else "matched"
 

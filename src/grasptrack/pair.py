@@ -36,6 +36,8 @@ LOOKED_AT = 6
 """Objects of the second image that are matched."""
 MARGIN, MARGIN_PX = 0.5, 48.0
 """Share of sqrt(area), and px, that is kept round the object of the first image."""
+FIXED = 2.0
+"""A match fixes the contacts when the outlines part by more than so many times its misfit as soon as one is 4 % off."""
 HARDLY_MORE = 1.15
 """Of hypotheses that fit alike, and ask for up to so much more tilt than the one that asks for the least, the one with
 the smallest turn is taken."""
@@ -117,7 +119,8 @@ def carry_to(
     alike = [told.best, *told.others]
     others = [m for m in alike if m is not chosen]
     worse = [m for m in ways if not any(m is known for known in alike)]
-    scene = _Scene(grasp, reference, to_bgr(first), colours, found, friction)
+    fixed = told.status == "matched" and chosen.slack >= FIXED * chosen.misfit
+    scene = _Scene(grasp, reference, to_bgr(first), colours, found, friction, fixed)
     outcomes = [scene.registered([chosen, *others, *worse])]
     H = outcomes[0].homography if outcomes[0].homography is not None else chosen.homography
     outcomes += [scene.by(name, H) for name in STRATEGIES]
@@ -136,6 +139,7 @@ class _Scene:
         second: NDArray[np.uint8],
         found: Candidate,
         friction: float,
+        fixed: bool,
     ) -> None:
         points = reference.outer.points
         margin = max(MARGIN * math.sqrt(reference.outer.area), MARGIN_PX)
@@ -147,7 +151,7 @@ class _Scene:
         self._reference = View([_shifted(c, corner) for c in reference.contours])
         self._first = np.ascontiguousarray(found.channel.grey(first)[top:bottom, left:right])
         self._second = found.channel.grey(second)
-        self._found, self._friction = found, friction
+        self._found, self._friction, self._fixed = found, friction, fixed
 
     def registered(self, ways: list[Match]) -> Outcome:
         """The first hypothesis that the image bears out once it is laid on the edges; else what was made of the first."""
@@ -170,6 +174,10 @@ class _Scene:
             support = samples.support(self._second, laid.homography, contacts)
         except GraspTrackError as problem:
             return Outcome(REGISTRATION, None, None, None, math.nan, str(problem))
+        if (
+            self._fixed
+        ):  # a motion that the edges show too little to be measured frame by frame moves the outline, seen whole
+            support = support._replace(covariance=np.zeros_like(support.covariance))
         reason, analysis = refuse(support), None
         try:
             analysis = analyze(self._grasp, view, self._friction, width, "reference")

@@ -101,6 +101,8 @@ def transfer(
     if pair.turns:
         others = ", ".join(f"{turn:+.0f}°" for turn in pair.turns)
         notes.append(f"ambiguous: the outline fits as well turned by {others}; the image cannot tell which is right")
+    elif pair.found.status == "ambiguous":
+        notes.append(f"ambiguous: {pair.found.reason}")
     show_rows("The grasp in both views", _HEADS, rows, [*notes, str(picture)])
 
 

@@ -42,6 +42,8 @@ NEAR, NEAR_PX = 0.02, 1.0
 """Share of sqrt(area), or px, whichever is more: what is as near as this lies on the other outline."""
 SAME = 0.03
 """Hypotheses that put all points within this share of sqrt(area) of each other are one."""
+TELLING = 0.04
+"""sqrt(area): contacts that are off by more are wrong."""
 MAX_STRETCH = 3.0
 """Largest ratio of the two magnifications at any point of the outline: 2.6 arises at 60 degrees, strong perspective."""
 MAX_DEPTH = 2.2
@@ -60,6 +62,8 @@ class Match(NamedTuple):
         worst: px, the largest distance, up to a tenth of sqrt(area).
         stretch: 1 and more, the largest ratio of the two magnifications at any point: the tilt that it takes.
         size: px, sqrt(area) of the second outline.
+        slack: px rms by which the outlines part when the motion that they show least moves a point by `TELLING`: near 0
+            the outline slides along itself, as that of a disc or an ellipse. Of the best hypothesis; NaN of others.
     """
 
     homography: Floats
@@ -69,6 +73,7 @@ class Match(NamedTuple):
     worst: float
     stretch: float
     size: float
+    slack: float = math.nan
 
 
 def match(first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *, thorough: bool = True) -> list[Match]:
@@ -89,6 +94,8 @@ def match(first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *,
     if thorough and not (found and found[0].share >= FITS):
         again = np.concatenate([starts.of_wholes(a, b, more=True), starts.of_parts(a, b)])
         found = _merged(found + _refined(again, a, b), a)
+    if found:
+        found[0] = found[0]._replace(slack=_slack(found[0], a, b))
     return [_placed(m, a, b) for m in found[:most]]
 
 
@@ -98,6 +105,13 @@ def _placed(m: Match, a: Sampled, b: Sampled) -> Match:
     to[:2, 2], back[:2, 2] = -a.centre, b.centre
     H = back @ m.homography @ to
     return m._replace(homography=H / H[2, 2] if abs(H[2, 2]) > 1e-9 else H)
+
+
+def _slack(found: Match, a: Sampled, b: Sampled) -> float:
+    """px rms by which the outlines part when they are moved a little along what fixes them least; between centres."""
+    nearby = [rated(row.reshape(3, 3), a, b) for row in starts.nudged(found.homography, a, (-TELLING, TELLING))]
+    apart = [math.sqrt(max(m.misfit**2 - found.misfit**2, 0.0)) for m in nearby if m is not None]
+    return min(apart, default=math.inf)
 
 
 def _refined(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:

@@ -19,12 +19,17 @@ much."""
 ALIKE_PX = 0.2
 """px, the same: no outline is known better."""
 
+SLIDES, SLIDES_NOISE = 0.0015, 0.5
+"""Share of sqrt(area), and of the residual: an outline that parts by less when a contact moves by 4 % of sqrt(area) is free
+to slide along itself. Discs, ellipses, eggs and crescents part by 0.1 % at most, built-in shapes else by 0.35 % at least."""
+
 
 class Judgement(NamedTuple):
     """What hypotheses amount to.
 
     Attributes:
-        status: "matched" when one fits and no other fits alike, "ambiguous" when others do, "none" when none fits.
+        status: "matched" when one fits and no other fits alike; "ambiguous" when others do, or when it is free to slide;
+            "none" when none fits.
         best: the hypothesis to take; of several that fit alike the one that asks for the least tilt. None when none fits.
         others: those that fit alike, the least tilt first.
         reason: empty when matched.
@@ -44,6 +49,10 @@ def judge(found: list[Match]) -> Judgement:
     if least.share < LEAST_SHARE:
         return Judgement("none", None, [], f"only {100 * least.share:.0f} % of the outlines lie on each other")
     alike = sorted((m for m in found if fits_alike(m, least)), key=lambda m: m.stretch)
+    if len(alike) == 1 and least.slack <= max(SLIDES * least.size, SLIDES_NOISE * least.residual):
+        return Judgement(
+            "ambiguous", least, [], "the outline slides along itself: nothing tells how far it turned or tilted"
+        )
     if len(alike) == 1:
         return Judgement("matched", least, [], "")
     ways = len(alike)

@@ -39,6 +39,8 @@ CUTS = tuple((2.0 * math.pi * k / 12, share) for share in (0.15, 0.3) for k in r
 """Direction in rad, and share of the outline that is cut off there, of the parts that are tried."""
 STARTS_CUT = 24
 """Alignments of parts that are refined."""
+STEPS = 16
+"""Of such a motion: a turn by many small steps stays a turn."""
 NUDGES = (-0.2, -0.08, 0.08, 0.2)
 """sqrt(area) by which a hypothesis is moved along what the outline shows least, to see whether it comes back."""
 
@@ -66,10 +68,11 @@ def of_parts(a: Sampled, b: Sampled) -> Floats:
     return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
 
 
-def nudged(H: Floats, a: Sampled) -> Floats:
+def nudged(H: Floats, a: Sampled, shares: tuple[float, ...] = NUDGES) -> Floats:
     """(k, 9) a homography (3, 3) after the motion of the first outline that its normals show least, this way and that.
 
-    What is free to slide, a disc, a conic or nearly one, stays there; everything else comes back.
+    What is free to slide, a disc, a conic or nearly one, stays there; everything else comes back. The farthest point moves
+    by `shares` of sqrt(area).
     """
     centre = a.points.mean(axis=0)
     radius = math.sqrt(float(((a.points - centre) ** 2).sum()) / len(a.points))
@@ -78,4 +81,8 @@ def nudged(H: Floats, a: Sampled) -> Floats:
     seen = np.einsum("mi,mij->mj", a.normals, fields) @ own
     softest = own @ np.linalg.eigh(seen.T @ seen)[1][:, 0]
     way = radius * math.sqrt(float(((fields @ softest) ** 2).sum(axis=1).max()))
-    return np.array([(H @ near_identity(share * a.size / way * softest, centre, radius)).ravel() for share in NUDGES])
+    rows = []
+    for share in shares:
+        little = near_identity(share * a.size / (STEPS * way) * softest, centre, radius)
+        rows.append((H @ np.linalg.matrix_power(little, STEPS)).ravel())
+    return np.array(rows)
