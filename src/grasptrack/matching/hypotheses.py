@@ -17,8 +17,14 @@ from grasptrack.matching.samples import Sampled, sampled
 Floats = NDArray[np.float64]
 Steps = tuple[Floats, Floats]
 
-COARSE: Steps = np.array([0.3, 0.25, 0.2, 0.15, 0.12, 0.1, 0.1, 0.1]), np.array([1e-3] * 4 + [1e-4] * 4)
-"""Step by step: reach in sqrt(area), damping. Few samples, of every start."""
+COARSE: tuple[Steps, ...] = (
+    (np.array([0.3, 0.25, 0.2, 0.15]), np.full(4, 1e-3)),
+    (np.array([0.12, 0.1, 0.1, 0.1]), np.full(4, 1e-4)),
+)
+"""Step by step: reach in sqrt(area), damping. Few samples, of every start, and of those that are not hopeless."""
+HOPELESS, HOPELESS_SHARE = 3.0, 0.03
+"""What is left with more than so many times the least misfit, and more than this share of sqrt(area) beyond it, is given
+up after the first coarse steps."""
 COARSE_SAMPLES = 64
 COARSE_NOISE = 0.02
 """sqrt(area), of the coarse steps: what is off by ten times as much has a say, as the hole in a disc must have."""
@@ -117,15 +123,11 @@ def _slack(found: Match, a: Sampled, b: Sampled) -> float:
 def _refined(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
     """Distinct hypotheses that starts (k, 9) lead to, the least misfit first."""
     found = _fine(_coarse(begun, a, b), a, b)
-    if not found:
-        return []
-    # what the outline does not fix: from nearby, does it come back?
-    known = np.array([[*m.homography.ravel(), 0.0] for m in found])
-    nearby = np.concatenate([known, _coarse(starts.nudged(found[0].homography, a), a, b)])
-    others = [i for i in _distinct(nearby, a, b.size) if i >= len(known)]
-    if others:
-        found = _merged(found + _fine(nearby[others], a, b), a)
-    return found if len(found) == 1 else _settled(found, a, b)
+    if found and len(a.twins):  # what nearly lies on itself must lie there in the best of its ways
+        best = found[0].homography
+        ways = (best @ a.twins.reshape(-1, 3, 3)).reshape(-1, 9)
+        found = _merged(found + _fine(_coarse(ways / ways[:, 8:], a, b), a, b, len(ways)), a)
+    return found if len(found) < 2 else _settled(found, a, b)
 
 
 def _settled(found: list[Match], a: Sampled, b: Sampled) -> list[Match]:
@@ -145,17 +147,22 @@ def _settled(found: list[Match], a: Sampled, b: Sampled) -> list[Match]:
 def _coarse(begun: Floats, a: Sampled, b: Sampled) -> Floats:
     """(k, 10) distinct homographies, on few samples, the least misfit first."""
     stride = max(1, len(a.points) // COARSE_SAMPLES)
-    found = _laid(begun, a, b, COARSE, [stride] * len(COARSE[0]), max(COARSE_NOISE * b.size, LEAST_NOISE))
+    found, noise = begun, max(COARSE_NOISE * b.size, LEAST_NOISE)
+    for steps in COARSE:
+        found = _laid(np.ascontiguousarray(found[:, :9]), a, b, steps, [stride] * len(steps[0]), noise)
+        if len(found):
+            least = float(found[:, 9].min())
+            found = found[found[:, 9] <= max(HOPELESS * least, least + HOPELESS_SHARE * b.size)]
     found = found[np.argsort(found[:, 9], kind="stable")]
     return found[_distinct(found, a, b.size)] if len(found) else found
 
 
-def _fine(coarse: Floats, a: Sampled, b: Sampled) -> list[Match]:
+def _fine(coarse: Floats, a: Sampled, b: Sampled, most: int = FINAL) -> list[Match]:
     """Those that promise something, on all samples."""
     if not len(coarse):
         return []
     limit = max(PROMISING * coarse[0, 9], coarse[0, 9] + PROMISING_SHARE * b.size)
-    promising = coarse[coarse[:, 9] <= limit][:FINAL]
+    promising = coarse[coarse[:, 9] <= limit][:most]
     fine = _laid(np.ascontiguousarray(promising[:, :9]), a, b, FINE, [2] + [1] * (len(FINE[0]) - 1))
     return _merged([m for row in fine if (m := rated(row[:9].reshape(3, 3), a, b)) is not None], a)
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.kernels.reference_evidence import displacement_fields, whitening
 from grasptrack.kernels.reference_laying import near_identity
 from grasptrack.matching.samples import Sampled
 
@@ -40,9 +39,7 @@ CUTS = tuple((2.0 * math.pi * k / 12, share) for share in (0.15, 0.3) for k in r
 STARTS_CUT = 24
 """Alignments of parts that are refined."""
 STEPS = 16
-"""Of such a motion: a turn by many small steps stays a turn."""
-NUDGES = (-0.2, -0.08, 0.08, 0.2)
-"""sqrt(area) by which a hypothesis is moved along what the outline shows least, to see whether it comes back."""
+"""Of the motion that an outline shows least: a turn by many small steps stays a turn."""
 
 
 def of_wholes(a: Sampled, b: Sampled, *, more: bool = False) -> Floats:
@@ -68,21 +65,15 @@ def of_parts(a: Sampled, b: Sampled) -> Floats:
     return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
 
 
-def nudged(H: Floats, a: Sampled, shares: tuple[float, ...] = NUDGES) -> Floats:
-    """(k, 9) a homography (3, 3) after the motion of the first outline that its normals show least, this way and that.
+def nudged(H: Floats, a: Sampled, shares: tuple[float, ...]) -> Floats:
+    """(k, 9) a homography (3, 3) after the motion of the first outline that its normals show least.
 
-    What is free to slide, a disc, a conic or nearly one, stays there; everything else comes back. The farthest point moves
-    by `shares` of sqrt(area).
+    It moves the farthest point by each of the `shares` of sqrt(area). What is free to slide, a disc, an ellipse, stays
+    on itself.
     """
-    centre = a.points.mean(axis=0)
-    radius = math.sqrt(float(((a.points - centre) ** 2).sum()) / len(a.points))
-    fields = displacement_fields((a.points - centre) / radius)
-    own = whitening(fields)
-    seen = np.einsum("mi,mij->mj", a.normals, fields) @ own
-    softest = own @ np.linalg.eigh(seen.T @ seen)[1][:, 0]
-    way = radius * math.sqrt(float(((fields @ softest) ** 2).sum(axis=1).max()))
+    centre, radius, softest = a.softest
     rows = []
     for share in shares:
-        little = near_identity(share * a.size / (STEPS * way) * softest, centre, radius)
+        little = near_identity(share * a.size / STEPS * softest, centre, radius)
         rows.append((H @ np.linalg.matrix_power(little, STEPS)).ravel())
     return np.array(rows)
