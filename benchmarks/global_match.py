@@ -40,6 +40,8 @@ ALIKE = 0.01
 AWAY = 0.04
 """... if it moves some point of the outline by more than this: by as much as makes an answer wrong."""
 
+USED = 5
+"""Every so many-th silhouette, and all built-in shapes, were looked at while the match was made."""
 SLIDE = 0.2
 """sqrt(area): an outline that may slide along itself as far as this has a second alignment too."""
 
@@ -264,13 +266,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     built_in = {name: make() for name, make in SHAPES.items()}
-    names = sorted(built_in)
-    for half, title in ((names[::2], "looked at in development"), (names[1::2], "not looked at")):
-        outlines({n: built_in[n] for n in half}, given.pairs, given.seed, f"global match, outlines of shapes {title}")
+    outlines(built_in, given.pairs, given.seed, "global match, outlines of the built-in shapes")
     folder = DATA / "silhouettes"
     if given.silhouettes and folder.is_dir():
         found = {p.stem: silhouette(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), p.stem) for p in folder.glob("*.png")}
-        outlines(dict(sorted(found.items())), given.silhouettes, given.seed, "global match, outlines of silhouettes")
+        names = sorted(found)
+        used, others = names[::USED], [n for i, n in enumerate(names) if i % USED]
+        for some, title in ((used, "used in development"), (others, "never used in development")):
+            shapes = {n: found[n] for n in some}
+            outlines(shapes, given.silhouettes, given.seed, f"global match, outlines of silhouettes {title}")
     if given.images:
         images(built_in, given.images, given.seed, "global match, rendered images through `pair.carry_to`")
     common.finish(given.output)
