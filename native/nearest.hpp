@@ -29,7 +29,7 @@ class NearestAlike {
         origin_ = low;
         // about as many cells along a side as make a point or two of an outline fall into each that it passes
         const double side = std::max(high.x - low.x, high.y - low.y);
-        cell_ = std::max(side / std::clamp(static_cast<double>(points_.size) / 6, 4.0, 64.0), 1e-9);
+        cell_ = std::max(side / std::clamp(static_cast<double>(points_.size) / 12, 4.0, 64.0), 1e-9);
         columns_ = static_cast<int>((high.x - low.x) / cell_) + 1;
         rows_ = static_cast<int>((high.y - low.y) / cell_) + 1;
         begin_.assign(static_cast<std::size_t>(columns_) * rows_ + 1, 0);

@@ -29,7 +29,7 @@ COARSE_SAMPLES = 64
 COARSE_NOISE = 0.02
 """sqrt(area), of the coarse steps: what is off by ten times as much has a say, as the hole in a disc must have."""
 FINE: Steps = np.array([0.08, 0.06, 0.06, 0.05]), np.array([1e-5, 1e-6, 1e-6, 1e-6])
-"""The same of what is promising; all samples but in the first step."""
+"""The same of what is promising; half of the samples, all in the last step."""
 PROMISING, PROMISING_SHARE = 3.0, 0.02
 """What is left with more than so many times the least misfit, and more than this share of sqrt(area) beyond it, is given
 up after the coarse steps."""
@@ -163,7 +163,7 @@ def _fine(coarse: Floats, a: Sampled, b: Sampled, most: int = FINAL) -> list[Mat
         return []
     limit = max(PROMISING * coarse[0, 9], coarse[0, 9] + PROMISING_SHARE * b.size)
     promising = coarse[coarse[:, 9] <= limit][:most]
-    fine = _laid(np.ascontiguousarray(promising[:, :9]), a, b, FINE, [2] + [1] * (len(FINE[0]) - 1))
+    fine = _laid(np.ascontiguousarray(promising[:, :9]), a, b, FINE, [2] * (len(FINE[0]) - 1) + [1])
     return _merged([m for row in fine if (m := rated(row[:9].reshape(3, 3), a, b)) is not None], a)
 
 
