@@ -236,4 +236,4 @@ def _most_alike(found: list[Candidate], outline: Sampled) -> tuple[Candidate, li
     ways = [(c, match(outline, c.view, thorough=False)) for c in found[:LOOKED_AT]]
     if all(judge(m).status == "none" for _, m in ways):
         ways = [(c, match(outline, c.view)) for c, _ in ways]
-    return min(ways, key=lambda pair: pair[1][0].misfit / pair[1][0].size if pair[1] else math.inf)
+    return min(ways, key=lambda pair: pair[1][0].cost / pair[1][0].size if pair[1] else math.inf)

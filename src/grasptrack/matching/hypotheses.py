@@ -44,6 +44,8 @@ LEAST_NOISE = 0.1
 """px; outlines are never believed to be better than this."""
 REACH = 0.1
 """sqrt(area); distances are counted up to this."""
+CAP = 0.03
+"""sqrt(area); the same where hypotheses are compared."""
 NEAR, NEAR_PX = 0.02, 1.0
 """Share of sqrt(area), or px, whichever is more: what is as near as this lies on the other outline."""
 SAME = 0.03
@@ -63,6 +65,8 @@ class Match(NamedTuple):
         homography: (3, 3) first -> second, its last element 1.
         misfit: px rms in the second view between the outlines, both ways, each distance counted up to a tenth of
             sqrt(area).
+        cost: px, the same with each distance counted up to 3 % of sqrt(area) only: what hypotheses are ordered by. Of two that
+            leave out a piece, the one that lies better on the rest is better.
         residual: px rms of those distances that are small (`NEAR`).
         share: 0 to 1, how much of both outlines is so near the other.
         worst: px, the largest distance, up to a tenth of sqrt(area).
@@ -74,6 +78,7 @@ class Match(NamedTuple):
 
     homography: Floats
     misfit: float
+    cost: float
     residual: float
     share: float
     worst: float
@@ -93,7 +98,7 @@ def match(first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *,
 
     Returns:
         Distinct hypotheses, never a mirror image, none that asks for more tilt than `MAX_STRETCH` and `MAX_DEPTH` allow,
-        the least misfit first. Empty where nothing fits at all. `judge` says what they amount to.
+        the least cost first. Empty where nothing fits at all. `judge` says what they amount to.
     """
     a, b = sampled(first), sampled(second)
     found = _refined(starts.of_wholes(a, b), a, b)
@@ -168,10 +173,10 @@ def _fine(coarse: Floats, a: Sampled, b: Sampled, most: int = FINAL) -> list[Mat
 
 
 def _merged(found: list[Match], a: Sampled) -> list[Match]:
-    """The distinct ones, the least misfit first."""
+    """The distinct ones, the least cost first."""
     if not found:
         return []
-    ordered = sorted(found, key=lambda m: m.misfit)
+    ordered = sorted(found, key=lambda m: m.cost)
     kept = _distinct(np.array([m.homography.ravel() for m in ordered]), a, ordered[0].size)
     return [ordered[i] for i in kept]
 
@@ -227,10 +232,12 @@ def rated(H: Floats, a: Sampled, b: Sampled) -> Match | None:
             kernels.outline_gaps(b.points, b.normals, at, along, a.offsets, reach),
         ]
     )
+    capped = np.minimum(gaps, CAP * b.size)
     near = gaps[gaps <= max(NEAR * b.size, NEAR_PX)]
     return Match(
         H / H[2, 2],
         math.sqrt(float(gaps @ gaps) / len(gaps)),
+        math.sqrt(float(capped @ capped) / len(gaps)),
         math.sqrt(float(near @ near) / len(near)) if len(near) else math.inf,
         len(near) / len(gaps),
         float(gaps.max()),
