@@ -22,7 +22,7 @@ from grasptrack.contour import Contour, View
 from grasptrack.errors import AmbiguousError, GraspTrackError
 from grasptrack.evaluation.score import accept_limit
 from grasptrack.matching import Sampled, judge, match
-from grasptrack.matching.hypotheses import MAX_DEPTH, MAX_STRETCH, rated
+from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, rated
 from grasptrack.matching.starts import nudged
 from grasptrack.pair import carry_to
 from grasptrack.projective import apply_homography
@@ -40,6 +40,8 @@ ALIKE = 0.01
 AWAY = 0.04
 """... if it moves some point of the outline by more than this: by as much as makes an answer wrong."""
 
+CUTS = 0.1, 0.2, 0.3
+"""Shares of the second outer contour's points that a straight cut takes."""
 USED = 5
 """Every so many-th silhouette, and all built-in shapes, were looked at while the match was made."""
 SLIDE = 0.2
@@ -217,6 +219,38 @@ def outlines(shapes: dict[str, Shape], count: int, seed: int, title: str) -> Non
     tally.show(title)
 
 
+def cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
+    """Pairs with one true alignment whose second outline lost a piece to a straight cut."""
+    rows = []
+    for share in CUTS:
+        told: Counter[str] = Counter()
+        for name, shape in shapes.items():
+            rng = np.random.default_rng((seed, 2, len(name), *name.encode()))
+            alignments = second_alignments(shape)
+            for _ in range(count):
+                tilt = float(rng.uniform(BINS[0], BINS[-1]))
+                one, other = poses(shape, rng, tilt)
+                views = Views(one.table_to_image(CAMERA)[0], other.table_to_image(CAMERA)[0], tilt)
+                first, whole = (seen(shape, H, rng, NOISE) for H in views[:2])
+                angle = rng.uniform(0.0, 2.0 * math.pi)
+                if has_second(views, alignments, shape):
+                    continue
+                way = np.array([math.cos(angle), math.sin(angle)])
+                edge = np.quantile(whole.outer.points @ way, 1.0 - share)
+                holes = [h for h in whole.contours[1:] if (h.points @ way).max() <= edge]
+                second = View([Contour(whole.outer.points[whole.outer.points @ way <= edge]), *holes])
+                found = judge(match(first, second))
+                size = math.sqrt(whole.outer.area)
+                right = found.best is not None and not off(found.best.homography, views, contacts_of(first), size)
+                told["right" if right else "not right"] += 1
+                told["wrong" if found.status == "matched" and not right else found.status] += 1
+        total = told["right"] + told["not right"]
+        cells = [told[what] for what in ("matched", "ambiguous", "wrong", "none")]
+        rows.append([f"{100 * share:.0f} %", total, *cells, 100.0 * told["right"] / max(total, 1)])
+    common.heading("global match, outlines of which a straight cut takes a piece")
+    common.table(("points cut off", "pairs", "matched", "ambiguous", "wrong", "none", "best one right %"), rows)
+
+
 def images(shapes: dict[str, Shape], count: int, seed: int, title: str) -> None:
     tally = Tally()
     for name, shape in shapes.items():
@@ -262,11 +296,16 @@ def main() -> None:
     parser = common.parser(__doc__)
     parser.add_argument("--pairs", type=int, default=30, help="of outlines, for each built-in shape")
     parser.add_argument("--silhouettes", type=int, default=4, help="pairs for each silhouette; 0 for none")
+    parser.add_argument(
+        "--cut", type=int, default=4, help="pairs of each built-in shape with a piece cut off; 0 for none"
+    )
     parser.add_argument("--images", type=int, default=4, help="rendered pairs for each built-in shape; 0 for none")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     built_in = {name: make() for name, make in SHAPES.items()}
     outlines(built_in, given.pairs, given.seed, "global match, outlines of the built-in shapes")
+    if given.cut:
+        cut(built_in, given.cut, given.seed)
     folder = DATA / "silhouettes"
     if given.silhouettes and folder.is_dir():
         found = {p.stem: silhouette(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), p.stem) for p in folder.glob("*.png")}

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from typing import Literal, NamedTuple
 
-from grasptrack.matching.hypotheses import Match
+from grasptrack.matching.rating import Match
 
 LEAST_SHARE = 0.6
 """Of both outlines, at least so much must lie on the other: a third may be covered or cut."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import Outline
-from grasptrack.matching.hypotheses import rated
+from grasptrack.matching.rating import rated
 from grasptrack.matching.samples import Sampled, sampled
 
 Floats = NDArray[np.float64]
