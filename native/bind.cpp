@@ -18,6 +18,7 @@
 #include "bind_evidence.hpp"
 #include "bind_grasp.hpp"
 #include "bind_images.hpp"
+#include "bind_match.hpp"
 #include "contact.hpp"
 #include "curvature.hpp"
 #include "grasp_line.hpp"
@@ -324,5 +325,6 @@ NB_MODULE(_native, m) {
     m.def("select_points", &py_select_points, "points"_a, "arc"_a, "curvature"_a, "separation"_a, "prominence"_a);
     bind_images(m);
     bind_evidence(m);
+    bind_match(m);
     bind_grasp(m);
 }

@@ -156,6 +156,22 @@ def weigh_edges(
     known: NDArray[np.bool_],
     hidden: NDArray[np.uint8] | None,
 ) -> tuple[float, float, float, float, Floats, float, tuple[float, float], NDArray[np.bool_]]: ...
+def lay_outlines(
+    starts: Floats,
+    points: Floats,
+    normals: Floats,
+    targets: Floats,
+    target_normals: Floats,
+    offsets: NDArray[np.int64],
+    reaches: Floats,
+    damping: Floats,
+    strides: NDArray[np.int64],
+    least_noise: float,
+) -> Floats: ...
+def outline_gaps(
+    points: Floats, normals: Floats, targets: Floats, target_normals: Floats, offsets: NDArray[np.int64], reach: float
+) -> Floats: ...
+def outline_starts(first: Floats, second: Floats, bends: Floats, count: int, apart: float, most: int) -> Floats: ...
 def closing_triples(
     contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float
 ) -> tuple[NDArray[np.int64], Floats, Floats]: ...

@@ -38,6 +38,9 @@ def transfer(
 ) -> None:
     """Carry a grasp from one view of an object to another: what each strategy makes of it, or why it is not believed.
 
+    The views may differ by any turn, by scale and by tilts up to 60 degrees. "registration" lays the whole outline on
+    the edges of IMAGE_B; the three strategies of the paper follow.
+
     "off by" is how far the edges of IMAGE_B say that the worst contact is from where the strategy puts it.
 
     Writes transfer.png, both views side by side.
@@ -97,7 +100,9 @@ def transfer(
             rows.append([*cells, *_stable(outcome.analysis)])
     if pair.turns:
         others = ", ".join(f"{turn:+.0f}°" for turn in pair.turns)
-        notes.append(f"the outline fits as well turned by {others}: the image cannot tell which is right")
+        notes.append(f"ambiguous: the outline fits as well turned by {others}; the image cannot tell which is right")
+    elif pair.found.status == "ambiguous":
+        notes.append(f"ambiguous: {pair.found.reason}")
     show_rows("The grasp in both views", _HEADS, rows, [*notes, str(picture)])
 
 

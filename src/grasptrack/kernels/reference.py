@@ -17,6 +17,7 @@ from grasptrack.kernels.reference_fusion import grey_differences, motion_equatio
 from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
 from grasptrack.kernels.reference_homography import distortion, fit_homography, homography_4
 from grasptrack.kernels.reference_inertia import inertia
+from grasptrack.kernels.reference_laying import lay_outlines, outline_gaps
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
 from grasptrack.kernels.reference_links import edge_links
 from grasptrack.kernels.reference_matching import match_curvature
@@ -27,6 +28,7 @@ from grasptrack.kernels.reference_places import carry_places, fixed_places, loca
 from grasptrack.kernels.reference_ranking import rank_grasps
 from grasptrack.kernels.reference_refine import refine_contacts
 from grasptrack.kernels.reference_registration import register_outline
+from grasptrack.kernels.reference_starts import outline_starts
 from grasptrack.kernels.reference_support import outline_support
 from grasptrack.kernels.reference_threshold import soft_threshold
 from grasptrack.kernels.reference_triples import closing_triples
@@ -58,11 +60,14 @@ __all__ = [
     "grey_differences",
     "homography_4",
     "inertia",
+    "lay_outlines",
     "locate",
     "match_curvature",
     "motion_equations",
     "nearest_crossings",
     "opposed_pairs",
+    "outline_gaps",
+    "outline_starts",
     "outline_support",
     "point_at",
     "projective_step",

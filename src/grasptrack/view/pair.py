@@ -20,7 +20,8 @@ Floats = NDArray[np.float64]
 
 _INK = "#1d232b"
 # Nested sizes: where strategies agree, none hides another.
-_MARKS = {"rrp": ("s", 15), "grasp-line": ("D", 9.5), "homography": ("o", 5.5)}
+_MARKS = {"registration": ("h", 19), "rrp": ("s", 15), "grasp-line": ("D", 9.5), "homography": ("o", 5.5)}
+_RGB = {"registration": (0, 158, 115), **STRATEGY_RGB}
 _GRASP_RGB = STATUS_RGB["tracked"]
 _LEGEND: dict[str, Any] = {
     "loc": "upper left",
@@ -68,11 +69,11 @@ def write_pair(
         _number(left, i + 1, at, contacts.mean(axis=0))
     handles = []
     for name, found in transferred.items():
-        colour, (mark, size) = hexadecimal(STRATEGY_RGB[name]), _MARKS[name]
+        colour, (mark, size) = hexadecimal(_RGB[name]), _MARKS[name]
         _draw_grasp(right, found, colour, mark, size)
         handles.append(Line2D([], [], color=colour, marker=mark, ms=min(size, 10.0), mec="white", lw=2, label=name))
     if transferred:
-        best = list(transferred.values())[-1]
+        best = next(iter(transferred.values()))
         for i, at in enumerate(best):
             _number(right, i + 1, at, best.mean(axis=0))
     left.legend(

@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two single views, any turn, scale 0.4 to 2.5, tilt to 60 degrees: how often the match is right, ambiguous, wrong, none."""
+
+from __future__ import annotations
+
+import common
+
+# isort: split
+import itertools
+import math
+import os
+import time
+from collections import Counter, defaultdict
+from pathlib import Path as File
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.contour import Contour, View
+from grasptrack.errors import AmbiguousError, GraspTrackError
+from grasptrack.evaluation.score import accept_limit
+from grasptrack.matching import Sampled, judge, match
+from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, rated
+from grasptrack.matching.starts import nudged
+from grasptrack.pair import carry_to
+from grasptrack.projective import apply_homography
+from grasptrack.simulation import SHAPES, Camera, Conditions, Path, Scene, Shape, silhouette
+from grasptrack.synthesis import synthesize
+
+DATA = File(os.environ.get("GRASPTRACK_DATA", File(__file__).resolve().parents[2] / "shared" / "data"))
+CAMERA = Camera(640, 480, focal=320.0 / math.tan(math.radians(30.0)))
+"""60 degrees across: an object that fills 60 % of it is near."""
+BINS = (0.0, 15.0, 30.0, 45.0, 60.0)
+NOISE = 0.2
+"""px, of the outlines, at points 1 px apart."""
+ALIKE = 0.01
+"""sqrt(area), rms: what lies on itself so well has a second alignment, ..."""
+AWAY = 0.04
+"""... if it moves some point of the outline by more than this: by as much as makes an answer wrong."""
+
+CUTS = 0.1, 0.2, 0.3
+"""Shares of the second outer contour's points that a straight cut takes."""
+USED = 5
+"""Every so many-th silhouette, and all built-in shapes, were looked at while the match was made."""
+SLIDE = 0.2
+"""sqrt(area): an outline that may slide along itself as far as this has a second alignment too."""
+
+
+class Views(NamedTuple):
+    """How two views see the part: homographies from its plane to either image, and the tilt of the second in degrees."""
+
+    first: np.ndarray
+    second: np.ndarray
+    tilt: float
+
+    @property
+    def between(self) -> np.ndarray:
+        """From the first image to the second."""
+        return self.second @ np.linalg.inv(self.first)
+
+
+def pose(shape: Shape, share: float, tilt: float, rng: np.random.Generator, aside: float) -> Path:
+    """A camera over which the part, seen from the front, is as wide as a share of the view."""
+    distance = 2.0 * shape.radius() * CAMERA.matrix[0, 0] / (share * CAMERA.width)
+    turn, azimuth = rng.uniform(0.0, 2.0 * math.pi, 2)
+    target = rng.uniform(-aside, aside, 2) * shape.radius()
+    return Path(target[None], *(np.array([v]) for v in (distance, turn, math.radians(tilt), azimuth)))
+
+
+def poses(shape: Shape, rng: np.random.Generator, tilt: float) -> tuple[Path, Path]:
+    """The first view from the front, the second from anywhere."""
+    while True:
+        one = rng.uniform(0.25, 0.6)
+        other = one * math.exp(rng.uniform(math.log(0.4), math.log(2.5)))
+        if 0.12 <= other <= 0.6:
+            return pose(shape, one, 0.0, rng, 0.0), pose(shape, other, tilt, rng, 0.15)
+
+
+def seen(shape: Shape, H: np.ndarray, rng: np.random.Generator, noise: float) -> View:
+    """The part's outline in an image at about one point per px, from a random first point."""
+    contours = []
+    for i, polygon in enumerate(shape.polygons):
+        fine = apply_homography(H, kernels.resample(np.ascontiguousarray(polygon), 4000, 0.0))
+        start = np.roll(fine, -int(rng.integers(len(fine))), axis=0)
+        count = max(12, round(float(kernels.arc_length(np.ascontiguousarray(start))[-1])))
+        points = kernels.resample(np.ascontiguousarray(start), count, 0.0)
+        contours.append(Contour(points + rng.normal(0.0, noise, points.shape), hole=i > 0))
+    return View(contours)
+
+
+def second_alignments(shape: Shape) -> list[np.ndarray]:
+    """Homographies of the part's plane, other than the identity, that lay its true outline on itself within `ALIKE`.
+
+    From 71 turns of the whitened outline, each laid down by Gauss-Newton on all eight parameters: no step of the match
+    that decides where to begin is used.
+    """
+    scale = 400.0
+    a = Sampled(seen(shape, np.diag([scale, scale, 1.0]), np.random.default_rng(0), 0.0))
+    _, x, y, theta, major, minor, *_ = kernels.inertia(a.outer, np.array([0, len(a.outer)]))
+    c, s = math.cos(theta), math.sin(theta)
+    to = np.array([[c, s], [-s, c]]) / np.sqrt([[major], [minor]])
+    starts = []
+    for turn in 2.0 * math.pi * np.arange(1, 72) / 72:
+        c, s = math.cos(turn), math.sin(turn)
+        A = np.eye(3)
+        A[:2, :2] = np.linalg.inv(to) @ np.array([[c, -s], [s, c]]) @ to
+        A[:2, 2] = np.array([x, y]) - A[:2, :2] @ [x, y]
+        starts.append(A.ravel())
+    own = a.points, a.normals, a.points, a.normals, a.offsets
+    reaches, damping = np.array([0.3, 0.2, 0.15] + [0.1] * 5), np.array([1e-3] * 4 + [1e-4] * 4)
+    coarse = kernels.lay_outlines(np.array(starts), *own, reaches * a.size, damping, np.full(8, 4), 0.02 * a.size)
+    coarse = coarse[np.isfinite(coarse[:, 9])]
+    fine = kernels.lay_outlines(
+        np.ascontiguousarray(coarse[:, :9]),
+        *own,
+        np.full(8, 0.05 * a.size),
+        np.full(8, 1e-6),
+        np.ones(8, np.int64),
+        0.1,
+    )
+    unit = np.array([[scale, 0.0, -a.centre[0]], [0.0, scale, -a.centre[1]], [0.0, 0.0, 1.0]])
+    found = []
+    for row in fine[fine[:, 9] <= ALIKE * a.size]:
+        H = row[:9].reshape(3, 3)
+        if np.hypot(*(apply_homography(H, a.outer) - a.outer).T).max() > AWAY * a.size:
+            found.append(np.linalg.inv(unit) @ H @ unit)
+    # a slide: as far as a fifth of sqrt(area), the outline stays on itself
+    for row in nudged(np.eye(3), a, (-SLIDE, SLIDE)):
+        moved = rated(row.reshape(3, 3), a, a)
+        if moved is not None and moved.misfit <= ALIKE * a.size:
+            found.append(np.linalg.inv(unit) @ row.reshape(3, 3) @ unit)
+    return found
+
+
+def believable(H: np.ndarray, points: np.ndarray) -> bool:
+    """Whether a camera within the stated tilt could have seen the first view so."""
+    in_front, determinant, ratio = kernels.distortion(H, points)
+    depth = np.abs(points @ H[2, :2] + H[2, 2])
+    return bool(in_front > 0 and determinant > 0 and ratio <= MAX_STRETCH and depth.max() <= MAX_DEPTH * depth.min())
+
+
+def has_second(views: Views, alignments: list[np.ndarray], shape: Shape) -> bool:
+    points = apply_homography(views.first, shape.outer)
+    back = np.linalg.inv(views.first)
+    return any(believable(views.second @ S @ back, points) for S in alignments)
+
+
+def contacts_of(view: View) -> np.ndarray:
+    """The best grasp of two fingers; the outline's ends where there is none."""
+    best = synthesize(view, 2, 0.5, top=1)
+    if best:
+        return best[0].contacts
+    points = view.outer.points
+    return points[[int(points[:, 0].argmin()), int(points[:, 0].argmax())]]
+
+
+def off(H: np.ndarray, views: Views, contacts: np.ndarray, size: float) -> bool:
+    """Whether a contact is farther from its true place than the limit."""
+    gap = apply_homography(H, contacts) - apply_homography(views.between, contacts)
+    return bool(np.hypot(*gap.T).max() > accept_limit(size**2))
+
+
+class Tally:
+    """Counts of outcomes by tilt, of pairs with one alignment and with more."""
+
+    def __init__(self) -> None:
+        self.counts: dict[tuple[bool, int], Counter[str]] = defaultdict(Counter)
+        self.told: list[str] = []
+        self.times: list[float] = []
+
+    def add(self, name: str, tilt: float, second: bool, what: str) -> None:
+        """Count one pair."""
+        part = min(int(np.searchsorted(BINS, tilt, side="right")) - 1, len(BINS) - 2)
+        self.counts[second, part][what] += 1
+        if what == "wrong" or (not second and what != "matched"):
+            self.told.append(f"{name} at {tilt:.0f} degrees: {what}{' (has a second alignment)' if second else ''}")
+
+    def show(self, title: str) -> None:
+        """Print the table."""
+        common.heading(title)
+        rows = []
+        for second in (False, True):
+            parts = [self.counts[second, i] for i in range(len(BINS) - 1)]
+            labels = [f"{low:.0f} to {high:.0f}" for low, high in itertools.pairwise(BINS)]
+            for label, part in zip([*labels, "all"], [*parts, sum(parts, Counter())], strict=True):
+                total = sum(part.values())
+                cells = [part[what] for what in ("matched", "ambiguous", "wrong", "none")]
+                share = 100.0 * part["matched"] / total if total else float("nan")
+                rows.append(["two or more" if second else "one", label, total, *cells, share])
+        head = ("true alignments", "tilt, degrees", "pairs", "matched", "ambiguous", "wrong", "none", "matched %")
+        common.table(head, rows)
+        if self.times:
+            middle, late = common.percentiles(self.times)
+            common.say(f"A match takes {middle:.1f} ms, median, and {late:.1f} ms at the 99th percentile.")
+        for line in self.told:
+            print(line)
+
+
+def outlines(shapes: dict[str, Shape], count: int, seed: int, title: str) -> None:
+    tally = Tally()
+    for name, shape in shapes.items():
+        rng = np.random.default_rng((seed, len(name), *name.encode()))
+        alignments = second_alignments(shape)
+        for _ in range(count):
+            tilt = float(rng.uniform(BINS[0], BINS[-1]))
+            one, other = poses(shape, rng, tilt)
+            views = Views(one.table_to_image(CAMERA)[0], other.table_to_image(CAMERA)[0], tilt)
+            first, second = (seen(shape, H, rng, NOISE) for H in views[:2])
+            start = time.perf_counter()
+            told = judge(match(first, second))
+            tally.times.append(time.perf_counter() - start)
+            what = told.status
+            if told.best is not None and told.status == "matched":
+                wrong = off(told.best.homography, views, contacts_of(first), told.best.size)
+                what = "wrong" if wrong else what
+            tally.add(name, tilt, has_second(views, alignments, shape), what)
+    tally.show(title)
+
+
+def cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
+    """Pairs with one true alignment whose second outline lost a piece to a straight cut."""
+    rows = []
+    for share in CUTS:
+        told: Counter[str] = Counter()
+        for name, shape in shapes.items():
+            rng = np.random.default_rng((seed, 2, len(name), *name.encode()))
+            alignments = second_alignments(shape)
+            for _ in range(count):
+                tilt = float(rng.uniform(BINS[0], BINS[-1]))
+                one, other = poses(shape, rng, tilt)
+                views = Views(one.table_to_image(CAMERA)[0], other.table_to_image(CAMERA)[0], tilt)
+                first, whole = (seen(shape, H, rng, NOISE) for H in views[:2])
+                angle = rng.uniform(0.0, 2.0 * math.pi)
+                if has_second(views, alignments, shape):
+                    continue
+                way = np.array([math.cos(angle), math.sin(angle)])
+                edge = np.quantile(whole.outer.points @ way, 1.0 - share)
+                holes = [h for h in whole.contours[1:] if (h.points @ way).max() <= edge]
+                second = View([Contour(whole.outer.points[whole.outer.points @ way <= edge]), *holes])
+                found = judge(match(first, second))
+                size = math.sqrt(whole.outer.area)
+                right = found.best is not None and not off(found.best.homography, views, contacts_of(first), size)
+                told["right" if right else "not right"] += 1
+                told["wrong" if found.status == "matched" and not right else found.status] += 1
+        total = told["right"] + told["not right"]
+        cells = [told[what] for what in ("matched", "ambiguous", "wrong", "none")]
+        rows.append([f"{100 * share:.0f} %", total, *cells, 100.0 * told["right"] / max(total, 1)])
+    common.heading("global match, outlines of which a straight cut takes a piece")
+    common.table(("points cut off", "pairs", "matched", "ambiguous", "wrong", "none", "best one right %"), rows)
+
+
+def images(shapes: dict[str, Shape], count: int, seed: int, title: str) -> None:
+    tally = Tally()
+    for name, shape in shapes.items():
+        rng = np.random.default_rng((seed, 1, len(name), *name.encode()))
+        alignments = second_alignments(shape)
+        for k in range(count):
+            tilt = float(rng.uniform(BINS[0], BINS[-1]))
+            both = poses(shape, rng, tilt)
+            path = Path(*(np.concatenate(v) for v in zip(*(_fields(p) for p in both), strict=True)))
+            scene = Scene(shape, path, camera=CAMERA, conditions=Conditions(), seed=seed + k)
+            views = Views(*path.table_to_image(CAMERA), tilt)
+            tally.add(name, tilt, has_second(views, alignments, shape), outcome(scene, views, rng))
+    tally.show(title)
+
+
+def _fields(path: Path) -> tuple[np.ndarray, ...]:
+    return path.target, path.distance, path.roll, path.tilt, path.azimuth
+
+
+def outcome(scene: Scene, views: Views, rng: np.random.Generator) -> str:
+    """What `pair.carry_to` makes of two images, the reference's outline being the true one."""
+    reference = seen(scene.shape, views.first, rng, 0.0)
+    grasps = synthesize(reference, 2, 0.5, top=1)
+    if not grasps:
+        return "no grasp"
+    frames = scene[0], scene[1]
+    try:
+        pair = carry_to(grasps[0], reference, frames[0].image, frames[1].image, 0.5)
+    except AmbiguousError:
+        return "ambiguous"
+    except GraspTrackError:
+        return "none"
+    best = pair.outcomes[0]
+    if pair.found.status == "ambiguous":
+        return "ambiguous"
+    if best.reason or best.homography is None:
+        return "none"
+    size = math.sqrt(abs(frames[1].area))
+    return "wrong" if off(best.homography, views, grasps[0].contacts, size) else "matched"
+
+
+def main() -> None:
+    parser = common.parser(__doc__)
+    parser.add_argument("--pairs", type=int, default=30, help="of outlines, for each built-in shape")
+    parser.add_argument("--silhouettes", type=int, default=4, help="pairs for each silhouette; 0 for none")
+    parser.add_argument(
+        "--cut", type=int, default=4, help="pairs of each built-in shape with a piece cut off; 0 for none"
+    )
+    parser.add_argument("--images", type=int, default=4, help="rendered pairs for each built-in shape; 0 for none")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    built_in = {name: make() for name, make in SHAPES.items()}
+    outlines(built_in, given.pairs, given.seed, "global match, outlines of the built-in shapes")
+    if given.cut:
+        cut(built_in, given.cut, given.seed)
+    folder = DATA / "silhouettes"
+    if given.silhouettes and folder.is_dir():
+        found = {p.stem: silhouette(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), p.stem) for p in folder.glob("*.png")}
+        names = sorted(found)
+        used, others = names[::USED], [n for i, n in enumerate(names) if i % USED]
+        for some, title in ((used, "used in development"), (others, "never used in development")):
+            shapes = {n: found[n] for n in some}
+            outlines(shapes, given.silhouettes, given.seed, f"global match, outlines of silhouettes {title}")
+    if given.images:
+        images(built_in, given.images, given.seed, "global match, rendered images through `pair.carry_to`")
+    common.finish(given.output)
+
+
+if __name__ == "__main__":
+    main()

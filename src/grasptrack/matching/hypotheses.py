@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The homographies that lay one outline on another, without a prior: any turn, any start, any scale, strong tilt."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import Outline
+from grasptrack.matching import starts
+from grasptrack.matching.rating import Match, rated, slack
+from grasptrack.matching.samples import Sampled, sampled
+
+Floats = NDArray[np.float64]
+Steps = tuple[Floats, Floats]
+
+COARSE: tuple[Steps, ...] = (
+    (np.array([0.3, 0.25, 0.2, 0.15]), np.full(4, 1e-3)),
+    (np.array([0.12, 0.1, 0.1, 0.1]), np.full(4, 1e-4)),
+)
+"""Step by step: reach in sqrt(area), damping. Few samples, of every start, and of those that are not hopeless."""
+HOPELESS, HOPELESS_SHARE = 3.0, 0.03
+"""What is left with more than so many times the least misfit, and more than this share of sqrt(area) beyond it, is given
+up after the first coarse steps."""
+COARSE_SAMPLES = 64
+COARSE_NOISE = 0.02
+"""sqrt(area), of the coarse steps: what is off by ten times as much has a say, as the hole in a disc must have."""
+FINE: Steps = np.array([0.08, 0.06, 0.06, 0.05]), np.array([1e-5, 1e-6, 1e-6, 1e-6])
+"""The same of what is promising; half of the samples, all in the last step."""
+PROMISING, PROMISING_SHARE = 3.0, 0.02
+"""What is left with more than so many times the least misfit, and more than this share of sqrt(area) beyond it, is given
+up after the coarse steps."""
+FINAL = 7
+"""Hypotheses that are refined on all samples."""
+SETTLED, SETTLED_SHARE = 3.0, 0.005
+"""Hypotheses with less than so many times the least misfit, or less than this share of sqrt(area) beyond it, are refined
+until they are one or stay apart."""
+FITS = 0.93
+"""A share of both outlines that need not be bettered; below it, parts and stronger perspective are tried as well."""
+LEAST_NOISE = 0.1
+"""px; outlines are never believed to be better than this."""
+SAME = 0.03
+"""Hypotheses that put all points within this share of sqrt(area) of each other are one."""
+
+
+def match(first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *, thorough: bool = True) -> list[Match]:
+    """The homographies that may lay one outline on another, the best first.
+
+    Args:
+        first, second: the outlines, or samples of them made before. Any first point and direction; holes help.
+        most: hypotheses given at most.
+        thorough: where no hypothesis fits nearly everywhere, look for parts of the first outline and for stronger
+            perspective as well. It takes several times as long.
+
+    Returns:
+        Distinct hypotheses, never a mirror image, none that asks for more tilt than `MAX_STRETCH` and `MAX_DEPTH` allow,
+        the least cost first. Empty where nothing fits at all. `judge` says what they amount to.
+    """
+    a, b = sampled(first), sampled(second)
+    found = _refined(starts.of_wholes(a, b), a, b)
+    if thorough and not (found and found[0].share >= FITS):
+        again = np.concatenate([starts.of_wholes(a, b, more=True), starts.of_parts(a, b)])
+        found = _merged(found + _refined(again, a, b), a)
+    if found:
+        found[0] = found[0]._replace(slack=slack(found[0], a, b))
+    return [_placed(m, a, b) for m in found[:most]]
+
+
+def _placed(m: Match, a: Sampled, b: Sampled) -> Match:
+    """The same between the images; so far it was between the centres."""
+    to, back = np.eye(3), np.eye(3)
+    to[:2, 2], back[:2, 2] = -a.centre, b.centre
+    H = back @ m.homography @ to
+    return m._replace(homography=H / H[2, 2] if abs(H[2, 2]) > 1e-9 else H)
+
+
+def _refined(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
+    """Distinct hypotheses that starts (k, 9) lead to, the least misfit first."""
+    found = _fine(_coarse(begun, a, b), a, b)
+    if found and len(a.twins):  # what nearly lies on itself must lie there in the best of its ways
+        best = found[0].homography
+        ways = (best @ a.twins.reshape(-1, 3, 3)).reshape(-1, 9)
+        found = _merged(found + _fine(_coarse(ways / ways[:, 8:], a, b), a, b, len(ways)), a)
+    return found if len(found) < 2 else _settled(found, a, b)
+
+
+def _settled(found: list[Match], a: Sampled, b: Sampled) -> list[Match]:
+    """Those that are left when all that come near the best one are refined to the end: slow ones join it."""
+    limit = max(SETTLED * found[0].misfit, found[0].misfit + SETTLED_SHARE * b.size)
+    near = [m for m in found if m.misfit <= limit]
+    reaches, damping = FINE
+    rows = np.array([m.homography.ravel() for m in near])
+    for _ in range(2):
+        rows = _laid(np.ascontiguousarray(rows[:, :9]), a, b, (reaches[-3:], damping[-3:]), [1, 1, 1])
+        if len(rows) < 2 or len(_distinct(rows, a, b.size)) == 1:
+            break
+    again = [m for row in rows if (m := rated(row[:9].reshape(3, 3), a, b)) is not None]
+    return _merged(again + [m for m in found if m.misfit > limit], a)
+
+
+def _coarse(begun: Floats, a: Sampled, b: Sampled) -> Floats:
+    """(k, 10) distinct homographies, on few samples, the least misfit first."""
+    stride = max(1, len(a.points) // COARSE_SAMPLES)
+    found, noise = begun, max(COARSE_NOISE * b.size, LEAST_NOISE)
+    for steps in COARSE:
+        found = _laid(np.ascontiguousarray(found[:, :9]), a, b, steps, [stride] * len(steps[0]), noise)
+        if len(found):
+            least = float(found[:, 9].min())
+            found = found[found[:, 9] <= max(HOPELESS * least, least + HOPELESS_SHARE * b.size)]
+    found = found[np.argsort(found[:, 9], kind="stable")]
+    return found[_distinct(found, a, b.size)] if len(found) else found
+
+
+def _fine(coarse: Floats, a: Sampled, b: Sampled, most: int = FINAL) -> list[Match]:
+    """Those that promise something, on all samples."""
+    if not len(coarse):
+        return []
+    limit = max(PROMISING * coarse[0, 9], coarse[0, 9] + PROMISING_SHARE * b.size)
+    promising = coarse[coarse[:, 9] <= limit][:most]
+    fine = _laid(np.ascontiguousarray(promising[:, :9]), a, b, FINE, [2] * (len(FINE[0]) - 1) + [1])
+    return _merged([m for row in fine if (m := rated(row[:9].reshape(3, 3), a, b)) is not None], a)
+
+
+def _merged(found: list[Match], a: Sampled) -> list[Match]:
+    """The distinct ones, the least cost first."""
+    if not found:
+        return []
+    ordered = sorted(found, key=lambda m: m.cost)
+    kept = _distinct(np.array([m.homography.ravel() for m in ordered]), a, ordered[0].size)
+    return [ordered[i] for i in kept]
+
+
+def _laid(
+    begun: Floats, a: Sampled, b: Sampled, steps: Steps, strides: list[int], noise: float = LEAST_NOISE
+) -> Floats:
+    """(k, 10) those starts that come to anything, refined."""
+    reaches, damping = steps
+    found = kernels.lay_outlines(
+        begun,
+        a.points,
+        a.normals,
+        b.points,
+        b.normals,
+        b.offsets,
+        reaches * b.size,
+        damping,
+        np.array(strides, dtype=np.int64),
+        noise,
+    )
+    return found[np.isfinite(found[:, 9])]
+
+
+def _distinct(rows: Floats, a: Sampled, size: float) -> list[int]:
+    """Of homographies (k, 9 or more) that put the outline in the same place the first."""
+    points = a.points[:: max(1, len(a.points) // 16)]
+    h = rows[:, :9].reshape(-1, 1, 3, 3)
+    w = h[..., 2, 0] * points[:, 0] + h[..., 2, 1] * points[:, 1] + h[..., 2, 2]
+    at = (h[..., :2, :2] @ points[..., None])[..., 0] + h[..., :2, 2]
+    at = at / w[..., None]
+    kept: list[int] = []
+    for i in range(len(rows)):
+        if not kept or ((at[kept] - at[i]) ** 2).sum(axis=2).max(axis=1).min() > (SAME * size) ** 2:
+            kept.append(i)
+    return kept

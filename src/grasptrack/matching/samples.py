@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An outline as the match looks at it: points at equal steps with the directions of the normals there."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import Outline, as_view
+from grasptrack.kernels.reference_evidence import displacement_fields, whitening
+
+Floats = NDArray[np.float64]
+
+MOST = 400
+"""Samples of an outline, holes included; ..."""
+SPACING = 1.0
+"""... fewer where they would lie nearer than so many px."""
+SMOOTHING = 2.0
+"""px or samples, whichever is more, over which a sample is the mean: what noise does to a normal stays below 10 degrees."""
+FEWEST = 12
+"""Samples of the least hole."""
+TWIN = 0.2
+"""Share of the whitened outline's norm by which a near twin of itself may differ."""
+TWINS, TWIN_COUNT, TWIN_APART = 23, 256, 0.015
+"""Near twins that are kept at most, the steps at which they are looked for, and what they are apart at least, in lengths
+of the outline."""
+SHAPE = 256
+"""Points of the outer contour for the whitened alignment."""
+
+
+class Sampled:
+    """Samples of an outline. Making them once serves all matches of a view.
+
+    Attributes:
+        centre: (2,) px, the outer contour's centroid.
+        points, normals: (m, 2) px from the centre, (m, 2) unit, out of the material; contour after contour.
+        offsets: (C + 1,) where each contour begins.
+        outer: (k, 2) px from the centre, fewer points of the outer contour.
+        size: px, the square root of the outer contour's area.
+    """
+
+    def __init__(self, outline: Outline) -> None:
+        view = as_view(outline)
+        spacing = max(SPACING, sum(c.length for c in view.contours) / MOST)
+        rings = []
+        for contour in view.contours:
+            count = max(FEWEST, round(contour.length / spacing))
+            smooth = min(SMOOTHING * max(1.0, spacing), 0.25 * contour.length)
+            rings.append(kernels.resample(contour.points, count, smooth))
+        area, x, y, *_ = kernels.inertia(rings[0], np.array([0, len(rings[0])], dtype=np.int64))
+        self.size: float = math.sqrt(area)
+        self.centre: Floats = np.array([x, y])
+        # from the centre: with strong perspective the image's own origin may lie beyond the horizon
+        self.points: Floats = np.concatenate(rings) - self.centre
+        self.normals: Floats = np.ascontiguousarray(np.concatenate([kernels.blend_normals(r) for r in rings]))
+        self.offsets: NDArray[np.int64] = np.cumsum([0, *(len(r) for r in rings)], dtype=np.int64)
+        outer = rings[0] if len(rings[0]) <= SHAPE else kernels.resample(rings[0], SHAPE, 0.0)
+        self.outer: Floats = outer - self.centre
+
+    @cached_property
+    def softest(self) -> tuple[Floats, float, Floats]:
+        """Centre (2,) and radius in px, and (8,) parameters of the homography near the identity that the normals show
+        least, such that it moves the farthest point by 1 px."""
+        centre = self.points.mean(axis=0)
+        radius = math.sqrt(float(((self.points - centre) ** 2).sum()) / len(self.points))
+        fields = displacement_fields((self.points - centre) / radius)
+        own = whitening(fields)
+        seen = np.einsum("mi,mij->mj", self.normals, fields) @ own
+        mode = own @ np.linalg.eigh(seen.T @ seen)[1][:, 0]
+        return centre, radius, mode / (radius * math.sqrt(float(((fields @ mode) ** 2).sum(axis=1).max())))
+
+    @cached_property
+    def twins(self) -> Floats:
+        """(k, 9) affine maps after which the outer contour lies on itself or nearly, without the identity."""
+        found = kernels.outline_starts(self.outer, self.outer, np.zeros((1, 2)), TWIN_COUNT, TWIN_APART, TWINS + 1)
+        own = np.abs(np.mod(found[:, 1] + 0.5, 1.0) - 0.5) < TWIN_APART
+        return np.ascontiguousarray(found[(found[:, 0] <= TWIN) & ~own, 2:])
+
+
+def sampled(outline: Outline | Sampled) -> Sampled:
+    """The samples of an outline; samples come back as they are."""
+    return outline if isinstance(outline, Sampled) else Sampled(outline)

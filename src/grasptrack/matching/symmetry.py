@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The turns that map an object's outline to itself, or nearly."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import Outline
+from grasptrack.matching.rating import rated
+from grasptrack.matching.samples import Sampled, sampled
+
+Floats = NDArray[np.float64]
+
+TOLERANCE = 0.01
+"""Share of sqrt(area), rms: an outline that is turned and differs by no more from what it was is its own twin."""
+NEAR_TOLERANCE = 0.04
+"""The same of a near symmetry."""
+PEAKS = 256
+"""Steps of the outline at which it is laid on itself."""
+LOOSE = 0.12
+"""Share of the outline's rms radius, rms, that a turn may leave before it is looked at more closely."""
+PROBES = 12
+"""Turns that are no part of a full turn: where all of them fit, every turn does."""
+WITHIN, HALVINGS = math.radians(1.5), 7
+"""rad about a turn in which the best one is looked for, and steps of that search."""
+BESIDE = math.radians(2.5)
+"""rad; a symmetry leaves less than what lies so far beside it, and none is nearer to another or to no turn at all."""
+GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
+
+
+class Symmetry(NamedTuple):
+    """A turn of the object after which its outline lies on itself, or nearly.
+
+    Attributes:
+        turn: rad, from x to y, in (-pi, pi].
+        residual: px rms between the outline and itself turned.
+    """
+
+    turn: float
+    residual: float
+
+
+class Symmetries(NamedTuple):
+    """An outline's own symmetries, without the turn by nothing.
+
+    Attributes:
+        turns: those within `TOLERANCE`, by their size; empty where the outline fits itself in every turn.
+        near: those within `NEAR_TOLERANCE` only, the best first.
+        continuous: the outline fits itself in every turn, as a disc and a ring do.
+    """
+
+    turns: list[Symmetry]
+    near: list[Symmetry]
+    continuous: bool
+
+    @property
+    def order(self) -> int:
+        """In how many ways the outline fits itself, 1 without symmetry; 0 for infinitely many."""
+        return 0 if self.continuous else 1 + len(self.turns)
+
+
+def symmetries(outline: Outline | Sampled) -> Symmetries:
+    """The turns that map an outline, holes included, to itself within 1 % of sqrt(area), and those that nearly do.
+
+    Mirror images are not looked for: no camera turns an object over.
+
+    Args:
+        outline: as seen from the front; a tilted view shows other turns, or none.
+    """
+    a = sampled(outline)
+    if all(_left(a, (k + 1) * GOLDEN) <= TOLERANCE * a.size for k in range(PROBES)):
+        return Symmetries([], [], True)
+    arc = kernels.arc_length(a.outer)
+    found: list[Symmetry] = []
+    for _, turn, _ in kernels.align_outlines(a.outer, arc, a.outer, arc, PEAKS, LOOSE):
+        if abs(math.remainder(turn, 2.0 * math.pi)) <= BESIDE:
+            continue
+        one = _settled(a, turn)
+        if one is not None and all(abs(math.remainder(one.turn - s.turn, 2.0 * math.pi)) > BESIDE for s in found):
+            found.append(one)
+    exact = sorted((s for s in found if s.residual <= TOLERANCE * a.size), key=lambda s: abs(s.turn))
+    near = sorted((s for s in found if s.residual > TOLERANCE * a.size), key=lambda s: s.residual)
+    return Symmetries(exact, near, False)
+
+
+def _turned(turn: float) -> Floats:
+    c, s = math.cos(turn), math.sin(turn)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _left(a: Sampled, turn: float) -> float:
+    """px rms that a turn about the centroid leaves."""
+    found = rated(_turned(turn), a, a)
+    return math.inf if found is None else found.misfit
+
+
+def _settled(a: Sampled, turn: float) -> Symmetry | None:
+    """The turn nearby that leaves least; None on a slope, where turns still nearer to another one leave less."""
+    low, high = turn - WITHIN, turn + WITHIN
+    for _ in range(HALVINGS):
+        one, other = low + (high - low) / 3.0, high - (high - low) / 3.0
+        low, high = (low, other) if _left(a, one) < _left(a, other) else (one, high)
+    best = 0.5 * (low + high)
+    least = _left(a, best)
+    if least > NEAR_TOLERANCE * a.size or min(_left(a, best - BESIDE), _left(a, best + BESIDE)) <= least:
+        return None
+    return Symmetry(math.remainder(best, 2.0 * math.pi), least)
