@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from grasptrack.analysis import GraspAnalysis, analyze
+    from grasptrack.calibration import Camera
     from grasptrack.contour import Contour, View
     from grasptrack.errors import (
         AmbiguousError,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     )
     from grasptrack.grasp import Grasp
     from grasptrack.hand import Hand, Length
+    from grasptrack.io.calibration import read_camera
     from grasptrack.io.sources import Frame, open_source
     from grasptrack.result import TrackResult
     from grasptrack.synthesis import GraspList, RankedGrasp, synthesize
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "analysis": ("GraspAnalysis", "analyze"),
+    "calibration": ("Camera",),
     "contour": ("Contour", "View"),
     "errors": (
         "AmbiguousError",
@@ -62,6 +65,7 @@ _HOME = {
     ),
     "grasp": ("Grasp",),
     "hand": ("Hand", "Length"),
+    "io.calibration": ("read_camera",),
     "io.sources": ("Frame", "open_source"),
     "result": ("TrackResult",),
     "synthesis": ("GraspList", "RankedGrasp", "synthesize"),
@@ -73,6 +77,7 @@ _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = [
     "AmbiguousError",
     "AxesError",
+    "Camera",
     "ClippedError",
     "ConditioningError",
     "Contour",
@@ -101,6 +106,7 @@ __all__ = [
     "__version__",
     "analyze",
     "open_source",
+    "read_camera",
     "synthesize",
     "transfer",
 ]
