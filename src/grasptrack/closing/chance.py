@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from grasptrack.closing.gaussian import in_box, within
 from grasptrack.closing.regions import Regions
 from grasptrack.errors import InputError
-from grasptrack.projective import jacobian
 
 Floats = NDArray[np.float64]
 
@@ -41,12 +40,14 @@ def chance_of_closing(
     k = len(regions.contacts)
     if covariance.shape not in ((k, 2, 2), (2 * k, 2 * k)):
         raise InputError(f"a covariance of {k} contacts is ({k}, 2, 2) or ({2 * k}, {2 * k}), not {covariance.shape}")
-    rows = _slip_rows(regions, homography)
-    if rows is None:
+    found = _slip_rows(regions, homography)
+    if found is None:
         return math.nan
+    rows, places = found
     low, high = [-b for b in regions.back.tolist()], regions.ahead.tolist()
-    if contacts is not None:
-        for i, off in enumerate(_offsets(regions, homography, contacts)):
+    if contacts is not None:  # not far from where the homography puts them, so that its derivative will do
+        for i, ((u, v), (px, py), (x, y)) in enumerate(zip(rows, places, contacts.tolist(), strict=True)):
+            off = u * (x - px) + v * (y - py)
             low[i], high[i] = low[i] - off, high[i] - off
     if covariance.ndim == 2:
         project = np.zeros((k, 2 * k))
@@ -59,25 +60,28 @@ def chance_of_closing(
     return chance
 
 
-def _slip_rows(regions: Regions, homography: Floats | None) -> list[tuple[float, float]] | None:
-    """For each contact the slip along its tangent in the reference by a shift in the current view; None: not finite."""
-    rows = []
+_Pairs = list[tuple[float, float]]
+
+
+def _slip_rows(regions: Regions, homography: Floats | None) -> tuple[_Pairs, _Pairs] | None:
+    """For each contact the slip along its tangent in the reference by a shift in the current view, and its place there.
+
+    None where the homography is not finite or cannot be inverted.
+    """
+    rows, places = [], []
+    h = None if homography is None else homography.tolist()
     for (x, y), (tx, ty) in zip(regions.contacts.tolist(), regions.tangents.tolist(), strict=True):
-        if homography is None:
+        if h is None:
             rows.append((tx, ty))
+            places.append((x, y))
             continue
-        a, b, c, d = jacobian(homography, x, y)
+        w = h[2][0] * x + h[2][1] * y + h[2][2]
+        px, py = (h[0][0] * x + h[0][1] * y + h[0][2]) / w, (h[1][0] * x + h[1][1] * y + h[1][2]) / w
+        a, b = (h[0][0] - h[2][0] * px) / w, (h[0][1] - h[2][1] * px) / w
+        c, d = (h[1][0] - h[2][0] * py) / w, (h[1][1] - h[2][1] * py) / w
         determinant = a * d - b * c
         if determinant == 0.0 or not math.isfinite(determinant):
             return None
         rows.append(((tx * d - ty * c) / determinant, (ty * a - tx * b) / determinant))
-    return rows
-
-
-def _offsets(regions: Regions, homography: Floats | None, contacts: Floats) -> list[float]:
-    """px by which contacts of the current view lie along the tangents from those of the regions."""
-    back = contacts
-    if homography is not None:
-        p = np.column_stack([contacts, np.ones(len(contacts))]) @ np.linalg.inv(homography).T
-        back = p[:, :2] / p[:, 2:]
-    return [float(v) for v in ((back - regions.contacts) * regions.tangents).sum(axis=1)]
+        places.append((px, py))
+    return rows, places

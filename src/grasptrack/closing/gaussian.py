@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-_FAR = 8.5
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+_FAR = 7.0
 """Standard deviations beyond which nothing is left."""
 
 
