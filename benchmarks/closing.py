@@ -28,7 +28,7 @@ def outline(name: str) -> gt.View:
     for i, polygon in enumerate((shape.outer, *shape.holes)):
         points = np.asarray(polygon) * SIZE + (320.0, 240.0)
         length = float(np.hypot(*np.diff(points, axis=0, append=points[:1]).T).sum())
-        contours.append(resampled(points, max(24, round(length)), hole=i > 0))
+        contours.append(gt.Contour(resampled(points, max(24, round(length))), hole=i > 0))
     return gt.View(contours)
 
 

@@ -167,6 +167,24 @@ def test_all_that_was_seen_is_in_the_straight_image(k1: float) -> None:
     assert np.abs(straight - np.interp(seen[:, 0], np.arange(640), ramp[0])).max() <= 1.5
 
 
+def test_what_the_border_of_the_image_seen_cuts_is_cut() -> None:
+    ideal = np.full((560, 760), 200, np.uint8)
+    cv2.fillPoly(ideal, [np.array([[500, 180], [740, 190], [730, 360], [510, 350]])], 60)
+    x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
+    back = BARREL.undistort(np.stack([x, y], axis=-1).reshape(-1, 2)).reshape(480, 640, 2).astype(np.float32)
+    image = cv2.remap(ideal, back[..., 0], back[..., 1], cv2.INTER_LINEAR, borderValue=200)
+    view = GraspTracker(camera=BARREL, object_at=(560.0, 250.0)).update(image).view
+    assert view is not None and view.outer.clipped is not None
+    assert (view.outer.points[view.outer.clipped, 0] > 630).all()  # where the object goes on outside, and only there
+    assert view.outer.clipped[view.outer.points[:, 0] > 636].mean() > 0.9
+    hidden = np.zeros(image.shape, np.uint8)
+    hidden[:, 600:] = 255
+    view = GraspTracker(ignore=hidden, object_at=(560.0, 250.0)).update(image).view
+    assert (
+        view is not None and view.outer.clipped is not None and (view.outer.points[view.outer.clipped, 0] > 590).all()
+    )
+
+
 # --- the command line ----------------------------------------------------------------------------
 
 

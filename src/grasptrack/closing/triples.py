@@ -15,7 +15,7 @@ from grasptrack.closing.slips import SAMPLES
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-COARSE = 4
+COARSE = 6
 """Every so many places are tried together with those of the other contacts."""
 _FACETS = np.array(list(itertools.combinations(range(6), 3)))
 _FLAT = 1e-12

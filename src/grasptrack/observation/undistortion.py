@@ -24,6 +24,7 @@ Box = tuple[float, float, float, float]
 MOST = 0.3
 """A straight image is larger than the one seen by this share of its side at most, on each side."""
 _COARSE = 8
+_STEP = 0.05
 
 
 class Undistortion:
@@ -128,6 +129,12 @@ class Undistortion:
         """(k, 2) px of the image seen, of points (k, 2) of the straight one."""
         return self.camera.distort(np.asarray(points, dtype=np.float64) + self.offset)
 
+    def _seen_near(self, points: Floats) -> tuple[Floats, Floats]:
+        """As `seen` and `stretch`, in one go: there are few points, and they come with every frame."""
+        around = self.seen(points[:, None] + _STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]))
+        J = np.stack([around[:, 1] - around[:, 2], around[:, 3] - around[:, 4]], axis=-1) / (2.0 * _STEP)
+        return around[:, 0], J
+
     def stretch(self, points: ArrayLike) -> Floats:
         """(k, 2, 2) derivatives of `seen` at points (k, 2) of the straight image."""
         return self.camera.jacobian(np.asarray(points, dtype=np.float64) + self.offset)
@@ -158,10 +165,8 @@ class Undistortion:
         """A tracker's answer on straight images: contacts, covariance and outline as seen, homography in ideal px."""
         contacts, covariance, H = result.contacts, result.covariance, result.homography
         if contacts is not None:
-            if covariance is not None:
-                J = self.stretch(contacts)
-                covariance = J @ covariance @ np.swapaxes(J, 1, 2)
-            contacts = self.seen(contacts)
+            contacts, J = self._seen_near(contacts)
+            covariance = None if covariance is None else J @ covariance @ np.swapaxes(J, 1, 2)
         if H is not None:
             (x, y) = self.offset
             there, back = np.array([[1, 0, x], [0, 1, y], [0, 0, 1.0]]), np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1.0]])
