@@ -216,6 +216,24 @@ def test_track_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tm
     assert json.loads((out / "run.json").read_text())["options"]["camera"] == str(file)
 
 
+def test_a_calibration_of_larger_images_is_scaled_and_the_user_told(
+    scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, file, _ = scene
+    small = json.loads(file.read_text())
+    larger = {**small, "K": [[2 * a + (0.5 if j == 2 else 0.0) for j, a in enumerate(row)] for row in small["K"][:2]]}
+    larger["K"].append([0.0, 0.0, 1.0])
+    (tmp_path / "large.json").write_text(json.dumps({**larger, "image_size": [1280, 960]}))
+    found = []
+    for name, out in ((file, tmp_path / "a"), (tmp_path / "large.json", tmp_path / "b")):
+        assert main(["track", str(folder), "--camera", str(name), "--output", str(out), "--no-video"]) == 0
+        told = "the calibration, of 1280x960 px, was scaled to the images' 640x480" in capsys.readouterr().out
+        assert told is (name != file)
+        with (out / "grasps.csv").open(newline="") as table:
+            found.append([[row[c] for c in ("x1", "y1", "x2", "y2")] for row in csv.DictReader(table)])
+    assert np.allclose(np.array(found[0], dtype=float), np.array(found[1], dtype=float), atol=2e-3)
+
+
 def test_synthesize_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path) -> None:
     folder, file, seen = scene
     out = tmp_path / "out"

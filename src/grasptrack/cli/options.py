@@ -205,6 +205,14 @@ def calibration(path: str | None) -> Camera | None:
     return read_camera(path)
 
 
+def scaled(camera: Camera | None, shape: tuple[int, ...]) -> list[str]:
+    """A line for the user where a calibration was made with images of another size than (H, W), which are scaled ones."""
+    if camera is None or camera.size in (None, (shape[1], shape[0])):
+        return []
+    width, height = camera.size or (0, 0)
+    return [f"the calibration, of {width}x{height} px, was scaled to the images' {shape[1]}x{shape[0]}"]
+
+
 def ignore_mask(path: str | None) -> NDArray[Any] | None:
     """The mask of what never belongs to a scene, (H, W), or None.
 

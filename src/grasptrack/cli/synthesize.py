@@ -135,7 +135,7 @@ def synthesize(
     if not any(found.grasps for found in planned):
         raise InputError(f'"{image}": {_why_none(planned)}')
     if not quiet:
-        _show(planned, scale, [f"{data}, {page}"])
+        _show(planned, scale, [*options.scaled(calibration, picture.shape), f"{data}, {page}"])
 
 
 def _plan(views: list[View], every: bool, fingers: int, friction: float, top: int, hand: Hand) -> list[Planned]:

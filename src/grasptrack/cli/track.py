@@ -121,13 +121,15 @@ def track(
         hand=hand,
         camera=calibration,
     )
-    done = 0
+    done, notes = 0, list[str]()
     with Interruption() as interruption:
         try:
             with Progress(quiet) as progress:
 
                 def tell(frame: Frame, result: TrackResult) -> None:
                     nonlocal done
+                    if not done:
+                        notes.extend(options.scaled(calibration, frame.image.shape))
                     done += 1
                     progress.tell("tracking", done, images.count)
                     interruption.check()
@@ -141,7 +143,7 @@ def track(
     if not summary.grasps:
         raise InputError(_nothing_to_track(summary))
     if not quiet:
-        show_run(summary, output)
+        show_run(summary, output, notes)
 
 
 def _nothing_to_track(summary: RunSummary) -> str:
