@@ -87,6 +87,7 @@ def test_the_outline_lies_on_the_edge_that_is_seen() -> None:
     assert np.median(far) < 1.0
 
 
+@lru_cache
 def two_plates() -> np.ndarray:
     """A large and a small plate near a corner, as the barrel sees them."""
     ideal = np.full((480, 640), 200, np.uint8)
