@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from grasptrack.analysis import GraspAnalysis, analyze
+    from grasptrack.calibration import Camera
     from grasptrack.contour import Contour, View
     from grasptrack.errors import (
         AmbiguousError,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     )
     from grasptrack.grasp import Grasp
     from grasptrack.hand import Hand, Length
+    from grasptrack.io.calibration import read_camera
     from grasptrack.io.sources import Frame, open_source
     from grasptrack.result import TrackResult
     from grasptrack.suitability import Suitability, inspect
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "analysis": ("GraspAnalysis", "analyze"),
+    "calibration": ("Camera",),
     "contour": ("Contour", "View"),
     "errors": (
         "AmbiguousError",
@@ -63,6 +66,7 @@ _HOME = {
     ),
     "grasp": ("Grasp",),
     "hand": ("Hand", "Length"),
+    "io.calibration": ("read_camera",),
     "io.sources": ("Frame", "open_source"),
     "result": ("TrackResult",),
     "suitability": ("Suitability", "inspect"),
@@ -75,6 +79,7 @@ _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = [
     "AmbiguousError",
     "AxesError",
+    "Camera",
     "ClippedError",
     "ConditioningError",
     "Contour",
@@ -105,6 +110,7 @@ __all__ = [
     "analyze",
     "inspect",
     "open_source",
+    "read_camera",
     "synthesize",
     "transfer",
 ]

@@ -32,6 +32,8 @@ class TrackResult:
         seen: (k,) 0 to 1, how much of the outline at each contact was observed; None with the contacts.
         analysis: the grasp's analysis; None with the contacts.
         confidence: 0 to 1.
+        chance: probability, 0 to 1, that the grasp still closes although the contacts may be off by their covariance: the
+            least that it is (`closing.chance_of_closing`); NaN where no covariance is known.
         homography: (3, 3) H_current_reference where the transfer gives one.
         covariance: (k, 2, 2) px^2 of the contacts where it is known.
         view: the outline that was observed, for drawing; None when nothing was.
@@ -51,6 +53,7 @@ class TrackResult:
     homography: NDArray[np.float64] | None = None
     covariance: NDArray[np.float64] | None = None
     view: View | None = None
+    chance: float = math.nan
     latency_ms: float = math.nan
 
     @property

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack import choice
 from grasptrack.analysis import DEFAULT_FRICTION, check_friction
 from grasptrack.belief import Belief, Believed
+from grasptrack.calibration import Camera
 from grasptrack.contour import View
 from grasptrack.errors import (
     ConditioningError,
@@ -28,6 +29,7 @@ from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Segmenter, apart, grow
+from grasptrack.observation.undistortion import Told, Undistortion
 from grasptrack.reference import AUTO, Reference
 from grasptrack.result import TrackResult
 from grasptrack.search import Search
@@ -51,6 +53,8 @@ class GraspTracker:
         resynthesize: choose a new grasp, with a new grasp_id, when the analysis refuses the present one.
         hand: opening and fingers that a synthesised grasp must suit; default fingers in proportion to the object.
         segmenter: your own segmentation, asked for a mask of every image that comes without one.
+        camera: its calibration. Images are made straight before anything is looked at. Everything that goes in and comes
+            out stays in px of the images as they are, but for the homography, which is in ideal px.
 
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
@@ -71,6 +75,7 @@ class GraspTracker:
         resynthesize: bool = False,
         hand: Hand | None = None,
         segmenter: Segmenter | None = None,
+        camera: Camera | None = None,
     ) -> None:
         if strategy not in (AUTO, *STRATEGIES):
             raise StrategyError(f'unknown strategy "{strategy}"; choose from {", ".join((AUTO, *STRATEGIES))}')
@@ -89,7 +94,8 @@ class GraspTracker:
         if object_at is not None and box is not None:
             raise InputError("a pixel and a box both say which object is meant: give one of them")
         self._object_at, self._box, self._ignore, self._resynthesize = object_at, box, ignore, resynthesize
-        self._hand, self._segmenter = hand, segmenter
+        self._hand, self._segmenter, self._camera = hand, segmenter, camera
+        self._lens: Undistortion | None = None
         self._frame = -1
         self._grasp_id = 0
         self._shape: tuple[int, int] | None = None
@@ -117,7 +123,8 @@ class GraspTracker:
             InputError: a mask of another size than the image.
         """
         started = clock.perf_counter()
-        grey = self._prepare(image, self._segmenter.segment(image) if mask is None and self._segmenter else mask)
+        mask = self._segmenter.segment(image) if mask is None and self._segmenter else mask
+        grey = self._prepare(*self._straight(image, mask))
         self._frame += 1
         self._reasons = []
         if self._reference is None or self._search is None or self._belief is None:
@@ -127,7 +134,8 @@ class GraspTracker:
         else:
             result = self._follow(grey, time, self._reference, self._search, self._belief)
         latency = 1e3 * (clock.perf_counter() - started)
-        return TrackResult(frame=self._frame, time=time, latency_ms=latency, **result)
+        told = TrackResult(frame=self._frame, time=time, latency_ms=latency, **result)
+        return told if self._lens is None else self._lens.result(told)
 
     def _begin(self, *, masked: bool) -> dict[str, Any]:
         """Choose the object and a grasp on it."""
@@ -229,6 +237,19 @@ class GraspTracker:
         return {"status": verdict.status, "reason": verdict.reason, "grasp_id": self._grasp_id}
 
     # --- the first view --------------------------------------------------------------------------
+
+    def _straight(self, image: NDArray[Any], mask: NDArray[Any] | None) -> tuple[NDArray[Any], NDArray[Any] | None]:
+        """The image and its mask without the lens's distortion, where the camera is known."""
+        if self._camera is None:
+            return image, mask
+        if self._lens is None:
+            height, width = to_bgr(image).shape[:2]
+            self._lens = Undistortion(self._camera, width, height)
+            given = None if self._given is None else self._given.contacts
+            told = Told(given, self._object_at, self._box, self._ignore).straight(self._lens)
+            self._given = None if told.contacts is None else Grasp(told.contacts)
+            self._object_at, self._box, self._ignore = told.object_at, told.box, told.ignore
+        return self._lens.image(image), None if mask is None else self._lens.mask(mask)
 
     def _prepare(self, image: NDArray[Any], mask: NDArray[Any] | None) -> Grey:
         colours = to_bgr(image)

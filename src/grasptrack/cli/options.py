@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from grasptrack.calibration import Camera
     from grasptrack.hand import Hand
 
 Fingers = Annotated[
@@ -31,6 +32,14 @@ IgnorePath = Annotated[
     str | None,
     typer.Option(
         metavar="MASK", help="Image that is not black where nothing belongs to the scene, as the hand's own fingers."
+    ),
+]
+CameraPath = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="FILE",
+        help="Its calibration (ROS, OpenCV, JSON): the lens's distortion is taken out first.",
     ),
 ]
 ObjectText = Annotated[str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object.")]
@@ -181,6 +190,27 @@ def positive_friction(friction: float) -> float:
     if not (0.0 < friction < math.inf):
         raise InputError(f"--friction must be a positive number, not {friction:g}", friction=friction)
     return friction
+
+
+def calibration(path: str | None) -> Camera | None:
+    """The camera of --camera, or None.
+
+    Raises:
+        InputError: a file that cannot be read, or is no calibration.
+    """
+    if path is None:
+        return None
+    from grasptrack.io.calibration import read_camera
+
+    return read_camera(path)
+
+
+def scaled(camera: Camera | None, shape: tuple[int, ...]) -> list[str]:
+    """A line for the user where a calibration was made with images of another size than (H, W), which are scaled ones."""
+    if camera is None or camera.size in (None, (shape[1], shape[0])):
+        return []
+    width, height = camera.size or (0, 0)
+    return [f"the calibration, of {width}x{height} px, was scaled to the images' {shape[1]}x{shape[0]}"]
 
 
 def ignore_mask(path: str | None) -> NDArray[Any] | None:

@@ -72,8 +72,8 @@ class Progress:
         self._progress.update(self._tasks[step], completed=done, total=known)
 
 
-def show_run(summary: RunSummary, output: Path) -> None:
-    """The closing table of a run: frames, statuses and why, latency, speed, files."""
+def show_run(summary: RunSummary, output: Path, notes: Iterable[str] = ()) -> None:
+    """The closing table of a run: frames, statuses and why, latency, speed, files; and lines of text below it."""
     from rich.console import Console
     from rich.markup import escape
 
@@ -93,6 +93,8 @@ def show_run(summary: RunSummary, output: Path) -> None:
     table.add_row("speed", "", f"{summary.frames_per_s:.0f} frames/s with reading, drawing and writing")
     console = Console(highlight=False)
     console.print(table)
+    for note in notes:
+        console.print(f"  {escape(note)}", soft_wrap=True)
     console.print(f"  {escape(str(output))}: {', '.join(summary.files)}", soft_wrap=True)
     _print_warnings(console)
 

@@ -16,6 +16,7 @@ from grasptrack.errors import InputError, ObservationError
 if TYPE_CHECKING:
     from grasptrack.contour import View
     from grasptrack.hand import Hand
+    from grasptrack.observation.undistortion import Undistortion
     from grasptrack.synthesis.result import RankedGrasp
     from grasptrack.view.grasps import Planned
 
@@ -43,6 +44,7 @@ def synthesize(
         str | None, typer.Option(metavar="MASK", help="Your own segmentation: an image that is not black on objects.")
     ] = None,
     ignore: options.IgnorePath = None,
+    camera: options.CameraPath = None,
     fingers: Annotated[int, typer.Option(metavar="K", help="Fingers of the hand, 2 or 3.")] = 2,
     top: Annotated[int, typer.Option(metavar="N", help="At most so many grasps.")] = 10,
     friction: options.Friction = 0.5,
@@ -68,6 +70,7 @@ def synthesize(
       grasptrack synthesize photo.jpg
       grasptrack synthesize photo.jpg --object 320,240 --fingers 3
       grasptrack synthesize photo.jpg --max-opening 85mm --finger-width 12mm --scale 4.2
+      grasptrack synthesize photo.jpg --camera camera.yaml
       grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
     """
     place, frame = options.point(object_, "--object"), options.rectangle(box, "--box")
@@ -88,28 +91,37 @@ def synthesize(
         "clearance": clearance,
     }
     hand = options.hand(scale, **lengths)
+    calibration = options.calibration(camera)
 
     from grasptrack.cli.scene import check_within, only_image, outlines
     from grasptrack.io.grasps import write_grasps_json
     from grasptrack.io.masks import read_mask
     from grasptrack.io.run import prepare_folder
+    from grasptrack.observation.undistortion import Told, Undistortion
     from grasptrack.view.grasps import write_grasps
 
     picture = only_image(image, "synthesize takes one image").image
     check_within(picture.shape, place, frame)
-    own, ignored = None if mask is None else read_mask(mask), options.ignore_mask(ignore)
+    own, told = None if mask is None else read_mask(mask), Told(None, place, frame, options.ignore_mask(ignore))
     prepare_folder(output)
+    scene, lens = picture, None
+    if calibration is not None:
+        lens = Undistortion(calibration, picture.shape[1], picture.shape[0])
+        scene, told, own = lens.image(picture), told.straight(lens), None if own is None else lens.mask(own)
     try:
-        views = outlines(picture, place, frame, own, ignored)
+        views = outlines(scene, told.object_at, told.box, own, told.ignore)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     planned = _plan(views, all_, fingers, friction, top, hand)
+    if lens is not None:
+        planned = [_seen(found, lens) for found in planned]
 
     asked = {
         "object": object_,
         "box": box,
         "mask": mask,
         "ignore": ignore,
+        "camera": camera,
         "fingers": fingers,
         "top": top,
         "friction": friction,
@@ -123,7 +135,7 @@ def synthesize(
     if not any(found.grasps for found in planned):
         raise InputError(f'"{image}": {_why_none(planned)}')
     if not quiet:
-        _show(planned, scale, [f"{data}, {page}"])
+        _show(planned, scale, [*options.scaled(calibration, picture.shape), f"{data}, {page}"])
 
 
 def _plan(views: list[View], every: bool, fingers: int, friction: float, top: int, hand: Hand) -> list[Planned]:
@@ -139,6 +151,15 @@ def _plan(views: list[View], every: bool, fingers: int, friction: float, top: in
         size = math.sqrt(kernels.inertia(view.points, view.offsets)[0])
         planned.append(Planned(view, others, hand.in_px(size), grasps))
     return planned
+
+
+def _seen(found: Planned, lens: Undistortion) -> Planned:
+    """What was planned in a straight image, in px of the image as it is."""
+    from grasptrack.synthesis import GraspList
+
+    grasps = GraspList([lens.grasp(g) for g in found.grasps], found.grasps.reason, found.grasps.refused)
+    others = [lens.view(view) for view in found.neighbours]
+    return found._replace(outline=lens.view(found.outline), neighbours=others, grasps=grasps)
 
 
 def _why_none(planned: Sequence[Planned]) -> str:

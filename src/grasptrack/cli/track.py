@@ -38,6 +38,7 @@ def track(
         typer.Option(metavar="DIR", help="Your own segmentation, an image for each frame, by name or by order."),
     ] = None,
     ignore: options.IgnorePath = None,
+    camera: options.CameraPath = None,
     fps: Annotated[
         float | None, typer.Option(metavar="RATE", help="Frames/s: gives times to folders and globs, which have none.")
     ] = None,
@@ -67,6 +68,7 @@ def track(
       grasptrack track "images/*.png" --object 320,240 --no-video
       grasptrack track video.mp4 --grasp "193,308 157,99" --strategy rrp
       grasptrack track camera:0 --ignore fingers.png
+      grasptrack track video.mp4 --camera camera.yaml
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
     lengths = {
@@ -85,6 +87,7 @@ def track(
         "box": box,
         "masks": masks,
         "ignore": ignore,
+        "camera": camera,
         "fps": fps,
         **lengths,
         "scale": scale,
@@ -96,6 +99,7 @@ def track(
     if place is not None and frame is not None:
         raise InputError("--object and --box both say which object is meant: give one of them")
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
+    calibration = options.calibration(camera)
 
     from grasptrack.cli.report import Progress, show_run
     from grasptrack.io.masks import open_masks
@@ -115,14 +119,17 @@ def track(
         ignore=options.ignore_mask(ignore),
         resynthesize=resynthesize,
         hand=hand,
+        camera=calibration,
     )
-    done = 0
+    done, notes = 0, list[str]()
     with Interruption() as interruption:
         try:
             with Progress(quiet) as progress:
 
                 def tell(frame: Frame, result: TrackResult) -> None:
                     nonlocal done
+                    if not done:
+                        notes.extend(options.scaled(calibration, frame.image.shape))
                     done += 1
                     progress.tell("tracking", done, images.count)
                     interruption.check()
@@ -136,7 +143,7 @@ def track(
     if not summary.grasps:
         raise InputError(_nothing_to_track(summary))
     if not quiet:
-        show_run(summary, output)
+        show_run(summary, output, notes)
 
 
 def _nothing_to_track(summary: RunSummary) -> str:

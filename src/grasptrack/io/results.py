@@ -2,7 +2,7 @@
 """grasps.csv and run.json: one row for every frame, and what the run was and gave.
 
 Units in both files, for people: px for contacts (4 decimals), **degrees** for the margin, s for times, ms for latency,
-0 to 1 for seen and confidence. A cell is empty where there is no value. run.json repeats them under "units".
+0 to 1 for seen, confidence and chance. A cell is empty where there is no value. run.json repeats them under "units".
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ UNITS = {
     "seen": "0 to 1",
     "margin": "degrees",
     "confidence": "0 to 1",
+    "chance": "probability",
     "latency_ms": "ms",
 }
 
@@ -39,7 +40,7 @@ def columns(fingers: int) -> list[str]:
         *("frame", "time_s", "status", "strategy", "grasp_id"),
         *(f"{axis}{i}" for i in numbers for axis in "xy"),
         *(f"seen{i}" for i in numbers),
-        *("margin", "confidence", "latency_ms", "reason"),
+        *("margin", "confidence", "chance", "latency_ms", "reason"),
     ]
 
 
@@ -79,6 +80,7 @@ class GraspsCsv:
                 *_cells(seen, self._fingers, 3),
                 _cell(margin, 4),
                 _cell(result.confidence, 4),
+                _cell(result.chance, 4),
                 _cell(result.latency_ms, 4),
                 " ".join(result.reason.split()),
             ]

@@ -12,6 +12,8 @@ from grasptrack import kernels
 from grasptrack.contour import Contour
 from grasptrack.observation.images import Grey
 
+Floats = NDArray[np.float64]
+
 SPACING = 1.0
 """px between contour points."""
 MAX_POINTS = 1600
@@ -23,6 +25,8 @@ OUTLIER = 1.0
 """px from the median of its neighbours at which an edge is some other edge."""
 BORDER = 1.5
 """px from the image border within which a point is cut off rather than seen."""
+BESIDE = 3.0
+"""The same, from what is hidden: a silhouette ends a little before it."""
 
 
 class Localised(NamedTuple):
@@ -58,4 +62,17 @@ def localise(
     points, strength, cut, inside, outside = kernels.trace_edges(
         grey, chain, hidden, hole, polarity, SPACING, MAX_POINTS, SMOOTHING, reach, BORDER, OUTLIER
     )
+    if hidden is not None:
+        cut = cut | _beside(points, hidden)
     return Localised(Contour(points, hole=hole, strength=strength, clipped=cut), inside, outside)
+
+
+def _beside(points: Floats, hidden: Grey) -> NDArray[np.bool_]:
+    """(N,) whether something within BESIDE px along the axes is hidden. A silhouette ends just before what is."""
+    height, width = hidden.shape
+    found = np.zeros(len(points), dtype=np.bool_)
+    for dx, dy in ((BESIDE, 0.0), (-BESIDE, 0.0), (0.0, BESIDE), (0.0, -BESIDE)):
+        x = np.rint(np.clip(points[:, 0] + dx, 0, width - 1)).astype(np.intp)
+        y = np.rint(np.clip(points[:, 1] + dy, 0, height - 1)).astype(np.intp)
+        found |= hidden[y, x] != 0
+    return found

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.observation.undistortion import SeenGrasp
+
 if TYPE_CHECKING:
     from grasptrack.contour import View
     from grasptrack.synthesis.result import RankedGrasp
@@ -18,9 +20,10 @@ Floats = NDArray[np.float64]
 
 def opening(grasp: RankedGrasp) -> float:
     """Px by which the hand opens: two contacts' distance; twice the way of the farthest of more to their mean."""
+    contacts = grasp.straight if isinstance(grasp, SeenGrasp) else grasp.contacts
     if len(grasp) == 2:
-        return grasp.opening
-    return 2.0 * float(np.linalg.norm(grasp.contacts - grasp.contacts.mean(axis=0), axis=1).max())
+        return math.dist(contacts[0], contacts[1])
+    return 2.0 * float(np.linalg.norm(contacts - contacts.mean(axis=0), axis=1).max())
 
 
 def wedge(apex: Floats, direction: Floats, half_angle: float, length: float) -> Floats:

@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A tracker that knows the lens: px of the images as they are go in and come out, and straight lines are seen straight."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from grasptrack.calibration import Camera
+from grasptrack.cli.main import main
+from grasptrack.contour import Contour, View
+from grasptrack.errors import InputError, SourceError
+from grasptrack.evaluation.sequence import chosen_grasp
+from grasptrack.observation.undistortion import MOST, Undistortion
+from grasptrack.projective import apply_homography
+from grasptrack.result import TrackResult
+from grasptrack.simulation import DISTURBANCES, SHAPES, SceneFrame
+from grasptrack.tracker import GraspTracker
+
+BARREL = Camera([[704, 0, 319.5], [0, 704, 239.5], [0, 0, 1]], (-0.2, 0.03, 0.001, -0.001), size=(640, 480))
+
+
+@lru_cache
+def frames(seed: int = 0) -> tuple[list[SceneFrame], Camera]:
+    scene = DISTURBANCES["lens"].scene(SHAPES["bracket"](), 6, seed)
+    lens = scene.camera
+    return list(scene), Camera(lens.matrix, (lens.k1, lens.k2, 0, 0), size=(lens.width, lens.height))
+
+
+def errors(tracker: GraspTracker, seen: list[SceneFrame], contacts: np.ndarray) -> np.ndarray:
+    first = tracker.update(seen[0].image, time=seen[0].time)
+    assert first.contacts is not None and np.abs(first.contacts - contacts).max() < 1.0
+    off = []
+    for frame in seen[1:]:
+        result = tracker.update(frame.image, time=frame.time)
+        assert result.contacts is not None, result.reason
+        off.append(np.hypot(*(result.contacts - frame.carry(first.contacts)).T))
+    return np.concatenate(off)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])  # barrels and a pincushion
+def test_the_error_that_the_lens_makes_is_gone(seed: int) -> None:
+    seen, camera = frames(seed)
+    contacts = chosen_grasp(seen[0].outline)
+    plain = errors(GraspTracker(grasp=contacts), seen, contacts)
+    known = errors(GraspTracker(grasp=contacts, camera=camera), seen, contacts)
+    assert np.sqrt((known**2).mean()) < 0.6 * np.sqrt((plain**2).mean())
+    assert np.sqrt((known**2).mean()) < 0.04
+
+
+def test_a_camera_without_distortion_changes_nothing() -> None:
+    seen, camera = frames()
+    straight = Camera(camera.matrix, (0, 0, 0, 0), size=camera.size)
+    bare, told = GraspTracker(object_at=(320, 240)), GraspTracker(object_at=(320, 240), camera=straight)
+    for frame in seen[:3]:
+        a, b = bare.update(frame.image), told.update(frame.image)
+        assert a.status == b.status and a.contacts is not None and b.contacts is not None
+        assert np.allclose(a.contacts, b.contacts, atol=1e-9)
+
+
+def test_the_homography_is_that_between_ideal_images() -> None:
+    seen, camera = frames()
+    tracker = GraspTracker(camera=camera)
+    first = tracker.update(seen[0].image)
+    result = tracker.update(seen[1].image)
+    assert first.contacts is not None and result.contacts is not None and result.homography is not None
+    carried = camera.distort(apply_homography(result.homography, camera.undistort(first.contacts)))
+    assert np.allclose(carried, result.contacts, atol=1e-6)
+    corners = np.array([[200.0, 150.0], [440.0, 330.0]])
+    true = apply_homography(seen[1].H_current_reference, corners)
+    assert np.abs(apply_homography(result.homography, corners) - true).max() < 0.5
+
+
+def test_the_outline_lies_on_the_edge_that_is_seen() -> None:
+    seen, camera = frames()
+    view = GraspTracker(camera=camera).update(seen[0].image).view
+    assert view is not None
+    truth = np.concatenate(seen[0].outline)
+    far = [np.hypot(*(truth - p).T).min() for p in view.outer.points[::25]]
+    assert np.median(far) < 1.0
+
+
+@lru_cache
+def two_plates() -> np.ndarray:
+    """A large and a small plate near a corner, as the barrel sees them."""
+    ideal = np.full((480, 640), 200, np.uint8)
+    cv2.fillPoly(ideal, [np.array([[250, 150], [400, 160], [390, 330], [260, 320]])], 60)
+    cv2.fillPoly(ideal, [np.array([[20, 20], [110, 25], [100, 90], [30, 95]])], 60)
+    x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
+    back = BARREL.undistort(np.stack([x, y], axis=-1).reshape(-1, 2)).reshape(480, 640, 2).astype(np.float32)
+    image = cv2.remap(ideal, back[..., 0], back[..., 1], cv2.INTER_LINEAR, borderValue=200)
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.8))
+
+
+SMALL = BARREL.distort([[65.0, 57.0]])[0]
+"""The small plate's middle, as it is seen."""
+
+
+@pytest.mark.parametrize("how", ["pixel", "box", "grasp", "ignore", "mask"])
+def test_whatever_names_the_object_is_in_px_of_the_image(how: str) -> None:
+    image = two_plates()
+    corners = BARREL.distort([[20.0, 20.0], [110, 25], [100, 90], [30, 95]])
+    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+    mask = np.zeros(image.shape, np.uint8)
+    cv2.fillPoly(mask, [np.round(BARREL.distort([[240, 140], [410, 150], [400, 340], [250, 330]])).astype(int)], 255)
+    options: dict = {
+        "pixel": {"object_at": tuple(SMALL)},
+        "box": {"box": (left, top, right - left, bottom - top)},
+        "grasp": {"grasp": BARREL.distort([[25.0, 57.0], [105.0, 57.0]])},
+        "ignore": {"ignore": mask},
+        "mask": {},
+    }[how]
+    given = np.zeros(image.shape, np.uint8)
+    cv2.fillPoly(given, [np.round(corners).astype(int)], 255)
+    result = GraspTracker(camera=BARREL, **options).update(image, mask=given if how == "mask" else None)
+    assert result.view is not None, result.reason
+    assert np.hypot(*(result.view.outer.points.mean(axis=0) - SMALL)) < 6.0
+
+
+def test_masks_and_images_of_another_size_are_refused() -> None:
+    tracker = GraspTracker(camera=BARREL)
+    with pytest.raises(InputError, match="the calibration is for 640x480 px, the images are 640x360"):
+        tracker.update(np.zeros((360, 640), np.uint8))
+    tracker = GraspTracker(camera=BARREL)
+    tracker.update(two_plates())
+    with pytest.raises(SourceError, match="320x240 px, but the first was 640x480"):
+        tracker.update(np.zeros((240, 320), np.uint8))
+    with pytest.raises(InputError, match="the mask is 320x240"):
+        tracker.update(two_plates(), mask=np.zeros((240, 320), np.uint8))
+    with pytest.raises(InputError, match="the ignore mask is 320x240"):
+        GraspTracker(camera=BARREL, ignore=np.zeros((240, 320), np.uint8)).update(two_plates())
+
+
+def test_covariance_and_outline_are_carried_by_the_lens() -> None:
+    lens = Undistortion(BARREL, 640, 480)
+    contacts = np.array([[60.0, 80.0], [500.0, 400.0]])
+    covariance = np.array([[[0.04, 0.01], [0.01, 0.09]], [[0.01, 0.0], [0.0, 0.25]]])
+    ring = Contour(200 + 90 * np.column_stack([np.cos(np.arange(40) / 6.4), np.sin(np.arange(40) / 6.4)]))
+    given = TrackResult(0, None, "tracked", "", contacts=contacts, covariance=covariance, view=View(ring))
+    told = lens.result(given)
+    assert told.contacts is not None and told.covariance is not None and told.view is not None
+    draws = np.random.default_rng(0).multivariate_normal(contacts[0], covariance[0], 40000)
+    assert np.allclose(np.cov(lens.seen(draws).T), told.covariance[0], rtol=0.05, atol=3e-4)
+    assert np.allclose(lens.points(told.contacts), contacts, atol=1e-9)
+    assert np.allclose(lens.points(told.view.outer.points), ring.points, atol=1e-9)
+
+
+@pytest.mark.parametrize("k1", [-0.25, -0.05, 0.15])
+def test_all_that_was_seen_is_in_the_straight_image(k1: float) -> None:
+    lens = Undistortion(Camera(BARREL.matrix, (k1, 0, 0, 0), size=(640, 480)), 640, 480)
+    border = np.array([(x, y) for x in (0, 320, 639) for y in (0, 240, 479)], dtype=float)
+    at = np.rint(lens.points(border)).astype(int)
+    height, width = lens.hidden.shape
+    inside = (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
+    assert inside.all() or width > 640 * (1 + 2 * MOST) - 20
+    shown = np.argwhere(lens.hidden == 0)[::997, ::-1]
+    seen = lens.seen(shown)
+    assert ((seen >= -0.5) & (seen <= (639.5, 479.5))).all()
+    ramp = np.tile(np.linspace(20, 220, 640).astype(np.uint8), (480, 1))
+    straight = lens.image(ramp)[shown[:, 1], shown[:, 0]]
+    assert np.abs(straight - np.interp(seen[:, 0], np.arange(640), ramp[0])).max() <= 1.5
+
+
+def test_what_the_border_of_the_image_seen_cuts_is_cut() -> None:
+    ideal = np.full((560, 760), 200, np.uint8)
+    cv2.fillPoly(ideal, [np.array([[500, 180], [740, 190], [730, 360], [510, 350]])], 60)
+    x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
+    back = BARREL.undistort(np.stack([x, y], axis=-1).reshape(-1, 2)).reshape(480, 640, 2).astype(np.float32)
+    image = cv2.remap(ideal, back[..., 0], back[..., 1], cv2.INTER_LINEAR, borderValue=200)
+    view = GraspTracker(camera=BARREL, object_at=(560.0, 250.0)).update(image).view
+    assert view is not None and view.outer.clipped is not None
+    assert (view.outer.points[view.outer.clipped, 0] > 630).all()  # where the object goes on outside, and only there
+    assert view.outer.clipped[view.outer.points[:, 0] > 636].mean() > 0.9
+    hidden = np.zeros(image.shape, np.uint8)
+    hidden[:, 600:] = 255
+    view = GraspTracker(ignore=hidden, object_at=(560.0, 250.0)).update(image).view
+    assert (
+        view is not None and view.outer.clipped is not None and (view.outer.points[view.outer.clipped, 0] > 590).all()
+    )
+
+
+# --- the command line ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Iterator[tuple[Path, Path, list[SceneFrame]]]:
+    seen, camera = frames(3)
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for i, frame in enumerate(seen[:3]):
+        cv2.imwrite(str(folder / f"{i}.png"), frame.image)
+    file = tmp_path / "camera.json"
+    file.write_text(
+        json.dumps({"K": camera.matrix.tolist(), "D": camera.distortion.tolist(), "image_size": camera.size})
+    )
+    yield folder, file, seen
+
+
+def test_track_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path) -> None:
+    folder, file, seen = scene
+    x, y = chosen_grasp(seen[0].outline)
+    text = f"{x[0]},{x[1]} {y[0]},{y[1]}"
+    out = tmp_path / "out"
+    given = ["track", str(folder), "--grasp", text, "--output", str(out), "--quiet", "--no-video"]
+    assert main([*given, "--camera", str(file)]) == 0
+    with (out / "grasps.csv").open(newline="") as table:
+        rows = [[float(row[c]) for c in ("x1", "y1", "x2", "y2")] for row in csv.DictReader(table)]
+    found = np.array(rows).reshape(-1, 2, 2)
+    assert np.abs(found[2] - seen[2].carry(found[0])).max() < 0.1
+    assert json.loads((out / "run.json").read_text())["options"]["camera"] == str(file)
+
+
+def test_a_calibration_of_larger_images_is_scaled_and_the_user_told(
+    scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, file, _ = scene
+    small = json.loads(file.read_text())
+    larger = {**small, "K": [[2 * a + (0.5 if j == 2 else 0.0) for j, a in enumerate(row)] for row in small["K"][:2]]}
+    larger["K"].append([0.0, 0.0, 1.0])
+    (tmp_path / "large.json").write_text(json.dumps({**larger, "image_size": [1280, 960]}))
+    found = []
+    for name, out in ((file, tmp_path / "a"), (tmp_path / "large.json", tmp_path / "b")):
+        assert main(["track", str(folder), "--camera", str(name), "--output", str(out), "--no-video"]) == 0
+        told = "the calibration, of 1280x960 px, was scaled to the images' 640x480" in capsys.readouterr().out
+        assert told is (name != file)
+        with (out / "grasps.csv").open(newline="") as table:
+            found.append([[row[c] for c in ("x1", "y1", "x2", "y2")] for row in csv.DictReader(table)])
+    assert np.allclose(np.array(found[0], dtype=float), np.array(found[1], dtype=float), atol=2e-3)
+
+
+def test_synthesize_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path) -> None:
+    folder, file, seen = scene
+    out = tmp_path / "out"
+    assert main(["synthesize", str(folder / "0.png"), "--camera", str(file), "--output", str(out), "--quiet"]) == 0
+    found = json.loads((out / "grasps.json").read_text())["objects"][0]
+    truth = np.concatenate(seen[0].outline)
+    sides = np.concatenate([np.linspace(a, b, 50) for a, b in zip(truth, np.roll(truth, -1, axis=0), strict=True)])
+    for contact in found["grasps"][0]["contacts"]:
+        assert np.hypot(*(sides - contact).T).min() < 1.0
+    straight = frames(3)[1].undistort(found["grasps"][0]["contacts"])
+    assert found["grasps"][0]["opening_px"] == pytest.approx(np.hypot(*(straight[0] - straight[1])), abs=2e-3)
+
+
+def test_a_calibration_of_other_images_is_one_line(
+    scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, file, _ = scene
+    file.write_text('{"width": 1280, "height": 720, "focal": 900, "k1": -0.1}')
+    for verb in (["track", str(folder), "--output", str(tmp_path / "o")], ["synthesize", str(folder / "0.png")]):
+        assert main([*verb, "--camera", str(file), "--quiet"]) == 2
+        error = capsys.readouterr().err
+        assert "the calibration is for 1280x720 px, the images are 640x480" in error and error.count("\n") == 1
+    assert main(["track", str(folder), "--camera", str(folder / "0.png"), "--output", str(tmp_path / "o")]) == 2
+    assert "is no text file" in capsys.readouterr().err
