@@ -31,6 +31,9 @@ class Believed(NamedTuple):
     support: Support
 
 
+COVERED, LATELY = 0.06, 3
+"""Of the outline, so much under a cover makes it likelier that it is the cover which seems to cut or to add to the object
+elsewhere, if that was believed within so many frames."""
 SPEAKS_AGAINST = "another s"
 """How reasons begin that name another shape or surface."""
 
@@ -155,7 +158,10 @@ class Belief:
         assert self._reference.registration is not None
         coarse = self._reference.registration.fusion.shrunk(grey, BY)
         left, covered = self._reference.flanks.judged(coarse, H, samples.against, samples.missed, ground)
-        explained = support.share + int(np.count_nonzero(covered)) / asked
+        hidden = int(np.count_nonzero(covered)) / asked
+        if hidden >= COVERED and self._search.whereabouts.motion.missed <= LATELY:
+            left[:] = False  # what was right until a cover came is not another shape beside it: the cover ends there
+        explained = support.share + hidden
         return support._replace(contradicted=int(np.count_nonzero(left)) / asked), explained
 
     def _settled(self, grey: Grey, carried: Carried) -> bool:

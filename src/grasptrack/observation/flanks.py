@@ -79,7 +79,8 @@ class Flanks:
         contrast = abs(float(np.nanmedian(self._values[:, half:])) - float(np.nanmedian(self._values[:, :half])))
         cut, grown = (_changed(side, CLEARLY * contrast, any_of_it=True) for side in sides)
         both, sure = within & beyond, told_within & told_beyond
-        out, covered = against.copy(), np.zeros(len(against), np.bool_)
+        # where both sides are as they were, grey levels alone do not speak against the outline
+        out, covered = against & ~(ground & sure & ~within & ~beyond), np.zeros(len(against), np.bool_)
         odd = against | missed | within | beyond if ground else against
         for run in runs(np.flatnonzero(odd), len(against)):
             if longest(both[run]) >= ACROSS:
