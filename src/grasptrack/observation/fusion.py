@@ -7,6 +7,7 @@ grown on the object settles them, and so does the ground, as long as it moves al
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Any, NamedTuple
 
@@ -47,8 +48,8 @@ LEAST_ALIKE, ALIKE = 0.5, 0.8
 """Correlations below which a surface is none that moves along; from which on one that did not is looked at again."""
 CHANCE = 4.0
 """A correlation is chance when it is below so many over the root of the number of places."""
-OTHER = 0.3
-"""A correlation less than usual by so much is another surface's, or that of another turn."""
+UNLIKE, OTHER = 0.35, 0.3
+"""A correlation below which a surface that was well known is another one; and by how much that of another turn is less."""
 HELD = 0.7
 """px: surfaces that fix each contact to so much hold the pose, whatever covers the outline."""
 FORGETTING = 0.01
@@ -148,7 +149,7 @@ class Fusion:
     def differs(self, fused: Fused) -> bool:
         """Whether the object's surface, which was seen to be as in the reference, is not so in a pose."""
         usual = self._usual[fused.by][INSIDE]
-        return usual >= ALIKE and math.isfinite(fused.surface) and fused.surface < usual - OTHER
+        return usual >= ALIKE and math.isfinite(fused.surface) and fused.surface < UNLIKE
 
     def settles(self, grey: Grey, fused: Fused, turns: list[Floats]) -> bool:
         """Whether the object's surface tells a pose from the pose turned by each of some symmetries."""
@@ -161,7 +162,10 @@ class Fusion:
         """The pose in which the object's surface is most like the reference; None where in none it is so as asked."""
         seen = [self._look(grey, H, COARSE, [True, True, False]) for H in poses]
         seen = sorted((s for s in seen if s.told(INSIDE)), key=lambda s: -s.stats[INSIDE, 3])[:3]
-        found = [self._converged(grey, s) for s in seen]
+        found = []
+        for state in seen:
+            with contextlib.suppress(TransferError):  # a turn that is none leads anywhere
+                found.append(self._converged(grey, state))
         found = [s for s in found if s.stats[INSIDE, 3] > least]
         return self._told(max(found, key=lambda s: float(s.stats[INSIDE, 3]))) if found else None
 
