@@ -18,10 +18,11 @@ from grasptrack import kernels
 from grasptrack.contour import View
 from grasptrack.errors import TransferError
 from grasptrack.kernels.reference_evidence import displacement_fields
+from grasptrack.kernels.reference_fusion import LEAST_NOISE_GREY
 from grasptrack.kernels.reference_registration import moved
 from grasptrack.observation.images import Grey
 from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH, OutlineRegistration
-from grasptrack.observation.surface import Surfaces, shrunk, surfaces
+from grasptrack.observation.surface import Surfaces, relief, shrunk, surfaces
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +33,8 @@ FEW, MANY, FIXED = 200, 900, 0.2
 FINE, COARSE, COARSEST = 2, 4, 8
 """How many times the images are shrunk in which surfaces are compared: noise shrinks alike, and a coarse one is compared
 over longer ways."""
+LEVELS = (FINE, COARSE, COARSEST, -FINE, -COARSE, -COARSEST)
+"""Images in which surfaces are compared: shrunk, and with a minus without the light that lies on them."""
 REACH, FAR_REACH = 3.0, 6.0
 """px on either side in which edges are searched, with fine and with coarse surfaces."""
 MOST_ROUNDS = 8
@@ -56,6 +59,11 @@ FORGETTING = 0.01
 """By how much less a correlation may get from image to image and still be usual."""
 APART, APART_SIGMA = 0.1, 6.0
 """px, and standard deviations, by which the outline alone asks for another pose when a surface does not move along."""
+SPREAD = 1.25
+"""How many times larger a variance is than if all edges were independent, as counted on scenes with truth."""
+STRANGE, SPREAD_STRANGE = 2.0, 2.5
+"""A ground that is none of the reference's, so many times as rough as the object's surface, bends edges in stretches:
+variances are so many times larger then."""
 SEEN = 0.05
 """Motions of which the outline shows less than this share of what it shows of the clearest are not asked for."""
 CAUTION = 2.0
@@ -77,7 +85,7 @@ class Fused(NamedTuple):
             where there is nothing to compare.
         used: whether the pose rests on the outline, the surface and the ground.
         held: whether the surfaces alone fix each contact: no cover of the outline can bend the pose then.
-        by: how many times the image was shrunk in which surfaces were compared.
+        by: how many times the image was shrunk in which surfaces were compared, with a minus without its light.
     """
 
     homography: Floats
@@ -108,11 +116,12 @@ class Fusion:
         self._outline, self._contacts = registration, contacts
         self._size = math.sqrt(view.outer.area)
         self._trusted = [True, True, True]
-        self._usual = {by: [-1.0, -1.0, -1.0] for by in (FINE, COARSE, COARSEST)}
-        self._seen: tuple[Grey, dict[int, Grey]] | None = None
-        self._surfaces = {by: surfaces(view, grey, by, MANY, hidden) for by in (FINE, COARSE, COARSEST)}
+        self._usual = {by: [-1.0, -1.0, -1.0] for by in LEVELS}
+        self._seen: tuple[Grey, dict[int, Grey], dict[int, Grey]] | None = None
+        self._surfaces = {by: surfaces(view, grey, abs(by), MANY, hidden, shaded=by < 0) for by in LEVELS}
         if self._look(grey, np.eye(3), FINE, [True, False, False]).deviation(contacts) <= FIXED:
-            self._surfaces[FINE] = surfaces(view, grey, FINE, FEW, hidden)
+            for by in (FINE, -FINE):
+                self._surfaces[by] = surfaces(view, grey, FINE, FEW, hidden, shaded=by < 0)
 
     @property
     def textured(self) -> bool:
@@ -197,12 +206,29 @@ class Fusion:
                     usual[row] = max(correlation, usual[row] - FORGETTING)
 
     def _settled(self, grey: Grey, H: Floats, use: list[bool], far: bool) -> _State:
-        state = self._converged(grey, self._look(grey, H, COARSEST if far else FINE, use))
-        if not far and self._lacking(state):
-            again = self._converged(grey, self._look(grey, H, COARSEST, use))
-            state = min(state, again, key=self._lack)
-        faint = any(state.told(row) and state.stats[row, 3] < FAINT for row in (INSIDE, GROUND))
-        ends = [state, self._converged(grey, self._look(grey, state.H, COARSE, use), COARSE)] if faint else [state]
+        state = self._settled_at(grey, H, use, far, FINE)
+        if state.use == use:
+            return state
+        # a shadow may lie over what did not show
+        other = self._settled_at(grey, H, use, far, -FINE)
+        return min(state, other, key=lambda end: end.deviation(self._contacts))
+
+    def _settled_at(self, grey: Grey, H: Floats, use: list[bool], far: bool, fine: int) -> _State:
+        """The pose by the images as they are (FINE) or without the light on them (-FINE)."""
+        starts = (COARSEST // FINE,) if far else (1, COARSEST // FINE)
+        found: list[_State] = []
+        for shrink in starts:
+            with contextlib.suppress(TransferError):  # a start may lead anywhere
+                found.append(self._converged(grey, self._look(grey, H, shrink * fine, use), fine))
+                if not self._lacking(found[-1]):
+                    break
+        if not found:
+            raise TransferError("the outline would lie behind the camera")
+        state = min(found, key=self._lack)
+        ends = [state]
+        if any(state.told(row) and state.stats[row, 3] < FAINT for row in (INSIDE, GROUND)):
+            with contextlib.suppress(TransferError):
+                ends.append(self._converged(grey, self._look(grey, state.H, 2 * fine, use), 2 * fine))
         for i, end in enumerate(ends):
             strong = [used and not self._weak(end, row) for row, used in enumerate(use)]
             if strong != use:
@@ -212,8 +238,8 @@ class Fusion:
     def _converged(self, grey: Grey, state: _State, end: int = FINE) -> _State:
         """Step by step, in ever finer images, to where the pose stands still."""
         for _ in range(MOST_ROUNDS):
-            if state.by > end and state.step < 0.25 * state.by:
-                state = self._look(grey, state.H, max(state.by // 2, end), state.use)
+            if state.by != end and state.step < 0.25 * abs(state.by):
+                state = self._look(grey, state.H, state.by // 2, state.use)
             if state.by == end and state.step < STILL:
                 return state
             state = self._look(grey, state.moved(), state.by, state.use)
@@ -232,11 +258,11 @@ class Fusion:
         samples: Surfaces = self._surfaces[by]
         found = kernels.motion_equations(
             grey,
-            self.shrunk(grey, by),
-            float(by),
+            self._relief(grey, -by) if by < 0 else self.shrunk(grey, by),
+            float(abs(by)),
             H,
             *self._outline.samples,
-            REACH if by == FINE else FAR_REACH,
+            REACH if abs(by) == FINE else FAR_REACH,
             MIN_STRENGTH,
             RELATIVE_STRENGTH,
             samples.places,
@@ -246,10 +272,19 @@ class Fusion:
         )
         return _State(H, found, use, by, LOOSE * self._size)
 
+    def _relief(self, grey: Grey, by: int) -> Grey:
+        """What surfaces are compared in, kept as long as the image is the one at hand."""
+        coarse = self.shrunk(grey, by)
+        assert self._seen is not None
+        reliefs = self._seen[2]
+        if by not in reliefs:
+            reliefs[by] = relief(coarse)
+        return reliefs[by]
+
     def shrunk(self, grey: Grey, by: int) -> Grey:
         """The image shrunk, kept as long as it is the one at hand."""
         if self._seen is None or self._seen[0] is not grey:
-            self._seen = grey, {}
+            self._seen = grey, {}, {}
         images = self._seen[1]
         if by not in images:
             images[by] = shrunk(grey if by == FINE else self.shrunk(grey, by // 2), 2)
@@ -272,9 +307,12 @@ class Fusion:
         if not any(used):
             raise TransferError("too few edges along the outline where it was expected")
         left = np.abs(state.left[np.isfinite(state.left)])
+        spread = SPREAD
+        if not used[GROUND] and stats[GROUND, 2] > STRANGE * max(stats[INSIDE, 2], LEAST_NOISE_GREY):
+            spread *= SPREAD_STRANGE
         return Fused(
             state.H,
-            state.covariance(self._contacts),
+            spread * state.covariance(self._contacts),
             float(stats[0, 1]),
             float(stats[0, 2]),
             1.4826 * float(np.median(left)) if len(left) else math.nan,
