@@ -18,17 +18,18 @@ from grasptrack.observation.images import Grey
 from grasptrack.observation.support import Support
 from grasptrack.reference import Reference
 from grasptrack.search import Hypothesis, Search
-from grasptrack.verdict import MIN_SHARE_AGAIN, close, error, refuse
+from grasptrack.verdict import MIN_SHARE_AGAIN, RISK_PLAIN, close, error, refuse, risk
 
 Floats = NDArray[np.float64]
 
 
 class Believed(NamedTuple):
-    """A transfer that an image bears out, its homography (3, 3), and the evidence."""
+    """A transfer that an image bears out, its homography (3, 3), the evidence, and the risk that it is not the object."""
 
     carried: Carried
     homography: Floats
     support: Support
+    risk: float = RISK_PLAIN
 
 
 COVERED, LATELY = 0.06, 3
@@ -146,7 +147,9 @@ class Belief:
         if refusal or doubt:
             self.reasons.insert(0 if doubt else len(self.reasons), refusal or doubt)
             return None
-        return Believed(carried, H, support)
+        if fused is None:
+            return Believed(carried, H, support)
+        return Believed(carried, H, support, risk(explained, any(fused.used[1:])))
 
     def _judged(self, grey: Grey, H: Floats, support: Support, fused: Fused) -> tuple[Support, float]:
         """The evidence with both sides of the outline looked at: a cover does not speak against it, a notch or a tab does.
