@@ -56,6 +56,9 @@ class Flanks:
         places = points[:, None, :] + offsets[None, :, None] * normals[:, None, :]
         self._values = _levels(shrunk(grey, BY), places)
         self._places: Floats = np.ascontiguousarray(places.reshape(-1, 2))
+        beyond = self._values[:, len(DEPTHS) :]
+        beyond = np.abs(beyond - np.nanmedian(beyond)) if np.isfinite(beyond).any() else beyond
+        self._even = bool(np.isfinite(beyond).any() and np.nanquantile(beyond, 0.9) <= OTHER_GREY)
 
     def judged(self, coarse: Grey, H: Floats, against: Bools, missed: Bools, ground: bool) -> tuple[Bools, Bools]:
         """(m,) samples that speak against the outline, when both sides have been looked at; (m,) samples under a cover.
@@ -65,8 +68,10 @@ class Flanks:
             H: (3, 3) reference to current.
             against: (m,) those that seem to, by their grey levels.
             missed: (m,) those without an edge.
-            ground: the ground moves along with the object, so that its side can be compared.
+            ground: the ground moves along with the object, so that its side can be compared; one that is even can always.
         """
+        if not (ground or self._even):
+            return against.copy(), np.zeros(len(against), np.bool_)  # the outer side tells nothing
         shape = self._values.shape
         flat, noise = kernels.grey_differences(
             coarse, float(BY), H, self._places, self._values.ravel(), OTHER_GREY / OTHER

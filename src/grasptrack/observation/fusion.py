@@ -141,7 +141,7 @@ class Fusion:
         """
         state = self._settled(grey, H, self._trusted, far)
         for row in (GROUND, INSIDE):  # what does not move along must not bend the pose
-            if state.told(row) and state.parted():
+            if state.told(row) and (state.parted(0) or state.parted(row)):
                 state = self._settled(grey, H, [used and each != row for each, used in enumerate(state.use)], far)
         return self._told(state)
 
@@ -358,15 +358,16 @@ class _State:
             raise TransferError("the outline would lie behind the camera")
         return np.asarray(H / H[2, 2])
 
-    def parted(self) -> bool:
-        """Whether the outline alone asks for another pose than all the evidence together."""
-        noise = self.stats[0, 2]
-        if not noise > 0.0:
+    def parted(self, row: int) -> bool:
+        """Whether one piece of evidence alone asks for another pose than all of it together."""
+        if not self.told(row):
             return False
-        told, V = np.linalg.eigh(self._N[0])
+        noise = self.stats[row, 2] * (1.0 if row == 0 else CAUTION)
+        told, V = np.linalg.eigh(self._sure[row])
         seen = told > SEEN * told[-1]
-        x = (V.T @ self._b[0])[seen] / told[seen]
-        apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (told[seen] * x))) / noise
+        full = np.einsum("ie,ij,je->e", V, self._N[row], V)[seen]
+        x = (V.T @ self._b[row])[seen] / np.maximum(full, 1e-300)
+        apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (full * x))) / noise
         return apart > APART and sigmas > APART_SIGMA
 
     def covariance(self, contacts: Floats, use: list[bool] | None = None) -> Floats:
