@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import View
 from grasptrack.errors import TransferError
-from grasptrack.kernels.reference_evidence import displacement_fields
-from grasptrack.kernels.reference_registration import moved
 from grasptrack.observation.images import Grey
 from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH, OutlineRegistration
 from grasptrack.observation.surface import Surfaces, shrunk, surfaces
@@ -110,7 +108,7 @@ class Fusion:
         self._usual = {by: [-1.0, -1.0, -1.0] for by in (FINE, COARSE, COARSEST)}
         self._seen: tuple[Grey, dict[int, Grey]] | None = None
         self._surfaces = {by: surfaces(view, grey, by, MANY, hidden) for by in (FINE, COARSE, COARSEST)}
-        if self._look(grey, np.eye(3), FINE, [True, False, False]).deviation(contacts) <= FIXED:
+        if self._look(grey, np.eye(3), FINE, [True, False, False]).deviation() <= FIXED:
             self._surfaces[FINE] = surfaces(view, grey, FINE, FEW, hidden)
 
     @property
@@ -159,11 +157,12 @@ class Fusion:
 
     def best(self, grey: Grey, poses: list[Floats], least: float = FAINT) -> Fused | None:
         """The pose in which the object's surface is most like the reference; None where in none it is so as asked."""
-        seen = [self._look(grey, H, COARSE, [True, True, False]) for H in poses]
-        seen = sorted((s for s in seen if s.told(INSIDE)), key=lambda s: -s.stats[INSIDE, 3])[:3]
-        found = [self._converged(grey, s) for s in seen]
-        found = [s for s in found if s.stats[INSIDE, 3] > least]
-        return self._told(max(found, key=lambda s: float(s.stats[INSIDE, 3]))) if found else None
+        use = [True, True, False]
+        seen = [self._look(grey, H, COARSE, use) for H in poses]
+        seen = sorted((s for s in seen if s.told(INSIDE)), key=lambda s: -s.alike(INSIDE))[:3]
+        found = [self._converged(grey, s.H, COARSE, use) for s in seen]
+        found = [s for s in found if s.alike(INSIDE) > least]
+        return self._told(max(found, key=lambda s: s.alike(INSIDE))) if found else None
 
     def on_ground(self, grey: Grey, H: Floats) -> Floats | None:
         """(3, 3) where the object must lie if it went along with the ground, which alone is looked at; None where the
@@ -176,10 +175,10 @@ class Fusion:
         if not self._trusted[GROUND]:
             return None
         try:
-            state = self._converged(grey, self._look(grey, H, COARSEST, [False, False, True]))
+            state = self._converged(grey, H, COARSEST, [False, False, True])
         except TransferError:
             return None
-        if not state.told(GROUND) or self._weak(state, GROUND) or state.deviation(self._contacts) > HELD:
+        if not state.told(GROUND) or self._weak(state, GROUND) or state.deviation() > HELD:
             return None
         return state.H
 
@@ -193,27 +192,28 @@ class Fusion:
                     usual[row] = max(correlation, usual[row] - FORGETTING)
 
     def _settled(self, grey: Grey, H: Floats, use: list[bool], far: bool) -> _State:
-        state = self._converged(grey, self._look(grey, H, COARSEST if far else FINE, use))
+        state = self._converged(grey, H, COARSEST if far else FINE, use)
         if not far and self._lacking(state):
-            again = self._converged(grey, self._look(grey, H, COARSEST, use))
+            again = self._converged(grey, H, COARSEST, use)
             state = min(state, again, key=self._lack)
-        faint = any(state.told(row) and state.stats[row, 3] < FAINT for row in (INSIDE, GROUND))
-        ends = [state, self._converged(grey, self._look(grey, state.H, COARSE, use), COARSE)] if faint else [state]
+        faint = any(state.told(row) and state.alike(row) < FAINT for row in (INSIDE, GROUND))
+        ends = [state, self._converged(grey, state.H, COARSE, use, COARSE)] if faint else [state]
         for i, end in enumerate(ends):
             strong = [used and not self._weak(end, row) for row, used in enumerate(use)]
             if strong != use:
-                ends[i] = self._converged(grey, self._look(grey, end.H, end.by, strong), end.by)
-        return min(ends, key=lambda end: end.deviation(self._contacts))
+                ends[i] = self._converged(grey, end.H, end.by, strong, end.by)
+        return min(ends, key=_State.deviation) if len(ends) > 1 else ends[0]
 
-    def _converged(self, grey: Grey, state: _State, end: int = FINE) -> _State:
+    def _converged(self, grey: Grey, H: Floats, by: int, use: list[bool], end: int = FINE) -> _State:
         """Step by step, in ever finer images, to where the pose stands still."""
-        for _ in range(MOST_ROUNDS):
-            if state.by > end and state.step < 0.25 * state.by:
-                state = self._look(grey, state.H, max(state.by // 2, end), state.use)
-            if state.by == end and state.step < STILL:
-                return state
-            state = self._look(grey, state.moved(), state.by, state.use)
-        return state if state.by == end else self._look(grey, state.H, end, state.use)
+        left, least = MOST_ROUNDS, 0
+        while True:
+            state = self._look(grey, H, by, use, STILL if by == end else 0.25 * by, least, left)
+            left -= state.moves
+            if by == end or left == 0:
+                return state if by == end else self._look(grey, state.H, end, use)
+            H, by = state.H, max(by // 2, end)
+            least = 0 if by == end else 1
 
     def _lacking(self, state: _State) -> bool:
         """Whether a surface shows less than usual: the pose may be too far off to feel where it belongs."""
@@ -222,11 +222,14 @@ class Fusion:
     def _lack(self, state: _State) -> float:
         """How much the surfaces lack of their usual correlations."""
         usual = self._usual[state.by]
-        return float(sum(max(usual[row] - state.stats[row, 3], 0.0) for row in (INSIDE, GROUND) if state.told(row)))
+        return float(sum(max(usual[row] - state.alike(row), 0.0) for row in (INSIDE, GROUND) if state.told(row)))
 
-    def _look(self, grey: Grey, H: Floats, by: int, use: list[bool]) -> _State:
+    def _look(
+        self, grey: Grey, H: Floats, by: int, use: list[bool], still: float = 0.0, least: int = 0, most: int = 0
+    ) -> _State:
+        """The evidence at a pose, after so many steps at least and at most, until one is smaller than `still` px."""
         samples: Surfaces = self._surfaces[by]
-        found = kernels.motion_equations(
+        found = kernels.converge(
             grey,
             self.shrunk(grey, by),
             float(by),
@@ -239,8 +242,14 @@ class Fusion:
             samples.values,
             samples.slopes,
             samples.starts,
+            np.array(use),
+            CAUTION,
+            LOOSE * self._size,
+            still,
+            least,
+            most,
         )
-        return _State(H, found, use, by, LOOSE * self._size)
+        return _State(found, use, by, LOOSE * self._size, self._contacts)
 
     def shrunk(self, grey: Grey, by: int) -> Grey:
         """The image shrunk, kept as long as it is the one at hand."""
@@ -253,7 +262,7 @@ class Fusion:
 
     def _weak(self, state: _State, row: int) -> bool:
         """Whether a surface that is used shows less of the reference than usual: it is off, or something else."""
-        return bool(state.told(row) and state.stats[row, 3] < self._least(state.by, row))
+        return state.told(row) and state.alike(row) < self._least(state.by, row)
 
     def _least(self, by: int, row: int) -> float:
         """The least correlation of a surface that is where it belongs."""
@@ -262,63 +271,66 @@ class Fusion:
 
     def _told(self, state: _State) -> Fused:
         stats = state.stats
-        used = [state.use[row] and bool(stats[row, 2] > 0.0) for row in range(3)]
+        used = [state.told(row) for row in range(3)]
         for row in (INSIDE, GROUND):
-            used[row] = used[row] and bool(stats[row, 3] * math.sqrt(stats[row, 0]) > CHANCE)
+            used[row] = used[row] and stats[row][3] * math.sqrt(stats[row][0]) > CHANCE
         if not any(used):
             raise TransferError("too few edges along the outline where it was expected")
-        left = np.abs(state.left[np.isfinite(state.left)])
+        surfaces_alone = [False, *used[1:]]
         return Fused(
             state.H,
-            state.covariance(self._contacts),
-            float(stats[0, 1]),
-            float(stats[0, 2]),
-            1.4826 * float(np.median(left)) if len(left) else math.nan,
+            state.covariance(state.use),
+            stats[0][1],
+            stats[0][2],
+            state.scatter(),
             _correlation(stats[INSIDE]),
             _correlation(stats[GROUND]),
             (used[0], used[1], used[2]),
-            any(used[1:]) and state.deviation(self._contacts, [False, *used[1:]]) <= HELD,
+            any(surfaces_alone) and state.deviation(surfaces_alone) <= HELD,
             state.by,
         )
 
 
-def _correlation(stats: Floats) -> float:
-    return float(stats[3]) if stats[2] > 0.0 else math.nan
+def _correlation(stats: list[float]) -> float:
+    return stats[3] if stats[2] > 0.0 else math.nan
 
 
 class _State:
-    """The evidence at one pose, and the step that it asks for."""
+    """The evidence at one pose, as `kernels.converge` found it."""
 
-    def __init__(self, H: Floats, found: Any, use: list[bool], by: int, loose: float) -> None:
-        self.H, self.use, self.by, self._loose = H, use, by, loose
-        self._centre, self._radius, self._basis, self._N, self._sure, self._b, self.stats, self.left, self.weights = (
-            found
-        )
+    def __init__(self, found: Any, use: list[bool], by: int, loose: float, contacts: Floats) -> None:
+        self.H: Floats = found[0]
+        self.moves: int = found[1]
+        evidence = found[3]
+        self._centre, self._radius, self._basis, self._N, self._sure, self._b, stats, self._left, _ = evidence
         if not math.isfinite(self._radius):
             raise TransferError("the outline would lie behind the camera")
-        share = self._share(use)
-        self._x = np.linalg.solve(np.tensordot(share, self._N, 1) + np.eye(8) / loose**2, share @ self._b)
-        self.step = math.sqrt(float(self._x @ self._x))
-
-    def _share(self, use: list[bool]) -> Floats:
-        """(1 + G,) weights of the evidence."""
-        noise = self.stats[:, 2] * (1.0, CAUTION, CAUTION)
-        return np.where(use & (noise > 0.0), 1.0 / np.maximum(noise, 1e-9) ** 2, 0.0)
+        self.use, self.by, self._loose, self._contacts = use, by, loose, contacts
+        self.stats: list[list[float]] = stats.tolist()
+        self._parted: bool | None = None
 
     def told(self, row: int) -> bool:
         """Whether a piece of evidence is used and says anything."""
-        return bool(self.use[row] and self.stats[row, 2] > 0.0)
+        return self.use[row] and self.stats[row][2] > 0.0
 
-    def moved(self) -> Floats:
-        """(3, 3) the pose after the step."""
-        H = moved(self._basis @ self._x / self._radius, self._centre, self._radius) @ self.H
-        if not abs(H[2, 2]) > 1e-12:
-            raise TransferError("the outline would lie behind the camera")
-        return np.asarray(H / H[2, 2])
+    def alike(self, row: int) -> float:
+        """Correlation of a surface with the reference."""
+        return self.stats[row][3]
+
+    def scatter(self) -> float:
+        """px, of all edges that were found."""
+        left = np.sort(np.abs(self._left))  # NaN last
+        count = int(np.count_nonzero(left >= 0.0))
+        return 1.4826 * 0.5 * float(left[(count - 1) // 2] + left[count // 2]) if count else math.nan
 
     def parted(self) -> bool:
         """Whether the outline alone asks for another pose than all the evidence together."""
-        noise = self.stats[0, 2]
+        if self._parted is None:
+            self._parted = self._parts()
+        return self._parted
+
+    def _parts(self) -> bool:
+        noise = self.stats[0][2]
         if not noise > 0.0:
             return False
         told, V = np.linalg.eigh(self._N[0])
@@ -327,16 +339,21 @@ class _State:
         apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (told[seen] * x))) / noise
         return apart > APART and sigmas > APART_SIGMA
 
-    def covariance(self, contacts: Floats, use: list[bool] | None = None) -> Floats:
-        """(2 k, 2 k) px^2 of the contacts (k, 2) of the reference, by the evidence used or by some of it."""
-        h = self.H
-        at = contacts @ h[:2, :2].T + h[:2, 2]
-        at = at / (contacts @ h[2, :2] + h[2, 2])[:, None]
-        rows = (displacement_fields((at - self._centre) / self._radius) @ self._basis).reshape(-1, 8)
-        share = self._share(self.use if use is None else use)
-        C = np.linalg.inv(np.tensordot(share, self._sure, 1) + np.eye(8) / self._loose**2)
-        return np.asarray(rows @ C @ rows.T)
+    def covariance(self, use: list[bool]) -> Floats:
+        """(2 k, 2 k) px^2 of the contacts, by some of the evidence."""
+        noise = [self.stats[0][2], *(CAUTION * each[2] for each in self.stats[1:])]
+        share = [1.0 / each**2 if used and each > 0.0 else 0.0 for used, each in zip(use, noise, strict=True)]
+        return kernels.contact_covariance(
+            self.H,
+            self._contacts,
+            self._centre,
+            self._radius,
+            self._basis,
+            self._sure,
+            np.array(share),
+            self._loose,
+        )
 
-    def deviation(self, contacts: Floats, use: list[bool] | None = None) -> float:
+    def deviation(self, use: list[bool] | None = None) -> float:
         """px, the largest standard deviation of a contact in x or y."""
-        return math.sqrt(float(np.diag(self.covariance(contacts, use)).max()))
+        return math.sqrt(float(self.covariance(self.use if use is None else use).diagonal().max()))
