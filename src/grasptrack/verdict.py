@@ -35,6 +35,8 @@ MAX_SIGMA = 0.02
 """A contact whose standard deviation exceeds this fraction of sqrt(area) is not fixed by the evidence, ..."""
 MAX_SIGMA_PX = 1.5
 """... unless it is below so many px."""
+CHANCE = 0.9
+"""A grasp that closes with less than this probability, its contacts being as uncertain as they are, is not stable."""
 
 
 class Verdict(NamedTuple):
@@ -61,18 +63,21 @@ def lost(reason: str) -> Verdict:
     return Verdict("lost", reason, 0.0)
 
 
-def judge(support: Support, analysis: GraspAnalysis) -> Verdict:
+def judge(support: Support, analysis: GraspAnalysis, chance: float = math.nan) -> Verdict:
     """What to say of a transfer that `refuse` has let pass.
 
     Args:
         support: the edges found along the outline as the transfer carries it.
         analysis: of the transferred grasp.
+        chance: that it closes, 0 to 1; NaN where that is not known.
     """
     fit = math.exp(-0.5 * (support.rms / max(MAX_RMS_PX, MAX_RMS * support.size)) ** 2)
     place = math.exp(-0.5 * (error(support) / max(MAX_SHIFT_PX, MAX_SHIFT * support.size)) ** 2)
     confidence = min(1.0, support.share * (0.5 + 0.5 * support.visible)) * fit * place
     if not analysis.stable:
         return Verdict("unstable", analysis.reason, confidence)
+    if chance < CHANCE:
+        return Verdict("unstable", f"the chance that the grasp closes is only {100 * chance:.0f} %", confidence)
     return Verdict("tracked", "", confidence)
 
 
