@@ -203,6 +203,15 @@ def test_the_share_of_a_gaussian_in_a_box(seed: int, count: int) -> None:
     assert in_box(low.tolist(), high.tolist(), A @ A.T) == pytest.approx(true, abs=3e-4)
 
 
+def test_a_joint_covariance_far_within_the_regions_needs_no_closer_look() -> None:
+    regions = chosen("bracket", 3)[2]
+    for sigma in np.geomspace(0.01, 30.0, 12):  # on either side of the limit
+        joint = np.kron(np.ones((3, 3)) + np.eye(3), np.eye(2)) * sigma**2
+        rows = np.kron(np.eye(3), np.ones(2)) * regions.tangents.ravel()
+        exact = in_box((-regions.back).tolist(), regions.ahead.tolist(), rows @ joint @ rows.T)
+        assert chance_of_closing(regions, joint) == pytest.approx(exact, abs=2e-6)
+
+
 def test_contacts_that_move_as_one_are_not_independent() -> None:
     low, high = [-1.0, -1.0], [1.0, 1.0]
     as_one = math.erf(1.0 / math.sqrt(2.0))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +166,15 @@ def test_figures_count_reasons_that_differ_in_numbers_as_one() -> None:
     assert summary.reasons["lost"] == {"off by 0.5 px": 100}
     assert summary.counts == {"tracked": 1, "unstable": 0, "lost": 100, "searching": 0}
     assert summary.latency_median_ms == 50.0 and summary.frames_per_s == 50.5
+
+
+def test_the_least_chance_and_the_mean_one_are_kept() -> None:
+    tally, chances = Tally(), [1.0, math.nan, 0.7, 0.95]
+    assert math.isnan(tally.summary(1.0, "finished", {}).chance_least)
+    for i, chance in enumerate(chances):
+        tally.add(replace(answer(i), chance=chance))
+    figures = tally.summary(1.0, "finished", {}).figures()["chance"]
+    assert figures["least"] == 0.7 and figures["mean"] == pytest.approx(np.nanmean(chances))
 
 
 def test_memory_does_not_grow_with_the_run() -> None:

@@ -97,6 +97,18 @@ def test_few_edges_and_levels_that_are_unknown_are_taken_alike(seed: int, polari
             np.testing.assert_allclose(np.asarray(a, float), np.asarray(b, float), rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("polarity", [1, 0])
+@pytest.mark.parametrize("level", [math.nan, 120.0])
+def test_levels_that_tell_nothing_at_all_are_no_cause_for_warnings(polarity: int, level: float) -> None:
+    scene = Scene(4, polarity, 2)
+    image, at, along, edges, inside, found, own, _, *rest = scene.arguments(scene.now)
+    one = np.full_like(own, level)
+    arguments = image, at, along, edges, inside, found, one, one, *rest
+    for a, b in zip(kernels.weigh_edges(*arguments), reference.weigh_edges(*arguments), strict=True):
+        np.testing.assert_allclose(np.asarray(a, float), np.asarray(b, float), rtol=1e-12)
+
+
 @pytest.mark.parametrize("polarity", [1, 0])
 def test_the_reference_itself_is_borne_out_and_an_empty_table_is_not(polarity: int) -> None:
     scene = Scene(3, polarity, 0)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from grasptrack.errors import GraspError, InputError, SourceError, StrategyError
 from grasptrack.projective import apply_homography
 from grasptrack.result import TrackResult
 from grasptrack.simulation import SHAPES, Shape, brushed, plain
+from grasptrack.verdict import CHANCE
 from stages import EVEN, HEIGHT, WIDTH, Run, photo, pose, regular
 
 BRACKET, PLATE, GASKET = (SHAPES[n]() for n in ("bracket", "notched-plate", "gasket"))
@@ -103,6 +106,32 @@ def test_resynthesize_gives_a_new_grasp_and_a_new_number() -> None:
     assert (results[1].status, results[1].grasp_id) == ("unstable", 1)
     assert (results[2].status, results[2].grasp_id) == ("tracked", 2)
     assert (results[5].status, results[5].grasp_id) == ("tracked", 2)
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_grasp_that_closes_only_where_it_is_does_not_close_for_sure(strategy: str) -> None:
+    (start,) = track(IMAGES[:1])
+    assert start.contacts is not None and start.analysis is not None
+    for room in (0.05, 0.01, 0.002, 0.001, 0.0003):  # rad of the friction angle to spare
+        friction = math.tan(math.atan(0.5) - start.analysis.margin + room)
+        results = track(IMAGES, grasp=start.contacts, friction=friction, strategy=strategy, resynthesize=True)
+        assert results[0].status == "tracked" and results[0].chance == 1.0
+        for r in results[1:]:
+            assert r.analysis is not None and r.analysis.stable and r.contacts is not None and 0.0 <= r.chance <= 1.0
+            assert r.status == ("unstable" if r.chance < CHANCE else "tracked") and r.grasp_id == 1
+            assert r.reason == (
+                "" if r.chance >= CHANCE else f"the chance that the grasp closes is only {100 * r.chance:.0f} %"
+            )
+        chances = [r.chance for r in results[1:]]
+        if room >= 0.05:
+            assert min(chances) > 0.99
+        if room <= 0.001:
+            assert max(chances) < CHANCE
+
+
+def test_three_fingers_have_a_chance_too_and_a_lost_grasp_has_none() -> None:
+    results = track([*IMAGES[:3], photo([])], fingers=3)
+    assert [r.chance > 0.9 for r in results] == [True] * 3 + [False] and math.isnan(results[3].chance)
 
 
 # --- a given grasp -------------------------------------------------------------------------------

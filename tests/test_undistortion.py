@@ -13,13 +13,14 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack import inspect
 from grasptrack.calibration import Camera
 from grasptrack.cli.main import main
 from grasptrack.contour import Contour, View
 from grasptrack.errors import InputError, SourceError
 from grasptrack.evaluation.sequence import chosen_grasp
 from grasptrack.observation.undistortion import MOST, Undistortion
-from grasptrack.projective import apply_homography
+from grasptrack.projective import apply_homography, similarity
 from grasptrack.result import TrackResult
 from grasptrack.simulation import DISTURBANCES, SHAPES, SceneFrame
 from grasptrack.tracker import GraspTracker
@@ -248,12 +249,80 @@ def test_synthesize_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]
     assert found["grasps"][0]["opening_px"] == pytest.approx(np.hypot(*(straight[0] - straight[1])), abs=2e-3)
 
 
+def test_transfer_with_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clean = DISTURBANCES["clean-6dof"].scene(SHAPES["bracket"](), 1, 3)[0]
+    camera = Camera([[520, 0, 120], [0, 520, 90], [0, 0, 1]], (0.25, 0.05, 0, 0), size=(640, 480))  # far off its axis
+    turned = similarity(1.05, 2.2, (320.0, 240.0), (280.0, 215.0))
+    ideal = camera.undistort(np.stack(np.meshgrid(np.arange(640.0), np.arange(480.0)), axis=-1).reshape(-1, 2))
+    for name, H in (("a", np.eye(3)), ("b", turned)):
+        at = apply_homography(np.linalg.inv(H), ideal).astype(np.float32).reshape(480, 640, 2)
+        image = cv2.remap(clean.image, at, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image)
+    file = tmp_path / "camera.json"
+    file.write_text(
+        json.dumps({"K": camera.matrix.tolist(), "D": camera.distortion.tolist(), "image_size": [640, 480]})
+    )
+
+    def truth(points: np.ndarray) -> np.ndarray:
+        return camera.distort(apply_homography(turned, camera.undistort(points)))
+
+    x, y = camera.distort(np.array(chosen_grasp(clean.outline)))
+    middle = truth(np.array([x, y])).mean(axis=0)
+    given = ["transfer", str(tmp_path / "a.png"), str(tmp_path / "b.png"), "--output", str(tmp_path)]
+    given += ["--grasp", f"{x[0]},{x[1]} {y[0]},{y[1]}", "--object-b", f"{middle[0]},{middle[1]}"]
+    off = []
+    for more in (["--camera", str(file)], []):
+        assert main([*given, *more]) == 0
+        rows = {line.split()[0]: line.split() for line in capsys.readouterr().out.splitlines() if line.split()}
+        if not more and rows["registration"][1] == "refused":
+            continue
+        start, end = (
+            np.array([pair.split(",") for pair in rows[name][1:3]], dtype=float)
+            for name in ("(reference)", "registration")
+        )
+        assert np.abs(start - [x, y]).max() < 1.0  # px of the image, in which the contacts were given
+        off.append(np.abs(end - truth(start)).max())
+    assert off[0] < 0.2  # they are written with one decimal
+    print(off)
+    assert len(off) == 1 or off[1] > 2.0 * off[0]
+    assert cv2.imread(str(tmp_path / "transfer.png")) is not None
+
+
+def test_inspect_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path) -> None:
+    folder, file, seen = scene
+    camera = frames(3)[1]
+    given = ["inspect", str(folder / "0.png"), "--output", str(tmp_path), "--quiet"]
+    assert main([*given, "--camera", str(file)]) == 0
+    found = json.loads((tmp_path / "inspect.json").read_text())
+    chosen = GraspTracker(camera=camera).update(seen[0].image)
+    assert chosen.contacts is not None and chosen.view is not None
+    assert np.allclose(found["grasp"]["contacts"], chosen.contacts, atol=1e-3)
+    assert np.allclose(found["outline"][0], chosen.view.outer.points, atol=2e-3)
+    assert found["options"]["camera"] == str(file)
+    lens, straight = Undistortion(camera, 640, 480), camera.undistort(chosen.contacts)
+    J = lens.stretch(straight - lens.offset)
+    ideal = inspect(lens.image(seen[0].image), ignore=lens.ignored(None))
+    assert ideal.grasp is not None
+    assert np.allclose(found["grasp"]["covariance_px2"], J @ ideal.grasp.covariance @ np.swapaxes(J, 1, 2), rtol=1e-3)
+    assert found["expected_px"] == pytest.approx(max(found["grasp"]["sigma_px"]))
+    along = np.diff(chosen.view.outer.points, axis=0)
+    peaks = np.array(found["peaks"])
+    apart = np.hypot(*(peaks[:, None] - chosen.view.outer.points[None]).transpose(2, 0, 1)).min(axis=1)
+    assert len(peaks) and apart.max() < np.hypot(*along.T).max()
+
+
 def test_a_calibration_of_other_images_is_one_line(
     scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, file, _ = scene
     file.write_text('{"width": 1280, "height": 720, "focal": 900, "k1": -0.1}')
-    for verb in (["track", str(folder), "--output", str(tmp_path / "o")], ["synthesize", str(folder / "0.png")]):
+    image = str(folder / "0.png")
+    for verb in (
+        ["track", str(folder), "--output", str(tmp_path / "o")],
+        ["synthesize", image],
+        ["inspect", image],
+        ["transfer", image, image],
+    ):
         assert main([*verb, "--camera", str(file), "--quiet"]) == 2
         error = capsys.readouterr().err
         assert "the calibration is for 1280x720 px, the images are 640x480" in error and error.count("\n") == 1

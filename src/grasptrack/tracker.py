@@ -13,6 +13,7 @@ from grasptrack import choice
 from grasptrack.analysis import DEFAULT_FRICTION, check_friction
 from grasptrack.belief import Belief, Believed
 from grasptrack.calibration import Camera
+from grasptrack.closing import Regions, chance_of_closing, regions_of
 from grasptrack.contour import View
 from grasptrack.errors import (
     ConditioningError,
@@ -103,6 +104,7 @@ class GraspTracker:
         self._observer = Observer()
         self._search: Search | None = None
         self._belief: Belief | None = None
+        self._regions: Regions | None = None
         self._unstable: View | None = None
         self._reasons: list[str] = []
 
@@ -182,6 +184,8 @@ class GraspTracker:
         self._search = Search(self._observer, reference, others)
         self._belief = Belief(reference, self._search)
         grasp, analysis = reference.grasp, reference.analysis
+        # here, where a grasp is chosen anyway: for three fingers it takes some tens of ms
+        self._regions = regions_of(grasp, reference.view, reference.friction, reference.width)
         return {
             "status": "tracked" if analysis.stable else "unstable",
             "reason": analysis.reason,
@@ -191,6 +195,7 @@ class GraspTracker:
             "seen": np.ones(len(grasp)),
             "analysis": analysis,
             "confidence": 1.0,
+            "chance": 1.0 if analysis.stable else 0.0,
             "homography": np.eye(3),
             "view": candidate.view,
         }
@@ -209,11 +214,19 @@ class GraspTracker:
             search.lost(grey)
             return self._refused(lost(str(error)))
         belief.accept(found)
-        return self._accepted(found, judge(found.support, analysis, found.risk), analysis)
+        chance = self._chance(found)
+        return self._accepted(found, judge(found.support, analysis, found.risk, chance), analysis, chance)
+
+    def _chance(self, found: Believed) -> float:
+        """The least chance that the grasp closes although its contacts may be off."""
+        assert self._regions is not None
+        fused = found.carried.fused
+        covariance = found.support.covariance if fused is None else fused.covariance
+        return chance_of_closing(self._regions, covariance, found.homography, found.carried.transfer.grasp.contacts)
 
     # --- answers ---------------------------------------------------------------------------------
 
-    def _accepted(self, found: Believed, verdict: Verdict, analysis: Any) -> dict[str, Any]:
+    def _accepted(self, found: Believed, verdict: Verdict, analysis: Any, chance: float) -> dict[str, Any]:
         answer = {
             "status": verdict.status,
             "reason": verdict.reason,
@@ -223,11 +236,12 @@ class GraspTracker:
             "seen": found.support.seen,
             "analysis": analysis,
             "confidence": verdict.confidence,
+            "chance": chance,
             "homography": found.homography,
             "covariance": found.support.covariance,
             "view": found.carried.view,
         }
-        if verdict.status == "unstable" and self._resynthesize:
+        if not analysis.stable and self._resynthesize:  # another grasp makes what is seen no surer
             self._reference = None
             self._given = self._object_at = self._box = None
             self._unstable = found.carried.view

@@ -35,6 +35,8 @@ MAX_SIGMA = 0.02
 """A contact whose standard deviation exceeds this fraction of sqrt(area) is not fixed by the evidence, ..."""
 MAX_SIGMA_PX = 1.5
 """... unless it is below so many px."""
+CHANCE = 0.9
+"""A grasp that closes with less than this probability, its contacts being as uncertain as they are, is not stable."""
 
 
 RIGHT, RIGHT_PX = 0.04, 3.0
@@ -78,17 +80,21 @@ def lost(reason: str) -> Verdict:
     return Verdict("lost", reason, 0.0)
 
 
-def judge(support: Support, analysis: GraspAnalysis, risk: float = RISK_PLAIN) -> Verdict:
+def judge(support: Support, analysis: GraspAnalysis, risk: float = RISK_PLAIN, chance: float = math.nan) -> Verdict:
     """What to say of a transfer that `refuse` has let pass.
 
     Args:
         support: the edges found along the outline as the transfer carries it.
         analysis: of the transferred grasp.
         risk: as `risk` has it.
+        chance: that it closes, 0 to 1; NaN where that is not known.
     """
+    sure = confidence(support, risk)
     if not analysis.stable:
-        return Verdict("unstable", analysis.reason, confidence(support, risk))
-    return Verdict("tracked", "", confidence(support, risk))
+        return Verdict("unstable", analysis.reason, sure)
+    if chance < CHANCE:
+        return Verdict("unstable", f"the chance that the grasp closes is only {100 * chance:.0f} %", sure)
+    return Verdict("tracked", "", sure)
 
 
 def risk(explained: float, borne_out: bool) -> float:

@@ -29,6 +29,7 @@ def inspect(
     box: options.BoxText = None,
     mask: MaskPath = None,
     ignore: options.IgnorePath = None,
+    camera: options.CameraPath = None,
     grasp: options.GraspText = None,
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
@@ -55,6 +56,7 @@ def inspect(
       grasptrack inspect photo.jpg
       grasptrack inspect photo.jpg --object 320,240 --fingers 3
       grasptrack inspect photo.jpg --grasp "193,308 157,99" --json
+      grasptrack inspect photo.jpg --camera camera.yaml
     """
     place, frame = options.point(object_, "--object"), options.rectangle(box, "--box")
     if place is not None and frame is not None:
@@ -72,29 +74,36 @@ def inspect(
         "clearance": clearance,
     }
     hand = options.hand_for_first(scale, lengths, grasp, False)
+    calibration = options.calibration(camera)
 
     from grasptrack.cli.scene import check_within, only_image
     from grasptrack.io.inspection import inspection
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
     from grasptrack.io.run import prepare_folder
+    from grasptrack.observation.undistortion import Told, Undistortion
     from grasptrack.suitability import inspect as look
+    from grasptrack.suitability.seen import as_seen
     from grasptrack.view.inspect import write_inspection
 
     picture = only_image(image, "inspect takes one image").image
     check_within(picture.shape, place, frame)
-    own, ignored = None if mask is None else read_mask(mask), options.ignore_mask(ignore)
+    own, told = None if mask is None else read_mask(mask), Told(contacts, place, frame, options.ignore_mask(ignore))
     prepare_folder(output)
+    scene, lens = picture, None
+    if calibration is not None:
+        lens = Undistortion(calibration, picture.shape[1], picture.shape[0])
+        scene, told, own = lens.image(picture), told.straight(lens), None if own is None else lens.mask(own)
     try:
         found = look(
-            picture,
-            grasp=contacts,
+            scene,
+            grasp=told.contacts,
             fingers=count,
             friction=friction,
-            object_at=place,
-            box=frame,
+            object_at=told.object_at,
+            box=told.box,
             mask=own,
-            ignore=ignored,
+            ignore=told.ignore,
             hand=hand,
             strategy=strategy,
         )
@@ -105,6 +114,7 @@ def inspect(
         "box": box,
         "mask": mask,
         "ignore": ignore,
+        "camera": camera,
         "grasp": grasp,
         "fingers": count,
         "friction": friction,
@@ -113,18 +123,19 @@ def inspect(
         "scale": scale,
     }
     data, page = output / "inspect.json", output / "inspect.png"
-    told = inspection(found, image, picture.shape, asked)
-    write_json(data, told)
-    write_inspection(page, picture, found, title=Path(image).name)
+    write_inspection(page, scene, found, title=Path(image).name + (", made straight" if lens is not None else ""))
+    found = found if lens is None else as_seen(found, lens)
+    content = inspection(found, image, picture.shape, asked)
+    write_json(data, content)
     if json_ and not quiet:
         import json
 
-        typer.echo(json.dumps(told, ensure_ascii=False, indent=1))
+        typer.echo(json.dumps(content, ensure_ascii=False, indent=1))
     elif not quiet:
-        _show(found, f"{data}, {page}")
+        _show(found, [*options.scaled(calibration, picture.shape), f"{data}, {page}"])
 
 
-def _show(found: Suitability, files: str) -> None:
+def _show(found: Suitability, last: list[str]) -> None:
     from grasptrack.cli.report import show_rows
     from grasptrack.suitability.words import rows
 
@@ -132,4 +143,4 @@ def _show(found: Suitability, files: str) -> None:
     for reason in found.reasons:
         notes.append(f"{reason.level}: {reason.text}" + (f". Would help: {reason.advice}" if reason.advice else ""))
     advice = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
-    show_rows(f"{found.level.upper()}, {advice}", _HEADS, rows(found), [*notes, files])
+    show_rows(f"{found.level.upper()}, {advice}", _HEADS, rows(found), [*notes, *last])

@@ -87,6 +87,9 @@ def show_run(summary: RunSummary, output: Path, notes: Iterable[str] = ()) -> No
     used = ", ".join(f"{name} ({count})" for name, count in summary.strategies.items())
     if used:
         table.add_row("strategy", "", used)
+    if math.isfinite(summary.chance_least):
+        chance = f"mean {100.0 * summary.chance_mean:.1f} %, least {100.0 * summary.chance_least:.1f} %"
+        table.add_row("chance to close", "", chance)
     if math.isfinite(summary.latency_median_ms):
         latency = f"median {summary.latency_median_ms:.2f} ms, 99th percentile {summary.latency_p99_ms:.2f} ms"
         table.add_row("latency", "", latency)

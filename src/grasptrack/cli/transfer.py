@@ -5,13 +5,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from grasptrack.cli import options
 from grasptrack.cli.scene import only_image
 from grasptrack.errors import GraspTrackError, InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grasptrack.calibration import Camera
+    from grasptrack.observation.undistortion import Told, Undistortion
 
 _HEADS = (
     ("strategy", "left"),
@@ -34,6 +40,7 @@ def transfer(
     ] = None,
     object_b: Annotated[str | None, typer.Option(metavar="X,Y", help="A pixel of the object in IMAGE_B.")] = None,
     ignore: options.IgnorePath = None,
+    camera: options.CameraPath = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Carry a grasp from one view of an object to another: what each strategy makes of it, or why it is not believed.
@@ -50,37 +57,47 @@ def transfer(
       grasptrack transfer a.png b.png
       grasptrack transfer a.png b.png --object 320,240 --object-b 300,250
       grasptrack transfer a.png b.png --grasp "193,308 157,99" --output pictures
+      grasptrack transfer a.png b.png --camera camera.yaml
     """
     options.positive_friction(friction)
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     place_a, place_b = options.point(object_, "--object"), options.point(object_b, "--object-b")
-    hidden = options.ignore_mask(ignore)
-    first, second = (only_image(name, "transfer takes two images") for name in (image_a, image_b))
+    hidden, calibration = options.ignore_mask(ignore), options.calibration(camera)
+    first, second = (only_image(name, "transfer takes two images").image for name in (image_a, image_b))
     _check_folder(output)
 
     from grasptrack.grasp import Grasp
+    from grasptrack.observation.undistortion import Told
     from grasptrack.pair import carry_to
     from grasptrack.tracker import GraspTracker
 
+    lens, one, told = _straight(calibration, first, Told(contacts, place_a, None, hidden))
+    lens_b, other, told_b = _straight(calibration, second, Told(None, place_b, None, hidden))
     # The first step of a sequence, so that object and grasp are chosen here as they are there.
-    begun = GraspTracker(fingers=count, friction=friction, grasp=contacts, object_at=place_a, ignore=hidden)
-    chosen = begun.update(first.image)
+    begun = GraspTracker(
+        fingers=count, friction=friction, grasp=told.contacts, object_at=told.object_at, ignore=told.ignore
+    )
+    chosen = begun.update(one)
     if chosen.contacts is None or chosen.view is None:
         raise InputError(f'"{image_a}": {chosen.reason}')
     try:
-        pair = carry_to(Grasp(chosen.contacts), chosen.view, first.image, second.image, friction, place_b, hidden)
+        pair = carry_to(Grasp(chosen.contacts), chosen.view, one, other, friction, told_b.object_at, told_b.ignore)
     except GraspTrackError as error:
         raise InputError(f'"{image_b}": {error}') from None
 
     from grasptrack.view.pair import write_pair
 
     picture = output / "transfer.png"
-    believed = {o.strategy: o.contacts for o in pair.outcomes if o.contacts is not None and not o.reason}
-    refused = {o.strategy: o.reason for o in pair.outcomes if o.reason}
+    view, at, current, outcomes = chosen.view, chosen.contacts, pair.current, pair.outcomes
+    if lens is not None and lens_b is not None:
+        view, at, current = lens.view(view), lens.seen(at), lens_b.view(current)
+        outcomes = [o if o.contacts is None else o._replace(contacts=lens_b.seen(o.contacts)) for o in outcomes]
+    believed = {o.strategy: o.contacts for o in outcomes if o.contacts is not None and not o.reason}
+    refused = {o.strategy: o.reason for o in outcomes if o.reason}
     write_pair(
         picture,
-        (first.image, chosen.view, chosen.contacts),
-        (second.image, pair.current),
+        (first, view, at),
+        (second, current),
         believed,
         refused,
         (Path(image_a).name, Path(image_b).name),
@@ -89,9 +106,9 @@ def transfer(
         return
     from grasptrack.cli.report import show_rows
 
-    rows = [["(reference)", _written(chosen.contacts), "", *_stable(chosen.analysis)]]
-    notes = []
-    for outcome in pair.outcomes:
+    rows = [["(reference)", _written(at), "", *_stable(chosen.analysis)]]
+    notes = options.scaled(calibration, first.shape)
+    for outcome in outcomes:
         if outcome.reason:
             rows.append([outcome.strategy, "refused", _number(outcome.off), "", ""])
             notes.append(f"{outcome.strategy} refused: {outcome.reason}")
@@ -104,6 +121,18 @@ def transfer(
     elif pair.found.status == "ambiguous":
         notes.append(f"ambiguous: {pair.found.reason}")
     show_rows("The grasp in both views", _HEADS, rows, [*notes, str(picture)])
+
+
+def _straight(
+    calibration: Camera | None, image: NDArray[Any], told: Told
+) -> tuple[Undistortion | None, NDArray[Any], Told]:
+    """An image and what was said of it, without the lens's distortion where the camera is known."""
+    from grasptrack.observation.undistortion import Undistortion
+
+    if calibration is None:
+        return None, image, told
+    lens = Undistortion(calibration, image.shape[1], image.shape[0])
+    return lens, lens.image(image), told.straight(lens)
 
 
 def _stable(analysis: Any) -> list[str]:

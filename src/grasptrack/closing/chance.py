@@ -14,6 +14,9 @@ from grasptrack.errors import InputError
 
 Floats = NDArray[np.float64]
 
+SURE = 1e-6
+"""Where the chances to leave a region add up to no more than this, a joint covariance is not looked at more closely."""
+
 
 def chance_of_closing(
     regions: Regions, covariance: Floats, homography: Floats | None = None, contacts: Floats | None = None
@@ -31,8 +34,8 @@ def chance_of_closing(
         contacts: (k, 2) px in the current view, where they are not the regions' own under the homography.
 
     Returns:
-        NaN where the covariance or the homography is not finite. With a joint covariance of more than 3 contacts, one
-        less the sum of the chances to leave a region, which is never too much.
+        NaN where the covariance or the homography is not finite. With a joint covariance, one less the sum of the chances
+        to leave a region, which is never too much, where that sum is below SURE or there are more than 3 contacts.
 
     Raises:
         InputError: a covariance of another shape.
@@ -53,7 +56,9 @@ def chance_of_closing(
         project = np.zeros((k, 2 * k))
         for i, (u, v) in enumerate(rows):
             project[i, 2 * i : 2 * i + 2] = u, v
-        return in_box(low, high, project @ covariance @ project.T)
+        slips = project @ covariance @ project.T
+        leaving = sum(1.0 - within(a, b, v) for a, b, v in zip(low, high, np.diag(slips).tolist(), strict=True))
+        return 1.0 - leaving if leaving <= SURE else in_box(low, high, slips)
     chance = 1.0
     for (u, v), ((xx, xy), (yx, yy)), a, b in zip(rows, covariance.tolist(), low, high, strict=True):
         chance *= within(a, b, u * (u * xx + v * (xy + yx)) + v * v * yy)

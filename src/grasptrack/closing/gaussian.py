@@ -36,7 +36,8 @@ def in_box(low: list[float], high: list[float], covariance: Floats) -> float:
     values, vectors = np.linalg.eigh(covariance)
     # Any square root serves; the lower triangular one lets the bounds of one follow from those before it.
     L = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]).T
-    return min(1.0, max(0.0, _nested(np.array(low), np.array(high), L * np.where(np.diag(L) < 0.0, -1.0, 1.0))))
+    found = float(_nested(np.array(low), np.array(high), L * np.where(np.diag(L) < 0.0, -1.0, 1.0)))
+    return min(1.0, max(0.0, found))
 
 
 def _nested(low: Floats, high: Floats, L: Floats) -> float:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from grasptrack.suitability import Suitability
     from grasptrack.suitability.result import Held, Texture
 
-FORMAT = 1
+FORMAT = 2
 """Raised when a key changes its meaning or goes away; new keys alone do not raise it."""
 
 
@@ -61,10 +61,16 @@ def inspection(found: Suitability, name: str, shape: tuple[int, ...], options: M
         "peaks": _plain(found.peaks),
         "strategies": {u.name: {"usable": not u.reason, "reason": u.reason} for u in found.strategies},
         "texture": {"surface": _texture(found.surface), "ground": _texture(found.ground)},
+        "fixed_by": found.by,
+        "evidence_px": None if found.settled is None else _evidence(found.settled.deviations),
         "grasp": None if found.grasp is None else _grasp(found.grasp),
         "rehearsal": None if rehearsal is None else {k: _plain(v) for k, v in rehearsal._asdict().items()},
         "outline": [_plain(contour.points) for contour in found.view.contours],
     }
+
+
+def _evidence(deviations: tuple[float, float, float]) -> dict[str, Any]:
+    return dict(zip(("outline", "surface", "ground"), _plain(list(deviations)), strict=True))
 
 
 def _texture(texture: Texture) -> dict[str, Any]:

@@ -32,6 +32,8 @@ class RunSummary:
         strategies: frames for each strategy that located the grasp.
         grasps: number of different grasps that were located.
         object_seen: whether an object was made out in any frame.
+        chance_least: the least chance of closing that was told; NaN where none was.
+        chance_mean: the mean over the frames with one.
         latency_median_ms: median time of an update, ms; NaN without frames.
         latency_p99_ms: its 99th percentile, ms.
         seconds: s of the whole run: reading, tracking, drawing and writing.
@@ -52,6 +54,8 @@ class RunSummary:
     frames_per_s: float
     ended: str = "finished"
     files: dict[str, Path] = field(default_factory=dict)
+    chance_least: float = math.nan
+    chance_mean: float = math.nan
 
     def figures(self) -> dict[str, Any]:
         """The counts and figures for run.json."""
@@ -61,6 +65,7 @@ class RunSummary:
             "reasons": self.reasons,
             "strategies": self.strategies,
             "grasps": self.grasps,
+            "chance": {"least": self.chance_least, "mean": self.chance_mean},
             "latency_ms": {"median": self.latency_median_ms, "p99": self.latency_p99_ms},
             "seconds": round(self.seconds, 3),
             "frames_per_s": round(self.frames_per_s, 2),
@@ -78,6 +83,7 @@ class Tally:
         self._grasps = 0
         self._last_grasp: int | None = None
         self._object_seen = False
+        self._least, self._chances, self._told = math.nan, 0.0, 0
         # Exact up to 65,536 frames; beyond, every second value is kept, then every fourth...
         self._latencies = array("d")
         self._stride = 1
@@ -92,6 +98,9 @@ class Tally:
             if result.grasp_id != self._last_grasp:
                 self._grasps += 1
                 self._last_grasp = result.grasp_id
+        if math.isfinite(result.chance):
+            self._least = min(result.chance, self._least) if self._told else result.chance
+            self._chances, self._told = self._chances + result.chance, self._told + 1
         self._object_seen = self._object_seen or result.view is not None or result.contacts is not None
         if self.frames % self._stride == 0 and math.isfinite(result.latency_ms):
             self._latencies.append(result.latency_ms)
@@ -130,4 +139,6 @@ class Tally:
             frames_per_s=self.frames / seconds if seconds > 0 else 0.0,
             ended=ended,
             files=files,
+            chance_least=self._least,
+            chance_mean=self._chances / self._told if self._told else math.nan,
         )

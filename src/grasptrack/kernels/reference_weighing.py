@@ -126,7 +126,10 @@ def expected_levels(
     else:  # what is lighter and what is darker than the ground changes alike
         usual = float(np.median(outside[found]))
         then = inside[found] - usual
-        clear = np.abs(then) >= 0.5 * float(np.nanmax(np.abs(then)))
-        gain = float(np.median((edges[found, 2] - light)[clear] / then[clear]))
-        material = light + gain * (inside - usual)
+        # fmax passes over levels that are unknown, and of nothing but such it is unknown itself
+        clear = np.abs(then) >= 0.5 * np.fmax.reduce(np.abs(then))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gains = (edges[found, 2] - light)[clear] / then[clear]
+            gain = float(np.median(gains)) if len(gains) else math.nan
+            material = light + gain * (inside - usual)
     return np.where(np.abs(light - material) > CLEAR * spread, light, math.nan), material

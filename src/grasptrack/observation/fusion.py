@@ -344,6 +344,26 @@ class Fusion:
             state.by,
         )
 
+    def covariances(self, grey: Grey, H: Floats) -> tuple[Floats, Floats, Floats]:
+        """(2 k, 2 k) px^2 of the contacts at a pose: by the outline alone, with the surface, and with the ground as well.
+
+        Args:
+            grey: (H, W), another image than the reference, whose noise would pass for a surface in itself.
+            H: (3, 3) the pose.
+        """
+        told: list[list[Floats]] = []
+        for by in (FINE, COARSE):
+            state = self._look(grey, H, by, [True] * 3)
+            surface, ground = (state.told(row) and not self._weak(state, row) for row in (INSIDE, GROUND))
+            uses = [True, False, False], [True, surface, False], [True, surface, ground]
+            told.append([state.covariance(self._contacts, use) for use in uses])
+        outline, surface_too, all_there_is = (min(pair, key=_widest) for pair in zip(*told, strict=True))
+        return outline, surface_too, all_there_is
+
+
+def _widest(covariance: Floats) -> float:
+    return float(np.diag(covariance).max())
+
 
 def _correlation(stats: list[float]) -> float:
     return stats[3] if stats[2] > 0.0 else math.nan

@@ -64,18 +64,6 @@ class Relief(NamedTuple):
         """Mean square slope in one direction that may be noise."""
         return OF_SLOPES * self.noise**2 * (1.0 + DOUBT * math.sqrt(2.0 / len(self.points)))
 
-    def information(self, fields: Floats) -> Floats:
-        """(r, r) normal equations of motions, from the grey levels of two images with this noise in each.
-
-        Args:
-            fields: (m, 2, r) px by which each motion moves the points.
-        """
-        if not len(self.points):
-            return np.zeros((fields.shape[2],) * 2)
-        seen = np.einsum("mi,mir->mr", self.slopes, fields)
-        pretended = self._doubted * np.einsum("mir,mis->rs", fields, fields)
-        return np.asarray((seen.T @ seen - pretended) / (2.0 * self.noise**2))
-
 
 def reliefs(grey: Grey, view: View, hidden: Grey | None = None) -> tuple[Relief, Relief]:
     """Slopes within an outline, and of the ground round it, both clear of the outline itself.

@@ -15,6 +15,8 @@ TURN, TILT, GROWTH, SHIFT = 12.0, 12.0, 0.04, 0.1
 """Degrees, degrees, share, and share of the size by which a course ends."""
 DISTANCE = 6.0
 """Sizes of the object from which the camera looks."""
+_PATCHES = 5, 15
+"""px, of the patches that are compared, and of the window in which they are."""
 
 
 def restaged(image: NDArray[np.uint8], H: Floats, noise: float, rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -30,6 +32,20 @@ def restaged(image: NDArray[np.uint8], H: Floats, noise: float, rng: np.random.G
     moved = cv2.warpPerspective(image, H, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
     spoilt = np.asarray(moved, np.float32) + noise * rng.standard_normal(moved.shape, np.float32)
     return np.asarray(np.clip(np.rint(spoilt), 0.0, 255.0), dtype=np.uint8)
+
+
+def denoised(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
+    """An image without its noise (non-local means), for what comes after it must not share it.
+
+    Whatever is no stronger than the noise is smoothed away as well.
+
+    Args:
+        image: (H, W) or BGR (H, W, 3).
+        noise: grey levels, standard deviation of a pixel.
+    """
+    if image.ndim == 2:
+        return np.asarray(cv2.fastNlMeansDenoising(image, None, noise, *_PATCHES), dtype=np.uint8)
+    return np.asarray(cv2.fastNlMeansDenoisingColored(image, None, noise, noise, *_PATCHES), dtype=np.uint8)
 
 
 def course(steps: int, centre: Floats, size: float, middle: Floats) -> list[Floats]:

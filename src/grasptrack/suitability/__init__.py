@@ -11,20 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import kernels
 from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, analyze
+from grasptrack.closing import chance_of_closing, regions_of
 from grasptrack.contour import View
 from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand
-from grasptrack.kernels.reference_evidence import displacement_fields
 from grasptrack.observation.relief import Relief, reliefs
 from grasptrack.observation.support import OutlineSamples
 from grasptrack.reference import AUTO
 from grasptrack.suitability.advice import Findings, level_of, reasons_of
 from grasptrack.suitability.edges import Edges, edges_of, scatter, sway
 from grasptrack.suitability.first import FirstView, first_view
-from grasptrack.suitability.hold import chance
 from grasptrack.suitability.motions import TURN, Frame, Motions, motions_of
 from grasptrack.suitability.rehearsal import Rehearsal, rehearse
 from grasptrack.suitability.result import Held, Looks, Reason, Suitability, Texture
+from grasptrack.suitability.settled import Settled, settled
 from grasptrack.suitability.strategies import peaks_of, recommended, strategies_of
 from grasptrack.suitability.symmetry import equals_of, symmetry_of
 from grasptrack.tracker import GraspTracker
@@ -51,7 +51,8 @@ def inspect(
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
     Object and grasp are chosen as `GraspTracker` does in a first image. Errors are expected from the normal equations of
-    the outline and the scatter of its edges; the tracker is also tried on the image itself, moved a little.
+    the outline and the scatter of its edges, and where it leaves motions free from the tracker's own evidence of the surface
+    and the ground; the tracker is also tried on the image itself, moved a little.
 
     Args:
         image: 8 or 16 bit, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
@@ -85,16 +86,23 @@ def inspect(
     held = first.grasp or stand_in
     noise = math.sqrt(2.0) * looks.scatter  # of both views
     motions = motions_of(*edges.used, held.contacts, _frame(view), noise, sway(edges))
-    samples, refusal, rehearsal = _samples(first, held), "", None
+    samples, refusal, alone, rehearsal = _samples(first, held), "", "", None
+    limit = max(MAX_SIGMA_PX, MAX_SIGMA * motions.frame.size)
+    fixed = settled(first, surface.noise, limit, motions.models["homography"].observable)
     if first.reference is not None:
-        refusal = refuse(samples.support(grey, np.eye(3), held.contacts), registered=strategy == AUTO)
+        support = samples.support(grey, np.eye(3), held.contacts)
+        refusal = alone = refuse(support)
+        if strategy == AUTO:
+            more = fixed is not None and fixed.by in ("surface", "ground")
+            support = support._replace(covariance=fixed.covariance) if more and fixed is not None else support
+            refusal = refuse(support, registered=True)
         rehearsal = rehearse(first, surface.noise)
-    grip = None if first.grasp is None else _held(first.grasp, view, friction, motions, rehearsal)
-    usable = strategies_of(held, view, grey, polarity, refusal)
+    grip = None if first.grasp is None else _held(first.grasp, view, friction, limit, motions, fixed, rehearsal)
+    usable = strategies_of(held, view, grey, polarity, alone, refusal)
     symmetry = symmetry_of(view, grey, samples, held.contacts, "similarity" in motions.motions[TURN].observed)
     equals = equals_of(first.candidate, first.others)
     reasons = reasons_of(
-        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, rehearsal)
+        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, fixed, rehearsal)
     )
     return Suitability(
         level=level_of(reasons),
@@ -106,9 +114,10 @@ def inspect(
         equals=tuple(equals),
         peaks=peaks_of(view),
         strategies=usable,
-        surface=_texture(surface, motions, held.contacts),
-        ground=_texture(ground, motions, held.contacts),
+        surface=Texture(surface.rms, surface.least, math.nan if fixed is None else fixed.deviations[1]),
+        ground=Texture(ground.rms, ground.least, math.nan if fixed is None else fixed.deviations[2]),
         grasp=grip,
+        settled=fixed,
         rehearsal=rehearsal,
         view=view,
         edges=edges,
@@ -157,11 +166,22 @@ def _looks(first: FirstView, edges: Edges, surface: Relief) -> Looks:
     )
 
 
-def _held(grasp: Grasp, view: View, friction: float, motions: Motions, rehearsal: Rehearsal | None) -> Held:
+def _held(
+    grasp: Grasp,
+    view: View,
+    friction: float,
+    limit: float,
+    motions: Motions,
+    fixed: Settled | None,
+    rehearsal: Rehearsal | None,
+) -> Held:
     """The grasp with the errors to be expected of its contacts, both ways to foretell them taken together."""
-    model = motions.models["homography"]
-    worst, tried = float(model.sigma.max()), math.nan if rehearsal is None else rehearsal.expected
-    known = 1.0 if math.isnan(tried) else math.sqrt(0.5 * (1.0 + (tried / worst) ** 2))
+    covariance = joint = motions.models["homography"].covariance
+    if fixed is not None and fixed.by in ("surface", "ground"):
+        covariance, joint = fixed.covariance, fixed.joint
+    sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    tried = math.nan if rehearsal is None else rehearsal.error
+    known = 1.0 if math.isnan(tried) else math.sqrt(0.5 * (1.0 + (tried / float(sigma.max())) ** 2))
     width = FINGER_WIDTH * motions.frame.size
     analysis = analyze(grasp, view, friction, width, "reference")
     return Held(
@@ -169,22 +189,8 @@ def _held(grasp: Grasp, view: View, friction: float, motions: Motions, rehearsal
         opening=grasp.opening,
         margin=analysis.margin,
         stable=analysis.stable,
-        chance=chance(grasp, view, friction, width, known**2 * model.covariance),
-        sigma=known * model.sigma,
-        covariance=known**2 * model.covariance,
-        limit=max(MAX_SIGMA_PX, MAX_SIGMA * motions.frame.size),
+        chance=chance_of_closing(regions_of(grasp, view, friction, width), known**2 * joint),
+        sigma=known * sigma,
+        covariance=known**2 * covariance,
+        limit=limit,
     )
-
-
-def _texture(relief: Relief, motions: Motions, contacts: Floats) -> Texture:
-    """What structure there is, and whether it would fix what the outline leaves free."""
-    frame, free = motions.frame, motions.free
-    settles = math.nan
-    if free.shape[1]:
-        fields = frame.axes.T @ displacement_fields(frame.place(relief.points)) @ free
-        least, V = np.linalg.eigh(relief.information(fields))
-        here = frame.axes.T @ displacement_fields(frame.place(contacts)) @ free @ V
-        settles = math.inf
-        if least[0] > 0.0:
-            settles = float(np.sqrt((np.square(here) / least).sum(axis=(1, 2)).max()))
-    return Texture(relief.rms, relief.least, settles)

@@ -13,9 +13,10 @@ from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH
 from grasptrack.suitability.motions import Motions
 from grasptrack.suitability.rehearsal import Rehearsal
 from grasptrack.suitability.result import Held, Level, Looks, Reason
+from grasptrack.suitability.settled import Settled
 from grasptrack.suitability.strategies import Usable, recommended
 from grasptrack.suitability.symmetry import Symmetry
-from grasptrack.verdict import MAX_SHIFT, MAX_SHIFT_PX, MIN_SHARE, MIN_SHARE_REGISTERED
+from grasptrack.verdict import CHANCE, MAX_SHIFT, MAX_SHIFT_PX, MIN_SHARE, MIN_SHARE_REGISTERED
 
 SMALL = MAX_SHIFT_PX / MAX_SHIFT
 """px; of a smaller object, the tracker's tolerance in px is a larger share than its tolerance in sqrt(area)."""
@@ -40,6 +41,7 @@ class Findings(NamedTuple):
     grasp: Held | None
     no_grasp: str
     refusal: str
+    settled: Settled | None
     rehearsal: Rehearsal | None
 
 
@@ -67,7 +69,7 @@ def _of_grasp(found: Findings) -> list[Reason]:
         listed.append(Reason("poor", found.no_grasp, "give contacts with --grasp, or more --friction"))
     elif grasp is not None and not grasp.stable:
         listed.append(Reason("poor", "the grasp does not close", "another grasp, or more --friction"))
-    elif grasp is not None and grasp.chance < MIN_SHARE and found.motions.models["homography"].observable:
+    elif grasp is not None and grasp.chance < CHANCE and _fixed(found):
         text = f"the grasp closes with a chance of only {100.0 * grasp.chance:.0f} % where its contacts are uncertain"
         listed.append(Reason("fair", text, "another grasp, on longer straight sides"))
     if not recommended(found.strategies) and not found.refusal:
@@ -75,7 +77,29 @@ def _of_grasp(found: Findings) -> list[Reason]:
     return listed
 
 
+def _fixed(found: Findings) -> bool:
+    """Whether anything fixes the contacts."""
+    if found.settled is not None:
+        return found.settled.by != "nothing"
+    return found.motions.models["homography"].observable
+
+
 def _of_motions(found: Findings) -> list[Reason]:
+    """What the outline leaves free: poor, unless the surface or the ground fixes it."""
+    listed = _of_outline(found)
+    by = None if found.settled is None else found.settled.by
+    if by not in ("surface", "ground") or not listed or listed[0].level != "poor":
+        return listed
+    if found.refusal:
+        return [Reason("poor", found.refusal, "another grasp, nearer to where the outline bends")]
+    if by == "surface":
+        text = f"{listed[0].text}; the surface fixes it: where that is covered or in glare, it may be lost"
+        return [Reason("fair", text, "keep the surface in view")]
+    text = f"{listed[0].text}; only the ground fixes it: on a belt it will be lost"
+    return [Reason("fair", text, "let the object rest on the ground, or mark its surface")]
+
+
+def _of_outline(found: Findings) -> list[Reason]:
     models, looks = found.motions.models, found.looks
     flat = models["similarity"]
     if not flat.observable and flat.unswayed >= HARDLY:

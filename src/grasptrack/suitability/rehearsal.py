@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from grasptrack.belief import Belief
 from grasptrack.errors import ConditioningError, GraspError
-from grasptrack.observation.restaged import course, restaged
+from grasptrack.observation.restaged import course, denoised, restaged
 from grasptrack.projective import apply_homography
 from grasptrack.search import Search
 from grasptrack.suitability.first import FirstView
@@ -37,14 +36,11 @@ class Rehearsal(NamedTuple):
     error: float
     reason: str
 
-    @property
-    def expected(self) -> float:
-        """px, the error to be expected of another image: here the first view's own noise came along, there it will not."""
-        return math.sqrt(2.0) * self.error
-
 
 def rehearse(first: FirstView, noise: float, steps: int = STEPS) -> Rehearsal:
     """Track the grasp through small motions of its first image.
+
+    The image is freed of its noise first: it would come along, and pass for a surface of the object and of the ground.
 
     Args:
         first: the view, with a reference.
@@ -56,10 +52,11 @@ def rehearse(first: FirstView, noise: float, steps: int = STEPS) -> Rehearsal:
     search = Search(observer, reference, first.others)
     belief = Belief(reference, search)
     rng = np.random.default_rng(0)
+    source = denoised(first.colours, noise)
     middle = 0.5 * np.array([first.grey.shape[1] - 1.0, first.grey.shape[0] - 1.0])
     errors, reason = [], ""
     for H in course(steps, np.array(reference.centre), reference.size, middle):
-        grey = observer.look(restaged(first.colours, H, noise, rng))
+        grey = observer.look(restaged(source, H, noise, rng))
         found = belief.find(grey, None)
         try:
             if found is not None:

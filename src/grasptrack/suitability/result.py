@@ -13,6 +13,7 @@ from grasptrack.contour import View
 from grasptrack.suitability.edges import Edges
 from grasptrack.suitability.motions import Motions
 from grasptrack.suitability.rehearsal import Rehearsal
+from grasptrack.suitability.settled import By, Settled
 from grasptrack.suitability.strategies import Usable
 from grasptrack.suitability.symmetry import Symmetry
 
@@ -75,8 +76,8 @@ class Texture(NamedTuple):
     Attributes:
         rms: grey levels per px, rms slope beyond what noise makes.
         least: the same in the direction that shows least.
-        settles: px, worst contact's standard deviation if this structure were matched for what the outline leaves free;
-            NaN where the outline leaves nothing free, infinite where the structure does not show it either.
+        settles: px, standard deviation of the worst contact as the tracker tells it with this structure: of the ground, with
+            the surface as well. NaN where the strategy looks at neither, or there is no grasp.
     """
 
     rms: float
@@ -124,6 +125,7 @@ class Suitability:
         strategies: `auto` and the paper's three, each usable or not.
         surface, ground: structure within the outline and round it.
         grasp: None where there is none.
+        settled: what fixes the contacts; None where the strategy looks at the outline alone, or there is no grasp.
         rehearsal: the tracker on the image itself, moved a little; None without a grasp that can be carried.
         view: the outline.
         edges: along it.
@@ -141,6 +143,7 @@ class Suitability:
     surface: Texture
     ground: Texture
     grasp: Held | None
+    settled: Settled | None
     rehearsal: Rehearsal | None
     view: View
     edges: Edges
@@ -149,6 +152,13 @@ class Suitability:
     def expected(self) -> float:
         """px, expected error of the worst contact, rms of the distance; NaN without a grasp."""
         return float("nan") if self.grasp is None else float(self.grasp.sigma.max())
+
+    @property
+    def by(self) -> By:
+        """What fixes the contacts."""
+        if self.settled is not None:
+            return self.settled.by
+        return "outline" if self.motions.models["homography"].observable else "nothing"
 
     @property
     def verdict(self) -> str:

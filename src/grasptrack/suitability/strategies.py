@@ -45,7 +45,9 @@ def peaks_of(view: View) -> Floats:
     return outer.points[peaks].reshape(-1, 2)
 
 
-def strategies_of(grasp: Grasp, view: View, grey: Grey, polarity: int, refusal: str = "") -> tuple[Usable, ...]:
+def strategies_of(
+    grasp: Grasp, view: View, grey: Grey, polarity: int, refusal: str = "", by_auto: str = ""
+) -> tuple[Usable, ...]:
     """`auto`'s registration and the three strategies, each tried on the view of the choice itself.
 
     Args:
@@ -53,7 +55,8 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, polarity: int, refusal: 
         view: the outline.
         grey: (H, W) its image.
         polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ.
-        refusal: why the verdict believes no transfer at all, whichever strategy made it; else empty.
+        refusal: why the verdict believes no transfer that rests on the outline alone; else empty.
+        by_auto: the same of one that `auto` lays on the surface and the ground as well.
     """
 
     def why(name: str) -> str:
@@ -66,7 +69,7 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, polarity: int, refusal: 
                 SilhouetteCarrier(name, grasp, view)
         except GraspTrackError as error:
             return str(error)
-        return refusal
+        return by_auto if name == AUTO else refusal
 
     return tuple(Usable(name, why(name)) for name in (AUTO, *ORDER))
 

@@ -9,20 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack import kernels
-from grasptrack.contour import Contour, View
+from grasptrack.contour import View
 from grasptrack.errors import ConditioningError
+from grasptrack.matching import Sampled, symmetries
 from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.images import Grey
 from grasptrack.observation.support import OutlineSamples
+from grasptrack.projective import similarity
 from grasptrack.reference import SYMMETRIC
 from grasptrack.search import EQUAL
-from grasptrack.transfer.alignment import TIE, Alignment, alignments, as_similarity
-
-LEAST_TURN = 1e-3
-"""rad; a smaller turn is none."""
-GRID = 256
-"""Points at which an outline is compared with itself, a power of 2: more than where two views are, for nothing waits."""
+from grasptrack.transfer.alignment import alignments
 
 
 class Symmetry(NamedTuple):
@@ -47,7 +43,7 @@ class Symmetry(NamedTuple):
 def symmetry_of(
     view: View, grey: Grey, samples: OutlineSamples, contacts: NDArray[np.float64], turn_shown: bool = True
 ) -> Symmetry:
-    """Turns of an outline into itself that its own image bears out, as the tracker sees them (`reference:SYMMETRIC`).
+    """Turns of an outline into itself, holes included, that its image bears out as the tracker asks (`reference:SYMMETRIC`).
 
     Args:
         view: the outline.
@@ -60,27 +56,20 @@ def symmetry_of(
         return Symmetry((), False, False)
     if not turn_shown:
         return Symmetry((), True, True)
-    ways = _own(view.outer)
-    if not ways:
+    outline = Sampled(view)
+    own = symmetries(outline)
+    if own.continuous:
         return Symmetry((), True, True)
+    centre = (float(outline.centre[0]), float(outline.centre[1]))
     turns: list[float] = []
-    for way in ways:
-        if abs(way.angle) > LEAST_TURN:
-            try:
-                support = samples.support(grey, as_similarity(way, view.outer, view.outer), contacts)
-            except ConditioningError:
-                continue
-            if support.share >= SYMMETRIC:
-                turns.append(math.degrees(way.angle) % 360.0)
+    for way in (*own.turns, *own.near):
+        try:
+            support = samples.support(grey, similarity(1.0, way.turn, centre, centre), contacts)
+        except ConditioningError:
+            continue
+        if support.share >= SYMMETRIC:
+            turns.append(math.degrees(way.turn) % 360.0)
     return Symmetry(tuple(sorted(turns)), False, True)
-
-
-def _own(outer: Contour) -> list[Alignment]:
-    """Alignments of an outline with itself that fit alike."""
-    radius = outer.length / (2.0 * math.pi)
-    tie = TIE * math.sqrt(outer.area) / radius
-    found = kernels.align_outlines(outer.points, outer.arc_length, outer.points, outer.arc_length, GRID, tie)
-    return [Alignment(shift, angle, radius * left) for shift, angle, left in found]
 
 
 def equals_of(candidate: Candidate, others: list[Candidate]) -> list[View]:

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from grasptrack.kernels.reference_evidence import SLIDING
 from grasptrack.suitability.motions import Motions
-from grasptrack.suitability.result import Held, Suitability, Texture
+from grasptrack.suitability.result import Held, Suitability
 from grasptrack.suitability.strategies import PEAKS
 from grasptrack.suitability.symmetry import Symmetry
 
@@ -37,8 +37,8 @@ def rows(found: Suitability) -> list[Row]:
         Row("motions", told(found.motions), weakest(found.motions)),
         Row("symmetry", symmetry(found.symmetry), f"equal objects in view: {len(found.equals) or 'none'}"),
         Row("peaks", str(len(found.peaks)), f"a homography needs {PEAKS}"),
-        Row("surface", f"{found.surface.rms:.1f} levels/px", settles(found.surface)),
-        Row("ground", f"{found.ground.rms:.1f} levels/px", settles(found.ground)),
+        Row("surface", f"{found.surface.rms:.1f} levels/px", settles(found, "surface")),
+        Row("ground", f"{found.ground.rms:.1f} levels/px", settles(found, "ground")),
     ]
     listed += [Row(u.name, "no" if u.reason else "yes", u.reason) for u in found.strategies]
     if found.grasp is None:
@@ -50,7 +50,7 @@ def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
     models = found.motions.models
     each = ", ".join(f"{n} {_figure(float(m.sigma.max())) if m.observable else 'not fixed'}" for n, m in models.items())
     tried = found.rehearsal
-    error = px(found.expected) if models["homography"].observable else "not fixed"
+    error = px(found.expected) if found.by != "nothing" else "not fixed"
     listed = [
         Row(
             "grasp",
@@ -94,10 +94,17 @@ def symmetry(found: Symmetry) -> str:
     return "every turn" if found.every else f"each {360.0 / found.order:.0f}°" if found.turns else "none"
 
 
-def settles(texture: Texture) -> str:
-    """Whether a texture could fix what the outline leaves free."""
-    if math.isnan(texture.settles):
+def settles(found: Suitability, what: Literal["surface", "ground"]) -> str:
+    """Whether the surface, or else the ground, fixes what the outline leaves free."""
+    texture = found.surface if what == "surface" else found.ground
+    if found.by == "outline":
         return "not needed: the outline fixes all motions" if texture.rms else "no structure"
-    if math.isinf(texture.settles):
-        return "no structure that could fix the free motions"
-    return f"could fix the free motions to {px(texture.settles)}, but is not looked at"
+    if math.isnan(texture.settles):
+        return "no grasp for it to fix" if found.grasp is None else "this strategy does not look at it"
+    if found.by == what:
+        word = "fixes" if what == "surface" else "alone fixes"
+        lost = "" if what == "surface" else ": on a belt it will be lost"
+        return f"{word} what the outline leaves free, to {px(texture.settles)}{lost}"
+    if found.by == "surface":
+        return f"to {px(texture.settles)}, as long as it moves along"
+    return "does not fix what the outline leaves free"

@@ -48,7 +48,7 @@ class Sheet:
         self._write(
             self._left + 0.6, self._size[1] - 0.46, found.level.upper(), 17.0, weight="bold", color="white", ha="center"
         )
-        fixed = found.motions.models["homography"].observable
+        fixed = found.by != "nothing"
         error = f"contacts to {px(found.expected)}" if fixed and found.grasp is not None else "contacts not fixed"
         taken = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
         told = f"{error if found.grasp is not None else 'no grasp'}    {taken}"
@@ -148,15 +148,16 @@ def legend(axes: Any, found: Suitability, times: float) -> None:
     if len(found.peaks):
         handles.append(Line2D([], [], color=PEAK, marker="D", ms=7, lw=0, label="peaks"))
     if found.motions.slide is not None:
-        handles.append(Line2D([], [], color=BAD, marker=r"$\rightarrow$", ms=14, lw=0, label="motion not shown"))
+        handles.append(
+            Line2D([], [], color=BAD, marker=r"$\rightarrow$", ms=14, lw=0, label="not shown by the outline")
+        )
     if found.symmetry.every or found.symmetry.turns:
         ring: dict[str, Any] = {"marker": "o", "ms": 9, "mfc": "none", "mew": 2.0}
         handles.append(Line2D([], [], color=MUTED, lw=0, label="ways it fits itself", **ring))
     if found.equals:
         handles.append(Line2D([], [], color=NEIGHBOUR, lw=1.6, ls=(0, (4, 3)), label="its equals"))
     if found.grasp is not None:
-        model = found.motions.models["homography"]
-        large = ", not fixed" if not model.observable else "" if times == 1.0 else f", drawn {times:g} ×"
+        large = ", not fixed" if found.by == "nothing" else "" if times == 1.0 else f", drawn {times:g} ×"
         label = f"95 % of the errors{large}"
         handles.append(Line2D([], [], color=LINE, lw=2, marker="o", mec="white", label="grasp"))
         handles.append(Line2D([], [], color=INK, marker="o", ms=12, mfc="none", lw=0, label=label))

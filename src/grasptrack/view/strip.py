@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strip below a frame: status, reason, strategy, margin, confidence. It hides nothing of the image."""
+"""The strip below a frame: status, reason, strategy, margin, chance, confidence. It hides nothing of the image."""
 
 from __future__ import annotations
 
@@ -85,12 +85,14 @@ def _confidence(strip: Picture, confidence: float, pad: int, baseline: int, size
 
 
 def _figures(strip: Picture, result: TrackResult, number: int, pad: int, room: int, baseline: int, size: int) -> None:
-    """Frame, strategy, margin, time and latency from the left, the most telling first, as far as there is room."""
+    """Frame, strategy, margin, chance of closing, time and latency from the left, as far as there is room."""
     entries = [("frame", str(number))]
     if result.strategy:
         entries.append(("by", result.strategy))
     if result.analysis is not None and math.isfinite(result.analysis.margin):
         entries.append(("margin", f"{math.degrees(result.analysis.margin):+.1f}°"))
+    if math.isfinite(result.chance):
+        entries.append(("closes", f"{100.0 * result.chance:.0f} %"))
     if result.time is not None:
         entries.append(("at", f"{result.time:.2f} s"))
     if math.isfinite(result.latency_ms):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole run on one page: a strip of frames, and how margin, confidence and latency went."""
+"""A whole run on one page: a strip of frames, and how margin, confidence, chance of closing and latency went."""
 
 from __future__ import annotations
 
@@ -24,10 +24,13 @@ _COLUMNS = 1600
 _ORDER = ("tracked", "unstable", "lost", "searching")
 _CURVES = (
     ("margin", "margin\n(degrees)"),
-    ("confidence", "confidence"),
+    ("confidence", "confidence,\nchance to close"),
     ("latency_ms", "latency\n(ms)"),
 )
-_INK, _GRID, _LINE = "#1d232b", "#d5dae1", "#23303f"
+_SECOND = "chance"
+"""Shares the panel of the confidence."""
+_NAMES = (*(name for name, _ in _CURVES), _SECOND)
+_INK, _GRID, _LINE, _OTHER = "#1d232b", "#d5dae1", "#23303f", "#0072b2"
 
 
 class Filmstrip:
@@ -70,15 +73,15 @@ class Curves:
     def __init__(self, path: Path, frames: int) -> None:
         self.bins = min(frames, _COLUMNS)
         self.frames = frames
-        self.low = {name: np.full(self.bins, np.nan) for name, _ in _CURVES}
-        self.high = {name: np.full(self.bins, np.nan) for name, _ in _CURVES}
+        self.low = {name: np.full(self.bins, np.nan) for name in _NAMES}
+        self.high = {name: np.full(self.bins, np.nan) for name in _NAMES}
         votes = np.zeros((self.bins, len(_ORDER)), dtype=np.int64)
         for row, cells in enumerate(_rows(path)):
             if row >= frames:
                 break
             place = row * self.bins // frames
             votes[place, _ORDER.index(cells["status"])] += 1
-            for name, _ in _CURVES:
+            for name in _NAMES:
                 if cells[name]:
                     value = float(cells[name])
                     self.low[name][place] = np.fmin(self.low[name][place], value)
@@ -153,16 +156,19 @@ def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
     from matplotlib.patches import Patch
     from matplotlib.ticker import MaxNLocator
 
+    from grasptrack.verdict import CHANCE
+
     panels = figure.subplots(len(_CURVES), 1, sharex=True)
     at = curves.at
     alone = ".-" if curves.bins <= 60 else "-"
     for axes, (name, label) in zip(panels, _CURVES, strict=True):
         for status, start, stop in curves.spans():
             axes.axvspan(start, stop, color=hexadecimal(STATUS_RGB[status]), alpha=_shade(status), lw=0)
-        low, high = curves.low[name], curves.high[name]
-        if curves.bins < curves.frames:
-            axes.fill_between(at, low, high, color=_LINE, alpha=0.35, lw=0)
-        axes.plot(at, 0.5 * (low + high), alone, color=_LINE, lw=1.3, ms=4)
+        for curve, colour in ((name, _LINE), *([(_SECOND, _OTHER)] if name == "confidence" else [])):
+            low, high = curves.low[curve], curves.high[curve]
+            if curves.bins < curves.frames:
+                axes.fill_between(at, low, high, color=colour, alpha=0.35, lw=0)
+            axes.plot(at, 0.5 * (low + high), alone, color=colour, lw=1.3, ms=4, label=curve)
         axes.set_ylabel(label, color=_INK)
         axes.grid(axis="y", color=_GRID, lw=0.7)
         axes.set_axisbelow(True)
@@ -173,6 +179,10 @@ def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
     margin.margins(y=0.12)
     margin.axhline(0.0, color=_INK, lw=0.9, ls=(0, (4, 3)))
     confidence.set_ylim(-0.03, 1.05)
+    confidence.axhline(CHANCE, color=_OTHER, lw=0.9, ls=(0, (4, 3)))
+    confidence.legend(
+        *confidence.get_legend_handles_labels(), loc="lower right", ncols=2, frameon=False, fontsize=9, labelcolor=_INK
+    )
     _latency_axis(latency, curves, summary)
     latency.set_xlabel("frame", color=_INK)
     latency.set_xlim(-0.5, max(curves.frames - 0.5, 0.5))

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An inspection of a straight image in px of the image as the lens shows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.observation.undistortion import Undistortion
+from grasptrack.suitability.result import Suitability
+
+Floats = NDArray[np.float64]
+
+
+def as_seen(found: Suitability, lens: Undistortion) -> Suitability:
+    """Outlines, peaks, contacts and the errors to be expected of contacts as they are seen.
+
+    All else stays that of the straight image: motions, widths, and the errors of the rehearsal.
+
+    Args:
+        found: in the straight image, with a grasp or without.
+        lens: that made it straight.
+    """
+    grasp, motions = found.grasp, found.motions
+    if grasp is not None:
+        J = lens.stretch(grasp.contacts)
+
+        def carried(covariance: Floats) -> Floats:
+            return np.asarray(J @ covariance @ np.swapaxes(J, 1, 2))
+
+        motions = motions._replace(
+            models={name: m._replace(covariance=carried(m.covariance)) for name, m in motions.models.items()}
+        )
+        covariance = carried(grasp.covariance)
+        sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+        grasp = grasp._replace(contacts=lens.seen(grasp.contacts), covariance=covariance, sigma=sigma)
+    return replace(
+        found,
+        motions=motions,
+        grasp=grasp,
+        view=lens.view(found.view),
+        equals=tuple(lens.view(view) for view in found.equals),
+        peaks=lens.seen(found.peaks),
+    )
