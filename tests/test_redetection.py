@@ -20,9 +20,9 @@ BRACKET, HOOK = SHAPES["bracket"](), SHAPES["hook"]()
 
 
 def anywhere(shape: Shape, rng: np.random.Generator) -> np.ndarray:
-    """A pose at random: wholly in view, any turn, scales of 0.4 to 1.6 of that before, tilts to 45 degrees."""
+    """A pose at random: wholly in view, any turn, scales of 0.4 to 1.3 of that before, tilts to 45 degrees."""
     while True:
-        scale = 55.0 * math.exp(rng.uniform(math.log(0.4), math.log(1.6)))
+        scale = 75.0 * math.exp(rng.uniform(math.log(0.4), math.log(1.3)))
         H = pose(*rng.uniform((40, 40), (280, 200)).tolist(), rng.uniform(0, 360), scale, rng.uniform(0, 45))
         at = apply_homography(H, shape.outer)
         if (at > 6).all() and (at < (WIDTH - 7, HEIGHT - 7)).all():
@@ -33,7 +33,7 @@ def lost(shape: Shape) -> Run:
     """Seen three times, and then not at all."""
     run = Run()
     for k in range(3):
-        H = pose(160.0 + 2 * k, 120.0, 2.0 * k, 55.0)
+        H = pose(160.0 + 2 * k, 120.0, -40.0 + 2.0 * k)
         run.see(photo([(shape, H)], seed=k), H)
     assert run.statuses == ["tracked"] * 3
     for _ in range(AWAY):

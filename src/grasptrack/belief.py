@@ -94,9 +94,13 @@ class Belief:
         """The best transfer that the image bears out, or None with the reasons noted."""
         registration = self._reference.registration
         if registration is not None:
-            return self._carried(grey, hypothesis, registration)
+            found = self._carried(grey, hypothesis, registration)
+            if found is not None or hypothesis.view is None:
+                return found
         best: Believed | None = None
         for carrier in self._reference.carriers:
+            if registration is not None and (best is not None or not carrier.needs_silhouette):
+                break  # all are laid on the same edges
             if best is not None and not carrier.needs_silhouette and close(best.support):
                 break  # the snake is asked when no silhouette served well
             found = self._carried(grey, hypothesis, carrier)
@@ -108,10 +112,11 @@ class Belief:
         """What one strategy makes of a hypothesis, if the image and all that is known bear it out."""
         registration = self._reference.registration
         try:
-            if registration is not None:
+            if registration is not None and carrier is registration:
                 carried = self._laid(grey, hypothesis, registration)
             else:
                 carried = carrier.carry(grey, hypothesis.view, hypothesis.prior)
+                carried = carried if registration is None else registration.polished(grey, carried)
             H = carried.transfer.homography
             assert H is not None
             worse = self._agreement.refuse(carried)
@@ -168,17 +173,17 @@ class Belief:
     def _laid(self, grey: Grey, hypothesis: Hypothesis, registration: RegistrationCarrier) -> Carried:
         """A hypothesis laid on the image. After a loss only what the edges promise is looked at closely: that costs."""
         whereabouts, prior = self._search.whereabouts, hypothesis.prior
-        missed = whereabouts.motion.missed
-        if prior is None or (missed == 0 and not hypothesis.matched):
+        missed, matched = whereabouts.motion.missed, hypothesis.start == "matched"
+        if prior is None or (missed == 0 and not matched):
             return registration.carry(grey, None, prior)
-        led = not hypothesis.matched and not whereabouts.gone and (missed <= SOON or missed % 2 == 1)
+        led = hypothesis.start == "expected" and not whereabouts.gone and (missed <= SOON or missed % 2 == 1)
         try:
             if led and missed > SOON:
                 return registration.led_by_surfaces(grey, prior)
-            H = registration.on_edges(grey, prior, CLOSE if hypothesis.matched else FAR, MOST_SCATTER)
+            H = registration.on_edges(grey, prior, CLOSE if matched else FAR, MOST_SCATTER)
             contacts = apply_homography(H, self._reference.grasp.contacts)
             share = self._reference.samples.support(grey, H, contacts).share
-            again = hypothesis.matched and not whereabouts.stayed(H)
+            again = matched and not whereabouts.stayed(H)
             if share < (MIN_SHARE_AGAIN if again else MIN_SHARE_REGISTERED) - PROMISING:
                 raise TransferError(
                     f"only {100 * share:.0f} % of the outline shows its edge where the grasp's view says it is"

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -35,6 +35,9 @@ UNLIKE_WHITENED = 0.35
 """The same of whitened outlines, in shares of their norm, whatever the tilt: a perspective is what they differ by."""
 COARSE, CHAIN = 64, 200
 """Samples of an outline, and of a chain of pixels, for that."""
+TWIN, TWIN_PX = 0.04, 2.0
+"""Share of sqrt(area), or px, whichever is more: an outer contour that is off by more anywhere is that of a near twin. Holes
+are left to the edges: a small one may not be found as a silhouette."""
 WHOLE = 0.93
 """Share of two outlines that lies on each other when the objects are equals."""
 
@@ -48,13 +51,14 @@ class Hypothesis(NamedTuple):
     Attributes:
         view: an outline; None for strategies that need none.
         prior: (3, 3) H_current_reference that it suggests.
-        matched: the prior lays the whole outline on this one, not just near it.
+        start: what the prior comes from: "expected" where the object should be, "near" it where a silhouette is, or "matched"
+            with a whole outline, so that it is right but for a few px.
         rivals: (3, 3) each, other ways in which the outlines fit as well.
     """
 
     view: View | None
     prior: Floats | None
-    matched: bool = False
+    start: Literal["expected", "near", "matched"] = "expected"
     rivals: tuple[Floats, ...] = ()
 
 
@@ -113,9 +117,13 @@ class Search:
             with contextlib.suppress(ConditioningError):
                 for view in self._observer.near(grey, *self._reference.expected(predicted)):
                     self._nearby = view
-                    if missed == 0:
-                        yield Hypothesis(None, self._reference.corrected(predicted, view))
-                    yield from self._matched(view, reasons)
+                    likely = self._reference.corrected(predicted, view)
+                    if missed == 0:  # where it is cut off, the strategies may know more
+                        yield Hypothesis(view if view.is_clipped else None, likely, "near")
+                    if self._reference.view.is_clipped or view.is_clipped:
+                        reasons.append(CUT)
+                    else:
+                        yield from self._ways(*self._match(view), reasons, likely)
         height, width = grey.shape
 
         def unlike(shape: Silhouette) -> float:
@@ -127,11 +135,12 @@ class Search:
             return share if share <= UNLIKE_WHITENED else math.inf
 
         for views in self._observer.anywhere(grey, self.whereabouts.area, missed, self._nearby, unlike):
-            found = [match(self._sampled, v, thorough=False) for v in views if not v.is_clipped]
-            if sum(_equal(ways) for ways in found) > 1:
+            found = [self._match(view) for view in views if not view.is_clipped]
+            if sum(_equal(ways) for _, ways in found) > 1:
                 self.whereabouts.equals = True
-            for ways in sorted(found, key=lambda ways: ways[0].cost / ways[0].size if ways else math.inf):
-                yield from self._ways(ways, reasons)
+            found.sort(key=lambda pair: pair[1][0].cost / pair[1][0].size if pair[1] else math.inf)
+            for outline, ways in found:
+                yield from self._ways(outline, ways, reasons)
 
     @property
     def _sampled(self) -> Sampled:
@@ -139,26 +148,32 @@ class Search:
             self._outline = Sampled(self._reference.view)
         return self._outline
 
-    def _matched(self, view: View, reasons: list[str]) -> Iterator[Hypothesis]:
-        """The ways in which the reference outline lies on a view's."""
-        if self._reference.view.is_clipped or view.is_clipped:
-            reasons.append(CUT)
-            return
-        yield from self._ways(match(self._sampled, view, thorough=False), reasons)
+    def _match(self, view: View) -> tuple[Sampled, list[Match]]:
+        outline = Sampled(view)
+        return outline, match(self._sampled, outline, thorough=False)
 
-    def _ways(self, ways: list[Match], reasons: list[str]) -> Iterator[Hypothesis]:
+    def _ways(
+        self, outline: Sampled, ways: list[Match], reasons: list[str], likely: Floats | None = None
+    ) -> Iterator[Hypothesis]:
+        """What a match amounts to; where the object is `likely` (3, 3) is the pose that suits the silhouette best."""
         told = judge(ways)
         if told.best is None:
             reasons.append(f"what was found is another object: {told.reason}")
             return
-        alike = [m.homography for m in (told.best, *told.others)]
-        near = self.whereabouts.nearest(alike)
-        if near is not None:
-            yield Hypothesis(None, near, True)
-        elif len(alike) == 1 or self.whereabouts.telling:
-            for H in alike:
-                yield Hypothesis(None, H, True, tuple(other for other in alike if other is not H))
+        if _farthest(told.best.homography, self._sampled, outline) > max(TWIN * told.best.size, TWIN_PX):
+            reasons.append("what was found is another object: a part of the outline is not where it should be")
+            alike = []
         else:
+            alike = [m.homography for m in (told.best, *told.others)]
+        near = self.whereabouts.nearest(alike) if alike else None
+        if near is not None:
+            yield Hypothesis(None, near, "matched")
+        elif len(alike) == 1 or (alike and self.whereabouts.telling):
+            for H in alike:
+                yield Hypothesis(None, H, "matched", tuple(other for other in alike if other is not H))
+        elif likely is not None:
+            yield Hypothesis(None, likely, "near")
+        elif alike:
             reasons.append("found again, but its outline fits itself in more than one way: ambiguous")
 
     def _aligned(self, view: View, reasons: list[str]) -> Iterator[Hypothesis]:
@@ -211,6 +226,17 @@ def _unlike(a: Sampled, shape: Silhouette) -> float:
     forward = chain if cv2.contourArea(shape.outer, oriented=True) > 0.0 else np.ascontiguousarray(chain[::-1])
     found = kernels.outline_starts(a.outer, forward, BENDS, COARSE, 0.1, 1)
     return float(found[0, 0]) if len(found) else 0.0
+
+
+def _farthest(H: Floats, a: Sampled, b: Sampled) -> float:
+    """px by which two outer contours part where they do most, up to a fifth of sqrt(area)."""
+    n, m = int(a.offsets[1]), int(b.offsets[1])
+    moved = kernels.carry_normals(H, a.points[:n] + a.centre, a.normals[:n])
+    at, along = np.ascontiguousarray(moved[:, :2] - b.centre), np.ascontiguousarray(moved[:, 2:4])
+    reach, there, normals = 0.2 * b.size, b.points[:m], b.normals[:m]
+    forth = kernels.outline_gaps(at, along, there, normals, np.array([0, m]), reach)
+    back = kernels.outline_gaps(there, normals, at, along, np.array([0, n]), reach)
+    return float(max(forth.max(), back.max()))
 
 
 def _equal(ways: list[Match]) -> bool:
