@@ -13,7 +13,7 @@ from grasptrack.agreement import HELD, MOST_NOISE, WHOLE, Agreement
 from grasptrack.carriers import Carried, Carrier, RegistrationCarrier
 from grasptrack.errors import ConditioningError, TransferError
 from grasptrack.observation.flanks import BY
-from grasptrack.observation.fusion import GROUND, Fused
+from grasptrack.observation.fusion import GROUND, INSIDE, LEAST_ALIKE, OTHER, Fused
 from grasptrack.observation.images import Grey
 from grasptrack.observation.registration import CLOSE, FAR
 from grasptrack.observation.support import Support
@@ -38,6 +38,8 @@ PROMISING, MOST_SCATTER = 0.15, MOST_NOISE * HELD
 a pose."""
 SOON = 3
 """In so many frames after a loss edges and surfaces are looked at about where the object was, and then in turn."""
+SAME = 0.02
+"""Share of sqrt(area) by which poses differ that are one."""
 SPEAKS_AGAINST = "another s"
 """How reasons begin that name another shape or surface."""
 
@@ -197,7 +199,14 @@ class Belief:
     def _settled(self, grey: Grey, carried: Carried, rivals: tuple[Floats, ...] = ()) -> bool:
         """Whether the surface tells which way round a symmetric object lies, and in which of some ways (3, 3)."""
         registration, fused = self._reference.registration, carried.fused
-        if registration is None or fused is None:
+        if registration is None or fused is None or not fused.used[INSIDE] or fused.surface < LEAST_ALIKE:
             return False
-        turns = [np.linalg.inv(fused.homography) @ H for H in rivals]
-        return registration.fusion.settles(grey, fused, [*self._reference.turns, *turns])
+        fusion, points = registration.fusion, self._reference.samples.points[::16]
+        there = apply_homography(fused.homography, points)
+        for H in rivals:
+            other = fusion.best(grey, [H], fused.surface - OTHER)
+            if other is not None:
+                apart = np.hypot(*(apply_homography(other.homography, points) - there).T).max()
+                if apart > SAME * self._reference.size:
+                    return False
+        return not self._reference.turns or fusion.settles(grey, fused, self._reference.turns)

@@ -35,9 +35,9 @@ UNLIKE_WHITENED = 0.35
 """The same of whitened outlines, in shares of their norm, whatever the tilt: a perspective is what they differ by."""
 COARSE, CHAIN = 64, 200
 """Samples of an outline, and of a chain of pixels, for that."""
-TWIN, TWIN_PX = 0.04, 2.0
-"""Share of sqrt(area), or px, whichever is more: an outer contour that is off by more anywhere is that of a near twin. Holes
-are left to the edges: a small one may not be found as a silhouette."""
+SMALL, TWIN_PX = 50.0, 2.0
+"""px, sqrt(area), below which edges are too coarse to show a notch or a tab: an outer contour that is off by more px anywhere
+is that of a near twin. Of larger objects edges tell, and the silhouette may end at print."""
 WHOLE = 0.93
 """Share of two outlines that lies on each other when the objects are equals."""
 
@@ -160,7 +160,7 @@ class Search:
         if told.best is None:
             reasons.append(f"what was found is another object: {told.reason}")
             return
-        if _farthest(told.best.homography, self._sampled, outline) > max(TWIN * told.best.size, TWIN_PX):
+        if outline.size < SMALL and _farthest(told.best.homography, self._sampled, outline) > TWIN_PX:
             reasons.append("what was found is another object: a part of the outline is not where it should be")
             alike = []
         else:
