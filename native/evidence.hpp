@@ -32,26 +32,33 @@ inline void settle_edges(const double *points, const double *normals, const doub
     }
 }
 
+// `out` has 5 elements. `front` is w at a place that is in front of the camera, which tells the sign of H.
+inline void carry_normal(const double *H, double front, const double *point, const double *normal, double *out) {
+    const double x = point[0], y = point[1], nx = normal[0], ny = normal[1];
+    const double w = H[6] * x + H[7] * y + H[8];
+    if (!(w / front > 1e-9)) {
+        std::fill(out, out + 5, std::numeric_limits<double>::quiet_NaN());
+        return;
+    }
+    const double u = (H[0] * x + H[1] * y + H[2]) / w, v = (H[3] * x + H[4] * y + H[5]) / w;
+    const double a = (H[0] - H[6] * u) / w, b = (H[1] - H[7] * u) / w;
+    const double c = (H[3] - H[6] * v) / w, d = (H[4] - H[7] * v) / w;
+    const double px = d * nx - c * ny, py = a * ny - b * nx, determinant = a * d - b * c;
+    const double size = std::sqrt(px * px + py * py) * (determinant > 0 ? 1.0 : determinant < 0 ? -1.0 : 0.0);
+    out[0] = u, out[1] = v, out[2] = px / size, out[3] = py / size, out[4] = determinant;
+}
+
 // Of every `stride`-th of the points and normals, n in all.
 inline void carry_normals(const double *H, const double *points, const double *normals, std::int64_t n, double *out,
                           std::int64_t stride = 1) {
-    double h[9];
-    for (int i = 0; i < 9; ++i) h[i] = H[i] / H[8];
-    for (std::int64_t k = 0; k < n; ++k, out += 5) {
-        const std::int64_t i = k * stride;
-        const double x = points[2 * i], y = points[2 * i + 1], nx = normals[2 * i], ny = normals[2 * i + 1];
-        const double w = h[6] * x + h[7] * y + 1.0;
-        if (!(w > 1e-9)) {
-            std::fill(out, out + 5, std::numeric_limits<double>::quiet_NaN());
-            continue;
-        }
-        const double u = (h[0] * x + h[1] * y + h[2]) / w, v = (h[3] * x + h[4] * y + h[5]) / w;
-        const double a = (h[0] - h[6] * u) / w, b = (h[1] - h[7] * u) / w;
-        const double c = (h[3] - h[6] * v) / w, d = (h[4] - h[7] * v) / w;
-        const double px = d * nx - c * ny, py = a * ny - b * nx, determinant = a * d - b * c;
-        const double size = std::sqrt(px * px + py * py) * (determinant > 0 ? 1.0 : determinant < 0 ? -1.0 : 0.0);
-        out[0] = u, out[1] = v, out[2] = px / size, out[3] = py / size, out[4] = determinant;
+    double front = 0.0;
+    for (std::int64_t k = 0; k < n; ++k) {
+        const double *point = points + 2 * k * stride;
+        front += H[6] * point[0] + H[7] * point[1] + H[8];
     }
+    front /= static_cast<double>(n);
+    for (std::int64_t k = 0; k < n; ++k)
+        carry_normal(H, front, points + 2 * k * stride, normals + 2 * k * stride, out + 5 * k);
 }
 
 }  // namespace grasptrack

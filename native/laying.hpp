@@ -111,7 +111,7 @@ class Laying {
         at_.clear(), along_.clear();
         double out[5];
         for (std::size_t i = 0; i < first_.count; i += stride) {
-            carry_normals(H, &first_.points[i].x, &first_.normals[i].x, 1, out);
+            carry_normal(H, H[8], &first_.points[i].x, &first_.normals[i].x, out);
             if (!(out[4] > 0)) return false;
             at_.push_back({out[0], out[1]});
             along_.push_back({out[2], out[3]});

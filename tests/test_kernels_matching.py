@@ -171,6 +171,13 @@ def test_edges_settle_and_normals_are_carried(points, H, seed):
         np.testing.assert_allclose(found, wanted, atol=1e-12)
     found, wanted = kernels.carry_normals(H, points, normals), reference.carry_normals(H, points, normals)
     np.testing.assert_allclose(found, wanted, atol=1e-9)
+    # of no account: the sign of H, its scale, and where the images' origins lie
+    np.testing.assert_array_equal(kernels.carry_normals(-H, points, normals), found)
+    away = np.eye(3)
+    away[:2, 2] = rng.normal(0, 1e4, 2)
+    for side in (kernels, reference):
+        elsewhere = side.carry_normals(H @ np.linalg.inv(away), points + away[:2, 2], normals)
+        np.testing.assert_allclose(elsewhere, found, atol=1e-6)
     # a step along the tangent stays perpendicular to the carried normal
     step = 1e-5 * np.column_stack([-normals[:, 1], normals[:, 0]])
     moved = apply_homography(H, points + step) - apply_homography(H, points - step)

@@ -9,16 +9,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.agreement import WHOLE, Agreement
-from grasptrack.carriers import Carried, Carrier
+from grasptrack.agreement import HELD, MOST_NOISE, WHOLE, Agreement
+from grasptrack.carriers import Carried, Carrier, RegistrationCarrier
 from grasptrack.errors import ConditioningError, TransferError
 from grasptrack.observation.flanks import BY
-from grasptrack.observation.fusion import GROUND, Fused
+from grasptrack.observation.fusion import GROUND, INSIDE, LEAST_ALIKE, OTHER, Fused
 from grasptrack.observation.images import Grey
+from grasptrack.observation.registration import CLOSE, FAR
 from grasptrack.observation.support import Support
+from grasptrack.projective import apply_homography
 from grasptrack.reference import Reference
 from grasptrack.search import Hypothesis, Search
-from grasptrack.verdict import MIN_SHARE_AGAIN, RISK_PLAIN, close, error, refuse, risk
+from grasptrack.verdict import (
+    MIN_SHARE_AGAIN,
+    MIN_SHARE_REGISTERED,
+    RISK_PLAIN,
+    close,
+    error,
+    refuse,
+    risk,
+)
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +45,13 @@ class Believed(NamedTuple):
 COVERED, LATELY = 0.06, 3
 """Of the outline, so much under a cover makes it likelier that it is the cover which seems to cut or to add to the object
 elsewhere, if that was believed within so many frames."""
+PROMISING, MOST_SCATTER = 0.15, MOST_NOISE * HELD
+"""Where the edges alone show so much less of the outline than would be believed, or scatter by more px, nothing can come of
+a pose."""
+SOON = 3
+"""In so many frames after a loss edges and surfaces are looked at about where the object was, and then in turn."""
+SAME = 0.02
+"""Share of sqrt(area) by which poses differ that are one."""
 SPEAKS_AGAINST = "another s"
 """How reasons begin that name another shape or surface."""
 
@@ -96,10 +113,10 @@ class Belief:
                 return found
         best: Believed | None = None
         for carrier in self._reference.carriers:
-            if best is not None and (
-                registration is not None or (not carrier.needs_silhouette and close(best.support))
-            ):
-                break  # all are laid on the same edges; and the snake is asked when no silhouette served well
+            if registration is not None and (best is not None or not carrier.needs_silhouette):
+                break  # all are laid on the same edges
+            if best is not None and not carrier.needs_silhouette and close(best.support):
+                break  # the snake is asked when no silhouette served well
             found = self._carried(grey, hypothesis, carrier)
             if found is not None and (best is None or error(found.support) < error(best.support)):
                 best = found
@@ -109,9 +126,11 @@ class Belief:
         """What one strategy makes of a hypothesis, if the image and all that is known bear it out."""
         registration = self._reference.registration
         try:
-            carried = carrier.carry(grey, *hypothesis)
-            if registration is not None and carrier is not registration:
-                carried = registration.polished(grey, carried)
+            if registration is not None and carrier is registration:
+                carried = self._laid(grey, hypothesis, registration)
+            else:
+                carried = carrier.carry(grey, hypothesis.view, hypothesis.prior)
+                carried = carried if registration is None else registration.polished(grey, carried)
             H = carried.transfer.homography
             assert H is not None
             worse = self._agreement.refuse(carried)
@@ -143,7 +162,10 @@ class Belief:
         elif not refusal and self._suspect and registration is not None and fused is not None:
             unseen = registration.fusion.on_trusted_ground and not fused.used[GROUND]
             refusal = "another shape was seen here of late, and the ground round it does not show now" if unseen else ""
-        doubt = "" if refusal else self._search.doubt(H, grey, lambda: still or self._settled(grey, carried))
+        rivals = hypothesis.rivals
+        doubt = "" if refusal else self._search.doubt(H, grey, lambda: still or self._settled(grey, carried, rivals))
+        if rivals and not refusal and not doubt and not self._settled(grey, carried, rivals):
+            doubt = "found again, but its outline fits itself in more than one way: ambiguous"
         if refusal or doubt:
             self.reasons.insert(0 if doubt else len(self.reasons), refusal or doubt)
             return None
@@ -167,9 +189,41 @@ class Belief:
         explained = support.share + hidden
         return support._replace(contradicted=int(np.count_nonzero(left)) / asked), explained
 
-    def _settled(self, grey: Grey, carried: Carried) -> bool:
-        """Whether the surface tells which way round a symmetric object lies."""
+    def _laid(self, grey: Grey, hypothesis: Hypothesis, registration: RegistrationCarrier) -> Carried:
+        """A hypothesis laid on the image. After a loss only what the edges promise is looked at closely: that costs."""
+        whereabouts, prior = self._search.whereabouts, hypothesis.prior
+        missed, matched = whereabouts.motion.missed, hypothesis.start == "matched"
+        if prior is None or (missed == 0 and not matched):
+            return registration.carry(grey, None, prior)
+        led = hypothesis.start == "expected" and not whereabouts.gone and (missed <= SOON or missed % 2 == 1)
+        try:
+            if led and missed > SOON:
+                return registration.led_by_surfaces(grey, prior)
+            H = registration.on_edges(grey, prior, CLOSE if matched else FAR, MOST_SCATTER)
+            contacts = apply_homography(H, self._reference.grasp.contacts)
+            share = self._reference.samples.support(grey, H, contacts).share
+            again = matched and not whereabouts.stayed(H)
+            if share < (MIN_SHARE_AGAIN if again else MIN_SHARE_REGISTERED) - PROMISING:
+                raise TransferError(
+                    f"only {100 * share:.0f} % of the outline shows its edge where the grasp's view says it is"
+                )
+            return registration.laid(grey, H)
+        except TransferError:
+            if not led or missed > SOON:
+                raise
+        return registration.led_by_surfaces(grey, prior)
+
+    def _settled(self, grey: Grey, carried: Carried, rivals: tuple[Floats, ...] = ()) -> bool:
+        """Whether the surface tells which way round a symmetric object lies, and in which of some ways (3, 3)."""
         registration, fused = self._reference.registration, carried.fused
-        if registration is None or fused is None:
+        if registration is None or fused is None or not fused.used[INSIDE] or fused.surface < LEAST_ALIKE:
             return False
-        return registration.fusion.settles(grey, fused, self._reference.turns)
+        fusion, points = registration.fusion, self._reference.samples.points[::16]
+        there = apply_homography(fused.homography, points)
+        for H in rivals:
+            other = fusion.best(grey, [H], fused.surface - OTHER)
+            if other is not None:
+                apart = np.hypot(*(apply_homography(other.homography, points) - there).T).max()
+                if apart > SAME * self._reference.size:
+                    return False
+        return not self._reference.turns or fusion.settles(grey, fused, self._reference.turns)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple, Protocol
@@ -15,7 +16,7 @@ from grasptrack.errors import ObservationError, TransferError
 from grasptrack.grasp import Grasp
 from grasptrack.observation.fusion import Fused, Fusion
 from grasptrack.observation.images import Grey
-from grasptrack.observation.registration import CLOSE, FAR, OutlineRegistration
+from grasptrack.observation.registration import CLOSE, FAR, OutlineRegistration, Schedule
 from grasptrack.observation.shape_space import Shape
 from grasptrack.observation.snake import Snake
 from grasptrack.projective import apply_homography, check_plausible
@@ -175,8 +176,38 @@ class RegistrationCarrier:
         """
         H = carried.transfer.homography
         assert H is not None
-        fused = self.fusion.refine(grey, self._registration.refine(grey, H, CLOSE).homography)
-        return self._carried(self._turned(grey, fused))
+        return self.laid(grey, self.on_edges(grey, H, CLOSE))
+
+    def on_edges(self, grey: Grey, H: Floats, schedule: Schedule, most: float = math.inf) -> Floats:
+        """(3, 3) the pose that the edges alone ask for: what it costs to see whether a pose promises anything.
+
+        Raises:
+            TransferError: too few edges there, or they scatter by more than `most` px, or no camera sees it so.
+        """
+        found = self._registration.refine(grey, H, schedule)
+        scatter = 1.4826 * float(np.nanmedian(np.abs(found.left)))
+        if scatter > most:
+            raise TransferError(f"the outline's edges scatter by {scatter:.1f} px where it was looked for")
+        check_plausible(found.homography, self._reference.outer.points)
+        return found.homography
+
+    def laid(self, grey: Grey, H: Floats) -> Carried:
+        """The grasp at the pose that all the evidence asks for, from one (3, 3) on the edges.
+
+        Raises:
+            TransferError: too little evidence there.
+        """
+        return self._carried(self._turned(grey, self.fusion.refine(grey, H)))
+
+    def led_by_surfaces(self, grey: Grey, H: Floats) -> Carried:
+        """The same from a pose some px off, where the outline is covered and the surfaces lead.
+
+        Raises:
+            TransferError: too little evidence there.
+        """
+        if not self.fusion.textured:
+            raise TransferError("too few edges along the outline where it was expected")
+        return self._carried(self._turned(grey, self.fusion.refine(grey, H, far=True)))
 
     def _carried(self, fused: Fused) -> Carried:
         H = fused.homography

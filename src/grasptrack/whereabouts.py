@@ -18,6 +18,7 @@ from grasptrack.motion import Motion, wrapped
 from grasptrack.observation.images import Grey
 from grasptrack.projective import HORIZON, apply_homography, jacobian
 from grasptrack.reference import Reference
+from grasptrack.transfer.alignment import NEARER
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +28,10 @@ STEP_PX = 60.0
 """... or so many px, or else it has jumped."""
 GROWTH = 1.25
 """A step in size that separates the object from an equal of another scale."""
+SWELL = 1.05
+"""What it may have grown, or shrunk, more in every frame without it, ..."""
+KNOWN = 8
+"""... of which there are so many at most until its size, and its tilt, are no longer known."""
 BEND = 1.12
 """A step in tilt: ratio of the two magnifications relative to what is expected. A cover's edge can stand in for a side."""
 EMPTY = 0.5
@@ -86,6 +91,23 @@ class Whereabouts:
         """Whether a pose (3, 3) is where the object was last, and nothing says that it has been elsewhere."""
         return self._is_step(H) and not self.gone and self.motion.remembered
 
+    def nearest(self, ways: list[Floats]) -> Floats | None:
+        """Of poses (3, 3) that fit alike the one that is meant, because it is a step and clearly the nearest to the expected
+        one; None when the object may be elsewhere."""
+        if self.gone or not self.motion.remembered:
+            return None
+        expected = self.motion.predict()
+        try:
+            there = apply_homography(expected, self._reference.interior.places)
+            moved = [np.hypot(*(apply_homography(H, self._reference.interior.places) - there).T).max() for H in ways]
+        except ConditioningError:
+            return None
+        order = sorted(range(len(ways)), key=moved.__getitem__)
+        first = ways[order[0]]
+        if len(ways) > 1 and moved[order[0]] > NEARER * moved[order[1]]:
+            return None
+        return first if self._is_step(first) and _bend(first, expected, self._reference.centre) <= BEND else None
+
     def doubt(self, H: Floats, grey: Grey, levels: tuple[float, float], settled: Callable[[], bool]) -> str:
         """Why a pose (3, 3) that the image bears out may be another object's, or a turned one; empty if it is not.
 
@@ -105,11 +127,17 @@ class Whereabouts:
         if max(may_turn, turn) >= 0.5 * symmetry and not settled():
             return "the outline is symmetric, and the object may have turned round since it was last seen: ambiguous"
         if step:
-            if _bend(H, expected, self._reference.centre) > BEND:
+            forgotten = motion.missed >= KNOWN and self._place(grey, expected, levels, besides=H) == "empty"
+            if _bend(H, expected, self._reference.centre) > BEND and not forgotten:
                 return "the outline is tilted by more than it can have been since the last image"
             return ""
         if self.equals:
             return "another object with this outline was seen: ambiguous"
+        grown = math.sqrt(_growth(H, self._reference.centre) / _growth(expected, self._reference.centre))
+        most = GROWTH * SWELL**motion.missed
+        if motion.missed < KNOWN and not 1.0 / most < grown < most:
+            self.equals |= motion.missed <= 1  # both were in view a moment ago
+            return "another object has this outline in another size; the one tracked cannot have changed so much"
         if motion.remembered:
             place, far = self._place(grey, expected, levels, besides=H), shift[1] > STEP_PX
             # it cannot leave and be back at once

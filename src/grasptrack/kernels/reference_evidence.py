@@ -40,15 +40,17 @@ def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats:
 
     Returns:
         (N, 5): u, v px; the unit normal there (normals go by the inverse transpose of the Jacobian); the Jacobian's
-        determinant. NaN for points that H does not keep in front of the camera (w <= 0 with H[2, 2] = 1).
+        determinant. NaN for points that lie on or behind the horizon, seen from the mean of all: where the image's own
+        origin lies is of no account, and -H does what H does.
     """
-    h = H / H[2, 2]
     x, y = points[:, 0], points[:, 1]
-    w = h[2, 0] * x + h[2, 1] * y + 1.0
-    w = np.where(w > 1e-9, w, np.nan)
-    u, v = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / w, (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / w
-    a, b = (h[0, 0] - h[2, 0] * u) / w, (h[0, 1] - h[2, 1] * u) / w
-    c, d = (h[1, 0] - h[2, 0] * v) / w, (h[1, 1] - h[2, 1] * v) / w
+    w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
+    if len(w):
+        with np.errstate(invalid="ignore", divide="ignore"):
+            w = np.where(w / (w.sum() / len(w)) > 1e-9, w, np.nan)
+    u, v = (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w, (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w
+    a, b = (H[0, 0] - H[2, 0] * u) / w, (H[0, 1] - H[2, 1] * u) / w
+    c, d = (H[1, 0] - H[2, 0] * v) / w, (H[1, 1] - H[2, 1] * v) / w
     nx, ny = d * normals[:, 0] - c * normals[:, 1], a * normals[:, 1] - b * normals[:, 0]
     determinant = a * d - b * c
     with np.errstate(invalid="ignore", divide="ignore"):

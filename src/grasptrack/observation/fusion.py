@@ -356,7 +356,7 @@ class Fusion:
             state = self._look(grey, H, by, [True] * 3)
             surface, ground = (state.told(row) and not self._weak(state, row) for row in (INSIDE, GROUND))
             uses = [True, False, False], [True, surface, False], [True, surface, ground]
-            told.append([state.covariance(self._contacts, use) for use in uses])
+            told.append([state.covariance(use) for use in uses])
         outline, surface_too, all_there_is = (min(pair, key=_widest) for pair in zip(*told, strict=True))
         return outline, surface_too, all_there_is
 

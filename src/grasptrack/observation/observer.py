@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,8 @@ OTHER_LIGHT = 1.12
 """A window whose contrast differs from the last one's by more than this factor may be exposed otherwise."""
 MOST_GAIN = 3.0
 """Edges do not get steeper or fainter than by so many times."""
+ANYWHERE = 2
+"""Objects in the whole image that are tried for each threshold after a loss, those most alike first."""
 MAX_ZOOM = 16.0
 """After a loss, an area that differs from the last one by more than this factor is another object's."""
 
@@ -192,7 +194,14 @@ class Observer:
         """Learned grey levels of the object and of the ground round it."""
         return self._inside, self._outside
 
-    def anywhere(self, grey: Grey, area: float, turn: int, known: View | None = None) -> Iterator[list[View]]:
+    def anywhere(
+        self,
+        grey: Grey,
+        area: float,
+        turn: int,
+        known: View | None = None,
+        unlike: Callable[[Silhouette], float] | None = None,
+    ) -> Iterator[list[View]]:
         """Outlines in the whole image that may be the object's: by the learned grey levels, then by the image's own.
 
         Args:
@@ -200,30 +209,40 @@ class Observer:
             area: px^2 of the outline as last known.
             turn: number of this search; of the image's own thresholds each search tries the next.
             known: an outline that has been looked at already.
+            unlike: how much a silhouette's shape differs from the object's, infinite when it is another one. Then few are
+                looked at closely: the most alike always, the others in turn.
         """
         seen = [] if known is None else [place(known)]
         if self._recipe[0] >= 0:
             if self.polarity:
-                yield self._at(grey, self._level, area, seen)
+                yield self._at(grey, self._level, area, seen, turn, unlike)
             for gain in self._gains():
-                yield self._enclosed(grey, area, seen, gain)
+                yield self._enclosed(grey, area, seen, gain, turn, unlike)
             return
-        yield self._at(grey, self._level, area, seen)
+        yield self._at(grey, self._level, area, seen, turn, unlike)
         own = thresholds(grey if self.hidden is None else grey[self.hidden == 0])
         own = [level for level in own if abs(level - self._level) >= DISTINCT]
         if own:
-            yield self._at(grey, own[turn % len(own)], area, seen)
+            yield self._at(grey, own[turn % len(own)], area, seen, turn, unlike)
 
-    def _at(self, grey: Grey, level: float, area: float, seen: list[tuple[float, float, float]]) -> list[View]:
+    def _at(
+        self,
+        grey: Grey,
+        level: float,
+        area: float,
+        seen: list[tuple[float, float, float]],
+        turn: int,
+        unlike: Callable[[Silhouette], float] | None,
+    ) -> list[View]:
         """Outlines at one threshold, without those that were seen at another."""
         views = []
         height, width = grey.shape
         binary = kernels.soft_threshold(grey, 0, 0, width, height, level, self.polarity)
         if self.hidden is not None:
             binary[self.hidden != 0] = 0
-        for shape in trace(binary, max(area / MAX_ZOOM, 30.0), holes=self._holes > 0)[:PER_THRESHOLD]:
-            if max(shape.box[2:]) < MIN_EXTENT or shape.area > area * MAX_ZOOM:
-                continue
+        shapes = trace(binary, max(area / MAX_ZOOM, 30.0), holes=self._holes > 0)[:PER_THRESHOLD]
+        shapes = [s for s in shapes if max(s.box[2:]) >= MIN_EXTENT and s.area <= area * MAX_ZOOM]
+        for shape in _likeliest(shapes, turn, unlike):
             candidate = of_one_level(grey, self._alone(shape), self.polarity, self.hidden)
             if candidate is None or any(same_place(place(candidate.view), other) for other in seen):
                 continue
@@ -233,14 +252,22 @@ class Observer:
             views.append(view)
         return views
 
-    def _enclosed(self, grey: Grey, area: float, seen: list[tuple[float, float, float]], gain: float) -> list[View]:
+    def _enclosed(
+        self,
+        grey: Grey,
+        area: float,
+        seen: list[tuple[float, float, float]],
+        gain: float,
+        turn: int,
+        unlike: Callable[[Silhouette], float] | None,
+    ) -> list[View]:
         """Outlines that closed edges give in the whole image, without those that were seen before."""
         least = max(area / MAX_ZOOM, 30.0)
         shapes = self._closing(gain).shapes(planes(self._colours), self.hidden, least, (0, 0))
         views = []
-        for shape in sorted(shapes, key=lambda s: -s.area)[:PER_THRESHOLD]:
-            if max(shape.box[2:]) < MIN_EXTENT or shape.area > area * MAX_ZOOM or not plausible(shape, grey.shape):
-                continue
+        shapes = sorted(shapes, key=lambda s: -s.area)[:PER_THRESHOLD]
+        shapes = [s for s in shapes if max(s.box[2:]) >= MIN_EXTENT and s.area <= area * MAX_ZOOM]
+        for shape in _likeliest([s for s in shapes if plausible(s, grey.shape)], turn, unlike):
             view = self._localised(grey, shape, np.zeros((0, 2)), math.nan)
             if view is not None and not any(same_place(place(view), other) for other in seen):
                 seen.append(place(view))
@@ -300,3 +327,13 @@ class Observer:
     def _with_holes(self, view: View) -> View:
         """At most as many holes as the reference has: what is printed on an object comes and goes with a threshold."""
         return view if len(view.contours) <= self._holes + 1 else View(view.contours[: self._holes + 1])
+
+
+def _likeliest(shapes: list[Silhouette], turn: int, unlike: Callable[[Silhouette], float] | None) -> list[Silhouette]:
+    """Those to look at closely in this search: the most alike, and of the others as many as there is time for, in turn."""
+    if unlike is None:
+        return shapes
+    rated = sorted(((unlike(s), i) for i, s in enumerate(shapes)), key=lambda pair: pair)
+    alike = [shapes[i] for share, i in rated if math.isfinite(share)]
+    after = turn % max(1, len(alike) - ANYWHERE + 1)
+    return alike[: ANYWHERE - 1] + alike[ANYWHERE - 1 + after :][:1]
