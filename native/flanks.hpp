@@ -6,7 +6,7 @@
 
 namespace grasptrack {
 
-constexpr double kOther = 4.0, kOtherGrey = 5.0, kClearly = 0.4, kMostOfIt = 0.5, kCompact = 0.05;
+constexpr double kOther = 4.0, kOtherGrey = 5.0, kClearly = 0.4, kMostOfIt = 0.5, kCompact = 0.05, kAstray = 0.15, kMostly = 0.4;
 constexpr std::size_t kAcross = 3, kNotch = 2, kTab = 3;
 
 struct FlankSamples {  // of m samples `depths` places within, then as many beyond
@@ -58,12 +58,17 @@ inline void judge_flanks(const Image<std::uint8_t> &coarse, double shrink, const
     const double least = std::max(kOther * noise, kOtherGrey), clearly = kClearly * in.contrast;
     std::vector<Side> within(in.m), beyond(in.m);
     std::vector<std::size_t> odd;
+    std::size_t shown = 0, astray = 0;
     for (std::size_t i = 0; i < in.m; ++i) {
         const double *here = rest.data() + 2 * in.depths * i;
         within[i] = side_of(here, in.depths, least, clearly);
         beyond[i] = side_of(here + in.depths, in.depths, least, clearly);
-        if (in.ground && within[i].told && beyond[i].told && !within[i].changed && !beyond[i].changed) out[i] = false;
-        if (in.against[i] || (in.ground && (in.missed[i] || within[i].changed || beyond[i].changed))) odd.push_back(i);
+        if (beyond[i].told && !in.missed[i]) ++shown, astray += beyond[i].changed ? 1 : 0;
+    }
+    if (!in.ground || static_cast<double>(astray) > kAstray * static_cast<double>(shown)) return;
+    for (std::size_t i = 0; i < in.m; ++i) {
+        if (within[i].told && beyond[i].told && !within[i].changed && !beyond[i].changed) out[i] = false;
+        if (in.against[i] || in.missed[i] || within[i].changed || beyond[i].changed) odd.push_back(i);
     }
     const auto tab = [&](std::size_t i) {
         return beyond[i].changed && beyond[i].clearly && !within[i].changed && within[i].told && beyond[i].told;
@@ -73,18 +78,20 @@ inline void judge_flanks(const Image<std::uint8_t> &coarse, double shrink, const
                in.missed[i];
     };
     each_run(odd, in.m, [&](const std::vector<std::size_t> &run) {
-        std::size_t longest = 0, row = 0, tabs = 0, notches = 0;
+        std::size_t longest = 0, row = 0, both = 0, tabs = 0, notches = 0;
         for (const std::size_t i : run) {
             row = within[i].changed && beyond[i].changed ? row + 1 : 0;
             longest = std::max(longest, row);
+            both += row > 0 ? 1 : 0;
             tabs += tab(i) ? 1 : 0, notches += notch(i) ? 1 : 0;
         }
         const bool grown = tabs >= kTab && static_cast<double>(tabs) <= kCompact * static_cast<double>(in.m);
+        const bool across = longest >= kAcross && static_cast<double>(both) >= kMostly * static_cast<double>(run.size());
         for (const std::size_t i : run) {
-            if (longest >= kAcross) {
+            if (across) {
                 out[i] = false;
                 covered[i] = in.missed[i];
-            } else if (in.ground) {
+            } else {
                 out[i] = out[i] || (grown && tab(i)) || (notches >= kNotch && notch(i));
             }
         }

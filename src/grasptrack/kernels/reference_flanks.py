@@ -18,7 +18,11 @@ CLEARLY = 0.4
 MOST_OF_IT = 0.5
 """Of the places beside a sample, so many must be something else for the side to be."""
 ACROSS = 3
-"""Samples in a row, both sides of which must be something else for a cover to lie across the outline."""
+"""Samples in a row, both sides of which must be something else for a cover to lie across the outline, ..."""
+MOSTLY = 0.4
+"""... and so much of all that are odd there: a stripe of the ground may meet a notch."""
+ASTRAY = 0.15
+"""Where the ground differs beside more of the samples that show their edge, it is not the reference's."""
 FEWEST, GROWN = 2, 3
 """Samples in a row that make a notch, and a tab."""
 COMPACT = 0.05
@@ -60,15 +64,18 @@ def judge_flanks(
     within, beyond = (_changed(side, least) for side in sides)
     told_within, told_beyond = (np.isfinite(side).any(axis=1) for side in sides)
     cut, grown = (_changed(side, CLEARLY * contrast, any_of_it=True) for side in sides)
+    shown = told_beyond & ~missed
+    if not ground or np.count_nonzero(beyond & shown) > ASTRAY * np.count_nonzero(shown):
+        return against.copy(), np.zeros(count, np.bool_)  # the ground is another, or has stayed behind: it tells nothing
     both, sure = within & beyond, told_within & told_beyond
     # where both sides are as they were, grey levels alone do not speak against the outline
-    out, covered = against & ~(ground & sure & ~within & ~beyond), np.zeros(count, np.bool_)
-    odd = against | missed | within | beyond if ground else against
+    out, covered = against & ~(sure & ~within & ~beyond), np.zeros(count, np.bool_)
+    odd = against | missed | within | beyond
     for run in runs(np.flatnonzero(odd), count):
-        if longest(both[run]) >= ACROSS:
+        if longest(both[run]) >= ACROSS and np.count_nonzero(both[run]) >= MOSTLY * len(run):
             out[run] = False
             covered[run] = missed[run]
-        elif ground:
+        else:
             tab = (beyond & grown & ~within & sure)[run]
             if GROWN <= np.count_nonzero(tab) <= COMPACT * count:
                 out[run] |= tab
