@@ -282,7 +282,7 @@ class Fusion:
             state.covariance(state.use),
             stats[0][1],
             stats[0][2],
-            state.scatter(),
+            state.scatter,
             _correlation(stats[INSIDE]),
             _correlation(stats[GROUND]),
             (used[0], used[1], used[2]),
@@ -301,8 +301,9 @@ class _State:
     def __init__(self, found: Any, use: list[bool], by: int, loose: float, contacts: Floats) -> None:
         self.H: Floats = found[0]
         self.moves: int = found[1]
-        evidence = found[3]
-        self._centre, self._radius, self._basis, self._N, self._sure, self._b, stats, self._left, _ = evidence
+        self.scatter: float = found[3]
+        evidence = found[4]
+        self._centre, self._radius, self._basis, self._N, self._sure, self._b, stats, *_ = evidence
         if not math.isfinite(self._radius):
             raise TransferError("the outline would lie behind the camera")
         self.use, self.by, self._loose, self._contacts = use, by, loose, contacts
@@ -317,27 +318,13 @@ class _State:
         """Correlation of a surface with the reference."""
         return self.stats[row][3]
 
-    def scatter(self) -> float:
-        """px, of all edges that were found."""
-        left = np.sort(np.abs(self._left))  # NaN last
-        count = int(np.count_nonzero(left >= 0.0))
-        return 1.4826 * 0.5 * float(left[(count - 1) // 2] + left[count // 2]) if count else math.nan
-
     def parted(self) -> bool:
         """Whether the outline alone asks for another pose than all the evidence together."""
-        if self._parted is None:
-            self._parted = self._parts()
-        return self._parted
-
-    def _parts(self) -> bool:
         noise = self.stats[0][2]
-        if not noise > 0.0:
-            return False
-        told, V = np.linalg.eigh(self._N[0])
-        seen = told > SEEN * told[-1]
-        x = (V.T @ self._b[0])[seen] / told[seen]
-        apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (told[seen] * x))) / noise
-        return apart > APART and sigmas > APART_SIGMA
+        if self._parted is None:
+            apart, squares = kernels.seen_motion(self._N[0], self._b[0], SEEN)
+            self._parted = noise > 0.0 and apart > APART and math.sqrt(squares) > APART_SIGMA * noise
+        return self._parted
 
     def covariance(self, use: list[bool]) -> Floats:
         """(2 k, 2 k) px^2 of the contacts, by some of the evidence."""
