@@ -125,7 +125,19 @@ nb::tuple py_converge(const ByteImage &image, const ByteImage &coarse, double sh
     const nb::tuple evidence =
         nb::make_tuple(centre.array(), run.radius, basis.array(), N.array().attr("reshape")(squares),
                        sure.array().attr("reshape")(squares), b.array(), stats.array(), left.array(), weight.array());
-    return nb::make_tuple(found.array(), run.moves, step.array(), evidence);
+    return nb::make_tuple(found.array(), run.moves, step.array(), run.scatter, evidence);
+}
+
+nb::tuple py_seen_motion(const RowArray &N, const ValueArray &b, double least) {
+    if (N.shape(0) != 8 || N.shape(1) != 8 || b.shape(0) != 8) throw std::invalid_argument("eight motions are needed");
+    Matrix8 M;
+    Row8 products;
+    for (int r = 0; r < 8; ++r) {
+        products[r] = b.data()[r];
+        for (int c = 0; c < 8; ++c) M[r][c] = N.data()[8 * r + c];
+    }
+    const Seen out = seen_motion(M, products, least);
+    return nb::make_tuple(out.size, out.weighed);
 }
 
 nb::object py_contact_covariance(const RowArray &H, const PointArray &contacts, const ValueArray &centre, double radius,
@@ -156,6 +168,7 @@ void bind_evidence(nb::module_ &m) {
     m.def("converge", &py_converge, "image"_a.noconvert(), "coarse"_a.noconvert(), "shrink"_a, "H"_a, "points"_a,
           "normals"_a, "strength"_a, "polarity"_a, "reach"_a, "least_strength"_a, "relative_strength"_a, "places"_a,
           "values"_a, "slopes"_a, "starts"_a, "use"_a, "caution"_a, "loose"_a, "still"_a, "least"_a, "most"_a);
+    m.def("seen_motion", &py_seen_motion, "N"_a, "b"_a, "least"_a);
     m.def("contact_covariance", &py_contact_covariance, "H"_a, "contacts"_a, "centre"_a, "radius"_a, "basis"_a, "sure"_a,
           "share"_a, "loose"_a);
 }

@@ -110,28 +110,30 @@ struct Profile {
         const auto start = std::max(static_cast<std::ptrdiff_t>((peak - window - 1) / spacing) - 1, first);
         const auto stop = std::min(start + most - 1, last - 1);
         const auto count = stop - start + 1;
-        double gradient[most + wide], place[most + wide];
-        for (std::ptrdiff_t i = 0; i < most + wide; ++i)
-            place[i] = (spacing * static_cast<double>(static_cast<int>(start + i)) + spacing / 2) / window;
+        double gradient[most + wide];
         for (std::ptrdiff_t i = 0; i < count; ++i) gradient[i] = std::max(sign * (v[start + i + 1] - v[start + i]), 0.0);
         for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(count, 0); i < most + wide; ++i) gradient[i] = 0.0;
+        constexpr double step = spacing / window;
+        const double origin = step * (static_cast<double>(start) + 0.5);
         double centre = peak;
         for (int round = 0; round < 3; ++round) {
-            const double middle = centre / window;
-            double mass[2] = {0, 0}, moment[2] = {0, 0}, rate[2] = {0, 0};  // two lanes, for the vector unit
             // The first that the window holds, or one before it.
             const auto ahead = static_cast<std::ptrdiff_t>((centre - window) / spacing - 0.5 - static_cast<double>(start));
             const auto begin = std::min(std::max<std::ptrdiff_t>(ahead, 0), most) / 2 * 2;
-            for (std::ptrdiff_t i = begin; i < begin + wide; i += 2)
+            const double nearest = origin + step * static_cast<double>(begin) - centre / window;
+            double mass[2] = {0, 0}, moment[2] = {0, 0}, within[2] = {0, 0};  // two lanes, for the vector unit
+            for (int i = 0; i < wide; i += 2)
                 for (int lane = 0; lane < 2; ++lane) {
-                    const double u = place[i + lane] - middle, square = u * u, fade = std::max(1 - square, 0.0);
-                    const double weighted = fade * gradient[i + lane];
+                    const double u = nearest + step * (i + lane), fade = std::max(1 - u * u, 0.0);
+                    const double here = gradient[begin + i + lane], weighted = fade * here;
                     mass[lane] += weighted;
                     moment[lane] += weighted * u;
-                    rate[lane] += fade > 0 ? (1 - 3 * square) * gradient[i + lane] : 0.0;
+                    within[lane] += fade > 0 ? here : 0.0;
                 }
+            // 1 - 3 u^2 is 3 (1 - u^2) - 2
+            const double total = mass[0] + mass[1], rate = 3 * total - 2 * (within[0] + within[1]);
             const double before = centre;
-            centre += window * (moment[0] + moment[1]) / std::max(rate[0] + rate[1], 0.2 * (mass[0] + mass[1]));
+            centre += window * (moment[0] + moment[1]) / std::max(rate, 0.2 * total);
             centre = std::min(std::max(centre, peak - 1), peak + 1);
             if (std::fabs(centre - before) < settled) break;
         }
@@ -171,7 +173,10 @@ void edge_search_each(const Image<Pixel> &image, Points points, const Vec *norma
         out[k] = Edge{};
         // The image is convex, so that what lies in it is one run.
         Profile profile{v, -half, half};
-        if (image.surrounds(place(-half)) && image.surrounds(place(half))) {
+        std::ptrdiff_t from = -std::max(half, margin), to = -from;  // more than is searched: one run costs less than three
+        if (image.surrounds(place(from)) && image.surrounds(place(to))) {
+            sample_run(image, points[k], normals[k], from, to, v);
+        } else if (from = -half, to = half; image.surrounds(place(-half)) && image.surrounds(place(half))) {
             sample_run(image, points[k], normals[k], -half, half, v);
         } else {
             while (profile.first <= half && !take(profile.first)) ++profile.first;
@@ -180,6 +185,7 @@ void edge_search_each(const Image<Pixel> &image, Points points, const Vec *norma
                     profile.last = j - 1;
                     break;
                 }
+            from = profile.first, to = profile.last;
         }
         if (profile.last - profile.first + 1 < min_samples) continue;
         const std::ptrdiff_t peak = profile.peak(polarity(k));
@@ -188,8 +194,8 @@ void edge_search_each(const Image<Pixel> &image, Points points, const Vec *norma
         Profile wide = profile;
         if (image.surrounds(place(peak - margin)) && image.surrounds(place(peak + margin))) {
             wide.first = std::min(wide.first, peak - margin), wide.last = std::max(wide.last, peak + margin);
-            sample_run(image, points[k], normals[k], wide.first, profile.first - 1, v);
-            sample_run(image, points[k], normals[k], profile.last + 1, wide.last, v);
+            sample_run(image, points[k], normals[k], wide.first, from - 1, v);
+            sample_run(image, points[k], normals[k], to + 1, wide.last, v);
         }
         while (wide.first > peak - margin && take(wide.first - 1)) --wide.first;
         while (wide.last < peak + margin && take(wide.last + 1)) ++wide.last;

@@ -85,6 +85,7 @@ class Converging {
     std::vector<Matrix8> sure;
     Row8 step;
     int moves = 0;
+    double scatter;
 
     // Step by step to where the pose stands still; false where H sends the outline to infinity.
     bool run(const double *begin, const Stepping &rules) {
@@ -102,6 +103,7 @@ class Converging {
             if (!move(H, x, centre, radius)) return clear();
             ++moves;
         }
+        scatter = scattered();
         for (std::size_t g = 0; g < rows.size(); ++g)
             sure[g] = g == 0 ? rows[0].N : rows[g].noise > 0.0 ? without_chance(rows[g].told, rows[g].chance) : Matrix8{};
         return true;
@@ -124,8 +126,18 @@ class Converging {
         for (Row8 &row : basis) row.fill(nan);
         step.fill(nan);
         centre = {nan, nan};
-        radius = nan;
+        radius = scatter = nan;
         return false;
+    }
+
+    double scattered() {
+        std::size_t n = 0;
+        for (std::size_t i = 0; i < outline_.count; ++i) {
+            size_[n] = std::fabs(left_[i]);
+            n += std::isfinite(left_[i]) ? 1 : 0;
+        }
+        if (n == 0) return std::numeric_limits<double>::quiet_NaN();
+        return 1.4826 * 0.5 * (select_(size_.data(), n, (n - 1) / 2) + select_(size_.data(), n, n / 2));
     }
 
     // The whitened motion that the evidence in use asks for.
@@ -240,6 +252,28 @@ class Converging {
     Selection select_;
     SurfaceFit fit_;
 };
+
+struct Seen {
+    double size = 0.0, weighed = 0.0;
+};
+
+// The motion that solves N x = b, as far as N shows it: its size, and x' N x.
+inline Seen seen_motion(const Matrix8 &N, const Row8 &b, double least) {
+    Matrix8 V;
+    const Row8 told = eigen(N, V);
+    const double most = *std::max_element(told.begin(), told.end());
+    Seen out;
+    for (int e = 0; e < 8; ++e) {
+        if (!(told[e] > least * most)) continue;
+        double along = 0.0;
+        for (int r = 0; r < 8; ++r) along += V[r][e] * b[r];
+        along /= told[e];
+        out.size += along * along;
+        out.weighed += along * along * told[e];
+    }
+    out.size = std::sqrt(out.size);
+    return out;
+}
 
 struct Spread {
     Vec centre;

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
+from grasptrack.errors import ConditioningError
 from grasptrack.motion import LONGEST, Motion, power
-from grasptrack.projective import normalised
+from grasptrack.projective import FEW, applied, apply_homography, normalised
 from grasptrack.simulation import SHAPES
 from grasptrack.simulation.disturbances import DISTURBANCES
 
@@ -36,9 +37,28 @@ def test_powers_add_up(H: np.ndarray, a: float, b: float) -> None:
         return normalised(power(H, exponent, PLACE))
 
     np.testing.assert_allclose(to(0.0), np.eye(3), atol=1e-9)
-    np.testing.assert_allclose(to(1.0), H, atol=1e-6)
+    np.testing.assert_allclose(to(1.0), H, atol=1e-9)
     np.testing.assert_allclose(to(3.0), normalised(H @ H @ H), atol=1e-5)
+    for whole in (1.0, 2.0):  # where no series is needed
+        np.testing.assert_allclose(to(whole), to(whole + 1e-8), rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(normalised(to(a) @ to(b)), to(a + b), atol=2e-3)
+
+
+@given(steps(), st.integers(1, FEW), st.integers(0, 2))
+def test_few_points_are_carried_as_many_are(H: np.ndarray, count: int, behind: int) -> None:
+    points = np.random.default_rng(count).uniform(0, 640, (count, 2))
+    if behind:  # some of them, or all
+        H = H.copy()
+        H[2, :2] -= np.array([1.0, 0.0]) * (1.5 / points[:, 0].max() if behind == 1 else 10.0)
+    many = np.concatenate([points] * (FEW + 1))
+    try:
+        wanted = apply_homography(H, many)
+    except ConditioningError:
+        with pytest.raises(ConditioningError):
+            apply_homography(H, points)
+        return
+    np.testing.assert_allclose(apply_homography(H, points), wanted[:count], rtol=1e-12)
+    assert applied(H, *points[0]) == pytest.approx(tuple(wanted[0]), rel=1e-12)
 
 
 @given(steps(), st.floats(0.1, LONGEST))

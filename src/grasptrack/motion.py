@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.projective import apply_homography, jacobian, normalised
+from grasptrack.projective import applied, jacobian, normalised
 
 Floats = NDArray[np.float64]
 
@@ -20,6 +20,8 @@ FADING = 0.9
 """Share of the fastest turn that is still expected one frame later."""
 LONGEST = 2.0
 """A motion is carried on for at most so many times the interval in which it was seen."""
+WHOLE = 1e-9
+"""Intervals by which a power may differ from a whole number and be taken for it."""
 SCALE = 300.0
 """px, unit of the coordinates in which powers of a homography are taken: parts of it are then alike."""
 
@@ -68,8 +70,7 @@ class Motion:
 
     def _place(self) -> tuple[float, float]:
         """(x, y) px of the object's centre in the last image."""
-        x, y = apply_homography(self._pose, np.array([self._centre]))[0].tolist()
-        return x, y
+        return applied(self._pose, *self._centre)
 
     @property
     def remembered(self) -> bool:
@@ -120,15 +121,25 @@ def power(H: Floats, exponent: float, place: tuple[float, float]) -> Floats:
         exponent: intervals, 0 or more.
         place: (x, y) px, about which it is near the identity.
     """
+    step = H / np.cbrt(_determinant(H))
+    whole = round(exponent) if abs(exponent - round(exponent)) < WHOLE else int(exponent)
+    rest = exponent - whole
+    out = np.linalg.matrix_power(step, whole) if whole != 1 else step
+    if abs(rest) < WHOLE:
+        return np.asarray(out, dtype=np.float64)
     there = np.array([[1.0, 0.0, -place[0]], [0.0, 1.0, -place[1]], [0.0, 0.0, SCALE]]) / SCALE
     back = np.array([[SCALE, 0.0, place[0]], [0.0, SCALE, place[1]], [0.0, 0.0, 1.0]])
-    step = there @ (H / np.cbrt(np.linalg.det(H))) @ back
-    whole = int(exponent)
-    out, term = np.eye(3), np.eye(3)
-    for k in range(1, 9):  # binomial series of (1 + E)^rest
-        term = term @ (step - np.eye(3)) * ((exponent - whole - k + 1) / k)
-        out = out + term
-    return np.asarray(back @ out @ np.linalg.matrix_power(step, whole) @ there, dtype=np.float64)
+    one = np.eye(3)
+    beyond = there @ step @ back - one
+    root = one
+    for k in range(8, 0, -1):  # binomial series of (1 + E)^rest, from its end
+        root = one + (beyond @ root) * ((rest - k + 1) / k)
+    return np.asarray(back @ root @ there @ out, dtype=np.float64)
+
+
+def _determinant(H: Floats) -> float:
+    (a, b, c), (d, e, f), (g, h, i) = H.tolist()
+    return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
 def wrapped(angle: float) -> float:

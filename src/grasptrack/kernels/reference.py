@@ -9,7 +9,7 @@ position on a contour of n points is a vertex index plus the fraction of the seg
 
 from grasptrack.kernels.reference_alignment import align_outlines
 from grasptrack.kernels.reference_contact import contact_frames
-from grasptrack.kernels.reference_converging import contact_covariance, converge
+from grasptrack.kernels.reference_converging import contact_covariance, converge, seen_motion
 from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvature, curvature_vector, resample
 from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_evidence import carry_normals, projective_step, settle_edges
@@ -79,6 +79,7 @@ __all__ = [
     "refine_contacts",
     "register_outline",
     "resample",
+    "seen_motion",
     "select_points",
     "settle_edges",
     "soft_threshold",

@@ -23,12 +23,14 @@ class Converged(NamedTuple):
         homography: (3, 3) reference to current.
         moves: steps that were made.
         step: (8,) px, the motion in the basis of `evidence` that is still asked for.
+        scatter: px, of all edges that were found there; NaN without any.
         evidence: at this pose; all NaN and 0 where it, or the next one, would send the outline to infinity.
     """
 
     homography: Floats
     moves: int
     step: Floats
+    scatter: float
     evidence: MotionEquations
 
 
@@ -93,16 +95,21 @@ def converge(
         if not loose > 0.0:
             raise ValueError(f"motions are loose by more than 0 px, not {loose:g}")
         if not math.isfinite(found.radius):
-            return Converged(H, moves, np.full(8, np.nan), found)
+            return Converged(H, moves, np.full(8, np.nan), math.nan, found)
         share = shares(found.stats, use, caution)
         step = np.asarray(np.linalg.solve(np.tensordot(share, found.N, 1) + np.eye(8) / loose**2, share @ found.b))
         if moves >= most or (moves >= least and math.sqrt(float(step @ step)) < still):
-            return Converged(H, moves, step, found)
+            return Converged(H, moves, step, _scatter(found.left), found)
         further = moved(found.basis @ step / found.radius, found.centre, found.radius) @ H
         if not abs(further[2, 2]) > 1e-12:
-            return Converged(H, moves, np.full(8, np.nan), _nothing(found))
+            return Converged(H, moves, np.full(8, np.nan), math.nan, _nothing(found))
         H = np.asarray(further / further[2, 2])
         moves += 1
+
+
+def _scatter(left: Floats) -> float:
+    left = np.abs(left[np.isfinite(left)])
+    return 1.4826 * float(np.median(left)) if len(left) else math.nan
 
 
 def _nothing(found: MotionEquations) -> MotionEquations:
@@ -131,6 +138,25 @@ def shares(stats: Floats, use: NDArray[np.bool_], caution: float) -> Floats:
     noise = stats[:, 2].copy()
     noise[1:] *= caution
     return np.where(use & (noise > 0.0), 1.0 / np.maximum(noise, 1e-9) ** 2, 0.0)
+
+
+def seen_motion(N: Floats, b: Floats, least: float) -> tuple[float, float]:
+    """The size of the motion x that solves N x = b, as far as N shows it, and x' N x.
+
+    Args:
+        N: (8, 8) squares.
+        b: (8,) products.
+        least: motions of which N shows less than this share of what it shows of the clearest are left out.
+
+    Raises:
+        ValueError: arrays of other shapes.
+    """
+    if N.shape != (8, 8) or b.shape != (8,):
+        raise ValueError("eight motions are needed")
+    told, V = np.linalg.eigh(N)
+    seen = told > least * told[-1]
+    x = (V.T @ b)[seen] / told[seen]
+    return math.sqrt(float(x @ x)), float(x @ (told[seen] * x))
 
 
 def contact_covariance(

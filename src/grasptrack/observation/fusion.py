@@ -336,7 +336,7 @@ class Fusion:
             spread * state.covariance(state.use),
             stats[0][1],
             stats[0][2],
-            state.scatter(),
+            state.scatter,
             _correlation(stats[INSIDE]),
             _correlation(stats[GROUND]),
             (used[0], used[1], used[2]),
@@ -375,8 +375,9 @@ class _State:
     def __init__(self, found: Any, use: list[bool], by: int, loose: float, contacts: Floats) -> None:
         self.H: Floats = found[0]
         self.moves: int = found[1]
-        evidence = found[3]
-        self._centre, self._radius, self._basis, self._N, self._sure, self._b, stats, self._left, _ = evidence
+        self.scatter: float = found[3]
+        evidence = found[4]
+        self._centre, self._radius, self._basis, self._N, self._sure, self._b, stats, *_ = evidence
         if not math.isfinite(self._radius):
             raise TransferError("the outline would lie behind the camera")
         self.use, self.by, self._loose, self._contacts = use, by, loose, contacts
@@ -390,26 +391,13 @@ class _State:
         """Correlation of a surface with the reference."""
         return self.stats[row][3]
 
-    def scatter(self) -> float:
-        """px, of all edges that were found."""
-        left = np.sort(np.abs(self._left))  # NaN last
-        count = int(np.count_nonzero(left >= 0.0))
-        return 1.4826 * 0.5 * float(left[(count - 1) // 2] + left[count // 2]) if count else math.nan
-
     def parted(self, row: int) -> bool:
         """Whether one piece of evidence alone asks for another pose than all of it together."""
         if not self.told(row):
             return False
-        noise, N, b = self.stats[row][2] * (1.0 if row == 0 else CAUTION), self._N[row], self._b[row]
-        most = float(b @ np.linalg.solve(N + 1e-9 * N.trace() * np.eye(8), b))
-        if most <= (APART_SIGMA * noise) ** 2:
-            return False  # by none of its motions
-        told, V = np.linalg.eigh(self._sure[row])
-        seen = told > SEEN * told[-1]
-        full = np.einsum("ie,ij,je->e", V, N, V)[seen]
-        x = (V.T @ b)[seen] / np.maximum(full, 1e-300)
-        apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (full * x))) / noise
-        return apart > APART and sigmas > APART_SIGMA
+        noise = self.stats[row][2] * (1.0 if row == 0 else CAUTION)
+        apart, squares = kernels.seen_motion(self._N[row], self._b[row], SEEN)
+        return apart > APART and math.sqrt(squares) > APART_SIGMA * noise
 
     def covariance(self, use: list[bool]) -> Floats:
         """(2 k, 2 k) px^2 of the contacts, by some of the evidence."""

@@ -86,6 +86,7 @@ class Observer:
         Raises:
             SourceError: an image that cannot be used.
         """
+        self._levels.clear()  # they are told apart by their views' ids, which later views are given again
         self._colours = to_bgr(image)
         return self._channel.grey(self._colours)
 

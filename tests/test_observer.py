@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is learned of an outline's grey levels, and when it is forgotten."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from grasptrack.observation.observer import Observer
+from grasptrack.simulation import SHAPES, Conditions, Scene, similarity_path
+
+
+def test_levels_are_those_of_an_outline_of_the_image_at_hand() -> None:
+    """Outlines are known by their ids, and Python gives the id of one that is gone to another."""
+    scene = Scene(SHAPES["bracket"](), similarity_path(3, seed=1), conditions=Conditions(noise=1.0), seed=1)
+    observer = Observer()
+    observer.look(scene[0].image)
+    candidate = observer.first(False)[0]
+    observer.choose(candidate)
+    lighter = np.clip(scene[1].image.astype(int) + 20, 0, 255).astype(np.uint8)
+    (view, *_) = next(observer.anywhere(observer.look(lighter), candidate.view.outer.area, 0))
+    before = observer.levels
+    observer.look(scene[2].image)
+    observer.believe(view)
+    assert observer.levels == before
+    (view, *_) = next(observer.anywhere(observer.look(lighter), candidate.view.outer.area, 0))
+    observer.believe(view)
+    assert observer.levels[0] > before[0] + 2.0 and observer.levels[1] > before[1] + 2.0
