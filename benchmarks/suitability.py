@@ -64,7 +64,7 @@ def run(task: tuple[str, str, int, int]) -> Outcome | None:
         found.level,
         found.verdict,
         found.expected,
-        found.motions.models["homography"].observable,
+        found.by != "nothing",
         len(off) / (frames - 1),
         math.sqrt(float(np.mean(np.square(off)))) if off else math.nan,
         wrong,

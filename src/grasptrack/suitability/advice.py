@@ -88,14 +88,15 @@ def _of_motions(found: Findings) -> list[Reason]:
     """What the outline leaves free: poor, unless the surface or the ground fixes it."""
     listed = _of_outline(found)
     by = None if found.settled is None else found.settled.by
-    if by not in ("surface", "ground") or not listed or listed[0].level != "poor":
+    if by not in ("surface", "ground"):
         return listed
+    free = listed[0].text if listed and listed[0].level == "poor" else "the outline hardly fixes the contacts"
     if found.refusal:
         return [Reason("poor", found.refusal, "another grasp, nearer to where the outline bends")]
     if by == "surface":
-        text = f"{listed[0].text}; the surface fixes it: where that is covered or in glare, it may be lost"
+        text = f"{free}; the surface fixes it: where that is covered or in glare, it may be lost"
         return [Reason("fair", text, "keep the surface in view")]
-    text = f"{listed[0].text}; only the ground fixes it: on a belt it will be lost"
+    text = f"{free}; only the ground fixes it: on a belt it will be lost"
     return [Reason("fair", text, "let the object rest on the ground, or mark its surface")]
 
 

@@ -27,7 +27,7 @@ class Settled(NamedTuple):
 
     Attributes:
         covariances: (3, 2 k, 2 k) px^2 of all contacts: by the outline alone, with the surface, and with the ground too.
-        by: the least of these that fixes every contact as the tracker asks for; "outline" where it shows all motions.
+        by: the least of these that fixes every contact as the tracker asks for; "outline" only where it shows all motions.
     """
 
     covariances: Floats
@@ -77,7 +77,7 @@ def settled(first: FirstView, noise: float, limit: float, shown: bool) -> Settle
     covariances = np.array(sorted(found, key=lambda each: float(np.trace(each[-1])))[len(found) // 2])
     alone, surface, ground = Settled(covariances, "nothing").deviations
     by: By = "nothing"
-    if shown:
+    if shown and alone <= limit:
         by = "outline"
     elif surface <= min(limit, MORE * alone):
         by = "surface"

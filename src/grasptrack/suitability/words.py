@@ -12,6 +12,9 @@ from grasptrack.suitability.result import Held, Suitability
 from grasptrack.suitability.strategies import PEAKS
 from grasptrack.suitability.symmetry import Symmetry
 
+HARDLY = 0.9
+"""What leaves more than this share of an error adds nothing worth telling."""
+
 
 class Row(NamedTuple):
     """One row: of what, the figure, and what goes with it."""
@@ -106,5 +109,7 @@ def settles(found: Suitability, what: Literal["surface", "ground"]) -> str:
         lost = "" if what == "surface" else ": on a belt it will be lost"
         return f"{word} what the outline leaves free, to {px(texture.settles)}{lost}"
     if found.by == "surface":
+        if texture.settles > HARDLY * found.surface.settles:
+            return "adds nothing to that"
         return f"to {px(texture.settles)}, as long as it moves along"
     return "does not fix what the outline leaves free"

@@ -148,9 +148,7 @@ def legend(axes: Any, found: Suitability, times: float) -> None:
     if len(found.peaks):
         handles.append(Line2D([], [], color=PEAK, marker="D", ms=7, lw=0, label="peaks"))
     if found.motions.slide is not None:
-        handles.append(
-            Line2D([], [], color=BAD, marker=r"$\rightarrow$", ms=14, lw=0, label="not shown by the outline")
-        )
+        handles.append(Line2D([], [], color=BAD, marker=r"$\rightarrow$", ms=14, lw=0, label="outline slides"))
     if found.symmetry.every or found.symmetry.turns:
         ring: dict[str, Any] = {"marker": "o", "ms": 9, "mfc": "none", "mew": 2.0}
         handles.append(Line2D([], [], color=MUTED, lw=0, label="ways it fits itself", **ring))
