@@ -190,73 +190,6 @@ nb::tuple py_register_outline(const ByteImage &image, const RowArray &H, const P
     return nb::make_tuple(found.array(), left.array(), weight.array(), out.noise);
 }
 
-nb::tuple py_grey_differences(const ByteImage &coarse, double shrink, const RowArray &H, const PointArray &places,
-                              const ValueArray &values, double least_noise) {
-    const std::size_t p = places.shape(0);
-    if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
-    if (values.shape(0) != p) throw std::invalid_argument("each place needs its value");
-    Output out(p);
-    const Image<std::uint8_t> small{coarse.data(), static_cast<std::ptrdiff_t>(coarse.shape(0)),
-                                    static_cast<std::ptrdiff_t>(coarse.shape(1))};
-    const double noise = grey_differences(small, shrink, H.data(), vectors(places), values.data(), p, least_noise,
-                                          out.values());
-    return nb::make_tuple(out.array(), noise);
-}
-
-nb::tuple py_motion_equations(const ByteImage &image, const ByteImage &coarse, double shrink, const RowArray &H,
-                              const PointArray &points, const PointArray &normals, const ValueArray &strength,
-                              int polarity, double reach, double least_strength, double relative_strength,
-                              const PointArray &places, const ValueArray &values, const PointArray &slopes,
-                              const IndexArray &starts) {
-    const std::size_t m = points.shape(0), p = places.shape(0), count = starts.shape(0);
-    if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
-    if (m == 0 || normals.shape(0) != m || strength.shape(0) != m)
-        throw std::invalid_argument("samples are needed, each with its normal and strength");
-    const std::int64_t *start = starts.data();
-    bool good = values.shape(0) == p && slopes.shape(0) == p && count > 0 && start[0] == 0 &&
-                start[count - 1] == static_cast<std::int64_t>(p);
-    for (std::size_t g = 1; good && g < count; ++g) good = start[g - 1] <= start[g];
-    if (!good)
-        throw std::invalid_argument("each place needs its value and slope, and starts rise from 0 to the number of places");
-    if (!(reach > 0 && reach <= 1000))
-        throw std::invalid_argument("reach must be above 0 and at most 1000 px, not " + number(reach));
-    const auto seen = [](const ByteImage &from) {
-        return Image<std::uint8_t>{from.data(), static_cast<std::ptrdiff_t>(from.shape(0)),
-                                   static_cast<std::ptrdiff_t>(from.shape(1))};
-    };
-    const Image<std::uint8_t> fine = seen(image), small = seen(coarse);
-    Output left(m), weight(m), basis(8, 8), N(8 * count, 8), sure(8 * count, 8), b(count, 8), stats(count, 4), centre(2);
-    std::fill(left.values(), left.values() + m, std::numeric_limits<double>::quiet_NaN());
-    std::fill(weight.values(), weight.values() + m, 0.0);
-    MotionEquations out;
-    out.rows.resize(count);
-    for (auto &row : out.basis) row.fill(std::numeric_limits<double>::quiet_NaN());
-    if (outline_equations(fine, H.data(), points.data(), normals.data(), strength.data(), m, reach,
-                          {polarity, least_strength, relative_strength}, out, left.values(), weight.values())) {
-        SurfaceFit fit(small, shrink, H.data(), out.centre, out.radius, out.basis);
-        for (std::size_t g = 0; g + 1 < count; ++g)
-            fit.add({vectors(places) + start[g], vectors(slopes) + start[g], values.data() + start[g],
-                     static_cast<std::size_t>(start[g + 1] - start[g])},
-                    out.rows[g + 1]);
-    }
-    centre.values()[0] = out.centre.x, centre.values()[1] = out.centre.y;
-    for (int r = 0; r < 8; ++r) std::copy(out.basis[r].begin(), out.basis[r].end(), basis.values() + 8 * r);
-    for (std::size_t g = 0; g < count; ++g) {
-        const Equations &row = out.rows[g];
-        for (int r = 0; r < 8; ++r) {
-            std::copy(row.N[r].begin(), row.N[r].end(), N.values() + 64 * g + 8 * r);
-            std::copy(row.sure[r].begin(), row.sure[r].end(), sure.values() + 64 * g + 8 * r);
-        }
-        std::copy(row.b.begin(), row.b.end(), b.values() + 8 * g);
-        const double told[4] = {row.total, row.share, row.noise, row.correlation};
-        std::copy(told, told + 4, stats.values() + 4 * g);
-    }
-    return nb::make_tuple(centre.array(), out.radius, basis.array(),
-                          N.array().attr("reshape")(nb::make_tuple(count, 8, 8)),
-                          sure.array().attr("reshape")(nb::make_tuple(count, 8, 8)), b.array(), stats.array(), left.array(),
-                          weight.array());
-}
-
 }  // namespace
 
 void bind_images(nb::module_ &m) {
@@ -277,11 +210,6 @@ void bind_images(nb::module_ &m) {
           "relative_strength"_a, "other_ground"_a, "loose"_a);
     m.def("register_outline", &py_register_outline, "image"_a.noconvert(), "H"_a, "points"_a, "normals"_a, "strength"_a,
           "polarity"_a, "reaches"_a, "motions"_a, "strides"_a, "least_strength"_a, "relative_strength"_a);
-    m.def("grey_differences", &py_grey_differences, "coarse"_a.noconvert(), "shrink"_a, "H"_a, "places"_a, "values"_a,
-          "least_noise"_a);
-    m.def("motion_equations", &py_motion_equations, "image"_a.noconvert(), "coarse"_a.noconvert(), "shrink"_a, "H"_a,
-          "points"_a, "normals"_a, "strength"_a, "polarity"_a, "reach"_a, "least_strength"_a, "relative_strength"_a,
-          "places"_a, "values"_a, "slopes"_a, "starts"_a);
     m.def("edge_links", &py_edge_links, "edges"_a.noconvert(), "reach"_a, "bend"_a, "loose"_a);
 }
 

@@ -9,7 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack.observation.flanks import BY, Flanks, longest, runs
+from grasptrack import kernels
+from grasptrack.kernels import reference
+from grasptrack.kernels.reference_flanks import longest, runs
+from grasptrack.observation.flanks import BY, Flanks
 from grasptrack.observation.surface import shrunk
 
 SIZE, CENTRE, RADIUS, COUNT = 180.0, np.array([200.0, 150.0]), 90.0, 240
@@ -63,6 +66,48 @@ def test_a_tab_and_a_notch_speak_against_the_outline(reach: float) -> None:
         gone = list(range(58, 63))
         assert len(judged(image, [], gone)[0]) >= 2
         assert not len(judged(image, [], gone, ground=False)[0])  # a belt's own pattern changes there all the time
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.booleans(), st.floats(0.0, 1.0), st.sampled_from([40, 120, 700]))
+def test_native_equals_reference(seed: int, ground: bool, share: float, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    angles = np.arange(count) * (2.0 * np.pi / count)
+    normals = np.column_stack([np.cos(angles), np.sin(angles)])
+    offsets = np.array([-11.0, -8, -5, 5, 8, 11])
+    places = (CENTRE + 90.0 * normals)[:, None] + offsets[:, None] * normals[:, None]
+    values = np.where(offsets < 0, 70.0, 180.0) + rng.normal(0, 2, (count, 6))
+    values[rng.random(count) < 0.05] = np.nan
+    image = disc(seed)
+    for _ in range(6):  # covers, tabs and notches at random
+        at, level = rng.integers(60, 340, 2), int(rng.choice([70, 180, 120]))
+        cv2.rectangle(image, (int(at[0]), int(at[1]) - 40), (int(at[0]) + 20, int(at[1])), level, -1)
+    flags = [rng.random(count) < 0.2 * share for _ in range(2)]
+    H = np.eye(3)
+    H[:2, 2] = rng.uniform(-120, 120, 2) if seed % 5 == 0 else rng.uniform(-2, 2, 2)
+    given = (
+        shrunk(image, BY),
+        float(BY),
+        H,
+        np.ascontiguousarray(places.reshape(-1, 2)),
+        values,
+        110.0,
+        *flags,
+        ground,
+    )
+    for found, wanted in zip(kernels.judge_flanks(*given), reference.judge_flanks(*given), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+
+
+def test_both_refuse_the_same() -> None:
+    flags, places = np.zeros(4, np.bool_), np.ones((8, 2))
+    image, H, values = np.zeros((40, 40), np.uint8), np.eye(3), np.ones((4, 2))
+    for module in (kernels, reference):
+        left, covered = module.judge_flanks(image, 2.0, H, places, values, 1.0, ~flags, flags, True)
+        assert left.all() and not covered.any()  # too few places to say anything else
+        for bad in ((places[:7], values, flags), (places[:4], values[:, :1], flags), (places, values, flags[:3])):
+            with pytest.raises(ValueError, match="each sample needs its flags"):
+                module.judge_flanks(image, 2.0, H, bad[0], bad[1], 1.0, bad[2], flags, True)
 
 
 def test_runs_go_round() -> None:

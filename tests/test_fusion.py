@@ -55,29 +55,82 @@ def in_parameters(found: tuple[np.ndarray, ...], row: int) -> tuple[np.ndarray, 
     return back.T @ found[3][row] @ back, back.T @ found[4][row] @ back, back.T @ found[5][row]
 
 
+def looked_at(scene: Scene, index: int, shift: tuple[float, float], by: int) -> tuple[object, ...]:
+    """What the kernels are given to lay the first image of a scene on another, from the true pose shifted."""
+    view, grey, image = segment(scene[0].image), scene[0].image, scene[index].image
+    samples, places = OutlineRegistration(view, grey, 1).samples, surfaces(view, grey, by, 450)
+    H = similarity(1.0, 0.0, (0.0, 0.0), shift) @ scene.homography(index)
+    arguments = (image, shrunk(image, by), float(by), H, *samples, 3.0, 2.0, 0.3)
+    return (*arguments, places.places, places.values, places.slopes, places.starts)
+
+
 # --- kernels -------------------------------------------------------------------------------------
 
 
 @settings(max_examples=12, deadline=None)
-@given(st.integers(0, 500), st.sampled_from(["bracket", "disc", "blob"]), st.sampled_from([2, 4]), st.data())
-def test_native_equals_reference(seed: int, shape: str, by: int, data: st.DataObject) -> None:
+@given(
+    st.integers(0, 500),
+    st.sampled_from(["bracket", "disc", "blob"]),
+    st.sampled_from([2, 4]),
+    st.integers(1, 29),
+    st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
+    st.integers(0, 3),
+    st.tuples(st.booleans(), st.booleans(), st.booleans()),
+)
+def test_native_equals_reference(
+    seed: int, shape: str, by: int, index: int, shift: tuple[float, float], most: int, use: tuple[bool, bool, bool]
+) -> None:
     scene = a_scene(shape, seed)
-    view, grey = segment(scene[0].image), scene[0].image
-    samples = OutlineRegistration(view, grey, 1).samples
-    places = surfaces(view, grey, by, 200)
-    index = data.draw(st.integers(1, 29))
-    image = scene[index].image
-    shift = np.eye(3)
-    shift[:2, 2] = data.draw(st.tuples(st.floats(-2, 2), st.floats(-2, 2)))
-    arguments = (image, shrunk(image, by), float(by), shift @ scene.homography(index), *samples, 3.0, 2.0, 0.3)
-    arguments = (*arguments, places.places, places.values, places.slopes, places.starts)
-    found, wanted = kernels.motion_equations(*arguments), reference.motion_equations(*arguments)
-    np.testing.assert_allclose(found[6], wanted[6], atol=1e-6)
-    np.testing.assert_allclose(found[7], wanted[7], atol=1e-6)
-    np.testing.assert_allclose(found[8], wanted[8], atol=1e-6)
+    arguments = (*looked_at(scene, index, shift, by), np.array(use), 2.0, 50.0, 0.02, 0, most)
+    found, wanted = kernels.converge(*arguments), reference.converge(*arguments)
+    np.testing.assert_allclose(found[0], wanted[0], rtol=1e-7, atol=1e-9)
+    assert found[1] == wanted[1]
+    assert found[3][1] == pytest.approx(wanted[3][1], rel=1e-9)
+    for place in (6, 7, 8):
+        np.testing.assert_allclose(found[3][place], wanted[3][place], atol=1e-6)
     for row in range(3):
-        for a, b in zip(in_parameters(found, row), in_parameters(wanted, row), strict=True):
+        for a, b in zip(in_parameters(found[3], row), in_parameters(wanted[3], row), strict=True):
             np.testing.assert_allclose(a, b, atol=1e-6 * max(float(np.abs(b).max()), 1e-9))
+    if any(used and stats[2] > 0.0 for used, stats in zip(use, wanted[3].stats, strict=True)):
+        contacts = np.concatenate(scene[0].outline)[::50]
+        spread = [
+            module.contact_covariance(
+                made[0],
+                contacts,
+                *made[3][:3],
+                made[3][4],
+                np.array(use) / np.maximum(wanted[3].stats[:, 2], 0.1),
+                50.0,
+            )
+            for module, made in ((kernels, found), (reference, wanted))
+        ]
+        np.testing.assert_allclose(spread[0], spread[1], atol=1e-6 * float(np.abs(spread[1]).max()))
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 500), st.integers(1, 29), st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)))
+def test_steps_lead_to_one_pose(seed: int, index: int, shift: tuple[float, float]) -> None:
+    scene = a_scene("bracket", seed)
+    use = np.ones(3, np.bool_)
+    poses = []
+    for begin in ((0.0, 0.0), shift):
+        found = kernels.converge(*looked_at(scene, index, begin, 2), use, 2.0, 50.0, 0.001, 0, 20)
+        assert found[1] < 20 and float(np.linalg.norm(found[2])) < 0.001
+        again = kernels.converge(*looked_at(scene, index, begin, 2), use, 2.0, 50.0, 0.001, found[1] + 1, 20)
+        assert again[1] > found[1]
+        poses.append(found[0])
+    contacts = np.concatenate(scene[0].outline)[::20]
+    np.testing.assert_allclose(*(apply_homography(H, contacts) for H in poses), atol=0.02)
+
+
+@pytest.mark.parametrize("module", [kernels, reference])
+def test_what_would_lie_behind_the_camera_is_said(module: object) -> None:
+    scene = a_scene("bracket", 1)
+    arguments = list(looked_at(scene, 1, (0.0, 0.0), 2))
+    arguments[3] = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-0.01, 0.0, 1.0]])
+    found = module.converge(*arguments, np.ones(3, np.bool_), 2.0, 50.0, 0.02, 0, 3)  # type: ignore[attr-defined]
+    assert found[1] == 0 and math.isnan(found[3][1])
+    assert not np.any(found[3][3]) and np.isnan(found[2]).all() and np.isnan(found[3][2]).all()
 
 
 @settings(max_examples=25, deadline=None)
@@ -100,16 +153,20 @@ def test_both_refuse_the_same() -> None:
     image, H = np.zeros((50, 50), np.uint8), np.eye(3)
     at, one = np.array([[10.0, 10], [40, 10], [40, 40], [10, 40]]), np.ones(4)
     none, start = np.zeros((0, 2)), np.zeros(1, np.int64)
-    good = (image, image, 1.0, H, at, at / 50, one, 1, 3.0, 2.0, 0.3, none, none[:, 0], none, start)
+    good = (image, image, 1.0, H, at, at / 50, one, 1, 3.0, 2.0, 0.3, none, none[:, 0], none, start, np.array([True]))
+    good = (*good, 2.0, 9.0, 0.1, 0, 4)
     bad = {4: at[:0], 5: at[:2], 6: one[:1], 8: 0.0, 11: at, 12: one, 13: at, 14: np.array([1], np.int64)}
+    bad |= {15: np.zeros(2, np.bool_), 17: 0.0}
     for module in (kernels, reference):
-        assert not np.any(module.motion_equations(*good)[3])  # nothing is to be seen, which is no error
+        assert not np.any(module.converge(*good)[3][3])  # nothing is to be seen, which is no error
         for place, value in bad.items():
             with pytest.raises(ValueError):
-                module.motion_equations(*(value if i == place else given for i, given in enumerate(good)))
+                module.converge(*(value if i == place else given for i, given in enumerate(good)))
         with pytest.raises(ValueError, match="each place needs its value"):
             module.grey_differences(image, 1.0, H, at, one[:2], 1.0)
         assert math.isnan(module.grey_differences(image, 1.0, H, at, one, 1.0)[1])
+        with pytest.raises(ValueError, match="eight motions"):
+            module.contact_covariance(H, at, H[0, :2], 1.0, H, np.zeros((1, 8, 8)), one[:1], 1.0)
 
 
 def test_grey_differences_do_not_depend_on_light() -> None:

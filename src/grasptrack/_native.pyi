@@ -42,7 +42,18 @@ def register_outline(
 def grey_differences(
     coarse: NDArray[np.uint8], shrink: float, H: Floats, places: Floats, values: Floats, least_noise: float
 ) -> tuple[Floats, float]: ...
-def motion_equations(
+def judge_flanks(
+    coarse: NDArray[np.uint8],
+    shrink: float,
+    H: Floats,
+    places: Floats,
+    values: Floats,
+    contrast: float,
+    against: NDArray[np.bool_],
+    missed: NDArray[np.bool_],
+    ground: bool,
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]: ...
+def converge(
     image: NDArray[np.uint8],
     coarse: NDArray[np.uint8],
     shrink: float,
@@ -58,7 +69,16 @@ def motion_equations(
     values: Floats,
     slopes: Floats,
     starts: NDArray[np.int64],
-) -> tuple[Floats, float, Floats, Floats, Floats, Floats, Floats, Floats, Floats]: ...
+    use: NDArray[np.bool_],
+    caution: float,
+    loose: float,
+    still: float,
+    least: int,
+    most: int,
+) -> tuple[Floats, int, Floats, tuple[Floats, float, Floats, Floats, Floats, Floats, Floats, Floats, Floats]]: ...
+def contact_covariance(
+    H: Floats, contacts: Floats, centre: Floats, radius: float, basis: Floats, sure: Floats, share: Floats, loose: float
+) -> Floats: ...
 def resample(points: Floats, count: int, smooth: float) -> Floats: ...
 def blend_normals(points: Floats) -> Floats: ...
 def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominence: float) -> NDArray[np.int64]: ...

@@ -20,17 +20,26 @@ from grasptrack.observation.support import Support
 from grasptrack.projective import apply_homography
 from grasptrack.reference import Reference
 from grasptrack.search import Hypothesis, Search
-from grasptrack.verdict import MIN_SHARE_AGAIN, MIN_SHARE_REGISTERED, close, error, refuse
+from grasptrack.verdict import (
+    MIN_SHARE_AGAIN,
+    MIN_SHARE_REGISTERED,
+    RISK_PLAIN,
+    close,
+    error,
+    refuse,
+    risk,
+)
 
 Floats = NDArray[np.float64]
 
 
 class Believed(NamedTuple):
-    """A transfer that an image bears out, its homography (3, 3), and the evidence."""
+    """A transfer that an image bears out, its homography (3, 3), the evidence, and the risk that it is not the object."""
 
     carried: Carried
     homography: Floats
     support: Support
+    risk: float = RISK_PLAIN
 
 
 PROMISING, MOST_SCATTER = 0.15, MOST_NOISE * HELD
@@ -40,6 +49,9 @@ SOON = 3
 """In so many frames after a loss edges and surfaces are looked at about where the object was, and then in turn."""
 SAME = 0.02
 """Share of sqrt(area) by which poses differ that are one."""
+COVERED, LATELY = 0.06, 3
+"""Of the outline, so much under a cover makes it likelier that it is the cover which seems to cut or to add to the object
+elsewhere, if that was believed within so many frames."""
 SPEAKS_AGAINST = "another s"
 """How reasons begin that name another shape or surface."""
 
@@ -157,7 +169,9 @@ class Belief:
         if refusal or doubt:
             self.reasons.insert(0 if doubt else len(self.reasons), refusal or doubt)
             return None
-        return Believed(carried, H, support)
+        if fused is None:
+            return Believed(carried, H, support)
+        return Believed(carried, H, support, risk(explained, any(fused.used[1:])))
 
     def _judged(self, grey: Grey, H: Floats, support: Support, fused: Fused) -> tuple[Support, float]:
         """The evidence with both sides of the outline looked at: a cover does not speak against it, a notch or a tab does.
@@ -169,7 +183,10 @@ class Belief:
         assert self._reference.registration is not None
         coarse = self._reference.registration.fusion.shrunk(grey, BY)
         left, covered = self._reference.flanks.judged(coarse, H, samples.against, samples.missed, ground)
-        explained = support.share + int(np.count_nonzero(covered)) / asked
+        hidden = int(np.count_nonzero(covered)) / asked
+        if hidden >= COVERED and self._search.whereabouts.motion.missed <= LATELY:
+            left[:] = False  # what was right until a cover came is not another shape beside it: the cover ends there
+        explained = support.share + hidden
         return support._replace(contradicted=int(np.count_nonzero(left)) / asked), explained
 
     def _laid(self, grey: Grey, hypothesis: Hypothesis, registration: RegistrationCarrier) -> Carried:

@@ -209,7 +209,7 @@ class GraspTracker:
             search.lost(grey)
             return self._refused(lost(str(error)))
         belief.accept(found)
-        return self._accepted(found, judge(found.support, analysis), analysis)
+        return self._accepted(found, judge(found.support, analysis, found.risk), analysis)
 
     # --- answers ---------------------------------------------------------------------------------
 

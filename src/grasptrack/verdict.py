@@ -37,13 +37,30 @@ MAX_SIGMA_PX = 1.5
 """... unless it is below so many px."""
 
 
+RIGHT, RIGHT_PX = 0.04, 3.0
+"""Contacts are right within this fraction of sqrt(area), or so many px, whichever is more: of this the confidence is the
+probability."""
+EXPLAINED = 0.9
+"""Of the outline, so much shows its edge or lies under a cover where hardly anything is left that could tell another object."""
+RISKS = {
+    (True, True): 0.0005,
+    (True, False): 0.002,
+    (False, True): 0.004,
+    (False, False): 0.01,
+}
+"""How often what was believed was another object, another turn or another place, by whether the outline was explained and
+whether a surface bore it out: upper bounds of 84 % (one sigma) from the counts of `benchmarks/confidence.py`."""
+RISK_PLAIN = 0.008
+"""The same of the paper's strategies by themselves."""
+
+
 class Verdict(NamedTuple):
     """What is said of one frame.
 
     Attributes:
         status: tracked, unstable or lost.
         reason: empty when tracked.
-        confidence: 0 to 1. It orders answers; it is not yet a probability.
+        confidence: the probability that every contact is within RIGHT of its true place on the object that is meant.
     """
 
     status: Status
@@ -61,19 +78,45 @@ def lost(reason: str) -> Verdict:
     return Verdict("lost", reason, 0.0)
 
 
-def judge(support: Support, analysis: GraspAnalysis) -> Verdict:
+def judge(support: Support, analysis: GraspAnalysis, risk: float = RISK_PLAIN) -> Verdict:
     """What to say of a transfer that `refuse` has let pass.
 
     Args:
         support: the edges found along the outline as the transfer carries it.
         analysis: of the transferred grasp.
+        risk: as `risk` has it.
     """
-    fit = math.exp(-0.5 * (support.rms / max(MAX_RMS_PX, MAX_RMS * support.size)) ** 2)
-    place = math.exp(-0.5 * (error(support) / max(MAX_SHIFT_PX, MAX_SHIFT * support.size)) ** 2)
-    confidence = min(1.0, support.share * (0.5 + 0.5 * support.visible)) * fit * place
     if not analysis.stable:
-        return Verdict("unstable", analysis.reason, confidence)
-    return Verdict("tracked", "", confidence)
+        return Verdict("unstable", analysis.reason, confidence(support, risk))
+    return Verdict("tracked", "", confidence(support, risk))
+
+
+def risk(explained: float, borne_out: bool) -> float:
+    """The probability that what was believed is not the object where it was said to be.
+
+    Args:
+        explained: share of the outline that shows its edge or lies under a cover, 0 to 1.
+        borne_out: the object's surface, or the ground round it, is as in the reference.
+    """
+    return RISKS[explained >= EXPLAINED, borne_out]
+
+
+def confidence(support: Support, risk: float) -> float:
+    """The probability that every contact is right: it is the object, and the covariances are as said.
+
+    Args:
+        support: with the covariances of the contacts.
+        risk: that it is not the object.
+    """
+    limit = max(RIGHT_PX, RIGHT * support.size) - error(support)
+    if limit <= 0.0:
+        return 0.0
+    within = 1.0 - risk
+    for (xx, xy), (_, yy) in support.covariance.tolist():
+        # the larger variance in every direction: a bound, and exact for a round one
+        most = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+        within *= 1.0 - math.exp(-0.5 * limit * limit / max(most, 1e-12))
+    return within
 
 
 def error(support: Support) -> float:

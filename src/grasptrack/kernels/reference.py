@@ -9,11 +9,13 @@ position on a contour of n points is a vertex index plus the fraction of the seg
 
 from grasptrack.kernels.reference_alignment import align_outlines
 from grasptrack.kernels.reference_contact import contact_frames
+from grasptrack.kernels.reference_converging import contact_covariance, converge
 from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvature, curvature_vector, resample
 from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_evidence import carry_normals, projective_step, settle_edges
 from grasptrack.kernels.reference_fingers import finger_rooms
-from grasptrack.kernels.reference_fusion import grey_differences, motion_equations
+from grasptrack.kernels.reference_flanks import judge_flanks
+from grasptrack.kernels.reference_fusion import grey_differences
 from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
 from grasptrack.kernels.reference_homography import distortion, fit_homography, homography_4
 from grasptrack.kernels.reference_inertia import inertia
@@ -44,7 +46,9 @@ __all__ = [
     "carry_normals",
     "carry_places",
     "closing_triples",
+    "contact_covariance",
     "contact_frames",
+    "converge",
     "crossings",
     "curvature",
     "curvature_peaks",
@@ -60,10 +64,10 @@ __all__ = [
     "grey_differences",
     "homography_4",
     "inertia",
+    "judge_flanks",
     "lay_outlines",
     "locate",
     "match_curvature",
-    "motion_equations",
     "nearest_crossings",
     "opposed_pairs",
     "outline_gaps",

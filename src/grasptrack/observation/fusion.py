@@ -7,6 +7,7 @@ grown on the object settles them, and so does the ground, as long as it moves al
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Any, NamedTuple
 
@@ -16,11 +17,11 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import View
 from grasptrack.errors import TransferError
-from grasptrack.kernels.reference_evidence import displacement_fields
-from grasptrack.kernels.reference_registration import moved
+from grasptrack.kernels.reference_fusion import LEAST_NOISE_GREY
 from grasptrack.observation.images import Grey
 from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH, OutlineRegistration
-from grasptrack.observation.surface import Surfaces, shrunk, surfaces
+from grasptrack.observation.surface import Surfaces, relief, shrunk, surfaces
+from grasptrack.projective import apply_homography
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +32,8 @@ FEW, MANY, FIXED = 200, 900, 0.2
 FINE, COARSE, COARSEST = 2, 4, 8
 """How many times the images are shrunk in which surfaces are compared: noise shrinks alike, and a coarse one is compared
 over longer ways."""
+LEVELS = (FINE, COARSE, COARSEST, -FINE, -COARSE, -COARSEST)
+"""Images in which surfaces are compared: shrunk, and with a minus without the light that lies on them."""
 REACH, FAR_REACH = 3.0, 6.0
 """px on either side in which edges are searched, with fine and with coarse surfaces."""
 MOST_ROUNDS = 8
@@ -47,14 +50,21 @@ LEAST_ALIKE, ALIKE = 0.5, 0.8
 """Correlations below which a surface is none that moves along; from which on one that did not is looked at again."""
 CHANCE = 4.0
 """A correlation is chance when it is below so many over the root of the number of places."""
-OTHER = 0.3
-"""A correlation less than usual by so much is another surface's, or that of another turn."""
+UNLIKE, OTHER = 0.35, 0.3
+"""A correlation below which a surface that was well known is another one; and by how much that of another turn is less."""
 HELD = 0.7
 """px: surfaces that fix each contact to so much hold the pose, whatever covers the outline."""
 FORGETTING = 0.01
 """By how much less a correlation may get from image to image and still be usual."""
 APART, APART_SIGMA = 0.1, 6.0
 """px, and standard deviations, by which the outline alone asks for another pose when a surface does not move along."""
+SPREAD = 1.25
+"""How many times larger a variance is than if all edges were independent, as counted on scenes with truth."""
+STRANGE, SPREAD_STRANGE = 2.0, 2.5
+"""A ground that is none of the reference's, so many times as rough as the object's surface, bends edges in stretches:
+variances are so many times larger then."""
+MOVED = 1.0
+"""px from the reference from which on it is asked whether the ground stayed behind."""
 SEEN = 0.05
 """Motions of which the outline shows less than this share of what it shows of the clearest are not asked for."""
 CAUTION = 2.0
@@ -76,7 +86,7 @@ class Fused(NamedTuple):
             where there is nothing to compare.
         used: whether the pose rests on the outline, the surface and the ground.
         held: whether the surfaces alone fix each contact: no cover of the outline can bend the pose then.
-        by: how many times the image was shrunk in which surfaces were compared.
+        by: how many times the image was shrunk in which surfaces were compared, with a minus without its light.
     """
 
     homography: Floats
@@ -107,11 +117,12 @@ class Fusion:
         self._outline, self._contacts = registration, contacts
         self._size = math.sqrt(view.outer.area)
         self._trusted = [True, True, True]
-        self._usual = {by: [-1.0, -1.0, -1.0] for by in (FINE, COARSE, COARSEST)}
-        self._seen: tuple[Grey, dict[int, Grey]] | None = None
-        self._surfaces = {by: surfaces(view, grey, by, MANY, hidden) for by in (FINE, COARSE, COARSEST)}
-        if self._look(grey, np.eye(3), FINE, [True, False, False]).deviation(contacts) <= FIXED:
-            self._surfaces[FINE] = surfaces(view, grey, FINE, FEW, hidden)
+        self._usual = {by: [-1.0, -1.0, -1.0] for by in LEVELS}
+        self._seen: tuple[Grey, dict[int, Grey], dict[int, Grey]] | None = None
+        self._surfaces = {by: surfaces(view, grey, abs(by), MANY, hidden, shaded=by < 0) for by in LEVELS}
+        if self._look(grey, np.eye(3), FINE, [True, False, False]).deviation() <= FIXED:
+            for by in (FINE, -FINE):
+                self._surfaces[by] = surfaces(view, grey, FINE, FEW, hidden, shaded=by < 0)
 
     @property
     def textured(self) -> bool:
@@ -131,9 +142,22 @@ class Fusion:
         """
         state = self._settled(grey, H, self._trusted, far)
         for row in (GROUND, INSIDE):  # what does not move along must not bend the pose
-            if state.told(row) and state.parted():
+            if state.told(row) and (
+                state.parted(0) or state.parted(row) or (row == GROUND and self._stayed(grey, state))
+            ):
                 state = self._settled(grey, H, [used and each != row for each, used in enumerate(state.use)], far)
         return self._told(state)
+
+    def _stayed(self, grey: Grey, state: _State) -> bool:
+        """Whether the ground is rather where it was in the reference than where the object would have taken it: a camera
+        that stands still sees the object move on its own. Asked where the pose rests on the ground."""
+        if state.deviation([True, state.use[INSIDE], False]) <= HELD:
+            return False
+        off = apply_homography(state.H, self._contacts) - self._contacts
+        if np.hypot(*off.T).max() < MOVED:
+            return False
+        still = self._look(grey, np.eye(3), state.by, [False, False, True])
+        return still.told(GROUND) and still.alike(GROUND) >= state.alike(GROUND)
 
     @property
     def telling(self) -> bool:
@@ -148,7 +172,7 @@ class Fusion:
     def differs(self, fused: Fused) -> bool:
         """Whether the object's surface, which was seen to be as in the reference, is not so in a pose."""
         usual = self._usual[fused.by][INSIDE]
-        return usual >= ALIKE and math.isfinite(fused.surface) and fused.surface < usual - OTHER
+        return usual >= ALIKE and math.isfinite(fused.surface) and fused.surface < UNLIKE
 
     def settles(self, grey: Grey, fused: Fused, turns: list[Floats]) -> bool:
         """Whether the object's surface tells a pose from the pose turned by each of some symmetries."""
@@ -159,11 +183,15 @@ class Fusion:
 
     def best(self, grey: Grey, poses: list[Floats], least: float = FAINT) -> Fused | None:
         """The pose in which the object's surface is most like the reference; None where in none it is so as asked."""
-        seen = [self._look(grey, H, COARSE, [True, True, False]) for H in poses]
-        seen = sorted((s for s in seen if s.told(INSIDE)), key=lambda s: -s.stats[INSIDE, 3])[:3]
-        found = [self._converged(grey, s) for s in seen]
-        found = [s for s in found if s.stats[INSIDE, 3] > least]
-        return self._told(max(found, key=lambda s: float(s.stats[INSIDE, 3]))) if found else None
+        use = [True, True, False]
+        seen = [self._look(grey, H, COARSE, use) for H in poses]
+        seen = sorted((s for s in seen if s.told(INSIDE)), key=lambda s: -s.alike(INSIDE))[:3]
+        found = []
+        for state in seen:
+            with contextlib.suppress(TransferError):  # a turn that is none leads anywhere
+                found.append(self._converged(grey, state.H, COARSE, use))
+        found = [s for s in found if s.alike(INSIDE) > least]
+        return self._told(max(found, key=lambda s: s.alike(INSIDE))) if found else None
 
     def on_ground(self, grey: Grey, H: Floats) -> Floats | None:
         """(3, 3) where the object must lie if it went along with the ground, which alone is looked at; None where the
@@ -176,10 +204,10 @@ class Fusion:
         if not self._trusted[GROUND]:
             return None
         try:
-            state = self._converged(grey, self._look(grey, H, COARSEST, [False, False, True]))
+            state = self._converged(grey, H, COARSEST, [False, False, True])
         except TransferError:
             return None
-        if not state.told(GROUND) or self._weak(state, GROUND) or state.deviation(self._contacts) > HELD:
+        if not state.told(GROUND) or self._weak(state, GROUND) or state.deviation() > HELD:
             return None
         return state.H
 
@@ -193,27 +221,42 @@ class Fusion:
                     usual[row] = max(correlation, usual[row] - FORGETTING)
 
     def _settled(self, grey: Grey, H: Floats, use: list[bool], far: bool) -> _State:
-        state = self._converged(grey, self._look(grey, H, COARSEST if far else FINE, use))
-        if not far and self._lacking(state):
-            again = self._converged(grey, self._look(grey, H, COARSEST, use))
-            state = min(state, again, key=self._lack)
-        faint = any(state.told(row) and state.stats[row, 3] < FAINT for row in (INSIDE, GROUND))
-        ends = [state, self._converged(grey, self._look(grey, state.H, COARSE, use), COARSE)] if faint else [state]
+        state = self._settled_at(grey, H, use, far, FINE)
+        if state.use == use:
+            return state
+        # a shadow may lie over what did not show
+        return min(state, self._settled_at(grey, H, use, far, -FINE), key=_State.deviation)
+
+    def _settled_at(self, grey: Grey, H: Floats, use: list[bool], far: bool, fine: int) -> _State:
+        """The pose by the images as they are (FINE) or without the light on them (-FINE)."""
+        found: list[_State] = []
+        for start in (COARSEST // FINE,) if far else (1, COARSEST // FINE):
+            with contextlib.suppress(TransferError):  # a start may lead anywhere
+                found.append(self._converged(grey, H, start * fine, use, fine))
+                if not self._lacking(found[-1]):
+                    break
+        if not found:
+            raise TransferError("the outline would lie behind the camera")
+        ends = [min(found, key=self._lack)]
+        if any(ends[0].told(row) and ends[0].alike(row) < FAINT for row in (INSIDE, GROUND)):
+            with contextlib.suppress(TransferError):
+                ends.append(self._converged(grey, ends[0].H, 2 * fine, use, 2 * fine))
         for i, end in enumerate(ends):
             strong = [used and not self._weak(end, row) for row, used in enumerate(use)]
             if strong != use:
-                ends[i] = self._converged(grey, self._look(grey, end.H, end.by, strong), end.by)
-        return min(ends, key=lambda end: end.deviation(self._contacts))
+                ends[i] = self._converged(grey, end.H, end.by, strong, end.by)
+        return min(ends, key=_State.deviation) if len(ends) > 1 else ends[0]
 
-    def _converged(self, grey: Grey, state: _State, end: int = FINE) -> _State:
+    def _converged(self, grey: Grey, H: Floats, by: int, use: list[bool], end: int = FINE) -> _State:
         """Step by step, in ever finer images, to where the pose stands still."""
-        for _ in range(MOST_ROUNDS):
-            if state.by > end and state.step < 0.25 * state.by:
-                state = self._look(grey, state.H, max(state.by // 2, end), state.use)
-            if state.by == end and state.step < STILL:
-                return state
-            state = self._look(grey, state.moved(), state.by, state.use)
-        return state if state.by == end else self._look(grey, state.H, end, state.use)
+        left, least = MOST_ROUNDS, 0
+        while True:
+            state = self._look(grey, H, by, use, STILL if by == end else 0.25 * abs(by), least, left)
+            left -= state.moves
+            if by == end or left == 0:
+                return state if by == end else self._look(grey, state.H, end, use)
+            H, by = state.H, by // 2
+            least = 0 if by == end else 1
 
     def _lacking(self, state: _State) -> bool:
         """Whether a surface shows less than usual: the pose may be too far off to feel where it belongs."""
@@ -222,30 +265,48 @@ class Fusion:
     def _lack(self, state: _State) -> float:
         """How much the surfaces lack of their usual correlations."""
         usual = self._usual[state.by]
-        return float(sum(max(usual[row] - state.stats[row, 3], 0.0) for row in (INSIDE, GROUND) if state.told(row)))
+        return float(sum(max(usual[row] - state.alike(row), 0.0) for row in (INSIDE, GROUND) if state.told(row)))
 
-    def _look(self, grey: Grey, H: Floats, by: int, use: list[bool]) -> _State:
+    def _look(
+        self, grey: Grey, H: Floats, by: int, use: list[bool], still: float = 0.0, least: int = 0, most: int = 0
+    ) -> _State:
+        """The evidence at a pose, after so many steps at least and at most, until one is smaller than `still` px."""
         samples: Surfaces = self._surfaces[by]
-        found = kernels.motion_equations(
+        found = kernels.converge(
             grey,
-            self.shrunk(grey, by),
-            float(by),
+            self._relief(grey, -by) if by < 0 else self.shrunk(grey, by),
+            float(abs(by)),
             H,
             *self._outline.samples,
-            REACH if by == FINE else FAR_REACH,
+            REACH if abs(by) == FINE else FAR_REACH,
             MIN_STRENGTH,
             RELATIVE_STRENGTH,
             samples.places,
             samples.values,
             samples.slopes,
             samples.starts,
+            np.array(use),
+            CAUTION,
+            LOOSE * self._size,
+            still,
+            least,
+            most,
         )
-        return _State(H, found, use, by, LOOSE * self._size)
+        return _State(found, use, by, LOOSE * self._size, self._contacts)
+
+    def _relief(self, grey: Grey, by: int) -> Grey:
+        """What surfaces are compared in, kept as long as the image is the one at hand."""
+        coarse = self.shrunk(grey, by)
+        assert self._seen is not None
+        reliefs = self._seen[2]
+        if by not in reliefs:
+            reliefs[by] = relief(coarse)
+        return reliefs[by]
 
     def shrunk(self, grey: Grey, by: int) -> Grey:
         """The image shrunk, kept as long as it is the one at hand."""
         if self._seen is None or self._seen[0] is not grey:
-            self._seen = grey, {}
+            self._seen = grey, {}, {}
         images = self._seen[1]
         if by not in images:
             images[by] = shrunk(grey if by == FINE else self.shrunk(grey, by // 2), 2)
@@ -253,7 +314,7 @@ class Fusion:
 
     def _weak(self, state: _State, row: int) -> bool:
         """Whether a surface that is used shows less of the reference than usual: it is off, or something else."""
-        return bool(state.told(row) and state.stats[row, 3] < self._least(state.by, row))
+        return state.told(row) and state.alike(row) < self._least(state.by, row)
 
     def _least(self, by: int, row: int) -> float:
         """The least correlation of a surface that is where it belongs."""
@@ -262,81 +323,89 @@ class Fusion:
 
     def _told(self, state: _State) -> Fused:
         stats = state.stats
-        used = [state.use[row] and bool(stats[row, 2] > 0.0) for row in range(3)]
+        used = [state.told(row) for row in range(3)]
         for row in (INSIDE, GROUND):
-            used[row] = used[row] and bool(stats[row, 3] * math.sqrt(stats[row, 0]) > CHANCE)
+            used[row] = used[row] and stats[row][3] * math.sqrt(stats[row][0]) > CHANCE
         if not any(used):
             raise TransferError("too few edges along the outline where it was expected")
-        left = np.abs(state.left[np.isfinite(state.left)])
+        surfaces_alone, spread = [False, *used[1:]], SPREAD
+        if not used[GROUND] and stats[GROUND][2] > STRANGE * max(stats[INSIDE][2], LEAST_NOISE_GREY):
+            spread *= SPREAD_STRANGE
         return Fused(
             state.H,
-            state.covariance(self._contacts),
-            float(stats[0, 1]),
-            float(stats[0, 2]),
-            1.4826 * float(np.median(left)) if len(left) else math.nan,
+            spread * state.covariance(state.use),
+            stats[0][1],
+            stats[0][2],
+            state.scatter(),
             _correlation(stats[INSIDE]),
             _correlation(stats[GROUND]),
             (used[0], used[1], used[2]),
-            any(used[1:]) and state.deviation(self._contacts, [False, *used[1:]]) <= HELD,
+            any(surfaces_alone) and state.deviation(surfaces_alone) <= HELD,
             state.by,
         )
 
 
-def _correlation(stats: Floats) -> float:
-    return float(stats[3]) if stats[2] > 0.0 else math.nan
+def _correlation(stats: list[float]) -> float:
+    return stats[3] if stats[2] > 0.0 else math.nan
 
 
 class _State:
-    """The evidence at one pose, and the step that it asks for."""
+    """The evidence at one pose, as `kernels.converge` found it."""
 
-    def __init__(self, H: Floats, found: Any, use: list[bool], by: int, loose: float) -> None:
-        self.H, self.use, self.by, self._loose = H, use, by, loose
-        self._centre, self._radius, self._basis, self._N, self._sure, self._b, self.stats, self.left, self.weights = (
-            found
-        )
+    def __init__(self, found: Any, use: list[bool], by: int, loose: float, contacts: Floats) -> None:
+        self.H: Floats = found[0]
+        self.moves: int = found[1]
+        evidence = found[3]
+        self._centre, self._radius, self._basis, self._N, self._sure, self._b, stats, self._left, _ = evidence
         if not math.isfinite(self._radius):
             raise TransferError("the outline would lie behind the camera")
-        share = self._share(use)
-        self._x = np.linalg.solve(np.tensordot(share, self._N, 1) + np.eye(8) / loose**2, share @ self._b)
-        self.step = math.sqrt(float(self._x @ self._x))
-
-    def _share(self, use: list[bool]) -> Floats:
-        """(1 + G,) weights of the evidence."""
-        noise = self.stats[:, 2] * (1.0, CAUTION, CAUTION)
-        return np.where(use & (noise > 0.0), 1.0 / np.maximum(noise, 1e-9) ** 2, 0.0)
+        self.use, self.by, self._loose, self._contacts = use, by, loose, contacts
+        self.stats: list[list[float]] = stats.tolist()
 
     def told(self, row: int) -> bool:
         """Whether a piece of evidence is used and says anything."""
-        return bool(self.use[row] and self.stats[row, 2] > 0.0)
+        return self.use[row] and self.stats[row][2] > 0.0
 
-    def moved(self) -> Floats:
-        """(3, 3) the pose after the step."""
-        H = moved(self._basis @ self._x / self._radius, self._centre, self._radius) @ self.H
-        if not abs(H[2, 2]) > 1e-12:
-            raise TransferError("the outline would lie behind the camera")
-        return np.asarray(H / H[2, 2])
+    def alike(self, row: int) -> float:
+        """Correlation of a surface with the reference."""
+        return self.stats[row][3]
 
-    def parted(self) -> bool:
-        """Whether the outline alone asks for another pose than all the evidence together."""
-        noise = self.stats[0, 2]
-        if not noise > 0.0:
+    def scatter(self) -> float:
+        """px, of all edges that were found."""
+        left = np.sort(np.abs(self._left))  # NaN last
+        count = int(np.count_nonzero(left >= 0.0))
+        return 1.4826 * 0.5 * float(left[(count - 1) // 2] + left[count // 2]) if count else math.nan
+
+    def parted(self, row: int) -> bool:
+        """Whether one piece of evidence alone asks for another pose than all of it together."""
+        if not self.told(row):
             return False
-        told, V = np.linalg.eigh(self._N[0])
+        noise, N, b = self.stats[row][2] * (1.0 if row == 0 else CAUTION), self._N[row], self._b[row]
+        most = float(b @ np.linalg.solve(N + 1e-9 * N.trace() * np.eye(8), b))
+        if most <= (APART_SIGMA * noise) ** 2:
+            return False  # by none of its motions
+        told, V = np.linalg.eigh(self._sure[row])
         seen = told > SEEN * told[-1]
-        x = (V.T @ self._b[0])[seen] / told[seen]
-        apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (told[seen] * x))) / noise
+        full = np.einsum("ie,ij,je->e", V, N, V)[seen]
+        x = (V.T @ b)[seen] / np.maximum(full, 1e-300)
+        apart, sigmas = math.sqrt(float(x @ x)), math.sqrt(float(x @ (full * x))) / noise
         return apart > APART and sigmas > APART_SIGMA
 
-    def covariance(self, contacts: Floats, use: list[bool] | None = None) -> Floats:
-        """(2 k, 2 k) px^2 of the contacts (k, 2) of the reference, by the evidence used or by some of it."""
-        h = self.H
-        at = contacts @ h[:2, :2].T + h[:2, 2]
-        at = at / (contacts @ h[2, :2] + h[2, 2])[:, None]
-        rows = (displacement_fields((at - self._centre) / self._radius) @ self._basis).reshape(-1, 8)
-        share = self._share(self.use if use is None else use)
-        C = np.linalg.inv(np.tensordot(share, self._sure, 1) + np.eye(8) / self._loose**2)
-        return np.asarray(rows @ C @ rows.T)
+    def covariance(self, use: list[bool]) -> Floats:
+        """(2 k, 2 k) px^2 of the contacts, by some of the evidence."""
+        noise = [self.stats[0][2], *(CAUTION * each[2] for each in self.stats[1:])]
+        share = [1.0 / each**2 if used and each > 0.0 else 0.0 for used, each in zip(use, noise, strict=True)]
+        return kernels.contact_covariance(
+            self.H,
+            self._contacts,
+            self._centre,
+            self._radius,
+            self._basis,
+            self._sure,
+            np.array(share),
+            self._loose,
+        )
 
-    def deviation(self, contacts: Floats, use: list[bool] | None = None) -> float:
+    def deviation(self, use: list[bool] | None = None) -> float:
         """px, the largest standard deviation of a contact in x or y."""
-        return math.sqrt(float(np.diag(self.covariance(contacts, use)).max()))
+        return math.sqrt(float(self.covariance(self.use if use is None else use).diagonal().max()))

@@ -21,6 +21,8 @@ ROUND_PX = 40.0
 """... or so many px, whichever is more."""
 FROM_OUTLINE = 3.0
 """Pixels of the shrunk image between a place and the outline, whose edge is evidence of its own."""
+LIGHT, GAIN = 6, 2.0
+"""Pixels of the shrunk image over which light does not change; and how many times differences are enlarged."""
 BORDER = 2
 """Pixels of the shrunk image between a place and the border."""
 
@@ -50,7 +52,18 @@ def shrunk(grey: Grey, by: int) -> Grey:
     return np.asarray(cv2.resize(cut, (width // by, height // by), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def surfaces(view: View, grey: Grey, by: int, most: int, hidden: Grey | None = None) -> Surfaces:
+def relief(coarse: Grey) -> Grey:
+    """A shrunk image without the light on it: differences from the mean round each pixel, as twice as many grey levels
+    above and below the middle. A shadow changes slowly; print, grain and scratches do not."""
+    height, width = coarse.shape
+    mean = cv2.resize(coarse, (max(width // LIGHT, 1), max(height // LIGHT, 1)), interpolation=cv2.INTER_AREA)
+    slow = cv2.resize(mean, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.addWeighted(coarse, GAIN, slow, -GAIN, 128.0), dtype=np.uint8)
+
+
+def surfaces(
+    view: View, grey: Grey, by: int, most: int, hidden: Grey | None = None, *, shaded: bool = False
+) -> Surfaces:
     """The places that show a motion best: of each small square the one with the steepest slope.
 
     Args:
@@ -59,8 +72,9 @@ def surfaces(view: View, grey: Grey, by: int, most: int, hidden: Grey | None = N
         by: how many times it is shrunk.
         most: places on each surface.
         hidden: (H, W) nonzero where nothing belongs to the scene.
+        shaded: of the image's relief.
     """
-    coarse = shrunk(grey, by)
+    coarse = relief(shrunk(grey, by)) if shaded else shrunk(grey, by)
     height, width = coarse.shape
     mask = np.zeros((height, width), np.uint8)
     cv2.fillPoly(mask, [np.rint((c.points + 0.5) / by - 0.5).astype(np.int32) for c in view.contours], (1,))
