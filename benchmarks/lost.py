@@ -14,27 +14,32 @@ from typing import Any
 import numpy as np
 
 from grasptrack import GraspTracker, kernels
-from grasptrack.carriers import RegistrationCarrier, SilhouetteCarrier, SnakeCarrier
+from grasptrack.carriers import RegistrationCarrier, SilhouetteCarrier
 from grasptrack.evaluation.parts import built_in
 from grasptrack.evaluation.scenes import suite
 from grasptrack.evaluation.sequence import chosen_grasp
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.support import OutlineSamples
+from grasptrack.search import Search
 from grasptrack.whereabouts import Whereabouts
 
 SHAPES = ("bracket", "gasket", "spanner", "hook", "puzzle-piece", "u-clip")
 DISTURBANCES = ("leave", "exchange", "twin", "hand", "clip")
 MOST_MS = 15.0
 GONE, RETURNED = 0.3, 0.98  # of the outline in view
-STEPS: dict[str, tuple[type, str]] = {
-    "registrations": (RegistrationCarrier, "_carried"),
-    "transfers on silhouettes": (SilhouetteCarrier, "carry"),
-    "snakes": (SnakeCarrier, "carry"),
-    "evidence": (OutlineSamples, "support"),
-    "outlines near the prediction": (Observer, "near"),
-    "outlines anywhere": (Observer, "anywhere"),
-    "where it may be": (Whereabouts, "lost"),
-}
+STEPS: tuple[tuple[str, type, str], ...] = (
+    ("registrations from the prediction", RegistrationCarrier, "carry"),
+    ("edges of a hypothesis", RegistrationCarrier, "on_edges"),
+    ("all the evidence of a hypothesis", RegistrationCarrier, "laid"),
+    ("surfaces where it was", RegistrationCarrier, "led_by_surfaces"),
+    ("transfers on silhouettes", SilhouetteCarrier, "carry"),
+    ("evidence", OutlineSamples, "support"),
+    ("outlines near the prediction", Observer, "near"),
+    ("outlines anywhere", Observer, "anywhere"),
+    ("matches", Search, "_match"),
+    ("where it may be", Whereabouts, "lost"),
+)
+NAMES = tuple(dict.fromkeys(name for name, _, _ in STEPS))
 
 
 class Shares:
@@ -45,7 +50,7 @@ class Shares:
 
     def watch(self) -> None:
         """From now on, all trackers are clocked."""
-        for name, (owner, method) in STEPS.items():
+        for name, owner, method in STEPS:
             setattr(owner, method, self._clocked(name, getattr(owner, method)))
 
     def _clocked(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
@@ -101,7 +106,7 @@ def main() -> None:
     shares = Shares()
     shares.watch()
     kinds: dict[str, list[float]] = {"followed": [], "lost": [], "found again": []}
-    parts: dict[str, list[float]] = {name: [] for name in (*STEPS, "the rest")}
+    parts: dict[str, list[float]] = {name: [] for name in (*NAMES, "the rest")}
     waits: list[int] = []
     never = 0
     for case in suite(built_in(SHAPES), DISTURBANCES, frames=args.frames):
@@ -119,7 +124,7 @@ def main() -> None:
                 continue
             kinds["lost" if not located else "followed" if before else "found again"].append(taken)
             if not located:
-                for name in STEPS:
+                for name in NAMES:
                     parts[name].append(1e3 * shares.taken[name])
                 parts["the rest"].append(taken - 1e3 * sum(shares.taken.values()))
             before = located

@@ -42,16 +42,16 @@ class Believed(NamedTuple):
     risk: float = RISK_PLAIN
 
 
+PROMISING, MOST_SCATTER = 0.1, MOST_NOISE * HELD
+"""Where the edges alone show so much less of the outline than would be believed, or scatter by more px, nothing can come of
+a pose."""
+SOON, SELDOM = 3, 4
+"""In so many frames after a loss surfaces are looked at about where the object was, and then in every so manyth: they cost."""
+SAME = 0.02
+"""Share of sqrt(area) by which poses differ that are one."""
 COVERED, LATELY = 0.06, 3
 """Of the outline, so much under a cover makes it likelier that it is the cover which seems to cut or to add to the object
 elsewhere, if that was believed within so many frames."""
-PROMISING, MOST_SCATTER = 0.15, MOST_NOISE * HELD
-"""Where the edges alone show so much less of the outline than would be believed, or scatter by more px, nothing can come of
-a pose."""
-SOON = 3
-"""In so many frames after a loss edges and surfaces are looked at about where the object was, and then in turn."""
-SAME = 0.02
-"""Share of sqrt(area) by which poses differ that are one."""
 SPEAKS_AGAINST = "another s"
 """How reasons begin that name another shape or surface."""
 
@@ -193,9 +193,9 @@ class Belief:
         """A hypothesis laid on the image. After a loss only what the edges promise is looked at closely: that costs."""
         whereabouts, prior = self._search.whereabouts, hypothesis.prior
         missed, matched = whereabouts.motion.missed, hypothesis.start == "matched"
-        if prior is None or (missed == 0 and not matched):
+        if prior is None or (missed == 0 and hypothesis.start == "expected"):
             return registration.carry(grey, None, prior)
-        led = hypothesis.start == "expected" and not whereabouts.gone and (missed <= SOON or missed % 2 == 1)
+        led = hypothesis.start == "expected" and not whereabouts.gone and (missed <= SOON or missed % SELDOM == 0)
         try:
             if led and missed > SOON:
                 return registration.led_by_surfaces(grey, prior)

@@ -131,7 +131,7 @@ class Search:
             if self._reference.view.is_clipped or min(x, y, width - x - w, height - y - h) <= 0:
                 reasons.append(CUT)
                 return math.inf
-            share = _unlike(self._sampled, shape)
+            share = _unlike(self._sampled, _chain(shape))
             return share if share <= UNLIKE_WHITENED else math.inf
 
         for views in self._observer.anywhere(grey, self.whereabouts.area, missed, self._nearby, unlike):
@@ -150,6 +150,8 @@ class Search:
 
     def _match(self, view: View) -> tuple[Sampled, list[Match]]:
         outline = Sampled(view)
+        if _unlike(self._sampled, outline.outer) > UNLIKE_WHITENED:
+            return outline, []
         return outline, match(self._sampled, outline, thorough=False)
 
     def _ways(
@@ -220,11 +222,16 @@ def _likeness(reference: Reference, view: View) -> float:
     return found[0].residual / math.sqrt(view.outer.area) if found else 0.0
 
 
-def _unlike(a: Sampled, shape: Silhouette) -> float:
-    """Share of the whitened outline's norm by which a silhouette differs at least, whatever the tilt: quick, and coarse."""
-    chain = np.ascontiguousarray(shape.outer[:: max(1, len(shape.outer) // CHAIN)], dtype=np.float64)
-    forward = chain if cv2.contourArea(shape.outer, oriented=True) > 0.0 else np.ascontiguousarray(chain[::-1])
-    found = kernels.outline_starts(a.outer, forward, BENDS, COARSE, 0.1, 1)
+def _chain(shape: Silhouette) -> Floats:
+    """(N, 2) some of the pixels round a silhouette, of positive signed area."""
+    chain = shape.outer[:: max(1, len(shape.outer) // CHAIN)]
+    forward = cv2.contourArea(shape.outer, oriented=True) > 0.0
+    return np.ascontiguousarray(chain if forward else chain[::-1], dtype=np.float64)
+
+
+def _unlike(a: Sampled, outline: Floats) -> float:
+    """Share of the whitened outline's norm by which an outline (N, 2) differs at least, whatever the tilt: quick and coarse."""
+    found = kernels.outline_starts(a.outer, outline, BENDS, COARSE, 0.1, 1)
     return float(found[0, 0]) if len(found) else 0.0
 
 

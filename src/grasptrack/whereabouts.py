@@ -123,7 +123,7 @@ class Whereabouts:
         step, shift = self._is_step(H), self._shift(H)
         expected = motion.predict()
         turn = abs(wrapped(motion.angle(H) - motion.angle(expected)))
-        may_turn = motion.turn if step or shift[1] <= STEP_PX else math.pi
+        may_turn = motion.turn if not self.gone and (step or shift[1] <= STEP_PX) else math.pi
         if max(may_turn, turn) >= 0.5 * symmetry and not settled():
             return "the outline is symmetric, and the object may have turned round since it was last seen: ambiguous"
         if step:

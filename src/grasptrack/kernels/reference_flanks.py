@@ -66,7 +66,9 @@ def judge_flanks(
     cut, grown = (_changed(side, CLEARLY * contrast, any_of_it=True) for side in sides)
     shown = told_beyond & ~missed
     if not ground or np.count_nonzero(beyond & shown) > ASTRAY * np.count_nonzero(shown):
-        return against.copy(), np.zeros(count, np.bool_)  # the ground is another, or has stayed behind: it tells nothing
+        return against.copy(), np.zeros(
+            count, np.bool_
+        )  # the ground is another, or has stayed behind: it tells nothing
     both, sure = within & beyond, told_within & told_beyond
     # where both sides are as they were, grey levels alone do not speak against the outline
     out, covered = against & ~(sure & ~within & ~beyond), np.zeros(count, np.bool_)
