@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Literal, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -131,7 +130,7 @@ class Search:
             if self._reference.view.is_clipped or min(x, y, width - x - w, height - y - h) <= 0:
                 reasons.append(CUT)
                 return math.inf
-            share = _unlike(self._sampled, _chain(shape))
+            share = _unlike(self._sampled, shape.ring(CHAIN))
             return share if share <= UNLIKE_WHITENED else math.inf
 
         for views in self._observer.anywhere(grey, self.whereabouts.area, missed, self._nearby, unlike):
@@ -220,13 +219,6 @@ def _likeness(reference: Reference, view: View) -> float:
         return math.inf
     found = alignments(reference.view.outer, view.outer)
     return found[0].residual / math.sqrt(view.outer.area) if found else 0.0
-
-
-def _chain(shape: Silhouette) -> Floats:
-    """(N, 2) some of the pixels round a silhouette, of positive signed area."""
-    chain = shape.outer[:: max(1, len(shape.outer) // CHAIN)]
-    forward = cv2.contourArea(shape.outer, oriented=True) > 0.0
-    return np.ascontiguousarray(chain if forward else chain[::-1], dtype=np.float64)
 
 
 def _unlike(a: Sampled, outline: Floats) -> float:

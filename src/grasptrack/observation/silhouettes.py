@@ -33,6 +33,12 @@ class Silhouette(NamedTuple):
         """Whether a pixel lies within the outer boundary."""
         return bool(cv2.pointPolygonTest(self.outer, (float(x), float(y)), False) >= 0)
 
+    def ring(self, most: int) -> NDArray[np.float64]:
+        """(N, 2) px, about so many points of its outer boundary, of positive signed area."""
+        chain = self.outer[:: max(1, len(self.outer) // most)]
+        forward = cv2.contourArea(self.outer, oriented=True) > 0.0
+        return np.ascontiguousarray(chain if forward else chain[::-1], dtype=np.float64)
+
 
 def trace(
     binary: Grey, least: float, origin: tuple[int, int] = (0, 0), *, holes: bool = True, least_hole: float = 0.002
