@@ -93,8 +93,7 @@ def inspect(
         support = samples.support(grey, np.eye(3), held.contacts)
         refusal = alone = refuse(support)
         if strategy == AUTO:
-            more = fixed is not None and fixed.by in ("surface", "ground")
-            support = support._replace(covariance=fixed.covariance) if more and fixed is not None else support
+            support = support if fixed is None else support._replace(covariance=fixed.covariance)  # as the tracker does
             refusal = refuse(support, registered=True)
         rehearsal = rehearse(first, surface.noise)
     grip = None if first.grasp is None else _held(first.grasp, view, friction, limit, motions, fixed, rehearsal)
