@@ -63,6 +63,8 @@ SPREAD = 1.25
 STRANGE, SPREAD_STRANGE = 2.0, 2.5
 """A ground that is none of the reference's, so many times as rough as the object's surface, bends edges in stretches:
 variances are so many times larger then."""
+DECISIVE, STRICT = 0.5, 3.0
+"""px to which the ground itself must fix the contacts, and standard deviations that it may disagree, where it decides."""
 MOVED = 1.0
 """px from the reference from which on it is asked whether the ground stayed behind."""
 SEEN = 0.05
@@ -143,16 +145,26 @@ class Fusion:
         state = self._settled(grey, H, self._trusted, far)
         for row in (GROUND, INSIDE):  # what does not move along must not bend the pose
             if state.told(row) and (
-                state.parted(0) or state.parted(row) or (row == GROUND and self._stayed(grey, state))
+                state.parted(0) or state.parted(row) or (row == GROUND and self._misleads(grey, state, far))
             ):
                 state = self._settled(grey, H, [used and each != row for each, used in enumerate(state.use)], far)
         return self._told(state)
 
+    def _misleads(self, grey: Grey, state: _State, far: bool) -> bool:
+        """Whether the ground may not be believed although nothing speaks against it yet: what it alone decides it must show
+        so clearly that a slide would be seen, and where the surface decides, it must agree."""
+        if state.deviation([True, False, False]) <= HELD:
+            return False
+        if state.deviation([True, state.use[INSIDE], False]) > HELD:
+            unclear = state.deviation([False, False, True]) > DECISIVE
+            return unclear or state.parted(0, STRICT) or state.parted(GROUND, STRICT) or self._stayed(grey, state)
+        other = self._settled(grey, state.H, [True, state.use[INSIDE], False], far)
+        apart = apply_homography(other.H, self._contacts) - apply_homography(state.H, self._contacts)
+        return bool(np.hypot(*apart.T).max() > max(DECISIVE, STRICT * other.deviation()))
+
     def _stayed(self, grey: Grey, state: _State) -> bool:
         """Whether the ground is rather where it was in the reference than where the object would have taken it: a camera
-        that stands still sees the object move on its own. Asked where the pose rests on the ground."""
-        if state.deviation([True, state.use[INSIDE], False]) <= HELD:
-            return False
+        that stands still sees the object move on its own."""
         off = apply_homography(state.H, self._contacts) - self._contacts
         if np.hypot(*off.T).max() < MOVED:
             return False
@@ -391,13 +403,13 @@ class _State:
         """Correlation of a surface with the reference."""
         return self.stats[row][3]
 
-    def parted(self, row: int) -> bool:
+    def parted(self, row: int, most: float = APART_SIGMA) -> bool:
         """Whether one piece of evidence alone asks for another pose than all of it together."""
         if not self.told(row):
             return False
         noise = self.stats[row][2] * (1.0 if row == 0 else CAUTION)
         apart, squares = kernels.seen_motion(self._N[row], self._b[row], SEEN)
-        return apart > APART and math.sqrt(squares) > APART_SIGMA * noise
+        return apart > APART and math.sqrt(squares) > most * noise
 
     def covariance(self, use: list[bool]) -> Floats:
         """(2 k, 2 k) px^2 of the contacts, by some of the evidence."""
