@@ -178,8 +178,8 @@ class Belief:
         And the share of the outline that shows its edge or lies under a cover."""
         samples, ground = self._reference.samples, fused.used[GROUND]
         asked = max(support.visible * samples.count, 1.0)
-        if not ground and not samples.against.any():
-            return support, support.share
+        if self._search.whereabouts.gone or (not ground and not samples.against.any()):
+            return support, support.share  # of what was away no cover is forgiven: it would hide what tells twins apart
         assert self._reference.registration is not None
         coarse = self._reference.registration.fusion.shrunk(grey, BY)
         left, covered = self._reference.flanks.judged(coarse, H, samples.against, samples.missed, ground)
