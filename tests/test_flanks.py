@@ -65,7 +65,7 @@ def test_a_tab_and_a_notch_speak_against_the_outline(reach: float) -> None:
         cv2.line(image, *(tuple(np.rint(p).astype(int).tolist()) for p in (POINTS[60], tip)), level, 14)
         gone = list(range(58, 63))
         assert len(judged(image, [], gone)[0]) >= 2
-        assert not len(judged(image, [], gone, ground=False)[0])  # a belt's own pattern changes there all the time
+        assert len(judged(image, [], gone, ground=False)[0]) >= 2  # an even ground looks the same wherever it lies
 
 
 @settings(max_examples=40, deadline=None)

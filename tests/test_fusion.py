@@ -143,7 +143,7 @@ def test_steps_lead_to_one_pose(seed: int, index: int, shift: tuple[float, float
 @pytest.mark.parametrize("module", [kernels, reference])
 def test_what_would_lie_behind_the_camera_is_said(module: object) -> None:
     arguments = list(looked_at("bracket", 1, 3, (0.0, 0.0), 2))
-    arguments[3] = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-0.01, 0.0, 1.0]])
+    arguments[3] = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0 / 320.0, 0.0, 1.0]])
     found = module.converge(*arguments, np.ones(3, np.bool_), 2.0, 50.0, 0.02, 0, 3)  # type: ignore[attr-defined]
     assert found[1] == 0 and math.isnan(found[4][1])
     assert not np.any(found[4][3]) and np.isnan(found[2]).all() and np.isnan(found[4][2]).all()
@@ -200,8 +200,8 @@ def test_grey_differences_do_not_depend_on_light() -> None:
 @settings(max_examples=6, deadline=None)
 @given(st.integers(0, 200), st.floats(-4, 4), st.integers(1, 29))
 def test_the_ground_settles_the_turn_of_a_disc(seed: int, degrees: float, index: int) -> None:
-    """Together with the outline: wood shows too little along its grain to hold the pose alone."""
-    scene = a_scene("disc", seed, surface=blank(seed), table=wood(seed))
+    """Gravel shows every motion; wood shows too little along its grain to be believed alone."""
+    scene = a_scene("disc", seed, surface=blank(seed), table=gravel(seed))
     fusion, contacts = begun(scene)
     fused = fusion.refine(scene[index].image, turned(scene, index, degrees))
     assert off(fused, scene, index, contacts) < 0.6
@@ -273,7 +273,7 @@ def test_a_surface_tells_a_half_turn_from_none() -> None:
     half = similarity(1.0, math.pi, (x, y), (x, y))
     right = fusion.refine(scene[3].image, scene.homography(3))
     wrong = fusion.refine(scene[3].image, scene.homography(3) @ half)
-    assert not fusion.differs(right) and fusion.differs(wrong)
+    assert not fusion.differs(right) and wrong.surface < right.surface - 0.2
     assert fusion.settles(scene[3].image, right, [half])
     found = fusion.best(scene[3].image, [wrong.homography @ half])
     assert found is not None and off(found, scene, 3, contacts) < 0.5

@@ -18,6 +18,7 @@ from grasptrack.errors import TransferError
 from grasptrack.evaluation.sequence import chosen_grasp
 from grasptrack.grasp import Grasp
 from grasptrack.kernels import reference
+from grasptrack.observation.fusion import Fused
 from grasptrack.observation.registration import CLOSE, FAR, OutlineRegistration
 from grasptrack.observation.segmentation import segment
 from grasptrack.projective import apply_homography
@@ -134,7 +135,11 @@ def test_both_refuse_the_same() -> None:
 
 
 def carried(agreement: float, noise: float) -> Carried:
-    return Carried("registration", Transfer(Grasp(CORNERS[:2]), np.eye(3), None, noise), None, agreement, noise)  # type: ignore[arg-type]
+    moved = Transfer(Grasp(CORNERS[:2]), np.eye(3), None, noise)
+    if math.isnan(agreement):
+        return Carried("rrp", moved, None)  # type: ignore[arg-type]
+    told = Fused(np.eye(3), np.eye(4), agreement, noise, noise, math.nan, math.nan, (True, False, False), False, 2)
+    return Carried("registration", moved, None, told)  # type: ignore[arg-type]
 
 
 def test_a_pose_that_fits_worse_than_a_refused_one_is_not_believed() -> None:

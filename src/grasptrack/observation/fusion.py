@@ -63,6 +63,8 @@ SPREAD = 1.25
 STRANGE, SPREAD_STRANGE = 2.0, 2.5
 """A ground that is none of the reference's, so many times as rough as the object's surface, bends edges in stretches:
 variances are so many times larger then."""
+ASTRAY = 0.15
+"""Fraction of sqrt(area) that a step is long from which nothing converges."""
 DECISIVE, STRICT = 0.5, 3.0
 """px to which the ground itself must fix the contacts, and standard deviations that it may disagree, where it decides."""
 MOVED = 1.0
@@ -265,6 +267,10 @@ class Fusion:
         while True:
             state = self._look(grey, H, by, use, STILL if by == end else 0.25 * abs(by), least, left)
             left -= state.moves
+            if state.step > ASTRAY * self._size:
+                raise TransferError(
+                    "the evidence asks for ever larger steps: the outline is not where it was looked for"
+                )
             if by == end or left == 0:
                 return state if by == end else self._look(grey, state.H, end, use)
             H, by = state.H, by // 2
@@ -387,6 +393,7 @@ class _State:
     def __init__(self, found: Any, use: list[bool], by: int, loose: float, contacts: Floats) -> None:
         self.H: Floats = found[0]
         self.moves: int = found[1]
+        self.step = float(np.linalg.norm(found[2]))
         self.scatter: float = found[3]
         evidence = found[4]
         self._centre, self._radius, self._basis, self._N, self._sure, self._b, stats, *_ = evidence

@@ -86,7 +86,7 @@ def surfaces(
     usable[BORDER : height - BORDER, BORDER : width - BORDER] = True
     if hidden is not None:
         usable &= cv2.dilate(shrunk(hidden, by), np.ones((5, 5), np.uint8)) == 0
-    usable &= away >= FROM_OUTLINE
+    usable &= away >= (LIGHT + 1.0 if shaded else FROM_OUTLINE)  # the outline's own step lies in the light round it
     far = max(ROUND * math.sqrt(view.outer.area), ROUND_PX) / by
     light: Floats = coarse.astype(np.float64)
     down, across = (np.asarray(slope, dtype=np.float64) for slope in np.gradient(light))
