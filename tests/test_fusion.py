@@ -22,7 +22,7 @@ from grasptrack.observation.surface import shrunk, surfaces
 from grasptrack.projective import apply_homography, similarity
 from grasptrack.simulation import SHAPES, Conditions, Scene, similarity_path, tilting_path
 from grasptrack.simulation.surfaces import blank, brushed, printed
-from grasptrack.simulation.tables import gravel, plain, wood
+from grasptrack.simulation.tables import gravel, plain
 
 STILL = {"conditions": Conditions(noise=1.5)}
 
