@@ -58,14 +58,19 @@ inline void judge_flanks(const Image<std::uint8_t> &coarse, double shrink, const
     const double least = std::max(kOther * noise, kOtherGrey), clearly = kClearly * in.contrast;
     std::vector<Side> within(in.m), beyond(in.m);
     std::vector<std::size_t> odd;
-    std::size_t shown = 0, astray = 0;
+    std::size_t shown[2] = {0, 0}, astray[2] = {0, 0};
     for (std::size_t i = 0; i < in.m; ++i) {
         const double *here = rest.data() + 2 * in.depths * i;
         within[i] = side_of(here, in.depths, least, clearly);
         beyond[i] = side_of(here + in.depths, in.depths, least, clearly);
-        if (beyond[i].told && !in.missed[i]) ++shown, astray += beyond[i].changed ? 1 : 0;
+        if (in.missed[i]) continue;
+        const Side *sides[2] = {&within[i], &beyond[i]};
+        for (int s = 0; s < 2; ++s)
+            if (sides[s]->told) ++shown[s], astray[s] += sides[s]->changed ? 1 : 0;
     }
-    if (!in.ground || static_cast<double>(astray) > kAstray * static_cast<double>(shown)) return;
+    for (int s = 0; s < 2; ++s)
+        if (static_cast<double>(astray[s]) > kAstray * static_cast<double>(shown[s])) return;
+    if (!in.ground) return;
     for (std::size_t i = 0; i < in.m; ++i) {
         if (within[i].told && beyond[i].told && !within[i].changed && !beyond[i].changed) out[i] = false;
         if (in.against[i] || in.missed[i] || within[i].changed || beyond[i].changed) odd.push_back(i);

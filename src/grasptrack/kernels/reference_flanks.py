@@ -22,7 +22,7 @@ ACROSS = 3
 MOSTLY = 0.4
 """... and so much of all that are odd there: a stripe of the ground may meet a notch."""
 ASTRAY = 0.15
-"""Where the ground differs beside more of the samples that show their edge, it is not the reference's."""
+"""Where a side differs at more of the samples that show their edge, it is not the reference's, or the light not understood."""
 FEWEST, GROWN = 2, 3
 """Samples in a row that make a notch, and a tab."""
 COMPACT = 0.05
@@ -64,11 +64,8 @@ def judge_flanks(
     within, beyond = (_changed(side, least) for side in sides)
     told_within, told_beyond = (np.isfinite(side).any(axis=1) for side in sides)
     cut, grown = (_changed(side, CLEARLY * contrast, any_of_it=True) for side in sides)
-    shown = told_beyond & ~missed
-    if not ground or np.count_nonzero(beyond & shown) > ASTRAY * np.count_nonzero(shown):
-        return against.copy(), np.zeros(
-            count, np.bool_
-        )  # the ground is another, or has stayed behind: it tells nothing
+    if not ground or _astray(beyond, told_beyond & ~missed) or _astray(within, told_within & ~missed):
+        return against.copy(), np.zeros(count, np.bool_)  # another ground, or other light: they tell nothing
     both, sure = within & beyond, told_within & told_beyond
     # where both sides are as they were, grey levels alone do not speak against the outline
     out, covered = against & ~(sure & ~within & ~beyond), np.zeros(count, np.bool_)
@@ -85,6 +82,11 @@ def judge_flanks(
             if np.count_nonzero(notch) >= FEWEST:
                 out[run] |= notch
     return out, covered
+
+
+def _astray(changed: Bools, shown: Bools) -> bool:
+    """A side has changed beside too many of the samples that show their edge."""
+    return np.count_nonzero(changed & shown) > ASTRAY * np.count_nonzero(shown)
 
 
 def longest(flags: Bools) -> int:
