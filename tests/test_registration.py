@@ -18,7 +18,7 @@ from grasptrack.errors import TransferError
 from grasptrack.evaluation.sequence import chosen_grasp
 from grasptrack.grasp import Grasp
 from grasptrack.kernels import reference
-from grasptrack.observation.fusion import Fused
+from grasptrack.observation.posed import Fused
 from grasptrack.observation.registration import CLOSE, FAR, OutlineRegistration
 from grasptrack.observation.segmentation import segment
 from grasptrack.projective import apply_homography

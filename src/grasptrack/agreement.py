@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from grasptrack.carriers import Carried
-from grasptrack.observation.fusion import Fused
+from grasptrack.observation.posed import Fused
 
 LEAST = 0.4
 """Of the outline, at least so much must agree."""

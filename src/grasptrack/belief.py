@@ -13,8 +13,9 @@ from grasptrack.agreement import HELD, MOST_NOISE, WHOLE, Agreement
 from grasptrack.carriers import Carried, Carrier, RegistrationCarrier
 from grasptrack.errors import ConditioningError, TransferError
 from grasptrack.observation.flanks import BY
-from grasptrack.observation.fusion import GROUND, INSIDE, LEAST_ALIKE, OTHER, Fused
+from grasptrack.observation.fusion import LEAST_ALIKE, OTHER
 from grasptrack.observation.images import Grey
+from grasptrack.observation.posed import GROUND, INSIDE, Fused
 from grasptrack.observation.registration import CLOSE, FAR
 from grasptrack.observation.support import Support
 from grasptrack.projective import apply_homography

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from grasptrack.contour import View
 from grasptrack.errors import ObservationError, TransferError
 from grasptrack.grasp import Grasp
-from grasptrack.observation.fusion import Fused, Fusion
+from grasptrack.observation.fusion import Fusion
 from grasptrack.observation.images import Grey
+from grasptrack.observation.posed import Fused
 from grasptrack.observation.registration import CLOSE, FAR, OutlineRegistration, Schedule
 from grasptrack.observation.shape_space import Shape
 from grasptrack.observation.snake import Snake

@@ -86,7 +86,7 @@ def judge_flanks(
 
 def _astray(changed: Bools, shown: Bools) -> bool:
     """A side has changed beside too many of the samples that show their edge."""
-    return np.count_nonzero(changed & shown) > ASTRAY * np.count_nonzero(shown)
+    return int(np.count_nonzero(changed & shown)) > ASTRAY * int(np.count_nonzero(shown))
 
 
 def longest(flags: Bools) -> int:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +18,14 @@ from grasptrack.contour import View
 from grasptrack.errors import TransferError
 from grasptrack.kernels.reference_fusion import LEAST_NOISE_GREY
 from grasptrack.observation.images import Grey
+from grasptrack.observation.posed import CAUTION, GROUND, INSIDE, Fused, Posed
+from grasptrack.observation.pyramid import Pyramid
 from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH, OutlineRegistration
-from grasptrack.observation.surface import Surfaces, relief, shrunk, surfaces
+from grasptrack.observation.surface import Surfaces, surfaces
 from grasptrack.projective import apply_homography
 
 Floats = NDArray[np.float64]
 
-INSIDE, GROUND = 1, 2
-"""Rows of the evidence; 0 is the outline."""
 FEW, MANY, FIXED = 200, 900, 0.2
 """Places on each surface, in the finest image: few where the outline alone fixes each contact to so many px, else many."""
 FINE, COARSE, COARSEST = 2, 4, 8
@@ -56,8 +55,6 @@ HELD = 0.7
 """px: surfaces that fix each contact to so much hold the pose, whatever covers the outline."""
 FORGETTING = 0.01
 """By how much less a correlation may get from image to image and still be usual."""
-APART, APART_SIGMA = 0.1, 6.0
-"""px, and standard deviations, by which the outline alone asks for another pose when a surface does not move along."""
 SPREAD = 1.25
 """How many times larger a variance is than if all edges were independent, as counted on scenes with truth."""
 STRANGE, SPREAD_STRANGE = 2.0, 2.5
@@ -69,40 +66,13 @@ DECISIVE, STRICT = 0.5, 3.0
 """px to which the ground itself must fix the contacts, and standard deviations that it may disagree, where it decides."""
 MOVED = 1.0
 """px from the reference from which on it is asked whether the ground stayed behind."""
-SEEN = 0.05
-"""Motions of which the outline shows less than this share of what it shows of the clearest are not asked for."""
-CAUTION = 2.0
-"""How many times its noise a surface is taken to have: it has light and reflections of its own."""
+SLID, SLID_PX = 0.04, 3.0
+"""A surface must tell the pose from those slid along the outline by this fraction of sqrt(area), or so many px, whichever is
+more: ..."""
+CLEARER = 1.25
+"""... so many times as much of what it shows is unexplained there. Light that falls off over a ring does not turn with it."""
 LOOSE = 0.25
 """What no evidence shows of a motion may be as large as this fraction of sqrt(area)."""
-
-
-class Fused(NamedTuple):
-    """A pose and what bears it out.
-
-    Attributes:
-        homography: (3, 3) reference to current.
-        covariance: (2 k, 2 k) px^2 of the contacts, jointly: x1, y1, x2, ...
-        agreement: share of the outline's samples in the image whose edges agree, 0 to 1.
-        noise: px, of these edges.
-        scatter: px, of all edges that were found: with covers it exceeds the noise.
-        surface, ground: correlation of the object's surface and of the ground round it with the reference, -1 to 1; NaN
-            where there is nothing to compare.
-        used: whether the pose rests on the outline, the surface and the ground.
-        held: whether the surfaces alone fix each contact: no cover of the outline can bend the pose then.
-        by: how many times the image was shrunk in which surfaces were compared, with a minus without its light.
-    """
-
-    homography: Floats
-    covariance: Floats
-    agreement: float
-    noise: float
-    scatter: float
-    surface: float
-    ground: float
-    used: tuple[bool, bool, bool]
-    held: bool
-    by: int
 
 
 class Fusion:
@@ -122,7 +92,7 @@ class Fusion:
         self._size = math.sqrt(view.outer.area)
         self._trusted = [True, True, True]
         self._usual = {by: [-1.0, -1.0, -1.0] for by in LEVELS}
-        self._seen: tuple[Grey, dict[int, Grey], dict[int, Grey]] | None = None
+        self._pyramid = Pyramid()
         self._surfaces = {by: surfaces(view, grey, abs(by), MANY, hidden, shaded=by < 0) for by in LEVELS}
         if self._look(grey, np.eye(3), FINE, [True, False, False]).deviation() <= FIXED:
             for by in (FINE, -FINE):
@@ -132,6 +102,10 @@ class Fusion:
     def textured(self) -> bool:
         """Whether a surface bears poses out."""
         return any(self._trusted[1:])
+
+    def shrunk(self, grey: Grey, by: int) -> Grey:
+        """The image (H, W) as many times shrunk, a power of two, kept as long as it is the one at hand."""
+        return self._pyramid.shrunk(grey, by)
 
     def refine(self, grey: Grey, H: Floats, *, far: bool = False) -> Fused:
         """The pose nearest to a first one that all the evidence asks for.
@@ -147,12 +121,39 @@ class Fusion:
         state = self._settled(grey, H, self._trusted, far)
         for row in (GROUND, INSIDE):  # what does not move along must not bend the pose
             if state.told(row) and (
-                state.parted(0) or state.parted(row) or (row == GROUND and self._misleads(grey, state, far))
+                state.parted(0)
+                or state.parted(row)
+                or self._alike_slid(grey, state, row)
+                or (row == GROUND and self._misleads(grey, state, far))
             ):
                 state = self._settled(grey, H, [used and each != row for each, used in enumerate(state.use)], far)
+        if self._contradicted(grey, state):
+            raise TransferError("the outline and the surface within it ask for different poses: it may not be flat")
         return self._told(state)
 
-    def _misleads(self, grey: Grey, state: _State, far: bool) -> bool:
+    def _contradicted(self, grey: Grey, state: Posed) -> bool:
+        """Whether a surface that is well known, and was left out, is seen as well as ever in another pose."""
+        by = max((FINE, -FINE), key=lambda by: self._usual[by][INSIDE])
+        if state.use[INSIDE] or not self._trusted[INSIDE] or self._usual[by][INSIDE] < ALIKE:
+            return False
+        try:
+            other = self._converged(grey, state.H, 2 * by, [False, True, False], by)
+        except TransferError:
+            return False
+        known = other.told(INSIDE) and not self._weak(other, INSIDE) and other.deviation() <= HELD
+        return known and self._apart(state, other)
+
+    def _alike_slid(self, grey: Grey, state: Posed, row: int) -> bool:
+        """Whether a surface, which alone tells slides of the outline, looks the same where it has slid."""
+        if state.deviation([True, False, False]) <= HELD:
+            return False
+        most = 0.0
+        for H in state.slid(max(SLID_PX, SLID * self._size)):
+            with contextlib.suppress(TransferError):
+                most = max(most, self._look(grey, H, state.by, state.use).alike(row))
+        return 1.0 - most**2 < CLEARER * (1.0 - state.alike(row) ** 2)
+
+    def _misleads(self, grey: Grey, state: Posed, far: bool) -> bool:
         """Whether the ground may not be believed although nothing speaks against it yet: what it alone decides it must show
         so clearly that a slide would be seen, and where the surface decides, it must agree."""
         if state.deviation([True, False, False]) <= HELD:
@@ -161,10 +162,14 @@ class Fusion:
             unclear = state.deviation([False, False, True]) > DECISIVE
             return unclear or state.parted(0, STRICT) or state.parted(GROUND, STRICT) or self._stayed(grey, state)
         other = self._settled(grey, state.H, [True, state.use[INSIDE], False], far)
+        return self._apart(state, other)
+
+    def _apart(self, state: Posed, other: Posed) -> bool:
+        """Whether another pose puts a contact elsewhere, by more than it is itself uncertain."""
         apart = apply_homography(other.H, self._contacts) - apply_homography(state.H, self._contacts)
         return bool(np.hypot(*apart.T).max() > max(DECISIVE, STRICT * other.deviation()))
 
-    def _stayed(self, grey: Grey, state: _State) -> bool:
+    def _stayed(self, grey: Grey, state: Posed) -> bool:
         """Whether the ground is rather where it was in the reference than where the object would have taken it: a camera
         that stands still sees the object move on its own."""
         off = apply_homography(state.H, self._contacts) - self._contacts
@@ -234,16 +239,16 @@ class Fusion:
                 if self._trusted[row]:
                     usual[row] = max(correlation, usual[row] - FORGETTING)
 
-    def _settled(self, grey: Grey, H: Floats, use: list[bool], far: bool) -> _State:
+    def _settled(self, grey: Grey, H: Floats, use: list[bool], far: bool) -> Posed:
         state = self._settled_at(grey, H, use, far, FINE)
         if state.use == use:
             return state
         # a shadow may lie over what did not show
-        return min(state, self._settled_at(grey, H, use, far, -FINE), key=_State.deviation)
+        return min(state, self._settled_at(grey, H, use, far, -FINE), key=Posed.deviation)
 
-    def _settled_at(self, grey: Grey, H: Floats, use: list[bool], far: bool, fine: int) -> _State:
+    def _settled_at(self, grey: Grey, H: Floats, use: list[bool], far: bool, fine: int) -> Posed:
         """The pose by the images as they are (FINE) or without the light on them (-FINE)."""
-        found: list[_State] = []
+        found: list[Posed] = []
         for start in (COARSEST // FINE,) if far else (1, COARSEST // FINE):
             with contextlib.suppress(TransferError):  # a start may lead anywhere
                 found.append(self._converged(grey, H, start * fine, use, fine))
@@ -259,9 +264,9 @@ class Fusion:
             strong = [used and not self._weak(end, row) for row, used in enumerate(use)]
             if strong != use:
                 ends[i] = self._converged(grey, end.H, end.by, strong, end.by)
-        return min(ends, key=_State.deviation) if len(ends) > 1 else ends[0]
+        return min(ends, key=Posed.deviation) if len(ends) > 1 else ends[0]
 
-    def _converged(self, grey: Grey, H: Floats, by: int, use: list[bool], end: int = FINE) -> _State:
+    def _converged(self, grey: Grey, H: Floats, by: int, use: list[bool], end: int = FINE) -> Posed:
         """Step by step, in ever finer images, to where the pose stands still."""
         left, least = MOST_ROUNDS, 0
         while True:
@@ -276,23 +281,23 @@ class Fusion:
             H, by = state.H, by // 2
             least = 0 if by == end else 1
 
-    def _lacking(self, state: _State) -> bool:
+    def _lacking(self, state: Posed) -> bool:
         """Whether a surface shows less than usual: the pose may be too far off to feel where it belongs."""
         return any(self._weak(state, row) for row in (INSIDE, GROUND))
 
-    def _lack(self, state: _State) -> float:
+    def _lack(self, state: Posed) -> float:
         """How much the surfaces lack of their usual correlations."""
         usual = self._usual[state.by]
         return float(sum(max(usual[row] - state.alike(row), 0.0) for row in (INSIDE, GROUND) if state.told(row)))
 
     def _look(
         self, grey: Grey, H: Floats, by: int, use: list[bool], still: float = 0.0, least: int = 0, most: int = 0
-    ) -> _State:
+    ) -> Posed:
         """The evidence at a pose, after so many steps at least and at most, until one is smaller than `still` px."""
         samples: Surfaces = self._surfaces[by]
         found = kernels.converge(
             grey,
-            self._relief(grey, -by) if by < 0 else self.shrunk(grey, by),
+            self._pyramid.relief(grey, -by) if by < 0 else self._pyramid.shrunk(grey, by),
             float(abs(by)),
             H,
             *self._outline.samples,
@@ -310,27 +315,9 @@ class Fusion:
             least,
             most,
         )
-        return _State(found, use, by, LOOSE * self._size, self._contacts)
+        return Posed(found, use, by, LOOSE * self._size, self._contacts)
 
-    def _relief(self, grey: Grey, by: int) -> Grey:
-        """What surfaces are compared in, kept as long as the image is the one at hand."""
-        coarse = self.shrunk(grey, by)
-        assert self._seen is not None
-        reliefs = self._seen[2]
-        if by not in reliefs:
-            reliefs[by] = relief(coarse)
-        return reliefs[by]
-
-    def shrunk(self, grey: Grey, by: int) -> Grey:
-        """The image shrunk, kept as long as it is the one at hand."""
-        if self._seen is None or self._seen[0] is not grey:
-            self._seen = grey, {}, {}
-        images = self._seen[1]
-        if by not in images:
-            images[by] = shrunk(grey if by == FINE else self.shrunk(grey, by // 2), 2)
-        return images[by]
-
-    def _weak(self, state: _State, row: int) -> bool:
+    def _weak(self, state: Posed, row: int) -> bool:
         """Whether a surface that is used shows less of the reference than usual: it is off, or something else."""
         return state.told(row) and state.alike(row) < self._least(state.by, row)
 
@@ -339,7 +326,7 @@ class Fusion:
         usual = self._usual[by][row]
         return max(LEAST_ALIKE, usual - FADED, 1.0 - LACKING * (1.0 - usual) - LACKING_ALSO)
 
-    def _told(self, state: _State) -> Fused:
+    def _told(self, state: Posed) -> Fused:
         stats = state.stats
         used = [state.told(row) for row in range(3)]
         for row in (INSIDE, GROUND):
@@ -385,54 +372,3 @@ def _widest(covariance: Floats) -> float:
 
 def _correlation(stats: list[float]) -> float:
     return stats[3] if stats[2] > 0.0 else math.nan
-
-
-class _State:
-    """The evidence at one pose, as `kernels.converge` found it."""
-
-    def __init__(self, found: Any, use: list[bool], by: int, loose: float, contacts: Floats) -> None:
-        self.H: Floats = found[0]
-        self.moves: int = found[1]
-        self.step = float(np.linalg.norm(found[2]))
-        self.scatter: float = found[3]
-        evidence = found[4]
-        self._centre, self._radius, self._basis, self._N, self._sure, self._b, stats, *_ = evidence
-        if not math.isfinite(self._radius):
-            raise TransferError("the outline would lie behind the camera")
-        self.use, self.by, self._loose, self._contacts = use, by, loose, contacts
-        self.stats: list[list[float]] = stats.tolist()
-
-    def told(self, row: int) -> bool:
-        """Whether a piece of evidence is used and says anything."""
-        return self.use[row] and self.stats[row][2] > 0.0
-
-    def alike(self, row: int) -> float:
-        """Correlation of a surface with the reference."""
-        return self.stats[row][3]
-
-    def parted(self, row: int, most: float = APART_SIGMA) -> bool:
-        """Whether one piece of evidence alone asks for another pose than all of it together."""
-        if not self.told(row):
-            return False
-        noise = self.stats[row][2] * (1.0 if row == 0 else CAUTION)
-        apart, squares = kernels.seen_motion(self._N[row], self._b[row], SEEN)
-        return apart > APART and math.sqrt(squares) > most * noise
-
-    def covariance(self, use: list[bool]) -> Floats:
-        """(2 k, 2 k) px^2 of the contacts, by some of the evidence."""
-        noise = [self.stats[0][2], *(CAUTION * each[2] for each in self.stats[1:])]
-        share = [1.0 / each**2 if used and each > 0.0 else 0.0 for used, each in zip(use, noise, strict=True)]
-        return kernels.contact_covariance(
-            self.H,
-            self._contacts,
-            self._centre,
-            self._radius,
-            self._basis,
-            self._sure,
-            np.array(share),
-            self._loose,
-        )
-
-    def deviation(self, use: list[bool] | None = None) -> float:
-        """px, the largest standard deviation of a contact in x or y."""
-        return math.sqrt(float(self.covariance(self.use if use is None else use).diagonal().max()))

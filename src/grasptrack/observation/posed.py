@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the outline, the object's surface and the ground say at one pose, each by itself and together."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.errors import TransferError
+from grasptrack.kernels.reference_evidence import displacement_fields
+from grasptrack.kernels.reference_registration import moved
+from grasptrack.projective import apply_homography
+
+Floats = NDArray[np.float64]
+
+INSIDE, GROUND = 1, 2
+"""Rows of the evidence; 0 is the outline."""
+APART, APART_SIGMA = 0.1, 6.0
+"""px, and standard deviations, by which the outline alone asks for another pose when a surface does not move along."""
+SEEN = 0.05
+"""Motions of which the outline shows less than this share of what it shows of the clearest are not asked for."""
+CAUTION = 2.0
+"""How many times its noise a surface is taken to have: it has light and reflections of its own."""
+
+
+class Fused(NamedTuple):
+    """A pose and what bears it out.
+
+    Attributes:
+        homography: (3, 3) reference to current.
+        covariance: (2 k, 2 k) px^2 of the contacts, jointly: x1, y1, x2, ...
+        agreement: share of the outline's samples in the image whose edges agree, 0 to 1.
+        noise: px, of these edges.
+        scatter: px, of all edges that were found: with covers it exceeds the noise.
+        surface, ground: correlation of the object's surface and of the ground round it with the reference, -1 to 1; NaN
+            where there is nothing to compare.
+        used: whether the pose rests on the outline, the surface and the ground.
+        held: whether the surfaces alone fix each contact: no cover of the outline can bend the pose then.
+        by: how many times the image was shrunk in which surfaces were compared, with a minus without its light.
+    """
+
+    homography: Floats
+    covariance: Floats
+    agreement: float
+    noise: float
+    scatter: float
+    surface: float
+    ground: float
+    used: tuple[bool, bool, bool]
+    held: bool
+    by: int
+
+
+class Posed:
+    """The evidence at one pose, as `kernels.converge` found it.
+
+    Args:
+        found: what the kernel told.
+        use: whether the outline, the surface and the ground were asked.
+        by: how many times the image was shrunk in which surfaces were compared, with a minus without its light.
+        loose: px, how large a motion may be of which nothing is seen.
+        contacts: (k, 2) px in the reference.
+
+    Raises:
+        TransferError: the pose would send the outline behind the camera.
+    """
+
+    def __init__(self, found: Any, use: list[bool], by: int, loose: float, contacts: Floats) -> None:
+        self.H: Floats = found[0]
+        self.moves: int = found[1]
+        self.step = float(np.linalg.norm(found[2]))
+        self.scatter: float = found[3]
+        evidence = found[4]
+        self._centre, self._radius, self._basis, self._N, self._sure, self._b, stats, *_ = evidence
+        if not math.isfinite(self._radius):
+            raise TransferError("the outline would lie behind the camera")
+        self.use, self.by, self._loose, self._contacts = use, by, loose, contacts
+        self.stats: list[list[float]] = stats.tolist()
+
+    def told(self, row: int) -> bool:
+        """Whether a piece of evidence is used and says anything."""
+        return self.use[row] and self.stats[row][2] > 0.0
+
+    def alike(self, row: int) -> float:
+        """Correlation of a surface with the reference."""
+        return self.stats[row][3]
+
+    def parted(self, row: int, most: float = APART_SIGMA) -> bool:
+        """Whether one piece of evidence alone asks for another pose than all of it together."""
+        if not self.told(row):
+            return False
+        noise = self.stats[row][2] * (1.0 if row == 0 else CAUTION)
+        apart, squares = kernels.seen_motion(self._N[row], self._b[row], SEEN)
+        return apart > APART and math.sqrt(squares) > most * noise
+
+    def covariance(self, use: list[bool]) -> Floats:
+        """(2 k, 2 k) px^2 of the contacts, by some of the evidence."""
+        noise = [self.stats[0][2], *(CAUTION * each[2] for each in self.stats[1:])]
+        share = [1.0 / each**2 if used and each > 0.0 else 0.0 for used, each in zip(use, noise, strict=True)]
+        return kernels.contact_covariance(
+            self.H,
+            self._contacts,
+            self._centre,
+            self._radius,
+            self._basis,
+            self._sure,
+            np.array(share),
+            self._loose,
+        )
+
+    def deviation(self, use: list[bool] | None = None) -> float:
+        """px, the largest standard deviation of a contact in x or y."""
+        return math.sqrt(float(self.covariance(self.use if use is None else use).diagonal().max()))
+
+    def slid(self, by: float) -> tuple[Floats, Floats]:
+        """(3, 3) each, the poses to either side in which the contacts have moved by so many px, rms, the way that the outline
+        shows least."""
+        at = apply_homography(self.H, self._contacts)
+        rows = (displacement_fields((at - self._centre) / self._radius) @ self._basis).reshape(-1, 8)
+        share = 1.0 / max(self.stats[0][2], 1e-9) ** 2
+        C = np.linalg.inv(share * self._sure[0] + np.eye(8) / self._loose**2)
+        freest = np.linalg.eigh(rows @ C @ rows.T)[1][:, -1]
+        motion = C @ rows.T @ freest
+        motion *= by * math.sqrt(len(at)) / float(np.linalg.norm(rows @ motion))
+        step = self._basis @ motion / self._radius
+        there, back = (moved(sign * step, self._centre, self._radius) @ self.H for sign in (1.0, -1.0))
+        return there / there[2, 2], back / back[2, 2]
