@@ -168,7 +168,7 @@ def test_silhouettes_and_photos_are_parts(tmp_path: Path) -> None:
     assert main([*given, "--output", str(tmp_path / "out"), "--quiet"]) == 0
     for name in ("ell", "angle"):
         frames = read_records(tmp_path / "out" / "cases" / f"{name}.clean-4dof.csv")["auto"]
-        assert [f.status for f in frames[1:]].count("tracked") >= 3  # five frames of a whole path: it jumps
+        assert [f.status for f in frames[1:]] == ["tracked"] * 4  # five frames of a whole path: it jumps
         assert not any(f.is_false_accept for f in frames)
 
 

@@ -357,4 +357,4 @@ def test_a_strip_of_which_little_tells_of_its_motion_along_itself_is_never_wrong
         H = pose(150.0 + 2 * k, 118.0 + k, 3.0 * k, scale=48.0 + 0.4 * k, tilt=0.6 * k)
         run.see(photo([(strip, H)], seed=k), H)
     assert not run.wrong
-    assert all(r.located or r.reason for r in run.results)
+    assert run.results[1].located or "does not fix" in run.results[1].reason

@@ -61,6 +61,11 @@ class Motion:
         """(3, 3) H_current_reference expected in the image at hand: at constant velocity, or at rest after a loss."""
         return self._expected
 
+    @property
+    def last(self) -> Floats:
+        """(3, 3) of the last image that showed it, or to which it has coasted since."""
+        return self._pose
+
     def _ratio(self) -> float:
         """How many times the interval in which the motion was seen has passed since."""
         if self._now is None or self._time is None or self._interval is None:

@@ -133,9 +133,8 @@ class Whereabouts:
             return ""
         if self.equals:
             return "another object with this outline was seen: ambiguous"
-        grown = math.sqrt(_growth(H, self._reference.centre) / _growth(expected, self._reference.centre))
         most = GROWTH * SWELL**motion.missed
-        if motion.missed < KNOWN and not 1.0 / most < grown < most:
+        if motion.missed < KNOWN and not 1.0 / most < self._grown(H) < most:
             self.equals |= motion.missed <= 1  # both were in view a moment ago
             return "another object has this outline in another size; the one tracked cannot have changed so much"
         if motion.remembered:
@@ -176,8 +175,13 @@ class Whereabouts:
 
     def _is_step(self, H: Floats) -> bool:
         """Whether a pose is so near to the expected one that nothing else can be meant."""
-        growth = _growth(H, self._reference.centre) / _growth(self.motion.predict(), self._reference.centre)
-        return self._shift(H)[0] <= STEP and 1.0 / GROWTH < math.sqrt(growth) < GROWTH
+        return self._shift(H)[0] <= STEP and 1.0 / GROWTH < self._grown(H) < GROWTH
+
+    def _grown(self, H: Floats) -> float:
+        """How much larger the object appears than it was expected to, or than it was: what grew may stop growing."""
+        now = _growth(H, self._reference.centre)
+        grown = [math.sqrt(now / _growth(H, self._reference.centre)) for H in (self.motion.predict(), self.motion.last)]
+        return min(grown, key=lambda ratio: abs(math.log(ratio)))
 
     def _place(self, grey: Grey, H: Floats, levels: tuple[float, float], besides: Floats | None = None) -> str:
         """What is seen where the object should lie: "there", "empty", "covered" or "outside".

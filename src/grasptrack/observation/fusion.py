@@ -262,8 +262,9 @@ class Fusion:
                 ends.append(self._converged(grey, ends[0].H, 2 * fine, use, 2 * fine))
         for i, end in enumerate(ends):
             strong = [used and not self._weak(end, row) for row, used in enumerate(use)]
-            if strong != use:
-                ends[i] = self._converged(grey, end.H, end.by, strong, end.by)
+            if strong != use:  # what is dropped may have led astray along what the others leave open
+                again = [self._converged(grey, begin, end.by, strong, end.by) for begin in (end.H, H)]
+                ends[i] = max(again, key=lambda state: state.stats[0][1])
         return min(ends, key=Posed.deviation) if len(ends) > 1 else ends[0]
 
     def _converged(self, grey: Grey, H: Floats, by: int, use: list[bool], end: int = FINE) -> Posed:
