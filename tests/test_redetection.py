@@ -8,7 +8,12 @@ import math
 import numpy as np
 import pytest
 
+from grasptrack.contour import Contour, View
+from grasptrack.evaluation.parts import built_in
+from grasptrack.evaluation.scenes import run_case, suite
+from grasptrack.matching import Sampled
 from grasptrack.projective import apply_homography
+from grasptrack.search import _unlike
 from grasptrack.simulation import SHAPES, Shape
 from stages import HEIGHT, WIDTH, Run, mirrored, photo, pose, twin
 
@@ -77,3 +82,16 @@ def test_a_neighbour_in_another_size_is_not_taken_when_it_is_removed(scale: floa
         run.see(photo(parts, seed=k), H if there else None)
     assert len(run.right) == 4
     assert run.wrong == []
+
+
+def test_a_tangle_beside_the_lost_object_does_not_stop_the_run() -> None:
+    # of a comb with fine teeth the few points that are first looked at enclose nothing
+    scene = suite(built_in(["spoon"]), ["bar"], frames=16)[0]
+    frames = run_case((scene, ("auto",)))["auto"]
+    assert len(frames) == 16 and not any(f.is_false_accept for f in frames)
+
+
+def test_an_outline_that_encloses_nothing_is_unlike_any() -> None:
+    hair = np.array([[10.0, 10.0], [30.0, 10.0], [50.0, 10.0], [30.0, 10.0]])
+    outline = Sampled(View(Contour(SHAPES["bracket"]().outer * 40.0)))
+    assert _unlike(outline, hair) == math.inf

@@ -223,7 +223,10 @@ def _likeness(reference: Reference, view: View) -> float:
 
 def _unlike(a: Sampled, outline: Floats) -> float:
     """Share of the whitened outline's norm by which an outline (N, 2) differs at least, whatever the tilt: quick and coarse."""
-    found = kernels.outline_starts(a.outer, outline, BENDS, COARSE, 0.1, 1)
+    try:
+        found = kernels.outline_starts(a.outer, outline, BENDS, COARSE, 0.1, 1)
+    except ValueError:  # a hair, or a tangle: so few of its points enclose nothing
+        return math.inf
     return float(found[0, 0]) if len(found) else 0.0
 
 
