@@ -104,19 +104,21 @@ inline void contradicted(const Levels &levels, const Expected &outline, const st
     for (std::size_t i = 0; i < outline.n; ++i) {
         if (!missed[i] || !outline.told(i)) continue;
         const double inside = outline.inside[i], contrast = outline.outside[i] - inside;
-        double mean = 0.0;
+        double mean = 0.0, change = 0.0;
         bool ground = true, material = true;
         for (int k = 0; k < depths; ++k) {
             const double depth = evenly(1.5, kDeep * outline.reach, depths, k);
             const double within = (levels.at(outline.points[i] - depth * outline.normals[i]) - inside) / contrast;
             const double beyond = (levels.at(outline.points[i] + depth * outline.normals[i]) - inside) / contrast;
-            mean += within;
+            mean += within, change += beyond - within;
             ground = ground && std::fabs(within - 1.0) <= kGrain;
             material = material && std::fabs(beyond) <= kAlike;
         }
+        // an edge that is faint, as in shadow, is still there; out of the image there is none
+        const bool edge = std::fabs(change / depths) > kAlike;
         // a ground with grain is itself on the whole
-        against[i] = ground && std::fabs(mean / depths - 1.0) <= kAlike;
-        if (material) material_like.push_back(i);
+        against[i] = ground && !edge && std::fabs(mean / depths - 1.0) <= kAlike;
+        if (material && !edge) material_like.push_back(i);
     }
     for (const Run &run : runs(material_like, outline.n)) {
         double low = 0.0, high = 0.0;

@@ -79,10 +79,11 @@ inline Weights weigh_edges(const FoundEdges &in, const Levels &levels, const boo
         if (!found[i]) continue;
         const Edge &edge = in.edges[i];
         const double within = levels.image_at(in.points[i] + (edge.offset - kBeside) * in.normals[i]);
+        // in shadow both sides are darker
+        const double lit = std::min(std::max(edge.outside / std::max(ground[i], 1.0), 0.0), 1.0);
         if (in.polarity != 0) {
-            found[i] = !(std::fabs(within - ground[i]) < std::fabs(within - material[i]));
-        } else {  // in shadow both sides are darker
-            const double lit = std::min(std::max(edge.outside / std::max(ground[i], 1.0), 0.0), 1.0);
+            found[i] = !(std::fabs(within - lit * ground[i]) < std::fabs(within - lit * material[i]));
+        } else {
             found[i] = !(std::fabs(within - edge.outside) < kMaterial * lit * std::fabs(material[i] - ground[i]));
         }
     }

@@ -132,6 +132,22 @@ def test_a_notch_speaks_against_the_outline_and_a_cover_does_not() -> None:
     assert told[0] > 0.03 and told[1] <= known / 120
 
 
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 200), st.sampled_from([1, -1]), st.floats(0.4, 0.8), st.floats(0, 6.28), st.floats(-20, 20))
+def test_a_shadow_does_not_speak_against_the_outline(
+    seed: int, polarity: int, lit: float, way: float, at: float
+) -> None:
+    scene = Scene(seed, 1, 0)
+    if polarity < 0:
+        scene.polarity, scene.now, levels = -1, 220 - scene.now, [220.0 - level for level in scene.levels]
+        scene.levels = levels[0], levels[1]
+    y, x = np.mgrid[0:160, 0:160]
+    dark = np.clip((math.cos(way) * (x - 80) + math.sin(way) * (y - 80) - at) / 4.0, 0.0, 1.0)  # and soft
+    image = (scene.now * (1.0 - (1.0 - lit) * dark)).astype(np.uint8)
+    share, *_, which = kernels.weigh_edges(*scene.arguments(image))
+    assert not which.any() and share > 0.6
+
+
 def test_both_refuse_the_same() -> None:
     good = Scene(1, 1, 0)
     arguments = list(good.arguments(good.now))

@@ -67,9 +67,11 @@ def contradicted(
         (_levels(grey, points[index], normals[index], along, hidden) - inside[index, None]) / contrast
         for along in (-depth, depth)
     )
+    # an edge that is faint, as in shadow, is still there; out of the image there is none
+    edge = np.abs((beyond - within).mean(axis=1)) > ALIKE
     # a ground with grain is itself on the whole
-    against[index] = (np.abs(within.mean(axis=1) - 1.0) <= ALIKE) & (np.abs(within - 1.0) <= GRAIN).all(axis=1)
-    material_like = (np.abs(beyond) <= ALIKE).all(axis=1)
+    against[index] = (np.abs(within.mean(axis=1) - 1.0) <= ALIKE) & (np.abs(within - 1.0) <= GRAIN).all(axis=1) & ~edge
+    material_like = (np.abs(beyond) <= ALIKE).all(axis=1) & ~edge
     for run in _runs(index[material_like], len(points)) if material_like.any() else []:
         against[run] = _ends(
             grey, points, normals, run, inside[run].mean(), outside[run].mean(), reach, BEYOND * size, hidden

@@ -75,10 +75,10 @@ def weigh_edges(
     ground, material = expected_levels(edges, found, reference_inside, reference_outside, polarity)
     offset = np.where(found, edges[:, 0], 0.0) - BESIDE
     within = levels_at(image, points + offset[:, None] * normals)
+    lit = np.clip(edges[:, 3] / np.maximum(ground, 1.0), 0.0, 1.0)  # in shadow both sides are darker
     if polarity:
-        found = found & ~(np.abs(within - ground) < np.abs(within - material))
-    else:  # in shadow both sides are darker
-        lit = np.clip(edges[:, 3] / np.maximum(ground, 1.0), 0.0, 1.0)
+        found = found & ~(np.abs(within - lit * ground) < np.abs(within - lit * material))
+    else:
         found = found & ~(np.abs(within - edges[:, 3]) < MATERIAL * lit * np.abs(material - ground))
     asked = int(np.count_nonzero(inside[:n]))
     hits = np.abs(edges[:n][found[:n], 0])
