@@ -15,11 +15,11 @@ from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_evidence import carry_normals, projective_step, settle_edges
 from grasptrack.kernels.reference_fingers import finger_rooms
 from grasptrack.kernels.reference_flanks import judge_flanks
-from grasptrack.kernels.reference_fusion import grey_differences
 from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
 from grasptrack.kernels.reference_homography import distortion, fit_homography, homography_4
 from grasptrack.kernels.reference_inertia import inertia
 from grasptrack.kernels.reference_laying import lay_outlines, outline_gaps
+from grasptrack.kernels.reference_light import grey_differences
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
 from grasptrack.kernels.reference_links import edge_links
 from grasptrack.kernels.reference_matching import match_curvature

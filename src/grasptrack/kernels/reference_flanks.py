@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference_fusion import grey_differences
+from grasptrack.kernels.reference_light import grey_differences
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

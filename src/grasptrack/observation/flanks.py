@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import Bools
-from grasptrack.kernels.reference_fusion import bilinear
+from grasptrack.kernels.reference_light import bilinear
 from grasptrack.observation.images import Grey
 from grasptrack.observation.surface import shrunk
 
