@@ -221,7 +221,7 @@ def test_print_settles_it_where_the_table_slides_away(seed: int, degrees: float)
     for index in range(1, 8):
         fused = fusion.refine(scene[index].image, turned(scene, index, degrees))
         assert off(fused, scene, index, contacts) < 0.5
-        fusion.believe(fused)
+        fusion.trust.believe(fused)
     assert fused.used[1]
 
 
@@ -238,14 +238,14 @@ def test_a_table_that_slides_does_not_bend_the_pose() -> None:
     for index in range(1, 30):
         fused = fusion.refine(scene[index].image, scene.homography(index))
         assert off(fused, scene, index, contacts) < 0.25
-        fusion.believe(fused)
-    assert not fused.used[2] and not fusion.on_trusted_ground
+        fusion.trust.believe(fused)
+    assert not fused.used[2] and not fusion.trust.on_ground
 
 
 def test_a_cover_does_not_bend_what_surfaces_hold() -> None:
     scene = a_scene("spanner", 9, surface=printed(9), table=gravel(9))
     fusion, contacts = begun(scene)
-    fusion.believe(fusion.refine(scene[1].image, scene.homography(1)))
+    fusion.trust.believe(fusion.refine(scene[1].image, scene.homography(1)))
     for index in (5, 15, 25):
         image = scene[index].image.copy()
         x, _ = np.rint(np.concatenate(scene[index].outline).mean(axis=0)).astype(int)
@@ -257,7 +257,7 @@ def test_a_cover_does_not_bend_what_surfaces_hold() -> None:
 def test_where_the_object_went_with_the_ground_while_it_was_hidden() -> None:
     scene = a_scene("gear", 11, table=gravel(11))
     fusion, contacts = begun(scene)
-    fusion.believe(fusion.refine(scene[1].image, scene.homography(1)))
+    fusion.trust.believe(fusion.refine(scene[1].image, scene.homography(1)))
     image = scene[2].image.copy()
     cv2.fillPoly(image, [np.rint(p).astype(np.int32) for p in scene[2].outline[:1]], 128)
     H = fusion.on_ground(image, scene.homography(1))
@@ -270,8 +270,8 @@ def test_a_surface_tells_a_half_turn_from_none() -> None:
     scene = Scene(SHAPES["rectangle"](), similarity_path(10, seed=2), surface=printed(2), seed=2, **STILL)  # type: ignore[arg-type]
     fusion, contacts = begun(scene)
     for index in (1, 2):
-        fusion.believe(fusion.refine(scene[index].image, scene.homography(index)))
-    assert fusion.telling
+        fusion.trust.believe(fusion.refine(scene[index].image, scene.homography(index)))
+    assert fusion.trust.telling
     x, y = np.concatenate(scene[0].outline).mean(axis=0).tolist()
     half = similarity(1.0, math.pi, (x, y), (x, y))
     right = fusion.refine(scene[3].image, scene.homography(3))

@@ -13,11 +13,12 @@ from grasptrack.agreement import HELD, MOST_NOISE, WHOLE, Agreement
 from grasptrack.carriers import Carried, Carrier, RegistrationCarrier
 from grasptrack.errors import ConditioningError, TransferError
 from grasptrack.observation.flanks import BY
-from grasptrack.observation.fusion import LEAST_ALIKE, OTHER
+from grasptrack.observation.fusion import OTHER
 from grasptrack.observation.images import Grey
 from grasptrack.observation.posed import GROUND, INSIDE, Fused
 from grasptrack.observation.registration import CLOSE, FAR
 from grasptrack.observation.support import Support
+from grasptrack.observation.trust import LEAST_ALIKE
 from grasptrack.projective import apply_homography
 from grasptrack.reference import Reference
 from grasptrack.search import Hypothesis, Search
@@ -102,7 +103,7 @@ class Belief:
         if found.carried.fused is not None and registration is not None:
             with contextlib.suppress(ConditioningError):
                 registration.believe(found.carried, self._search.whereabouts.motion.predict())
-            self._search.whereabouts.telling = registration.fusion.telling
+            self._search.whereabouts.telling = registration.fusion.trust.telling
         self._search.believe(found.carried.view, found.homography, found.support.levels)
 
     def _transfer(self, grey: Grey, hypothesis: Hypothesis) -> Believed | None:
@@ -161,7 +162,7 @@ class Belief:
         if refusal.startswith(SPEAKS_AGAINST):
             self._suspect = True
         elif not refusal and self._suspect and registration is not None and fused is not None:
-            unseen = registration.fusion.on_trusted_ground and not fused.used[GROUND]
+            unseen = registration.fusion.trust.on_ground and not fused.used[GROUND]
             refusal = "another shape was seen here of late, and the ground round it does not show now" if unseen else ""
         rivals = hypothesis.rivals
         doubt = "" if refusal else self._search.doubt(H, grey, lambda: still or self._settled(grey, carried, rivals))

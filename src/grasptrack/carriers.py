@@ -127,7 +127,7 @@ class RegistrationCarrier:
             best = self.fusion.refine(grey, self._registration.refine(grey, prior, FAR).homography)
         except TransferError as error:
             problem = error
-        if (best is None or best.agreement < MOST_AGREE) and self.fusion.textured:
+        if (best is None or best.agreement < MOST_AGREE) and self.fusion.trust.textured:
             # where the outline is covered, the surfaces lead
             try:
                 other = self.fusion.refine(grey, prior, far=True)
@@ -158,7 +158,7 @@ class RegistrationCarrier:
             predicted: (3, 3) pose that had been expected.
         """
         assert carried.fused is not None
-        self.fusion.believe(carried.fused)
+        self.fusion.trust.believe(carried.fused)
         outline = self._reference.outer.points[::16]
         off = apply_homography(carried.fused.homography, outline) - apply_homography(predicted, outline)
         self._calm = bool(np.hypot(*off.T).max() <= CALM)
@@ -206,7 +206,7 @@ class RegistrationCarrier:
         Raises:
             TransferError: too little evidence there.
         """
-        if not self.fusion.textured:
+        if not self.fusion.trust.textured:
             raise TransferError("too few edges along the outline where it was expected")
         return self._carried(self._turned(grey, self.fusion.refine(grey, H, far=True)))
 

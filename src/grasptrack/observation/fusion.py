@@ -22,6 +22,7 @@ from grasptrack.observation.posed import CAUTION, GROUND, INSIDE, Fused, Posed
 from grasptrack.observation.pyramid import Pyramid
 from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH, OutlineRegistration
 from grasptrack.observation.surface import Surfaces, surfaces
+from grasptrack.observation.trust import ALIKE, LEAST_ALIKE, Trust
 from grasptrack.projective import apply_homography
 
 Floats = NDArray[np.float64]
@@ -41,20 +42,12 @@ STILL = 0.02
 """... which is when the outline moves by less than so many px, rms."""
 FAINT = 0.6
 """A correlation below which noise hides much of a surface: a coarser image may show more of it."""
-FADED = 0.15
-"""A surface shows less than usual where its correlation is less by so much, ..."""
-LACKING, LACKING_ALSO = 3.0, 0.03
-"""... or where it lacks, of perfect correlation, so many times as much as usual and this besides."""
-LEAST_ALIKE, ALIKE = 0.5, 0.8
-"""Correlations below which a surface is none that moves along; from which on one that did not is looked at again."""
 CHANCE = 4.0
 """A correlation is chance when it is below so many over the root of the number of places."""
 UNLIKE, OTHER = 0.35, 0.3
 """A correlation below which a surface that was well known is another one; and by how much that of another turn is less."""
 HELD = 0.7
 """px: surfaces that fix each contact to so much hold the pose, whatever covers the outline."""
-FORGETTING = 0.01
-"""By how much less a correlation may get from image to image and still be usual."""
 SPREAD = 1.25
 """How many times larger a variance is than if all edges were independent, as counted on scenes with truth."""
 STRANGE, SPREAD_STRANGE = 2.0, 2.5
@@ -90,18 +83,12 @@ class Fusion:
     ) -> None:
         self._outline, self._contacts = registration, contacts
         self._size = math.sqrt(view.outer.area)
-        self._trusted = [True, True, True]
-        self._usual = {by: [-1.0, -1.0, -1.0] for by in LEVELS}
+        self.trust = Trust(LEVELS)
         self._pyramid = Pyramid()
         self._surfaces = {by: surfaces(view, grey, abs(by), MANY, hidden, shaded=by < 0) for by in LEVELS}
         if self._look(grey, np.eye(3), FINE, [True, False, False]).deviation() <= FIXED:
             for by in (FINE, -FINE):
                 self._surfaces[by] = surfaces(view, grey, FINE, FEW, hidden, shaded=by < 0)
-
-    @property
-    def textured(self) -> bool:
-        """Whether a surface bears poses out."""
-        return any(self._trusted[1:])
 
     def shrunk(self, grey: Grey, by: int) -> Grey:
         """The image (H, W) as many times shrunk, a power of two, kept as long as it is the one at hand."""
@@ -118,7 +105,7 @@ class Fusion:
         Raises:
             TransferError: too little evidence.
         """
-        state = self._settled(grey, H, self._trusted, far)
+        state = self._settled(grey, H, self.trust.use, far)
         for row in (GROUND, INSIDE):  # what does not move along must not bend the pose
             if state.told(row) and (
                 state.parted(0)
@@ -133,14 +120,14 @@ class Fusion:
 
     def _contradicted(self, grey: Grey, state: Posed) -> bool:
         """Whether a surface that is well known, and was left out, is seen as well as ever in another pose."""
-        by = max((FINE, -FINE), key=lambda by: self._usual[by][INSIDE])
-        if state.use[INSIDE] or not self._trusted[INSIDE] or self._usual[by][INSIDE] < ALIKE:
+        by = max((FINE, -FINE), key=lambda by: self.trust.usual(by, INSIDE))
+        if state.use[INSIDE] or not self.trust.use[INSIDE] or self.trust.usual(by, INSIDE) < ALIKE:
             return False
         try:
             other = self._converged(grey, state.H, 2 * by, [False, True, False], by)
         except TransferError:
             return False
-        known = other.told(INSIDE) and not self._weak(other, INSIDE) and other.deviation() <= HELD
+        known = other.told(INSIDE) and not self.trust.weak(other, INSIDE) and other.deviation() <= HELD
         return known and self._apart(state, other)
 
     def _alike_slid(self, grey: Grey, state: Posed, row: int) -> bool:
@@ -178,19 +165,9 @@ class Fusion:
         still = self._look(grey, np.eye(3), state.by, [False, False, True])
         return still.told(GROUND) and still.alike(GROUND) >= state.alike(GROUND)
 
-    @property
-    def telling(self) -> bool:
-        """Whether the object's surface is one that can be known again."""
-        return max(usual[INSIDE] for usual in self._usual.values()) >= ALIKE
-
-    @property
-    def on_trusted_ground(self) -> bool:
-        """Whether the ground moved along in the last image that was believed."""
-        return self._trusted[GROUND] and max(usual[GROUND] for usual in self._usual.values()) > 0.0
-
     def differs(self, fused: Fused) -> bool:
         """Whether the object's surface, which was seen to be as in the reference, is not so in a pose."""
-        usual = self._usual[fused.by][INSIDE]
+        usual = self.trust.usual(fused.by, INSIDE)
         return usual >= ALIKE and math.isfinite(fused.surface) and fused.surface < UNLIKE
 
     def settles(self, grey: Grey, fused: Fused, turns: list[Floats]) -> bool:
@@ -220,24 +197,15 @@ class Fusion:
             grey: (H, W).
             H: (3, 3) where it was expected.
         """
-        if not self._trusted[GROUND]:
+        if not self.trust.use[GROUND]:
             return None
         try:
             state = self._converged(grey, H, COARSEST, [False, False, True])
         except TransferError:
             return None
-        if not state.told(GROUND) or self._weak(state, GROUND) or state.deviation() > HELD:
+        if not state.told(GROUND) or self.trust.weak(state, GROUND) or state.deviation() > HELD:
             return None
         return state.H
-
-    def believe(self, fused: Fused) -> None:
-        """The verdict accepted this one: from now on only what moved along is used."""
-        usual = self._usual[fused.by]
-        for row, correlation in ((INSIDE, fused.surface), (GROUND, fused.ground)):
-            if math.isfinite(correlation):
-                self._trusted[row] = fused.used[row] or correlation >= max(ALIKE, usual[row] - FADED)
-                if self._trusted[row]:
-                    usual[row] = max(correlation, usual[row] - FORGETTING)
 
     def _settled(self, grey: Grey, H: Floats, use: list[bool], far: bool) -> Posed:
         state = self._settled_at(grey, H, use, far, FINE)
@@ -252,16 +220,16 @@ class Fusion:
         for start in (COARSEST // FINE,) if far else (1, COARSEST // FINE):
             with contextlib.suppress(TransferError):  # a start may lead anywhere
                 found.append(self._converged(grey, H, start * fine, use, fine))
-                if not self._lacking(found[-1]):
+                if not self.trust.lacking(found[-1]):
                     break
         if not found:
             raise TransferError("the outline would lie behind the camera")
-        ends = [min(found, key=self._lack)]
+        ends = [min(found, key=self.trust.lack)]
         if any(ends[0].told(row) and ends[0].alike(row) < FAINT for row in (INSIDE, GROUND)):
             with contextlib.suppress(TransferError):
                 ends.append(self._converged(grey, ends[0].H, 2 * fine, use, 2 * fine))
         for i, end in enumerate(ends):
-            strong = [used and not self._weak(end, row) for row, used in enumerate(use)]
+            strong = [used and not self.trust.weak(end, row) for row, used in enumerate(use)]
             if strong != use:  # what is dropped may have led astray along what the others leave open
                 again = [self._converged(grey, begin, end.by, strong, end.by) for begin in (end.H, H)]
                 ends[i] = max(again, key=lambda state: state.stats[0][1])
@@ -281,15 +249,6 @@ class Fusion:
                 return state if by == end else self._look(grey, state.H, end, use)
             H, by = state.H, by // 2
             least = 0 if by == end else 1
-
-    def _lacking(self, state: Posed) -> bool:
-        """Whether a surface shows less than usual: the pose may be too far off to feel where it belongs."""
-        return any(self._weak(state, row) for row in (INSIDE, GROUND))
-
-    def _lack(self, state: Posed) -> float:
-        """How much the surfaces lack of their usual correlations."""
-        usual = self._usual[state.by]
-        return float(sum(max(usual[row] - state.alike(row), 0.0) for row in (INSIDE, GROUND) if state.told(row)))
 
     def _look(
         self, grey: Grey, H: Floats, by: int, use: list[bool], still: float = 0.0, least: int = 0, most: int = 0
@@ -317,15 +276,6 @@ class Fusion:
             most,
         )
         return Posed(found, use, by, LOOSE * self._size, self._contacts)
-
-    def _weak(self, state: Posed, row: int) -> bool:
-        """Whether a surface that is used shows less of the reference than usual: it is off, or something else."""
-        return state.told(row) and state.alike(row) < self._least(state.by, row)
-
-    def _least(self, by: int, row: int) -> float:
-        """The least correlation of a surface that is where it belongs."""
-        usual = self._usual[by][row]
-        return max(LEAST_ALIKE, usual - FADED, 1.0 - LACKING * (1.0 - usual) - LACKING_ALSO)
 
     def _told(self, state: Posed) -> Fused:
         stats = state.stats
@@ -360,7 +310,7 @@ class Fusion:
         told: list[list[Floats]] = []
         for by in (FINE, COARSE):
             state = self._look(grey, H, by, [True] * 3)
-            surface, ground = (state.told(row) and not self._weak(state, row) for row in (INSIDE, GROUND))
+            surface, ground = (state.told(row) and not self.trust.weak(state, row) for row in (INSIDE, GROUND))
             uses = [True, False, False], [True, surface, False], [True, surface, ground]
             told.append([state.covariance(use) for use in uses])
         outline, surface_too, all_there_is = (min(pair, key=_widest) for pair in zip(*told, strict=True))
