@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference_evidence import displacement_fields
+from grasptrack.kernels.reference_evidence import displacement_fields, near_identity
 from grasptrack.kernels.reference_fusion import MotionEquations, motion_equations
-from grasptrack.kernels.reference_registration import moved
 
 Floats = NDArray[np.float64]
 
@@ -100,7 +99,7 @@ def converge(
         step = np.asarray(np.linalg.solve(np.tensordot(share, found.N, 1) + np.eye(8) / loose**2, share @ found.b))
         if moves >= most or (moves >= least and math.sqrt(float(step @ step)) < still):
             return Converged(H, moves, step, _scatter(found.left), found)
-        further = moved(found.basis @ step / found.radius, found.centre, found.radius) @ H
+        further = near_identity(found.basis @ step / found.radius, found.centre, found.radius) @ H
         if not abs(further[2, 2]) > 1e-12:
             return Converged(H, moves, np.full(8, np.nan), math.nan, _nothing(found))
         H = np.asarray(further / further[2, 2])

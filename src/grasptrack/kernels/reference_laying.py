@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference_evidence import carry_normals, displacement_fields, lower_median
+from grasptrack.kernels.reference_evidence import carry_normals, displacement_fields, lower_median, near_identity
 
 Floats = NDArray[np.float64]
 
@@ -142,27 +142,6 @@ def _step(
         return None
     out = near_identity(x, centre, radius) @ H
     return np.asarray(out / out[2, 2]) if abs(out[2, 2]) > 1e-12 else None
-
-
-def near_identity(x: Floats, centre: Floats, radius: float) -> Floats:
-    """(3, 3) the homography near the identity whose displacements are those of `displacement_fields`.
-
-    Args:
-        x: (8,) parameters, in radii.
-        centre: (2,) px.
-        radius: px.
-    """
-    tx, ty, scale, turn, stretch, shear, bend_x, bend_y = x.tolist()
-    M = np.array(
-        [
-            [1.0 + scale + stretch, shear - turn, tx],
-            [shear + turn, 1.0 + scale - stretch, ty],
-            [-bend_x, -bend_y, 1.0],
-        ]
-    )
-    N = np.array([[1.0, 0.0, -centre[0]], [0.0, 1.0, -centre[1]], [0.0, 0.0, radius]]) / radius
-    back = np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
-    return np.asarray(back @ M @ N, dtype=np.float64)
 
 
 def _gaps(

@@ -8,7 +8,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference_evidence import SLIDING, carry_normals, displacement_fields, lower_median, whitening
+from grasptrack.kernels.reference_evidence import (
+    SLIDING,
+    carry_normals,
+    displacement_fields,
+    lower_median,
+    near_identity,
+    whitening,
+)
 from grasptrack.kernels.reference_support import search_edges
 
 Floats = NDArray[np.float64]
@@ -88,7 +95,7 @@ def register_outline(
         centre = at.mean(axis=0)
         radius = math.sqrt(float(np.einsum("ni,ni->", at - centre, at - centre)) / len(at))
         x, weight, residual, noise = _fitted((at[index] - centre) / radius, along[index], edges[index, 0], int(motion))
-        H = moved(x / radius, centre, radius) @ H
+        H = near_identity(x / radius, centre, radius) @ H
         if not abs(H[2, 2]) > 1e-12:
             return nothing
         H = H / H[2, 2]
@@ -117,24 +124,3 @@ def _fitted(points: Floats, normals: Floats, offsets: Floats, motion: int) -> tu
     full = np.zeros(8)
     full[:motion] = own @ x
     return full, weight, residual, noise
-
-
-def moved(x: Floats, centre: Floats, radius: float) -> Floats:
-    """(3, 3) the homography near the identity whose displacements are those of `displacement_fields`.
-
-    Args:
-        x: (8,) parameters, in radii.
-        centre: (2,) px.
-        radius: px.
-    """
-    tx, ty, scale, turn, stretch, shear, bend_x, bend_y = x.tolist()
-    M = np.array(
-        [
-            [1.0 + scale + stretch, shear - turn, tx],
-            [shear + turn, 1.0 + scale - stretch, ty],
-            [-bend_x, -bend_y, 1.0],
-        ]
-    )
-    N = np.array([[1.0, 0.0, -centre[0]], [0.0, 1.0, -centre[1]], [0.0, 0.0, radius]]) / radius
-    back = np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
-    return np.asarray(back @ M @ N, dtype=np.float64)

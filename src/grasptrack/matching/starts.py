@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.kernels.reference_laying import near_identity
+from grasptrack.kernels.reference_evidence import near_identity
 from grasptrack.matching.samples import Sampled
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.errors import TransferError
-from grasptrack.kernels.reference_evidence import displacement_fields
-from grasptrack.kernels.reference_registration import moved
+from grasptrack.kernels.reference_evidence import displacement_fields, near_identity
 from grasptrack.projective import apply_homography
 
 Floats = NDArray[np.float64]
@@ -127,5 +126,5 @@ class Posed:
         motion = C @ rows.T @ freest
         motion *= by * math.sqrt(len(at)) / float(np.linalg.norm(rows @ motion))
         step = self._basis @ motion / self._radius
-        there, back = (moved(sign * step, self._centre, self._radius) @ self.H for sign in (1.0, -1.0))
+        there, back = (near_identity(sign * step, self._centre, self._radius) @ self.H for sign in (1.0, -1.0))
         return there / there[2, 2], back / back[2, 2]
