@@ -56,7 +56,7 @@ variances are so many times larger then."""
 ASTRAY = 0.15
 """Fraction of sqrt(area) that a step is long from which nothing converges."""
 DECISIVE, STRICT = 0.5, 3.0
-"""px to which the ground itself must fix the contacts, and standard deviations that it may disagree, where it decides."""
+"""px, and standard deviations, by which the ground may disagree where it decides."""
 MOVED = 1.0
 """px from the reference from which on it is asked whether the ground stayed behind."""
 SLID, SLID_PX = 0.04, 3.0
@@ -141,13 +141,12 @@ class Fusion:
         return 1.0 - most**2 < CLEARER * (1.0 - state.alike(row) ** 2)
 
     def _misleads(self, grey: Grey, state: Posed, far: bool) -> bool:
-        """Whether the ground may not be believed although nothing speaks against it yet: what it alone decides it must show
-        so clearly that a slide would be seen, and where the surface decides, it must agree."""
+        """Whether the ground may not be believed although nothing speaks against it yet: where the surface decides, it must
+        agree, and where it decides alone, be at rest with the object rather than with the camera."""
         if state.deviation([True, False, False]) <= HELD:
             return False
         if state.deviation([True, state.use[INSIDE], False]) > HELD:
-            unclear = state.deviation([False, False, True]) > DECISIVE
-            return unclear or state.parted(0, STRICT) or state.parted(GROUND, STRICT) or self._stayed(grey, state)
+            return state.parted(0, STRICT) or state.parted(GROUND, STRICT) or self._stayed(grey, state)
         other = self._settled(grey, state.H, [True, state.use[INSIDE], False], far)
         return self._apart(state, other)
 
