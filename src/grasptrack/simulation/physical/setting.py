@@ -29,7 +29,7 @@ ARMS: tuple[Arm, ...] = ("gantry", "arm")
 WIDTH, HEIGHT = 640, 480
 SIZE = (0.060, 0.072)
 """m, the root of a part's area."""
-LONGEST = 0.085
+LONGEST = 0.10
 """m from a part's centroid to its farthest point at most: what is longer is made smaller."""
 AWAY = (1.5, 2.5)
 """Distances at the start, as multiples of that in which the fingertips reach the part."""
