@@ -16,7 +16,7 @@ import grasptrack as gt
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.geometry import moved, pose_of, rotation
 
-WIDTH, HEIGHT, PERIOD = 640, 480, 0.04
+WIDTH, HEIGHT, PERIOD, MARGIN = 640, 480, 0.04, 20
 
 
 @dataclass
@@ -96,10 +96,14 @@ class Bench:
         about = rng.uniform(-np.pi, np.pi)
         leaning = rotation(lean * np.array([math.cos(about), math.sin(about), 0.0]))
         turned = right[:3, :3] @ rotation((0.0, 0.0, spin)) @ leaning
-        where = rng.uniform(-self.aside, self.aside, 2) * (WIDTH, HEIGHT) + self.centre
-        ray = self.camera.rays(where[None])[0]
         distance = depth * rng.uniform(1.3, self.distance)
-        return pose_of(turned, self.at - turned @ (self.camera.offset + distance * ray))
+        while True:  # all contacts in view, with a margin
+            where = rng.uniform(-self.aside, self.aside, 2) * (WIDTH, HEIGHT) + self.centre
+            ray = self.camera.rays(where[None])[0]
+            hand = pose_of(turned, self.at - turned @ (self.camera.offset + distance * ray))
+            seen = self.camera.project((self.contacts() - hand[:3, 3]) @ hand[:3, :3])
+            if (seen > MARGIN).all() and (seen < (WIDTH - MARGIN, HEIGHT - MARGIN)).all():
+                return hand
 
     def right_hand(self) -> np.ndarray:
         """The pose in which the contacts lie between the fingertips, for the object as it lies now."""

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 ASIDE, TURNED = 0.006, 0.06
 """m and rad from which on the hand stays at the stand-off; within half of them it goes all the way."""
-UNSURE = 0.05
+UNSURE = 0.1
 """Relative standard deviation of the contacts' distance from which on it stays at the stand-off."""
 SLOPE = 0.01
 """rad, how well the plane's normal is taken to be known."""

@@ -2,9 +2,9 @@
 """Where the estimate begins: what small exploratory moves tell of a camera that nobody knows.
 
 Let complex numbers stand for vectors across the approach direction. A hand at p, turned by theta, sees the middle of the
-contacts at s = m exp(-i theta) (P + V t - p) - tau, in units of their distance in the image: m = exp(-i phi) / L holds the mounting
-angle phi and the length L of the segment in m, tau the camera's offset, V the object's velocity. This is linear in m, m P,
-m V and tau. The focal length follows from how the distance in the image changes with height.
+contacts at s = m exp(-i theta) (P + V t - p) - tau, in units of their distance in the image: m = exp(-i phi) / L holds the
+mounting angle phi and the length L of the segment in m, tau the camera's offset, V the object's velocity. This is linear in
+m, m P, m V and tau. The focal length follows from how the distance in the image changes with height.
 """
 
 from __future__ import annotations

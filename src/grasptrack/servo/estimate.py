@@ -36,9 +36,9 @@ FAR = 5.0
 """Innovations of so many are no news of the same motion."""
 AGREEING = 5
 """So many such images in a row that agree with each other say that the object has been displaced."""
-DRIFT, TWIRL = 3e-4, 2e-3
+DRIFT, TWIRL = 1e-4, 1e-3
 """m and rad per root of a second by which the object may creep."""
-WANDER, PUSHED = 0.05, 1.0
+WANDER, PUSHED = 0.002, 1.0
 """m/s per root of a second by which its velocity changes, and by which just after it was displaced."""
 ASTIR = 1.0
 """s for which a displaced object is taken to be on the move."""

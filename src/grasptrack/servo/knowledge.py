@@ -94,7 +94,9 @@ class Knowledge:
         self._began = time
 
     def interrupted(self) -> None:
-        """The grasp went out of sight: the present move is made again."""
+        """The grasp went out of sight: the present move is made again, the other way."""
+        if not np.isnan(self._began):
+            self._larger *= -1.0
         self._began = float("nan")
 
     def twist(self, time: float) -> Floats:

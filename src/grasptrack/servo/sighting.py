@@ -14,7 +14,7 @@ from grasptrack.result import TrackResult
 
 Floats = NDArray[np.float64]
 
-FLOOR = 0.25
+FLOOR = 0.2
 """px, the least standard deviation of a point: covariances know noise, not models."""
 MOST = 30.0
 """px, the largest that is made of an unbounded one."""
