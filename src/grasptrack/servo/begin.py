@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the estimate begins: what small exploratory moves tell of a camera that nobody knows.
+
+Let complex numbers stand for vectors across the approach direction. A hand at p, turned by theta, sees the middle of the
+contacts at s = m exp(-i theta) (P + V t - p) - tau, in units of their distance in the image: m = exp(-i phi) / L holds the
+mounting angle phi and the length L of the segment in m, tau the camera's offset, V the object's velocity. This is linear in
+m, m P, m V and tau. The focal length follows from how the distance in the image changes with height.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import GraspTrackError
+from grasptrack.servo.camera import HandCamera, NominalCamera
+from grasptrack.servo.estimate import Estimate, Prior, placed
+from grasptrack.servo.features import spread
+from grasptrack.servo.geometry import inverse
+from grasptrack.servo.sighting import Sighting
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+DRAWS, ROUNDS = 100, 10
+"""Random minimal sets, and rounds of reweighting after the best of them."""
+ASIDE, BELT, LENGTH, FOCAL_LENGTHS = 0.15, 0.3, 0.05, 1.1
+"""Before anything is known: m of the camera's offset, m/s of the object, m between contacts, focal length over the image's
+larger side."""
+PASSES = 3
+"""How often the images so far are gone through, each time linearised at the last result."""
+NOMINAL = Prior(focal=0.1, tilt=0.1, spin=0.1, offset=0.03, scale=0.5)
+"""How far a nominal camera may be off."""
+
+
+class UnexploredError(GraspTrackError):
+    """The moves so far do not tell enough: the message says what is missing. Caught by the servo."""
+
+
+def explored(seen: Sequence[Sighting], centre: Floats, side: float, slope: float, seed: int = 0) -> Estimate:
+    """The estimate after all sightings of exploratory moves.
+
+    Args:
+        seen: sightings in the order of time, some of them wrong.
+        centre: (2,) px, the middle of the image.
+        side: px, the larger side of the image.
+        slope: rad, by how much the object's plane may be tilted against the hand.
+        seed: of the random subsets.
+
+    Raises:
+        UnexploredError: too few sightings, or the hand's moves do not show in the image.
+    """
+    if len(seen) < 6:
+        raise UnexploredError("too few images of the exploratory moves")
+    base = inverse(seen[0].hand)
+    poses = np.array([base @ s.hand for s in seen])
+    p = poses[:, 0, 3] + 1j * poses[:, 1, 3]
+    theta = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+    t = np.array([s.time - seen[0].time for s in seen])
+    contacts = np.array([s.points[: s.contacts] for s in seen])
+    length = np.array([spread(c) for c in contacts])
+    middle = contacts.mean(axis=1) - centre
+    s = (middle[:, 0] + 1j * middle[:, 1]) / length
+    m, ok = _mounting(p, theta, t, s, 0.5 / length, seed)
+    if not 1.0 < abs(m) < 1e4:
+        raise UnexploredError("the hand's moves do not show in the image")
+    L, phi = 1.0 / abs(m), -float(np.angle(m))
+    focal = _focal(poses[ok, 2, 3], length[ok], L, FOCAL_LENGTHS * side)
+    camera = HandCamera(focal, centre, _about_z(phi), np.zeros(3))
+    prior = Prior(slope=slope)
+    first = seen[int(np.flatnonzero(ok)[0])]
+    chosen = [x for x, good in zip(seen, ok, strict=True) if good]
+    facing = seen[0].hand[:3, :3]
+    for _ in range(PASSES):
+        depth = camera.focal * L / spread(first.points[: first.contacts])
+        begun = Estimate(camera, placed(camera, first, depth, facing), prior, first.time, first.hand)
+        for one in chosen:
+            begun.observe(one)
+        camera, facing = begun.camera, begun.object.turn
+        L = spread(begun.object.points[: first.contacts])
+    return begun
+
+
+def nominal(seen: Sighting, believed: NominalCamera, centre: Floats, slope: float) -> Estimate:
+    """The estimate from a single sighting and what is believed of the camera."""
+    camera = believed.camera(centre)
+    prior = Prior(NOMINAL.focal, NOMINAL.tilt, NOMINAL.spin, NOMINAL.offset, NOMINAL.place, NOMINAL.scale, slope)
+    object_ = placed(camera, seen, believed.distance, seen.hand[:3, :3])
+    return Estimate(camera, object_, prior, seen.time, seen.hand)
+
+
+def _mounting(
+    p: Complex, theta: Floats, t: Floats, s: Complex, noise: Floats, seed: int
+) -> tuple[complex, NDArray[np.bool_]]:
+    """m, and which sightings bear it out: the best of random subsets, then reweighted least squares."""
+    back = np.exp(-1j * theta)
+    A = np.column_stack([back * p, back, back * t, np.ones(len(p))])  # of -m, m P, m V, -tau
+    rng = np.random.default_rng(seed)
+    ridge = np.diag([1e-6, 1e-6, LENGTH / BELT, LENGTH / ASIDE])  # what is known before, in standard deviations
+    best, least = np.zeros(4, dtype=complex), np.inf
+    for draw in range(DRAWS):
+        rows = np.arange(len(p)) if draw == 0 else rng.choice(len(p), size=min(6, len(p)), replace=False)
+        x = _ridged(A[rows], s[rows], 1.0 / noise[rows], ridge)
+        misfit = float(np.median(np.abs(A @ x - s) / noise))
+        if misfit < least:
+            best, least = x, misfit
+    for _ in range(ROUNDS):
+        off = np.abs(A @ best - s) / noise
+        scale = max(1.0, 1.5 * float(np.median(off)))
+        weight = 1.0 / (1.0 + (off / (3.0 * scale)) ** 2)
+        best = _ridged(A, s, weight / noise, ridge)
+    off = np.abs(A @ best - s) / noise
+    return complex(-best[0]), off < 6.0 * max(1.0, 1.5 * float(np.median(off)))
+
+
+def _ridged(A: Complex, s: Complex, weight: Floats, ridge: Floats) -> Complex:
+    W = A * weight[:, None]
+    return np.asarray(np.linalg.solve(W.conj().T @ W + ridge**2, W.conj().T @ (s * weight)))
+
+
+def _focal(z: Floats, length: Floats, L: float, guess: float) -> float:
+    """px, from 1/l = (Z_0 - z) / (f L); where height has hardly changed, the guess."""
+    inverse_length = 1.0 / length
+    d = z - z.mean()
+    if float(np.abs(d).max()) < 3e-3:
+        return guess
+    slope = -float(d @ (inverse_length - inverse_length.mean())) / float(d @ d)
+    found = 1.0 / (slope * L) if slope > 0.0 else np.inf
+    return float(np.clip(found, 0.4 * guess, 3.0 * guess))
+
+
+def _about_z(angle: float) -> Floats:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

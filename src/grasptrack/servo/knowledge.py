@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From nothing to an estimate, and back where it proves wrong: which move to explore next, and what is known so far."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.servo import begin
+from grasptrack.servo.camera import NominalCamera
+from grasptrack.servo.estimate import FAR, Estimate
+from grasptrack.servo.explore import ORDER, Exploration
+from grasptrack.servo.sighting import Sighting
+from grasptrack.servo.textbook import Textbook
+
+Floats = NDArray[np.float64]
+
+KEPT = 200
+"""Sightings that are kept to begin from."""
+DOUBLINGS = 3
+"""How often moves that showed nothing are made larger."""
+STRANGE = 40
+"""So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
+
+
+class Knowledge:
+    """The estimate and how it came about.
+
+    Args:
+        exploration: how the exploratory moves are made.
+        dof: 4 or 6.
+        camera: what is believed of the camera; with it nothing is explored.
+        fixed: whether that is never corrected: the textbook's law.
+    """
+
+    def __init__(self, exploration: Exploration, dof: int, camera: NominalCamera | None, fixed: bool = False) -> None:
+        self._how, self._order, self._nominal = exploration, ORDER[dof], camera
+        self._fixed = fixed
+        self._slope = 0.01 if dof == 4 else 0.3
+        self.restarts = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: another object, or an estimate that proved wrong."""
+        self._seen: deque[Sighting] = deque(maxlen=KEPT)
+        self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
+        self._fits: deque[bool] = deque(maxlen=100)
+        self.estimate: Estimate | Textbook | None = None
+        self.failed = ""
+
+    @property
+    def exploring(self) -> bool:
+        """Whether there are exploratory moves to make."""
+        return self._nominal is None and self._stage < len(self._order)
+
+    def take(self, seen: Sighting, centre: Floats, side: float) -> bool:
+        """Take in a sighting; whether it fits what is known."""
+        fits = True
+        if self.exploring:
+            self._seen.append(seen)
+        if self.estimate is not None:
+            fits = self.estimate.observe(seen) < FAR
+        elif self._nominal is not None:
+            self.estimate = (
+                Textbook(seen, self._nominal, centre)
+                if self._fixed
+                else begin.nominal(seen, self._nominal, centre, self._slope)
+            )
+        self._fits.append(fits)
+        if sum(not f for f in self._fits) >= STRANGE:
+            self.restarts += 1
+            self.forget()
+            return False
+        if self.exploring:
+            self._go_on(seen.time, centre, side)
+        return fits
+
+    def _go_on(self, time: float, centre: Floats, side: float) -> None:
+        """Begin the first move, or end one that is over with a new estimate."""
+        if np.isnan(self._began):
+            self._began = time
+        if time < self._began + self._how.seconds:
+            return
+        try:
+            self.estimate = begin.explored(tuple(self._seen), centre, side, self._slope)
+            self._stage += 1
+        except begin.UnexploredError as found:
+            self._doublings += 1
+            self._larger *= 2.0
+            if self._doublings > DOUBLINGS:
+                self.failed = str(found)
+        self._began = time
+
+    def interrupted(self) -> None:
+        """The grasp went out of sight: the present move is made again, the other way."""
+        if not np.isnan(self._began):
+            self._larger *= -1.0
+        self._began = float("nan")
+
+    def twist(self, time: float) -> Floats:
+        """The exploratory twist (6,) at a time; `take` begins it."""
+        if not self.exploring or np.isnan(self._began):
+            return np.zeros(6)
+        return self._how.twist(self._order[self._stage], time - self._began, self._larger)
+
+    def telling(self) -> str:
+        """Which move is being made."""
+        names = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
+        return names[self._order[min(self._stage, len(self._order) - 1)]]
