@@ -35,8 +35,8 @@ KNOWN = 0.1
 """How well the size of the part is known beforehand, which is what the hand's limits are told by."""
 PATIENCE = 25
 """Images in which to look for the part before giving up."""
-NOMINAL_FOCAL, NOMINAL_HEIGHT, NOMINAL_ASIDE = 600.0, 0.245, 0.085
-"""px and m of the camera that the nominal laws believe in: the middle of what is drawn."""
+NOMINAL_FOCAL, NOMINAL_HEIGHT, NOMINAL_ASIDE, NOMINAL_LEAN = 600.0, 0.275, 0.07, math.radians(6.0)
+"""px, m, m and rad of the camera that the nominal laws believe in: the middle of what is drawn."""
 
 
 @dataclass(frozen=True)
@@ -220,9 +220,10 @@ def _approach(run: _Run) -> None:
         run.loop_ms.append(1e3 * (ended - began))
         row.images += 1
         run.tell(Step("approach", world.time(), image, result, command))
-        world.move(command.twist)
         if command.close:
             _closing(run, result, command)
+        world.move(command.twist)
+        if command.close:
             width = width_in_m(result.contacts, tips, opening) if result.contacts is not None else None
             world.watch = lambda: run.tell(Step("close", world.time(), None, result, command))
             held = world.close(width)
@@ -265,6 +266,8 @@ def _closing(run: _Run, result: TrackResult, command: Command) -> None:
     thick = world.setting.part.thickness
     places = np.array([part[:3, :3] @ np.array([x, -y, thick]) + part[:3, 3] for x, y in run.truth])
     local = (places - hand[:3, 3]) @ hand[:3, :3]
+    seen = apply_homography(world.outline_to_image(), run.truth)
+    row.contact_error_px = float(np.hypot(*(result.contacts - seen).T).max())
     row.aside_mm = 1e3 * float(np.hypot(*local.mean(axis=0)[:2]))
     row.turned_deg = math.degrees(turn_between(local[:, :2], np.array([[-1.0, 0.0], [1.0, 0.0]])))
 
@@ -273,8 +276,7 @@ def _nominal(law: Law) -> NominalCamera | None:
     if law == "online":
         return None
     mounting = np.eye(4)
-    lean = math.atan2(NOMINAL_ASIDE, NOMINAL_HEIGHT)
-    c, s = math.cos(lean), math.sin(lean)
+    c, s = math.cos(NOMINAL_LEAN), math.sin(NOMINAL_LEAN)
     mounting[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
     mounting[:3, 3] = (0.0, -NOMINAL_ASIDE, -NOMINAL_HEIGHT)
     return NominalCamera(NOMINAL_FOCAL, mounting, distance=2.0 * math.hypot(NOMINAL_ASIDE, NOMINAL_HEIGHT))

@@ -137,10 +137,9 @@ def draw(
 
 
 def _mount(rng: np.random.Generator) -> Floats:
-    """The camera beside and above the fingers, its axis passing within some degrees of their tips."""
-    x, y, z = rng.uniform(-0.012, 0.012), -rng.uniform(0.075, 0.095), -rng.uniform(0.22, 0.27)
-    aim = math.atan2(-y, -z) + math.radians(float(rng.uniform(-5.0, 5.0)))
-    aside, roll = (math.radians(float(v)) for v in rng.uniform([-5.0, -15.0], [5.0, 15.0]))
+    """The camera beside and above the fingers, leaning more or less toward their tips, which it sees in the lower half."""
+    x, y, z = rng.uniform(-0.012, 0.012), -rng.uniform(0.06, 0.08), -rng.uniform(0.25, 0.30)
+    aim, aside, roll = (math.radians(float(v)) for v in rng.uniform([0.0, -6.0, -15.0], [12.0, 6.0, 15.0]))
     # y of the image is y of the hand; leaning toward the tips turns the axis from z toward +y
     R = frames.about_x(-aim) @ frames.about_y(aside) @ frames.about_z(roll)
     return frames.pose(R, np.array([x, y, z]))

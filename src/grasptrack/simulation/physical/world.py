@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -48,6 +49,10 @@ class World:
             needs none and is several times as fast; "auto" by MuJoCo where it can.
         axis: see `setting.draw`.
 
+    Attributes:
+        watch: called once in every control period, also while the hand closes and lifts; None.
+        failure: after a lift that failed, how.
+
     Raises:
         InputError: MuJoCo or offscreen OpenGL is missing, or unknown names.
         ContourError: an outline that crosses itself.
@@ -80,6 +85,8 @@ class World:
         self._ctrl = np.zeros(6)
         self._steady = np.zeros(6)
         self.failure = ""
+        self.watch: Callable[[], None] | None = None
+        self._steps = 0
 
     def _names(self) -> None:
         m = self.model
@@ -243,6 +250,9 @@ class World:
         d.qvel[self._belt] = float(np.hypot(*self.setting.belt))
         self._push()
         self._mj.mj_step(m, d)
+        self._steps += 1
+        if self.watch is not None and self._steps % round(PERIOD_S / model.TIMESTEP) == 0:
+            self.watch()
 
     def _push(self) -> None:
         """Somebody's finger: it makes the part move at a speed for a moment, and lets go."""
