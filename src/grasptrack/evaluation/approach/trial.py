@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from grasptrack.contour import Contour, View
 from grasptrack.errors import GraspTrackError
 from grasptrack.evaluation.approach.choosing import FRICTION, first_look, hand_for, turn_between, width_in_m
+from grasptrack.evaluation.approach.looking import Looking
 from grasptrack.evaluation.approach.refusal import pairs_that_close
 from grasptrack.projective import apply_homography
 from grasptrack.result import TrackResult
@@ -81,6 +82,7 @@ class Row:
         contact_error_px: farthest tracked contact from its true place in that image.
         aside_mm: true distance of the grasp's middle from the hand's axis when it began to close.
         turned_deg: true angle between the grasp and the hand then.
+        renewed: references taken anew on the way.
         believed: at closing, the result was believed; empty where the hand never closed.
         start_turn_deg, start_off, start_away: how the view was off at the start: the turn that the chosen grasp asks for, share of
             the view, multiple of the goal's distance.
@@ -102,6 +104,7 @@ class Row:
     contact_error_px: float = math.nan
     aside_mm: float = math.nan
     turned_deg: float = math.nan
+    renewed: int = 0
     believed: bool | None = None
     start_turn_deg: float = math.nan
     start_off: float = math.nan
@@ -205,6 +208,7 @@ def _approach(run: _Run) -> None:
         row.confirmed = pairs_that_close(run.case.shape, world.setting.part.size) == 0 if refused else None
         return
     _start(run, result.contacts, tips)
+    looking = Looking(tracker, result, ignore)
     goal = Goal.fingertips(tips, opening, beyond_m=-ABOVE)
     servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))
     while not servo.over:
@@ -212,13 +216,14 @@ def _approach(run: _Run) -> None:
         if row.images > 1 or world.time() > result.time:  # type: ignore[operator]
             image = world.image()
             began = clock.perf_counter()
-            result = tracker.update(image, world.time())
+            result = looking.update(image, world.time())
         tracked = clock.perf_counter()
         command = servo.update(result, time=world.time(), pose=world.pose())
         ended = clock.perf_counter()
         run.servo_ms.append(1e3 * (ended - tracked))
         run.loop_ms.append(1e3 * (ended - began))
         row.images += 1
+        row.renewed = looking.renewed
         run.tell(Step("approach", world.time(), image, result, command))
         if command.close:
             _closing(run, result, command)
