@@ -12,13 +12,18 @@ from grasptrack.servo import begin
 from grasptrack.servo.camera import NominalCamera
 from grasptrack.servo.estimate import FAR, Estimate
 from grasptrack.servo.explore import ORDER, Exploration
+from grasptrack.servo.refine import Origin, refined
 from grasptrack.servo.sighting import Sighting
 from grasptrack.servo.textbook import Textbook
 
 Floats = NDArray[np.float64]
 
-KEPT = 200
-"""Sightings that are kept to begin from."""
+KEPT = 120
+"""Sightings that are kept; of the older half then every second."""
+ELSEWHERE, LATER = 0.002, 0.2
+"""m, rad and s from the last that is kept."""
+EVERY, STEPS, FEWEST = 5, 3, 10
+"""All are gone through again every so many sightings, with so many steps, from so many on."""
 DOUBLINGS = 3
 """How often moves that showed nothing are made larger."""
 STRANGE = 40
@@ -44,7 +49,9 @@ class Knowledge:
 
     def forget(self) -> None:
         """Begin anew: another object, or an estimate that proved wrong."""
-        self._seen: deque[Sighting] = deque(maxlen=KEPT)
+        self._seen: list[Sighting] = []
+        self._origin: Origin | None = None
+        self._since = 0
         self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
         self._fits: deque[bool] = deque(maxlen=100)
         self.estimate: Estimate | Textbook | None = None
@@ -58,16 +65,14 @@ class Knowledge:
     def take(self, seen: Sighting, centre: Floats, side: float) -> bool:
         """Take in a sighting; whether it fits what is known."""
         fits = True
-        if self.exploring:
-            self._seen.append(seen)
         if self.estimate is not None:
             fits = self.estimate.observe(seen) < FAR
         elif self._nominal is not None:
-            self.estimate = (
-                Textbook(seen, self._nominal, centre)
-                if self._fixed
-                else begin.nominal(seen, self._nominal, centre, self._slope)
-            )
+            if self._fixed:
+                self.estimate = Textbook(seen, self._nominal, centre)
+            else:
+                self._origin, self.estimate = begin.nominal(seen, self._nominal, centre, self._slope)
+        self._keep(seen)
         self._fits.append(fits)
         if sum(not f for f in self._fits) >= STRANGE:
             self.restarts += 1
@@ -75,7 +80,33 @@ class Knowledge:
             return False
         if self.exploring:
             self._go_on(seen.time, centre, side)
+        else:
+            self._refine()
         return fits
+
+    def _keep(self, seen: Sighting) -> None:
+        """Keep what tells more than the last one: sightings from elsewhere, or some time later."""
+        self._since += 1
+        if self._seen and not self.exploring:
+            last = self._seen[-1]
+            way = float(np.abs(seen.hand - last.hand).max())
+            if way < ELSEWHERE and seen.time - last.time < LATER:
+                return
+        self._seen.append(seen)
+        if len(self._seen) > KEPT:
+            self._seen = self._seen[: KEPT // 2 : 2] + self._seen[KEPT // 2 :]
+
+    def _refine(self) -> None:
+        """From time to time go through all that was kept again, as long as the object has not been displaced."""
+        known = self.estimate
+        if self._since < EVERY or self._origin is None or not isinstance(known, Estimate):
+            return
+        self._since = 0
+        if np.isfinite(known.displaced_at) or len(self._seen) < FEWEST:
+            return
+        object_ = known.object.later(self._origin.time - known.time)
+        self.estimate = refined(self._origin, self._seen, (known.camera, object_), STEPS)
+        self.estimate.advance(known.time)
 
     def _go_on(self, time: float, centre: Floats, side: float) -> None:
         """Begin the first move, or end one that is over with a new estimate."""
@@ -84,7 +115,7 @@ class Knowledge:
         if time < self._began + self._how.seconds:
             return
         try:
-            self.estimate = begin.explored(tuple(self._seen), centre, side, self._slope)
+            self._origin, self.estimate = begin.explored(tuple(self._seen), centre, side, self._slope)
             self._stage += 1
         except begin.UnexploredError as found:
             self._doublings += 1
