@@ -80,8 +80,8 @@ class Estimate:
         self.displaced_at = -np.inf
         self._away: list[Floats] = []
 
-    def advance(self, time: float) -> None:
-        """Let the object go on to a later time, s."""
+    def advance(self, time: float, evenly: bool = False) -> None:
+        """Let the object go on to a later time, s; `evenly` where its velocity is known not to have changed."""
         dt = time - self.time
         if dt <= 0.0:
             return
@@ -90,6 +90,8 @@ class Estimate:
         P, axes = self.covariance, self.object.axes
         P[PLACE] += dt * axes @ P[SPEED]
         P[:, PLACE] += dt * P[:, SPEED] @ axes.T
+        if evenly:
+            return
         wander = PUSHED if time < self.displaced_at + ASTIR else WANDER
         P[PLACE, PLACE] += axes @ axes.T * (DRIFT**2 * dt + wander**2 * dt**3 / 3.0)
         P[SPEED, SPEED] += np.eye(2) * wander**2 * dt

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from grasptrack.servo import begin
 from grasptrack.servo.camera import NominalCamera
-from grasptrack.servo.estimate import FAR, Estimate
+from grasptrack.servo.estimate import ASTIR, FAR, Estimate
 from grasptrack.servo.explore import ORDER, Exploration
 from grasptrack.servo.refine import Origin, refined
 from grasptrack.servo.sighting import Sighting
@@ -26,7 +26,7 @@ EVERY, STEPS, FEWEST = 5, 3, 10
 """All are gone through again every so many sightings, with so many steps, from so many on."""
 DOUBLINGS = 3
 """How often moves that showed nothing are made larger."""
-STRANGE = 40
+STRANGE = 75
 """So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
 
 
@@ -102,7 +102,14 @@ class Knowledge:
         if self._since < EVERY or self._origin is None or not isinstance(known, Estimate):
             return
         self._since = 0
-        if np.isfinite(known.displaced_at) or len(self._seen) < FEWEST:
+        if np.isfinite(known.displaced_at):
+            if (
+                known.time > known.displaced_at + ASTIR
+            ):  # it rests, or moves evenly again: what came before is the prior
+                self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
+                self._seen, known.displaced_at = [], -np.inf
+            return
+        if len(self._seen) < FEWEST:
             return
         object_ = known.object.later(self._origin.time - known.time)
         self.estimate = refined(self._origin, self._seen, (known.camera, object_), STEPS)

@@ -85,10 +85,10 @@ def refined(
         else:
             damping *= 10.0
         A, b = system
-        step = np.linalg.solve(A + damping * np.diag(np.diag(A)), b)
+        step = np.asarray(np.linalg.solve(A + damping * np.diag(np.diag(A)), b))
     last = seen[-1].time
     made = Estimate(camera, object_, np.linalg.inv(A), origin.time)
-    made.advance(last)
+    made.advance(last, evenly=True)
     return made
 
 
