@@ -120,37 +120,37 @@ class Estimate:
         R = seen.stacked_noise()
         PH = self.covariance @ H.T
         size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
-        if self._displaced(off, size):
-            self._release(seen.time)
-            PH = self.covariance @ H.T
-        else:
-            R = R * (1.0 + (size / ROBUST) ** 2) ** 2
+        self._count(off, size)
+        R = R * (1.0 + (size / ROBUST) ** 2) ** 2
         gain = np.linalg.solve(H @ PH + R, PH.T).T
         self.camera, self.object = changed(self.camera, self.object, gain @ off)
         P = self.covariance - gain @ PH.T
         self.covariance = 0.5 * (P + P.T)
         return size
 
-    def _displaced(self, off: Floats, size: float) -> bool:
-        """Whether this and the images before it agree that the object is elsewhere."""
-        if size < FAR:
-            self._away.clear()
-            return False
-        if self._away and np.abs(off - self._away[-1]).max() > 0.5 * np.abs(off).max():
-            self._away.clear()
-        self._away.append(off)
-        if len(self._away) < AGREEING:
-            return False
-        self._away.clear()
-        return True
+    @property
+    def elsewhere(self) -> bool:
+        """Whether this and the images before it agree that the object is not where it was expected."""
+        return len(self._away) >= AGREEING
 
-    def _release(self, time: float) -> None:
-        """Let place, turn and velocity of the object be found anew; camera and shape stay."""
+    def _count(self, off: Floats, size: float) -> None:
+        if size < FAR or (self._away and np.abs(off - self._away[-1]).max() > 0.5 * np.abs(off).max()):
+            self._away.clear()
+        if size >= FAR:
+            self._away.append(off)
+
+    def release(self, time: float) -> None:
+        """The object has been displaced: let its place, turn and velocity be found anew; camera and shape stay."""
         self.displaced_at = time
+        self._away.clear()
         axes, P = self.object.axes, self.covariance
         P[PLACE, PLACE] += 0.05**2 * axes @ axes.T
         P[POSE.stop - 1, POSE.stop - 1] += 0.3**2
         P[SPEED, SPEED] += 0.2**2 * np.eye(2)
+
+    def follow(self, other: Estimate) -> None:
+        """Remember what another estimate of the same object saw last that did not fit."""
+        self._away = other._away
 
     def shape(self) -> Floats:
         """The points in the object's plane, (n, 2) m."""
@@ -188,3 +188,9 @@ def placed(camera: HandCamera, seen: Sighting, depth: float, facing: Floats) -> 
     points = origin + depth * rays * (height.mean() / height)[:, None]
     place = points[: seen.contacts].mean(axis=0)
     return Placed((points - place) @ facing[:, :2], facing, place, np.zeros(2), facing[:, :2].copy())
+
+
+def misfit(known: Estimate, seen: Sighting) -> float:
+    """How far off a sighting is, in its own standard deviations (root of the mean square)."""
+    off = (seen.points - known.camera.project(known.in_hand(seen.hand, seen.time))).ravel()
+    return float(np.sqrt(off @ np.linalg.solve(seen.stacked_noise(), off) / len(off)))
