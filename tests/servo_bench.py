@@ -74,17 +74,18 @@ class Bench:
         # the object on the base's plane z = 0, which the hand approaches along -z of the base
         length = self.opening * rng.uniform(0.4, 0.85)
         spin = rng.uniform(-np.pi, np.pi)
-        flat = self.tips[:, :2] * length / self.opening
+        flat = self.tips[:, :2] * (length / self.opening, -length / self.opening)
         self.shape = np.column_stack([flat, np.zeros(self.fingers)]) @ rotation((0.0, 0.0, spin)).T
         self.at = np.array([rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), 0.0])
         right = self.right_hand()
         self.hand = self._start(right, depth, rng)
-        heading = rng.uniform(-np.pi, np.pi)
+        inward = self.centre - self.seen().mean(axis=0)  # a belt brings things into view
+        heading = math.atan2(inward[1], inward[0]) + rng.uniform(-1.0, 1.0)
         toward = self.camera.turn @ np.array([math.cos(heading), math.sin(heading), 0.0])
-        away = self.hand[:3, :3] @ toward
-        away[2] = 0.0
-        distance = self.distance * depth
-        self.velocity = away * self.belt * distance / focal
+        along = self.hand[:3, :3] @ toward
+        along[2] = 0.0
+        distance = float(self.camera.from_hand((self.at - self.hand[:3, 3])[None] @ self.hand[:3, :3])[0, 2])
+        self.velocity = along * self.belt * distance / focal
         self._poses: deque[tuple[float, np.ndarray, np.ndarray]] = deque(maxlen=50)
         self._reference = self._plane(self.hand, self.at)
         self._remember()
@@ -178,8 +179,8 @@ class Bench:
         at = self.tips.mean(axis=0)
         shift = right[:3, :3] @ at + right[:3, 3] - at
         angle = math.atan2(right[1, 0], right[0, 0])
-        if self.fingers == 2:
-            angle = (angle + math.pi / 2) % math.pi - math.pi / 2
+        half = math.pi / self.fingers
+        angle = (angle + half) % (2.0 * half) - half
         return float(np.hypot(*shift[:2])), float(shift[2]), angle
 
     def run(self, servo: gt.GraspServo, seconds: float = 30.0) -> gt.GraspServo:

@@ -121,6 +121,5 @@ def _noise(seen: Sighting | None, contacts: int) -> Floats:
     """The covariance (2k, 2k) px^2 of the contacts; of predicted ones the least."""
     out = np.eye(2 * contacts) * FLOOR**2
     if seen is not None:
-        for i, block in enumerate(seen.noise[:contacts]):
-            out[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
+        return seen.stacked_noise()[: 2 * contacts, : 2 * contacts]
     return out

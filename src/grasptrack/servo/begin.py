@@ -10,6 +10,7 @@ m, m P, m V and tau. The focal length follows from how the distance in the image
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from grasptrack.servo.camera import HandCamera, NominalCamera
 from grasptrack.servo.estimate import Estimate, Prior, placed
 from grasptrack.servo.features import spread
 from grasptrack.servo.geometry import inverse
+from grasptrack.servo.refine import Origin, refined
 from grasptrack.servo.sighting import Sighting
 
 Floats = NDArray[np.float64]
@@ -29,8 +31,6 @@ DRAWS, ROUNDS = 100, 10
 ASIDE, BELT, LENGTH, FOCAL_LENGTHS = 0.15, 0.3, 0.05, 1.1
 """Before anything is known: m of the camera's offset, m/s of the object, m between contacts, focal length over the image's
 larger side."""
-PASSES = 3
-"""How often the images so far are gone through, each time linearised at the last result."""
 NOMINAL = Prior(focal=0.1, tilt=0.1, spin=0.1, offset=0.03, scale=0.5)
 """How far a nominal camera may be off."""
 
@@ -39,8 +39,10 @@ class UnexploredError(GraspTrackError):
     """The moves so far do not tell enough: the message says what is missing. Caught by the servo."""
 
 
-def explored(seen: Sequence[Sighting], centre: Floats, side: float, slope: float, seed: int = 0) -> Estimate:
-    """The estimate after all sightings of exploratory moves.
+def explored(
+    seen: Sequence[Sighting], centre: Floats, side: float, slope: float, seed: int = 0
+) -> tuple[Origin, Estimate]:
+    """What was known before, and the estimate after all sightings of exploratory moves.
 
     Args:
         seen: sightings in the order of time, some of them wrong.
@@ -69,26 +71,23 @@ def explored(seen: Sequence[Sighting], centre: Floats, side: float, slope: float
     L, phi = 1.0 / abs(m), -float(np.angle(m))
     focal = _focal(poses[ok, 2, 3], length[ok], L, FOCAL_LENGTHS * side)
     camera = HandCamera(focal, centre, _about_z(phi), np.zeros(3))
-    prior = Prior(slope=slope)
-    first = seen[int(np.flatnonzero(ok)[0])]
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
-    facing = seen[0].hand[:3, :3]
-    for _ in range(PASSES):
-        depth = camera.focal * L / spread(first.points[: first.contacts])
-        begun = Estimate(camera, placed(camera, first, depth, facing), prior, first.time, first.hand)
-        for one in chosen:
-            begun.observe(one)
-        camera, facing = begun.camera, begun.object.turn
-        L = spread(begun.object.points[: first.contacts])
-    return begun
+    depth = focal * L / spread(chosen[0].points[: chosen[0].contacts])
+    origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
+    return origin, refined(origin, chosen, steps=30)
 
 
-def nominal(seen: Sighting, believed: NominalCamera, centre: Floats, slope: float) -> Estimate:
-    """The estimate from a single sighting and what is believed of the camera."""
-    camera = believed.camera(centre)
-    prior = Prior(NOMINAL.focal, NOMINAL.tilt, NOMINAL.spin, NOMINAL.offset, NOMINAL.place, NOMINAL.scale, slope)
-    object_ = placed(camera, seen, believed.distance, seen.hand[:3, :3])
-    return Estimate(camera, object_, prior, seen.time, seen.hand)
+def origin_of(seen: Sighting, camera: HandCamera, depth: float, prior: Prior) -> Origin:
+    """What is known before: a camera, and the object where it is seen `depth` m before it, facing the hand."""
+    object_ = placed(camera, seen, depth, seen.hand[:3, :3])
+    return Origin(camera, object_, prior.covariance(camera, object_, seen.hand), seen.time)
+
+
+def nominal(seen: Sighting, believed: NominalCamera, centre: Floats, slope: float) -> tuple[Origin, Estimate]:
+    """What is known before from a nominal camera, and the estimate from a single sighting."""
+    prior = replace(NOMINAL, slope=slope)
+    origin = origin_of(seen, believed.camera(centre), believed.distance, prior)
+    return origin, refined(origin, [seen])
 
 
 def _mounting(

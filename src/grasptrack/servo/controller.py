@@ -30,6 +30,8 @@ LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
 
 RESTARTS = 2
 """How often an estimate that proved wrong is begun anew before the servo gives up."""
+BLINK = 0.25
+"""s without the grasp that do not interrupt an exploratory move."""
 LONGEST_STEP = 0.2
 """s that count as one step of control at most: after a pause the acceleration limit holds all the same."""
 
@@ -172,9 +174,11 @@ class GraspServo:
             return self._say("closing", "waits to be told whether something is held", self._carried(hand), step)
         if seen is None:
             self._doubt.reset()
-            return self._without(result, located, time, hand, step)
-        self._last_seen, self._retreated = time, 0.0
-        if known.exploring:
+            if not (known.exploring and time - self._last_seen < BLINK):
+                return self._without(result, located, time, hand, step)
+        else:
+            self._last_seen, self._retreated = time, 0.0
+        if seen is None or known.exploring:
             twist = known.twist(time - self._latency) + self._carried(hand)
             return self._say("approaching", f"exploratory move: {known.telling()}", twist, step)
         return self._approach(result, seen, time, hand, step)

@@ -4,7 +4,7 @@
 The entries of the image Jacobian are functions of few unknowns: focal length, mounting, and the points' places. A robust
 extended Kalman filter holds these; its measurements are the points in each image, at the hand poses that the robot reports.
 Long ways of the hand tell far more than differences from image to image, and the rotational column, which changes with every
-motion, needs no memory of its own.
+motion, needs no memory of its own. A filter keeps the places at which it once linearised; `refine` does not.
 """
 
 from __future__ import annotations
@@ -15,21 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.geometry import rotation, skews
+from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, changed, expected
 from grasptrack.servo.sighting import Sighting
 
 Floats = NDArray[np.float64]
 
-FOCAL, TURN, OFFSET, PLACE, POSE, SPEED, SHAPE = (
-    0,
-    slice(1, 4),
-    slice(4, 7),
-    slice(7, 10),
-    slice(10, 13),
-    slice(13, 15),
-    15,
-)
-"""Where in the state's error: log focal length; camera's turn and offset; object's place, turn, velocity; then its points."""
 ROBUST = 3.0
 """Innovations of so many standard deviations count a quarter (Geman and McClure)."""
 FAR = 5.0
@@ -42,42 +32,37 @@ WANDER, PUSHED = 0.002, 1.0
 """m/s per root of a second by which its velocity changes, and by which just after it was displaced."""
 ASTIR = 1.0
 """s for which a displaced object is taken to be on the move."""
-
 MOVES, LEAST_SPEED = 3.0, 0.002
 """Standard deviations and m/s from which on a velocity is one."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Standard deviations at the start: log focal length, rad, m; `scale` is that of the log of the object's distance."""
+    """Standard deviations at the start: log focal length, rad, m, m/s; `scale` is that of the log of the object's distance."""
 
     focal: float = 0.35
     tilt: float = 0.2
-    spin: float = 0.15
+    spin: float = 0.2
     offset: float = 0.15
-    place: float = 0.02
-    scale: float = 0.2
+    place: float = 0.3
+    scale: float = 0.3
     slope: float = 0.01
     speed: float = 0.3
 
-
-@dataclass
-class Placed:
-    """The object: points (n, 2) m in its plane, the plane's pose in the base, its velocity (2,) m/s along `axes` (3, 2)."""
-
-    points: Floats
-    turn: Floats
-    place: Floats
-    speed: Floats
-    axes: Floats
-
-    def in_base(self) -> Floats:
-        """The points, (n, 3) m."""
-        return np.asarray(self.points @ self.turn[:, :2].T + self.place)
-
-    def velocity(self) -> Floats:
-        """(3,) m/s in the base."""
-        return np.asarray(self.axes @ self.speed)
+    def covariance(self, camera: HandCamera, object_: Placed, hand: Floats) -> Floats:
+        """(15 + 2n, 15 + 2n) of all unknowns."""
+        n = SHAPE + 2 * len(object_.points)
+        deviation = np.full(n, 0.1 * float(np.abs(object_.points).max()))
+        deviation[FOCAL], deviation[TURN], deviation[OFFSET] = (
+            self.focal,
+            (self.tilt, self.tilt, self.spin),
+            self.offset,
+        )
+        deviation[PLACE], deviation[POSE], deviation[SPEED] = self.place, (self.slope, self.slope, 0.2), self.speed
+        farther = np.zeros(n)
+        farther[PLACE] = object_.place - (hand[:3, :3] @ camera.offset + hand[:3, 3])
+        farther[SHAPE:] = object_.points.ravel()
+        return np.asarray(np.diag(deviation**2) + self.scale**2 * np.outer(farther, farther))
 
 
 class Estimate:
@@ -86,141 +71,86 @@ class Estimate:
     Args:
         camera: to begin with.
         object_: to begin with.
-        prior: how far either may be off.
+        covariance: (15 + 2n, 15 + 2n) of their errors.
         time: s, at which the object is where it is said to be.
     """
 
-    def __init__(self, camera: HandCamera, object_: Placed, prior: Prior, time: float, hand: Floats) -> None:
-        self.camera, self.object, self.time = camera, object_, time
-        n = SHAPE + 2 * len(object_.points)
-        size = float(np.abs(object_.points).max())
-        deviation = np.full(n, 0.02 * size)
-        deviation[FOCAL], deviation[TURN], deviation[OFFSET] = (
-            prior.focal,
-            (prior.tilt, prior.tilt, prior.spin),
-            prior.offset,
-        )
-        deviation[PLACE], deviation[POSE] = prior.place, (prior.slope, prior.slope, 0.05)
-        deviation[SPEED] = prior.speed
-        self.covariance = np.diag(deviation**2)
-        farther = np.zeros(n)
-        farther[PLACE] = object_.place - (hand[:3, :3] @ camera.offset + hand[:3, 3])
-        farther[SHAPE:] = object_.points.ravel()
-        self.covariance += prior.scale**2 * np.outer(farther, farther)
+    def __init__(self, camera: HandCamera, object_: Placed, covariance: Floats, time: float) -> None:
+        self.camera, self.object, self.covariance, self.time = camera, object_, covariance, time
+        self.displaced_at = -np.inf
         self._away: list[Floats] = []
-        self._astir = -np.inf
 
-    def advance(self, time: float) -> None:
-        """Let the object go on to a later time, s."""
+    def advance(self, time: float, evenly: bool = False) -> None:
+        """Let the object go on to a later time, s; `evenly` where its velocity is known not to have changed."""
         dt = time - self.time
         if dt <= 0.0:
             return
         self.time = time
-        self.object.place = self.object.place + self.object.velocity() * dt
+        self.object = self.object.later(dt)
         P, axes = self.covariance, self.object.axes
-        step = dt * axes @ P[SPEED]
-        P[PLACE] += step
+        P[PLACE] += dt * axes @ P[SPEED]
         P[:, PLACE] += dt * P[:, SPEED] @ axes.T
-        plane = axes @ axes.T
-        wander = PUSHED if time < self._astir else WANDER
-        P[PLACE, PLACE] += plane * (DRIFT**2 * dt + wander**2 * dt**3 / 3.0)
+        if evenly:
+            return
+        wander = PUSHED if time < self.displaced_at + ASTIR else WANDER
+        P[PLACE, PLACE] += axes @ axes.T * (DRIFT**2 * dt + wander**2 * dt**3 / 3.0)
         P[SPEED, SPEED] += np.eye(2) * wander**2 * dt
         cross = axes * (wander**2 * dt**2 / 2.0)
         P[PLACE, SPEED] += cross
         P[SPEED, PLACE] += cross.T
         P[POSE.stop - 1, POSE.stop - 1] += TWIRL**2 * dt
 
-    def expected(self, hand: Floats, time: float | None = None) -> Floats:
-        """Where points would be seen, (n, 2) px, from a pose of the hand at a time (default: the estimate's)."""
-        return self.camera.project(self.in_hand(hand, time))
-
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
-        """The points (n, 3) m in the hand's frame."""
-        later = 0.0 if time is None else time - self.time
-        points = self.object.in_base() + self.object.velocity() * later
-        return np.asarray((points - hand[:3, 3]) @ hand[:3, :3])
+        """The points (n, 3) m in the frame of a hand at a pose (4, 4), at a time in s (default: the estimate's)."""
+        object_ = self.object if time is None else self.object.later(time - self.time)
+        return np.asarray((object_.in_base() - hand[:3, 3]) @ hand[:3, :3])
 
-    def observe(self, seen: Sighting, robust: bool = True) -> float:
+    def observe(self, seen: Sighting) -> float:
         """Take in what was seen.
 
         Returns:
             The innovation, in standard deviations (root of the mean square); inf where nothing could be compared.
         """
         self.advance(seen.time)
-        expected = self.expected(seen.hand)
-        if not np.isfinite(expected).all():
+        pixels, slopes = expected(self.camera, self.object, seen.hand[None], np.zeros(1))
+        if not np.isfinite(pixels).all():
             return float("inf")
-        H = self._slopes(seen.hand)
-        off = (seen.points - expected).ravel()
-        R = np.zeros((len(off), len(off)))
-        for i, block in enumerate(seen.noise):
-            R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
+        off = (seen.points - pixels[0]).ravel()
+        H = slopes.reshape(len(off), -1)
+        R = seen.stacked_noise()
         PH = self.covariance @ H.T
-        HPH = H @ PH
-        size = float(np.sqrt(off @ np.linalg.solve(HPH + R, off) / len(off)))
-        if robust and self._displaced(off, size):
-            self._release(seen.time)
-            PH = self.covariance @ H.T
-            HPH = H @ PH
-        elif robust:
-            R = R * (1.0 + (size / ROBUST) ** 2) ** 2
-        gain = np.linalg.solve(HPH + R, PH.T).T
-        self._step(gain @ off)
+        size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
+        self._count(off, size)
+        R = R * (1.0 + (size / ROBUST) ** 2) ** 2
+        gain = np.linalg.solve(H @ PH + R, PH.T).T
+        self.camera, self.object = changed(self.camera, self.object, gain @ off)
         P = self.covariance - gain @ PH.T
         self.covariance = 0.5 * (P + P.T)
         return size
 
-    def _displaced(self, off: Floats, size: float) -> bool:
-        """Whether this and the images before it agree that the object is elsewhere."""
-        if size < FAR:
-            self._away.clear()
-            return False
-        if self._away and np.abs(off - self._away[-1]).max() > 0.5 * np.abs(off).max():
-            self._away.clear()
-        self._away.append(off)
-        if len(self._away) < AGREEING:
-            return False
-        self._away.clear()
-        return True
+    @property
+    def elsewhere(self) -> bool:
+        """Whether this and the images before it agree that the object is not where it was expected."""
+        return len(self._away) >= AGREEING
 
-    def _release(self, time: float) -> None:
-        """Let place, turn and velocity of the object be found anew; camera and shape stay."""
-        self._astir = time + ASTIR
+    def _count(self, off: Floats, size: float) -> None:
+        if size < FAR or (self._away and np.abs(off - self._away[-1]).max() > 0.5 * np.abs(off).max()):
+            self._away.clear()
+        if size >= FAR:
+            self._away.append(off)
+
+    def release(self, time: float) -> None:
+        """The object has been displaced: let its place, turn and velocity be found anew; camera and shape stay."""
+        self.displaced_at = time
+        self._away.clear()
         axes, P = self.object.axes, self.covariance
         P[PLACE, PLACE] += 0.05**2 * axes @ axes.T
         P[POSE.stop - 1, POSE.stop - 1] += 0.3**2
         P[SPEED, SPEED] += 0.2**2 * np.eye(2)
 
-    def _slopes(self, hand: Floats) -> Floats:
-        """Derivatives (2n, state) of `expected` by the state's error."""
-        n, camera = len(self.object.points), self.camera
-        points = self.in_hand(hand)
-        P = camera.from_hand(points)
-        A = camera.slopes(points)
-        to_camera = camera.turn.T @ hand[:3, :3].T
-        out = np.zeros((n, 2, SHAPE + 2 * n))
-        out[:, :, FOCAL] = camera.focal * P[:, :2] / P[:, 2:]
-        out[:, :, TURN] = A @ skews(P)
-        out[:, :, OFFSET] = -A @ camera.turn.T
-        by_place = A @ to_camera
-        out[:, :, PLACE] = by_place
-        local = np.column_stack([self.object.points, np.zeros(n)])
-        out[:, :, POSE] = -by_place @ self.object.turn @ skews(local)
-        by_shape = by_place @ self.object.turn[:, :2]
-        for i in range(n):
-            out[i, :, SHAPE + 2 * i : SHAPE + 2 * i + 2] = by_shape[i]
-        return out.reshape(2 * n, -1)
-
-    def _step(self, d: Floats) -> None:
-        self.camera = self.camera.changed(float(np.clip(d[FOCAL], -0.5, 0.5)), d[TURN], d[OFFSET])
-        o = self.object
-        self.object = Placed(
-            o.points + d[SHAPE:].reshape(-1, 2),
-            o.turn @ rotation(d[POSE]),
-            o.place + d[PLACE],
-            o.speed + d[SPEED],
-            o.axes,
-        )
+    def follow(self, other: Estimate) -> None:
+        """Remember what another estimate of the same object saw last that did not fit."""
+        self._away = other._away
 
     def shape(self) -> Floats:
         """The points in the object's plane, (n, 2) m."""
@@ -258,3 +188,9 @@ def placed(camera: HandCamera, seen: Sighting, depth: float, facing: Floats) -> 
     points = origin + depth * rays * (height.mean() / height)[:, None]
     place = points[: seen.contacts].mean(axis=0)
     return Placed((points - place) @ facing[:, :2], facing, place, np.zeros(2), facing[:, :2].copy())
+
+
+def misfit(known: Estimate, seen: Sighting) -> float:
+    """How far off a sighting is, in its own standard deviations (root of the mean square)."""
+    off = (seen.points - known.camera.project(known.in_hand(seen.hand, seen.time))).ravel()
+    return float(np.sqrt(off @ np.linalg.solve(seen.stacked_noise(), off) / len(off)))

@@ -9,19 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.servo import begin
-from grasptrack.servo.camera import NominalCamera
-from grasptrack.servo.estimate import FAR, Estimate
+from grasptrack.servo.camera import HandCamera, NominalCamera
+from grasptrack.servo.estimate import AGREEING, ASTIR, FAR, Estimate, misfit
 from grasptrack.servo.explore import ORDER, Exploration
+from grasptrack.servo.model import Placed
+from grasptrack.servo.refine import Origin, refined
 from grasptrack.servo.sighting import Sighting
 from grasptrack.servo.textbook import Textbook
 
 Floats = NDArray[np.float64]
 
-KEPT = 200
-"""Sightings that are kept to begin from."""
+KEPT = 120
+"""Sightings that are kept; of the older half then every second."""
+ELSEWHERE, LATER = 0.002, 0.2
+"""m, rad and s from the last that is kept."""
+EVERY, STEPS, FEWEST = 5, 3, 8
+"""All are gone through again every so many sightings, with so many steps, from so many on."""
 DOUBLINGS = 3
 """How often moves that showed nothing are made larger."""
-STRANGE = 40
+STRANGE = 75
 """So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
 
 
@@ -44,7 +50,11 @@ class Knowledge:
 
     def forget(self) -> None:
         """Begin anew: another object, or an estimate that proved wrong."""
-        self._seen: deque[Sighting] = deque(maxlen=KEPT)
+        self._seen: list[Sighting] = []
+        self._origin: Origin | None = None
+        self._refined: tuple[HandCamera, Placed] | None = None
+        self._last: deque[Sighting] = deque(maxlen=AGREEING)
+        self._since = 0
         self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
         self._fits: deque[bool] = deque(maxlen=100)
         self.estimate: Estimate | Textbook | None = None
@@ -58,16 +68,19 @@ class Knowledge:
     def take(self, seen: Sighting, centre: Floats, side: float) -> bool:
         """Take in a sighting; whether it fits what is known."""
         fits = True
-        if self.exploring:
-            self._seen.append(seen)
-        if self.estimate is not None:
+        self._last.append(seen)
+        if isinstance(self.estimate, Estimate):
             fits = self.estimate.observe(seen) < FAR
+            if self.estimate.elsewhere:
+                fits = self._explain(self.estimate, seen)
+        elif self.estimate is not None:
+            self.estimate.observe(seen)
         elif self._nominal is not None:
-            self.estimate = (
-                Textbook(seen, self._nominal, centre)
-                if self._fixed
-                else begin.nominal(seen, self._nominal, centre, self._slope)
-            )
+            if self._fixed:
+                self.estimate = Textbook(seen, self._nominal, centre)
+            else:
+                self._origin, self.estimate = begin.nominal(seen, self._nominal, centre, self._slope)
+        self._keep(seen)
         self._fits.append(fits)
         if sum(not f for f in self._fits) >= STRANGE:
             self.restarts += 1
@@ -75,7 +88,52 @@ class Knowledge:
             return False
         if self.exploring:
             self._go_on(seen.time, centre, side)
+        else:
+            self._refine()
         return fits
+
+    def _explain(self, known: Estimate, seen: Sighting) -> bool:
+        """What was seen agrees with itself, not with the estimate: is that the estimate's fault, or was the object moved?"""
+        if self._origin is not None and len(self._seen) >= FEWEST and not np.isfinite(known.displaced_at):
+            anew = refined(self._origin, [*self._seen, *self._last], self._refined, 3 * STEPS)
+            if all(misfit(anew, one) < FAR for one in self._last):
+                self.estimate = anew
+                return True
+        known.release(seen.time)
+        return known.observe(seen) < FAR
+
+    def _keep(self, seen: Sighting) -> None:
+        """Keep what tells more than the last one: sightings from elsewhere, or some time later."""
+        self._since += 1
+        if self._seen and not self.exploring:
+            last = self._seen[-1]
+            way = float(np.abs(seen.hand - last.hand).max())
+            if way < ELSEWHERE and seen.time - last.time < LATER:
+                return
+        self._seen.append(seen)
+        if len(self._seen) > KEPT:
+            self._seen = self._seen[: KEPT // 2 : 2] + self._seen[KEPT // 2 :]
+
+    def _refine(self) -> None:
+        """From time to time go through all that was kept again, as long as the object has not been displaced."""
+        known = self.estimate
+        if self._origin is None or not isinstance(known, Estimate):
+            return
+        if np.isfinite(known.displaced_at):
+            if (
+                known.time > known.displaced_at + ASTIR
+            ):  # it rests, or moves evenly again: what came before is the prior
+                self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
+                self._seen, self._refined, known.displaced_at = [], None, -np.inf
+            return
+        if len(self._seen) < FEWEST or self._since < min(EVERY, len(self._seen) // FEWEST):
+            return
+        self._since = 0
+        anew = refined(self._origin, self._seen, self._refined, STEPS)
+        self._refined = anew.camera, anew.object.later(self._origin.time - anew.time)
+        anew.advance(known.time)
+        anew.follow(known)
+        self.estimate = anew
 
     def _go_on(self, time: float, centre: Floats, side: float) -> None:
         """Begin the first move, or end one that is over with a new estimate."""
@@ -84,7 +142,8 @@ class Knowledge:
         if time < self._began + self._how.seconds:
             return
         try:
-            self.estimate = begin.explored(tuple(self._seen), centre, side, self._slope)
+            self._origin, self.estimate = begin.explored(tuple(self._seen), centre, side, self._slope)
+            self._refined = None
             self._stage += 1
         except begin.UnexploredError as found:
             self._doublings += 1

@@ -40,6 +40,13 @@ class Sighting:
     noise: Floats
     contacts: int
 
+    def stacked_noise(self) -> Floats:
+        """(2n, 2n) px^2 of all points."""
+        out = np.zeros((2 * len(self.points), 2 * len(self.points)))
+        for i, block in enumerate(self.noise):
+            out[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
+        return out
+
 
 class Sighter:
     """Makes sightings of results.
