@@ -23,7 +23,7 @@ KEPT = 120
 """Sightings that are kept; of the older half then every second."""
 ELSEWHERE, LATER = 0.002, 0.2
 """m, rad and s from the last that is kept."""
-EVERY, STEPS, FEWEST = 5, 3, 8
+EVERY, STEPS, FEWEST = 5, 8, 8
 """All are gone through again every so many sightings, with so many steps, from so many on."""
 DOUBLINGS = 3
 """How often moves that showed nothing are made larger."""
