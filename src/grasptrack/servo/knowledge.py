@@ -13,7 +13,7 @@ from grasptrack.servo.camera import HandCamera, NominalCamera
 from grasptrack.servo.estimate import AGREEING, ASTIR, FAR, Estimate, misfit
 from grasptrack.servo.explore import ORDER, Exploration
 from grasptrack.servo.model import Placed
-from grasptrack.servo.refine import Origin, refined
+from grasptrack.servo.refine import Origin, at_origin, refined
 from grasptrack.servo.sighting import Sighting
 from grasptrack.servo.textbook import Textbook
 
@@ -23,7 +23,7 @@ KEPT = 120
 """Sightings that are kept; of the older half then every second."""
 ELSEWHERE, LATER = 0.002, 0.2
 """m, rad and s from the last that is kept."""
-EVERY, STEPS, FEWEST = 5, 3, 8
+EVERY, STEPS, FEWEST = 5, 8, 8
 """All are gone through again every so many sightings, with so many steps, from so many on."""
 DOUBLINGS = 3
 """How often moves that showed nothing are made larger."""
@@ -97,7 +97,7 @@ class Knowledge:
         if self._origin is not None and len(self._seen) >= FEWEST and not np.isfinite(known.displaced_at):
             anew = refined(self._origin, [*self._seen, *self._last], self._refined, 3 * STEPS)
             if all(misfit(anew, one) < FAR for one in self._last):
-                self.estimate = anew
+                self.estimate, self._refined = anew, at_origin(self._origin, anew)
                 return True
         known.release(seen.time)
         return known.observe(seen) < FAR
@@ -130,7 +130,7 @@ class Knowledge:
             return
         self._since = 0
         anew = refined(self._origin, self._seen, self._refined, STEPS)
-        self._refined = anew.camera, anew.object.later(self._origin.time - anew.time)
+        self._refined = at_origin(self._origin, anew)
         anew.advance(known.time)
         anew.follow(known)
         self.estimate = anew
@@ -143,7 +143,7 @@ class Knowledge:
             return
         try:
             self._origin, self.estimate = begin.explored(tuple(self._seen), centre, side, self._slope)
-            self._refined = None
+            self._refined = at_origin(self._origin, self.estimate)
             self._stage += 1
         except begin.UnexploredError as found:
             self._doublings += 1

@@ -92,6 +92,11 @@ def refined(
     return made
 
 
+def at_origin(origin: Origin, found: Estimate) -> tuple[HandCamera, Placed]:
+    """What was found, the object where it was at the origin's time: where the next search begins."""
+    return found.camera, found.object.later(origin.time - found.time)
+
+
 def _difference(now: tuple[HandCamera, Placed], origin: Origin) -> Floats:
     """The error (15 + 2n,) that takes the origin to what is tried."""
     camera, o = now
