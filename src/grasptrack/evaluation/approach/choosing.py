@@ -61,7 +61,8 @@ def first_look(
     good = [g for g in found if g.quality >= NEARLY_AS_GOOD * found[0].quality]
     chosen = min(good, key=lambda g: turn_between(g.contacts, tips)) if fingers == 2 else good[0]
     tracker = GraspTracker(grasp=chosen.contacts, ignore=ignore, friction=FRICTION)
-    return tracker, tracker.update(image, time)
+    tracker.update(image, time)
+    return tracker, tracker.update(image, time)  # again: what a registration leaves of the same image is learned from it
 
 
 def turn_between(contacts: Floats, tips: Floats) -> float:

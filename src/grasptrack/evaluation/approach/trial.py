@@ -82,7 +82,7 @@ class Row:
         contact_error_px: farthest tracked contact from its true place in that image.
         aside_mm: true distance of the grasp's middle from the hand's axis when it began to close.
         turned_deg: true angle between the grasp and the hand then.
-        renewed: references taken anew on the way.
+        again: how often the grasp was chosen anew on the way.
         believed: at closing, the result was believed; empty where the hand never closed.
         start_turn_deg, start_off, start_away: how the view was off at the start: the turn that the chosen grasp asks for, share of
             the view, multiple of the goal's distance.
@@ -104,7 +104,7 @@ class Row:
     contact_error_px: float = math.nan
     aside_mm: float = math.nan
     turned_deg: float = math.nan
-    renewed: int = 0
+    again: int = 0
     believed: bool | None = None
     start_turn_deg: float = math.nan
     start_off: float = math.nan
@@ -208,7 +208,7 @@ def _approach(run: _Run) -> None:
         row.confirmed = pairs_that_close(run.case.shape, world.setting.part.size) == 0 if refused else None
         return
     _start(run, result.contacts, tips)
-    looking = Looking(tracker, result, ignore)
+    looking = Looking(tracker, ignore, hand, tips)
     goal = Goal.fingertips(tips, opening, beyond_m=-ABOVE)
     servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))
     while not servo.over:
@@ -217,13 +217,15 @@ def _approach(run: _Run) -> None:
             image = world.image()
             began = clock.perf_counter()
             result = looking.update(image, world.time())
+            if looking.again > row.again:
+                row.again = looking.again
+                run.truth = _on_part(world, result.contacts)
         tracked = clock.perf_counter()
         command = servo.update(result, time=world.time(), pose=world.pose())
         ended = clock.perf_counter()
         run.servo_ms.append(1e3 * (ended - tracked))
         run.loop_ms.append(1e3 * (ended - began))
         row.images += 1
-        row.renewed = looking.renewed
         run.tell(Step("approach", world.time(), image, result, command))
         if command.close:
             _closing(run, result, command)
@@ -246,11 +248,16 @@ def _approach(run: _Run) -> None:
 def _start(run: _Run, contacts: Floats, tips: Floats) -> None:
     """How far off the view is at the start, and where the chosen contacts truly are."""
     world, row = run.world, run.row
-    run.truth = apply_homography(np.linalg.inv(world.outline_to_image()), contacts)
+    run.truth = _on_part(world, contacts)
     row.start_turn_deg = math.degrees(turn_between(contacts, tips))
     off = (contacts.mean(axis=0) - tips.mean(axis=0)) / np.array([world.setting.camera.width, world.setting.camera.height])
     row.start_off = float(np.abs(off).max())
     row.start_away = _depth(world.setting)
+
+
+def _on_part(world: World, contacts: Floats | None) -> Floats | None:
+    """Where contacts (k, 2) px truly lie on the part's upper face now, in m."""
+    return None if contacts is None else apply_homography(np.linalg.inv(world.outline_to_image()), contacts)
 
 
 def _depth(setting: Setting) -> float:
