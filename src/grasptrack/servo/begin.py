@@ -20,14 +20,14 @@ from grasptrack.servo.camera import HandCamera, NominalCamera
 from grasptrack.servo.estimate import Estimate, Prior, placed
 from grasptrack.servo.features import spread
 from grasptrack.servo.geometry import inverse
-from grasptrack.servo.refine import Origin, refined
+from grasptrack.servo.refine import Origin, Search, refined
 from grasptrack.servo.sighting import Sighting
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-DRAWS, ROUNDS = 100, 10
-"""Random minimal sets, and rounds of reweighting after the best of them."""
+DRAWS, MINIMAL, ROUNDS, STEPS = 100, 6, 5, 30
+"""Random small sets, how many sightings are in each, rounds of reweighting after the best of them; steps of the search."""
 ASIDE, BELT, LENGTH, FOCAL_LENGTHS = 0.15, 0.3, 0.05, 1.1
 """Before anything is known: m of the camera's offset, m/s of the object, m between contacts, focal length over the image's
 larger side."""
@@ -41,7 +41,7 @@ class UnexploredError(GraspTrackError):
 
 def explored(
     seen: Sequence[Sighting], centre: Floats, side: float, slope: float, seed: int = 0
-) -> tuple[Origin, Estimate]:
+) -> tuple[Origin, Estimate, Search]:
     """What was known before, and the estimate after all sightings of exploratory moves.
 
     Args:
@@ -74,7 +74,7 @@ def explored(
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
     depth = focal * L / spread(chosen[0].points[: chosen[0].contacts])
     origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
-    return origin, refined(origin, chosen, steps=30)
+    return origin, *refined(origin, chosen, steps=STEPS)
 
 
 def origin_of(seen: Sighting, camera: HandCamera, depth: float, prior: Prior) -> Origin:
@@ -83,11 +83,11 @@ def origin_of(seen: Sighting, camera: HandCamera, depth: float, prior: Prior) ->
     return Origin(camera, object_, prior.covariance(camera, object_, seen.hand), seen.time)
 
 
-def nominal(seen: Sighting, believed: NominalCamera, centre: Floats, slope: float) -> tuple[Origin, Estimate]:
+def nominal(seen: Sighting, believed: NominalCamera, centre: Floats, slope: float) -> tuple[Origin, Estimate, Search]:
     """What is known before from a nominal camera, and the estimate from a single sighting."""
     prior = replace(NOMINAL, slope=slope)
     origin = origin_of(seen, believed.camera(centre), believed.distance, prior)
-    return origin, refined(origin, [seen])
+    return origin, *refined(origin, [seen])
 
 
 def _mounting(
@@ -98,13 +98,9 @@ def _mounting(
     A = np.column_stack([back * p, back, back * t, np.ones(len(p))])  # of -m, m P, m V, -tau
     rng = np.random.default_rng(seed)
     ridge = np.diag([1e-6, 1e-6, LENGTH / BELT, LENGTH / ASIDE])  # what is known before, in standard deviations
-    best, least = np.zeros(4, dtype=complex), np.inf
-    for draw in range(DRAWS):
-        rows = np.arange(len(p)) if draw == 0 else rng.choice(len(p), size=min(6, len(p)), replace=False)
-        x = _ridged(A[rows], s[rows], 1.0 / noise[rows], ridge)
-        misfit = float(np.median(np.abs(A @ x - s) / noise))
-        if misfit < least:
-            best, least = x, misfit
+    rows = np.array([rng.permutation(len(p))[:MINIMAL] for _ in range(DRAWS)])
+    drawn = _ridged(A[rows], s[rows], 1.0 / noise[rows], ridge)
+    best = drawn[np.argmin(np.median(np.abs(drawn @ A.T - s) / noise, axis=1))]
     for _ in range(ROUNDS):
         off = np.abs(A @ best - s) / noise
         scale = max(1.0, 1.5 * float(np.median(off)))
@@ -115,8 +111,10 @@ def _mounting(
 
 
 def _ridged(A: Complex, s: Complex, weight: Floats, ridge: Floats) -> Complex:
-    W = A * weight[:, None]
-    return np.asarray(np.linalg.solve(W.conj().T @ W + ridge**2, W.conj().T @ (s * weight)))
+    """Least squares with a ridge, of one system or of many at once."""
+    W = A * weight[..., None]
+    Wh = np.swapaxes(W.conj(), -1, -2)
+    return np.asarray(np.linalg.solve(Wh @ W + ridge**2, Wh @ (s * weight)[..., None])[..., 0])
 
 
 def _focal(z: Floats, length: Floats, L: float, guess: float) -> float:

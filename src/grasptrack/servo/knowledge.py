@@ -9,22 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.servo import begin
-from grasptrack.servo.camera import HandCamera, NominalCamera
+from grasptrack.servo.camera import NominalCamera
 from grasptrack.servo.estimate import AGREEING, ASTIR, FAR, Estimate, misfit
 from grasptrack.servo.explore import ORDER, Exploration
-from grasptrack.servo.model import Placed
-from grasptrack.servo.refine import Origin, at_origin, refined
+from grasptrack.servo.refine import Origin, Search, refined
 from grasptrack.servo.sighting import Sighting
 from grasptrack.servo.textbook import Textbook
 
 Floats = NDArray[np.float64]
 
-KEPT = 120
+KEPT = 80
 """Sightings that are kept; of the older half then every second."""
 ELSEWHERE, LATER = 0.002, 0.2
 """m, rad and s from the last that is kept."""
-EVERY, STEPS, FEWEST = 5, 8, 8
-"""All are gone through again every so many sightings, with so many steps, from so many on."""
+EVERY, STEPS, FEWEST, AFRESH = 5, 2, 8, 20
+"""All are gone through again every so many sightings, or at once while the search has not settled, with so many steps, from so
+many on; with so many where it must be known whether they can be explained at all."""
+AMISS = 4.0
+"""Scale of the residuals from which on the search begins anew from the exploratory moves."""
 DOUBLINGS = 3
 """How often moves that showed nothing are made larger."""
 STRANGE = 75
@@ -52,7 +54,7 @@ class Knowledge:
         """Begin anew: another object, or an estimate that proved wrong."""
         self._seen: list[Sighting] = []
         self._origin: Origin | None = None
-        self._refined: tuple[HandCamera, Placed] | None = None
+        self._search: Search | None = None
         self._last: deque[Sighting] = deque(maxlen=AGREEING)
         self._since = 0
         self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
@@ -79,7 +81,7 @@ class Knowledge:
             if self._fixed:
                 self.estimate = Textbook(seen, self._nominal, centre)
             else:
-                self._origin, self.estimate = begin.nominal(seen, self._nominal, centre, self._slope)
+                self._origin, self.estimate, self._search = begin.nominal(seen, self._nominal, centre, self._slope)
         self._keep(seen)
         self._fits.append(fits)
         if sum(not f for f in self._fits) >= STRANGE:
@@ -88,16 +90,15 @@ class Knowledge:
             return False
         if self.exploring:
             self._go_on(seen.time, centre, side)
-        else:
-            self._refine()
+        self._refine()
         return fits
 
     def _explain(self, known: Estimate, seen: Sighting) -> bool:
         """What was seen agrees with itself, not with the estimate: is that the estimate's fault, or was the object moved?"""
         if self._origin is not None and len(self._seen) >= FEWEST and not np.isfinite(known.displaced_at):
-            anew = refined(self._origin, [*self._seen, *self._last], self._refined, 3 * STEPS)
+            anew, search = refined(self._origin, [*self._seen, *self._last], self._search, AFRESH)
             if all(misfit(anew, one) < FAR for one in self._last):
-                self.estimate, self._refined = anew, at_origin(self._origin, anew)
+                self.estimate, self._search = anew, search
                 return True
         known.release(seen.time)
         return known.observe(seen) < FAR
@@ -124,13 +125,13 @@ class Knowledge:
                 known.time > known.displaced_at + ASTIR
             ):  # it rests, or moves evenly again: what came before is the prior
                 self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
-                self._seen, self._refined, known.displaced_at = [], None, -np.inf
+                self._seen, self._search, known.displaced_at = [], None, -np.inf
             return
-        if len(self._seen) < FEWEST or self._since < min(EVERY, len(self._seen) // FEWEST):
+        settled = self._search is None or self._search.settled
+        if len(self._seen) < FEWEST or (settled and self._since < min(EVERY, len(self._seen) // FEWEST)):
             return
         self._since = 0
-        anew = refined(self._origin, self._seen, self._refined, STEPS)
-        self._refined = at_origin(self._origin, anew)
+        anew, self._search = refined(self._origin, self._seen, self._search, STEPS)
         anew.advance(known.time)
         anew.follow(known)
         self.estimate = anew
@@ -141,9 +142,13 @@ class Knowledge:
             self._began = time
         if time < self._began + self._how.seconds:
             return
+        if self._origin is not None:
+            self.estimate, self._search = refined(self._origin, self._seen, self._search, AFRESH)
+            if self._search.scale < AMISS:
+                self._stage, self._began = self._stage + 1, time
+                return
         try:
-            self._origin, self.estimate = begin.explored(tuple(self._seen), centre, side, self._slope)
-            self._refined = at_origin(self._origin, self.estimate)
+            self._origin, self.estimate, self._search = begin.explored(tuple(self._seen), centre, side, self._slope)
             self._stage += 1
         except begin.UnexploredError as found:
             self._doublings += 1

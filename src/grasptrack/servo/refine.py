@@ -21,6 +21,9 @@ from grasptrack.servo.sighting import Sighting
 
 Floats = NDArray[np.float64]
 
+SETTLED, HOPELESS = 1e-2, 1e6
+"""Fall of the cost, in squared standard deviations, and damping at which a search ends."""
+
 
 @dataclass(frozen=True)
 class Origin:
@@ -39,62 +42,95 @@ class Origin:
     time: float
 
 
+@dataclass(frozen=True)
+class Search:
+    """Where the search for the best camera and object has come to, at the origin's time.
+
+    Attributes:
+        camera: the camera.
+        object: the object.
+        damping: of the next step.
+        settled: whether no step leads farther.
+        scale: 1.5 times the median of the residuals, in standard deviations, or 1.
+    """
+
+    camera: HandCamera
+    object: Placed
+    damping: float = 1e-3
+    settled: bool = False
+    scale: float = 1.0
+
+
 def refined(
-    origin: Origin, seen: Sequence[Sighting], start: tuple[HandCamera, Placed] | None = None, steps: int = 10
-) -> Estimate:
+    origin: Origin, seen: Sequence[Sighting], start: Search | None = None, steps: int = 10
+) -> tuple[Estimate, Search]:
     """The estimate from what was known before and all sightings, at the time of the last one.
 
     Args:
         origin: the prior.
         seen: sightings of an object that rests or moves evenly; some may be wrong.
-        start: camera and object, at the origin's time, to begin from; default the prior's.
-        steps: most steps.
+        start: where an earlier search had come to; default the prior's camera and object.
+        steps: most steps. A search that has not settled can go on from what is returned.
     """
-    hands, later = np.array([s.hand for s in seen]), np.array([s.time - origin.time for s in seen])
-    points, noise = np.array([s.points for s in seen]), np.linalg.inv(np.array([s.noise for s in seen]))
-    known = np.linalg.inv(origin.covariance)
-    camera, object_ = start or (origin.camera, origin.object)
-    damping, least, A = 1e-3, np.inf, known
-    scale = 0.0
-    system: tuple[Floats, Floats] | None = None
-    step = np.zeros(len(known))
+    evidence = _Evidence(origin, seen)
+    now = start or Search(origin.camera, origin.object)
+    camera, object_, damping = now.camera, now.object, now.damping
+    cost, scale, A, b = evidence.at(camera, object_, None)
+    settled = False
     for _ in range(steps):
+        step = np.asarray(np.linalg.solve(A + damping * np.diag(np.diag(A)), b), dtype=np.float64)
         tried = changed(camera, object_, step)
-        pixels, slopes = expected(*tried, hands, later)
-        off = points - pixels
-        size = np.sqrt(np.einsum("nki,nkij,nkj->n", off, noise, off) / (2.0 * off.shape[1]))
-        if scale == 0.0:
-            scale = max(1.0, 1.5 * float(np.nanmedian(size))) if np.isfinite(size).any() else 1.0
-        d = _difference(tried, origin)
-        with np.errstate(invalid="ignore"):
-            u = (size / (ROBUST * scale)) ** 2
-            cost = float(np.sum(off.shape[1] * 2.0 * (ROBUST * scale) ** 2 * u / (1.0 + u)) + d @ known @ d)
-        if system is None or cost < least:
-            done = system is not None and least - cost < 1e-3
-            (camera, object_), least, damping = tried, cost, damping / 5.0
-            weight = 1.0 / (1.0 + u) ** 2
-            scale_now = max(1.0, 1.5 * float(np.median(size)))
-            weighted = np.einsum("n,nkij,nkja->nkia", weight, noise, slopes)
-            A = np.einsum("nkia,nkib->ab", slopes, weighted) + known
-            b = np.einsum("nkia,nki->a", weighted, off) - known @ d
-            system = A, b
-            if abs(scale_now - scale) > 0.2 * scale:
-                scale, least = scale_now, np.inf
-            elif done:
-                break
+        found, scale, A_found, b_found = evidence.at(*tried, scale)
+        if found <= cost:
+            settled = cost - found < SETTLED
+            (camera, object_), A, b, damping = tried, A_found, b_found, max(damping / 5.0, 1e-9)
+            cost, scale, *_ = (found, scale) if settled else evidence.again(scale)
         else:
             damping *= 10.0
-        A, b = system
-        step = np.asarray(np.linalg.solve(A + damping * np.diag(np.diag(A)), b))
-    last = seen[-1].time
-    made = Estimate(camera, object_, np.linalg.inv(A), origin.time)
-    made.advance(last, evenly=True)
-    return made
+            settled = damping > HOPELESS
+        if settled:
+            break
+    made = Estimate(camera, object_, np.asarray(np.linalg.inv(A), dtype=np.float64), origin.time)
+    made.advance(seen[-1].time, evenly=True)
+    return made, Search(camera, object_, min(damping, 1.0), settled, scale)
 
 
-def at_origin(origin: Origin, found: Estimate) -> tuple[HandCamera, Placed]:
-    """What was found, the object where it was at the origin's time: where the next search begins."""
-    return found.camera, found.object.later(origin.time - found.time)
+class _Evidence:
+    """The sightings as one system of equations."""
+
+    def __init__(self, origin: Origin, seen: Sequence[Sighting]) -> None:
+        self._origin, self._known = origin, np.linalg.inv(origin.covariance)
+        self._hands = np.array([s.hand for s in seen])
+        self._later = np.array([s.time - origin.time for s in seen])
+        self._points = np.array([s.points for s in seen])
+        self._white = np.linalg.inv(np.linalg.cholesky(np.array([s.noise for s in seen])))
+
+    def at(self, camera: HandCamera, object_: Placed, scale: float | None) -> tuple[float, float, Floats, Floats]:
+        """Cost, scale of the residuals, and the normal equations; a scale of None is taken from the residuals."""
+        pixels, slopes = expected(camera, object_, self._hands, self._later)
+        off = (self._white @ (self._points - pixels)[..., None])[..., 0]
+        self._size2 = np.nan_to_num((off * off).mean(axis=(1, 2)), nan=np.inf)
+        self._values = off[0].size
+        d = _difference((camera, object_), self._origin)
+        self._prior = float(d @ self._known @ d)
+        cost, scale = self.again(scale) if scale is None else (self._cost(scale), scale)
+        weight = 1.0 / (1.0 + self._size2 / (ROBUST * scale) ** 2) ** 2
+        J = (self._white @ slopes).reshape(len(off), self._values, -1)
+        JW = (J * weight[:, None, None]).reshape(-1, J.shape[-1])
+        A = np.asarray(JW.T @ J.reshape(-1, J.shape[-1]) + self._known)
+        return cost, scale, A, np.asarray(JW.T @ off.ravel() - self._known @ d)
+
+    def _cost(self, scale: float) -> float:
+        u = self._size2 / (ROBUST * scale) ** 2
+        share = np.divide(u, 1.0 + u, out=np.ones_like(u), where=np.isfinite(u))
+        return float(self._values * (ROBUST * scale) ** 2 * share.sum()) + self._prior
+
+    def again(self, scale: float | None) -> tuple[float, float]:
+        """Cost and scale of the last residuals, where the scale has changed."""
+        now = max(1.0, 1.5 * float(np.sqrt(np.median(self._size2))))
+        now = now if np.isfinite(now) else 1e3
+        scale = now if scale is None or abs(now - scale) > 0.2 * scale else scale
+        return self._cost(scale), scale
 
 
 def _difference(now: tuple[HandCamera, Placed], origin: Origin) -> Floats:
