@@ -62,7 +62,9 @@ def first_look(
     chosen = min(good, key=lambda g: turn_between(g.contacts, tips)) if fingers == 2 else good[0]
     tracker = GraspTracker(grasp=chosen.contacts, ignore=ignore, friction=FRICTION)
     tracker.update(image, time)
-    return tracker, tracker.update(image, time)  # again: what a registration leaves of the same image is learned from it
+    return tracker, tracker.update(
+        image, time
+    )  # again: what a registration leaves of the same image is learned from it
 
 
 def turn_between(contacts: Floats, tips: Floats) -> float:

@@ -168,9 +168,7 @@ def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
     """
     row = Row(case.seed, case.shape.name, case.scenario, case.arm, case.law)
     axis = _axis(case.shape)
-    world = World(
-        case.shape, seed=case.seed, scenario=case.scenario, arm=case.arm, images=case.images, axis=axis
-    )
+    world = World(case.shape, seed=case.seed, scenario=case.scenario, arm=case.arm, images=case.images, axis=axis)
     run = _Run(world, case, row, watch)
     try:
         _approach(run)
@@ -250,7 +248,9 @@ def _start(run: _Run, contacts: Floats, tips: Floats) -> None:
     world, row = run.world, run.row
     run.truth = _on_part(world, contacts)
     row.start_turn_deg = math.degrees(turn_between(contacts, tips))
-    off = (contacts.mean(axis=0) - tips.mean(axis=0)) / np.array([world.setting.camera.width, world.setting.camera.height])
+    off = (contacts.mean(axis=0) - tips.mean(axis=0)) / np.array(
+        [world.setting.camera.width, world.setting.camera.height]
+    )
     row.start_off = float(np.abs(off).max())
     row.start_away = _depth(world.setting)
 

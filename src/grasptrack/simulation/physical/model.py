@@ -147,7 +147,8 @@ def _finger(hand: Gripper, finger: int) -> str:
 def _coupled(hand: Gripper) -> str:
     """One drive moves all fingers alike."""
     return "".join(
-        f'<joint joint1="finger{i}" joint2="finger0" polycoef="0 1 0 0 0" solref=".004 1"/>' for i in range(1, hand.fingers)
+        f'<joint joint1="finger{i}" joint2="finger0" polycoef="0 1 0 0 0" solref=".004 1"/>'
+        for i in range(1, hand.fingers)
     )
 
 

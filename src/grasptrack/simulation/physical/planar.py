@@ -85,7 +85,9 @@ class PlanarImages:
         at = bystander_pose(world)
         image = self._scene(world, self._views[1], BYSTANDER.matrix, at)
         to_camera = np.linalg.inv(at) @ world.pose()
-        share, light = boxes_seen(self._gripper.boxes(world.opening()), to_camera, BYSTANDER.matrix, self.levels["hand"])
+        share, light = boxes_seen(
+            self._gripper.boxes(world.opening()), to_camera, BYSTANDER.matrix, self.levels["hand"]
+        )
         image *= 1.0 - share[..., None]
         image += light[..., None] * np.array([1.06, 1.0, 0.92], np.float32)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)

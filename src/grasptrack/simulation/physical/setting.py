@@ -69,7 +69,13 @@ class Setting:
 
 
 def draw(
-    shape: Shape, hand: Gripper, *, seed: int, scenario: Scenario = "static", arm: Arm = "gantry", axis: float | None = None
+    shape: Shape,
+    hand: Gripper,
+    *,
+    seed: int,
+    scenario: Scenario = "static",
+    arm: Arm = "gantry",
+    axis: float | None = None,
 ) -> Setting:
     """The setting of a seed.
 
