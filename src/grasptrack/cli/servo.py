@@ -13,7 +13,7 @@ from grasptrack.cli.progress import with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
-    from grasptrack.evaluation.approach.trial import Row
+    from grasptrack.evaluation.approach.case import Row
     from grasptrack.evaluation.approach.trials import Trials
 
 _LAWS = ("online", "nominal", "textbook")
@@ -160,5 +160,6 @@ def _show(found: Trials, asked: dict[str, Any], output: Path) -> None:
         f"servo {middle['servo_ms']} ms, with the tracker {middle['loop_ms']} ms",
         f"{output}: trials.csv, trials.json" + (", failures/" if figures["failed"] or figures["refused"] else ""),
     ]
-    title = f"{figures['trials']} trials over {figures['shapes']} shapes, {asked['scenario']}, {asked['arm']}, {asked['law']} law"
+    what = f"{asked['scenario']}, {asked['arm']}, {asked['law']} law"
+    title = f"{figures['trials']} trials over {figures['shapes']} shapes, {what}"
     show_rows(title, (("", "left"), ("trials", "right"), ("", "left")), rows, notes)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.evaluation.approach.case import Case, Row
 from grasptrack.evaluation.approach.pictures import side_by_side
-from grasptrack.evaluation.approach.trial import Case, Row, Step, run_trial
+from grasptrack.evaluation.approach.trial import Step, run_trial
 from grasptrack.io.results import versions, write_json
 from grasptrack.io.run import prepare_folder
 from grasptrack.io.video import VideoWriter

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Following one grasp all the way down, and looking anew where the tracker no longer finds it.
 
-The tracker would rather say nothing than something wrong. From 2.5 times the distance an outline shows less than half of the detail
-that it shows in the end, and a thick part shows other sides of itself from elsewhere: what speaks against the reference then ends
-in "lost" for good. The hand is nearer by that time, and there is but one part: so a grasp is chosen again in what is seen now.
+The tracker would rather say nothing than something wrong. From 2.5 times the distance an outline shows less than half of the
+detail that it shows in the end, and a thick part shows other sides of itself from elsewhere: what speaks against the reference
+then ends in "lost" for good. The hand is nearer by that time, and there is but one part: so a grasp is chosen again in what is
+seen now.
 """
 
 from __future__ import annotations

@@ -16,7 +16,8 @@ from grasptrack.view.strip import add_strip
 from grasptrack.view.style import INK_RGB, MUTED_RGB, PANEL_RGB, Colour, bgr, ellipsised, put_text
 
 if TYPE_CHECKING:
-    from grasptrack.evaluation.approach.trial import Row, Step
+    from grasptrack.evaluation.approach.case import Row
+    from grasptrack.evaluation.approach.trial import Step
 
 Pixels = NDArray[np.uint8]
 

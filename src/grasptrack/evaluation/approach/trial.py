@@ -7,14 +7,14 @@ import math
 import time as clock
 import zlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import Contour, View
 from grasptrack.errors import GraspTrackError
+from grasptrack.evaluation.approach.case import Case, Law, Row
 from grasptrack.evaluation.approach.choosing import FRICTION, first_look, hand_for, turn_between, width_in_m
 from grasptrack.evaluation.approach.looking import Looking
 from grasptrack.evaluation.approach.refusal import pairs_that_close
@@ -23,12 +23,11 @@ from grasptrack.result import TrackResult
 from grasptrack.servo import Command, Goal, GraspServo, NominalCamera
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical import World
-from grasptrack.simulation.physical.setting import Arm, Scenario, Setting
+from grasptrack.simulation.physical.setting import Setting
 from grasptrack.simulation.render import finer
 from grasptrack.synthesis import synthesize
 
 Floats = NDArray[np.float64]
-Law = Literal["online", "nominal", "textbook"]
 
 ABOVE = 0.003
 """m above the part's upper face at which the tips stop; what is left is felt for."""
@@ -38,84 +37,6 @@ PATIENCE = 25
 """Images in which to look for the part before giving up."""
 NOMINAL_FOCAL, NOMINAL_HEIGHT, NOMINAL_ASIDE, NOMINAL_LEAN = 600.0, 0.275, 0.07, math.radians(6.0)
 """px, m, m and rad of the camera that the nominal laws believe in: the middle of what is drawn."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """What is to be tried.
-
-    Attributes:
-        shape: the part's outline.
-        seed: of everything that chance decides.
-        scenario, arm: as in `World`.
-        law: of the servo.
-        images: who draws them.
-        pictures: return a picture of the end of a trial that fails.
-    """
-
-    shape: Shape
-    seed: int
-    scenario: Scenario = "static"
-    arm: Arm = "gantry"
-    law: Law = "online"
-    images: Literal["auto", "mujoco", "planar"] = "planar"
-    pictures: bool = True
-
-    @property
-    def name(self) -> str:
-        """Of the trial, and of its files."""
-        return f"{self.shape.name}-{self.scenario}-{self.arm}-{self.law}-{self.seed}"
-
-
-@dataclass
-class Row:
-    """What became of a trial; one line of trials.csv.
-
-    Attributes:
-        seed, shape, scenario, arm, law: of the case.
-        outcome: "lifted", "refused" (no grasp was found on the shape), or "failed".
-        reason: empty when lifted.
-        confirmed: of a refusal: all pairs of the true outline's points were tried, and none closes.
-        time_s: until the hand closed, or the trial ended, in the world's time.
-        images: that were looked at.
-        error_px: farthest contact from its goal as the servo saw it in the last image before closing.
-        contact_error_px: farthest tracked contact from its true place in that image.
-        aside_mm: true distance of the grasp's middle from the hand's axis when it began to close.
-        turned_deg: true angle between the grasp and the hand then.
-        again: how often the grasp was chosen anew on the way.
-        believed: at closing, the result was believed; empty where the hand never closed.
-        start_turn_deg, start_off, start_away: how the view was off at the start: the turn that the chosen grasp asks for, share of
-            the view, multiple of the goal's distance.
-        servo_ms, loop_ms: medians of a step of the servo, and of tracker and servo together.
-        loop_p99_ms: 99th percentile of the latter.
-    """
-
-    seed: int
-    shape: str
-    scenario: str
-    arm: str
-    law: str
-    outcome: str = "failed"
-    reason: str = ""
-    confirmed: bool | None = None
-    time_s: float = math.nan
-    images: int = 0
-    error_px: float = math.nan
-    contact_error_px: float = math.nan
-    aside_mm: float = math.nan
-    turned_deg: float = math.nan
-    again: int = 0
-    believed: bool | None = None
-    start_turn_deg: float = math.nan
-    start_off: float = math.nan
-    start_away: float = math.nan
-    servo_ms: float = math.nan
-    loop_ms: float = math.nan
-    loop_p99_ms: float = math.nan
-
-    def values(self) -> dict[str, Any]:
-        """By the names of the columns."""
-        return asdict(self)
 
 
 @dataclass
@@ -149,6 +70,11 @@ class _Run:
     servo_ms: list[float] = field(default_factory=list)
     loop_ms: list[float] = field(default_factory=list)
     truth: Floats | None = None  # the chosen contacts on the part, m
+
+    def later(self, stage: str) -> Callable[[], None]:
+        """What tells of steps without images of the loop's own."""
+        last = self.step
+        return lambda: self.tell(Step(stage, self.world.time(), None, last.result, last.command))
 
     def tell(self, step: Step) -> None:
         self.step = step
@@ -230,13 +156,13 @@ def _approach(run: _Run) -> None:
         world.move(command.twist)
         if command.close:
             width = width_in_m(result.contacts, tips, opening) if result.contacts is not None else None
-            world.watch = lambda: run.tell(Step("close", world.time(), None, result, command))
+            world.watch = run.later("close")
             held = world.close(width)
             servo.closed(held)
     if servo.state != "done":
         row.reason = f"servo: {servo.reason}" if row.believed is None else servo.reason
         return
-    world.watch = lambda: run.tell(Step("lift", world.time(), None, result, command))
+    world.watch = run.later("lift")
     if world.lift():
         row.outcome = "lifted"
     else:

@@ -14,7 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from grasptrack.evaluation.approach.trial import Case, Law, Row, run_trial
+from grasptrack.evaluation.approach.case import Case, Law, Row
+from grasptrack.evaluation.approach.trial import run_trial
 from grasptrack.evaluation.schedule import Scheduler
 from grasptrack.io.results import versions, write_json
 from grasptrack.io.run import prepare_folder

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A hand led by the truth: what it cannot lift, no controller can. It tells faults of the physics from faults of a controller."""
+"""A hand led by the truth: what it cannot lift, no controller can. So faults of the physics show apart from others."""
 
 from __future__ import annotations
 

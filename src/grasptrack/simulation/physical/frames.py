@@ -50,6 +50,11 @@ def pose(R: Floats, at: Floats) -> Floats:
     return T
 
 
+def inverse(T: Floats) -> Floats:
+    """(4, 4) of the first frame in the second."""
+    return pose(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
+
+
 def quaternion(R: Floats) -> Floats:
     """(4,) w x y z of a rotation (3, 3), w not negative, by its largest component (S. W. Shepperd 1978)."""
     t = float(np.trace(R))

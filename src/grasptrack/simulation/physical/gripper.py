@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hand: boxes for fingers, palm and wrist, in its own frame, as physics and pictures need them.
 
-The frame of the hand: the origin between the tips of the fingers, z the direction of approach (fingers point along +z), x the closing
-direction of two fingers, y to the right of x as seen along z. All lengths in m.
+The frame of the hand: the origin between the tips of the fingers, z the direction of approach (fingers point along +z), x the
+closing direction of two fingers, y to the right of x as seen along z. All lengths in m.
 """
 
 from __future__ import annotations

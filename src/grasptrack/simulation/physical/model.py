@@ -58,7 +58,8 @@ def xml(setting: Setting, hand: Gripper, arm: Arm, *, levels: Mapping[str, float
     return f"""<mujoco>
 <compiler angle="radian" autolimits="true" inertiafromgeom="auto"/>
 <option timestep="{TIMESTEP}" integrator="implicitfast" cone="elliptic" impratio="10"><flag multiccd="enable"/></option>
-<visual><global offwidth="{setting.camera.width}" offheight="{setting.camera.height}"/><quality shadowsize="1024" offsamples="4"/>
+<visual><global offwidth="{setting.camera.width}" offheight="{setting.camera.height}"/>
+<quality shadowsize="1024" offsamples="4"/>
 <headlight ambient=".7 .7 .7" diffuse=".25 .25 .25" specular="0 0 0"/><map znear="0.002" zfar="40"/></visual>
 <default>
  <geom contype="0" conaffinity="0"/>
@@ -140,8 +141,10 @@ def _finger(hand: Gripper, finger: int) -> str:
         f' size="{_numbers(np.array(b.half))}" mass=".02"/>'
         for b in hand.finger_boxes(finger)
     )
-    return f"""<body name="finger{finger}" pos="{_numbers(frame[:3, 3])}" quat="{_numbers(frames.quaternion(frame[:3, :3]))}"
- gravcomp="1"><joint name="finger{finger}" type="slide" axis="-1 0 0" range="0 {MAX_OPENING / 2.0}" damping="2" armature=".1" solreflimit=".004 1"/>{boxes}</body>"""
+    at, q = _numbers(frame[:3, 3]), _numbers(frames.quaternion(frame[:3, :3]))
+    return f"""<body name="finger{finger}" pos="{at}" quat="{q}" gravcomp="1">
+<joint name="finger{finger}" type="slide" axis="-1 0 0" range="0 {MAX_OPENING / 2.0}" damping="2" armature=".1"
+ solreflimit=".004 1"/>{boxes}</body>"""
 
 
 def _coupled(hand: Gripper) -> str:

@@ -25,7 +25,7 @@ FEET = 8
 
 @dataclass(frozen=True)
 class Body:
-    """A flat part in its own axes: x right and y toward the top as seen from above, z up, the origin at the centroid of its foot.
+    """A flat part in its own axes: x right and y toward the top as seen from above, z up, from the centroid of its foot.
 
     Attributes:
         size: m, the square root of the area.

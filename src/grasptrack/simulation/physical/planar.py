@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images without OpenGL: table and part are planes under homographies, the hand is boxes. As exact as the outlines themselves."""
+"""Images without OpenGL: table and part are planes under homographies, the hand is boxes. As exact as the outlines."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class PlanarImages:
         if self._layer is None or self._layer[0] != opening:
             boxes = self._gripper.boxes(opening)
             drawn = boxes_seen(
-                boxes, np.linalg.inv(self._setting.mount), self._setting.camera.matrix, self.levels["hand"]
+                boxes, frames.inverse(self._setting.mount), self._setting.camera.matrix, self.levels["hand"]
             )
             self._layer = (opening, *drawn)
         _, share, light = self._layer
@@ -84,7 +84,7 @@ class PlanarImages:
         """(480, 640, 3) BGR, of the one who stands beside."""
         at = bystander_pose(world)
         image = self._scene(world, self._views[1], BYSTANDER.matrix, at)
-        to_camera = np.linalg.inv(at) @ world.pose()
+        to_camera = frames.inverse(at) @ world.pose()
         share, light = boxes_seen(
             self._gripper.boxes(world.opening()), to_camera, BYSTANDER.matrix, self.levels["hand"]
         )
@@ -131,4 +131,5 @@ def boxes_seen(boxes: list[Floats], to_camera: Floats, K: Floats, level: float) 
         cv2.fillConvexPoly(share, corners, 255, cv2.LINE_AA, 4)
         cv2.fillConvexPoly(light, corners, int(min(255.0, max(1.0, level * lit))), cv2.LINE_AA, 4)
     soft = cv2.GaussianBlur(share.astype(np.float32) / np.float32(255.0), (0, 0), BLUR)
-    return soft, np.asarray(cv2.GaussianBlur(light.astype(np.float32), (0, 0), BLUR), dtype=np.float32)
+    glow = cv2.GaussianBlur(light.astype(np.float32), (0, 0), BLUR)
+    return np.asarray(soft, dtype=np.float32), np.asarray(glow, dtype=np.float32)

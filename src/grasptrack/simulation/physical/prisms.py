@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A polygon with holes as convex pieces: physics engines take the convex hull of whatever they are given.
 
-Ears are clipped off (G. H. Meisters 1975), holes joined to the outer polygon by bridges before; then diagonals that convexity does
-not need are taken out again (S. Hertel and K. Mehlhorn 1983), which leaves at most four times the least number of pieces.
+Ears are clipped off (G. H. Meisters 1975), holes joined to the outer polygon by bridges before; then diagonals that convexity
+does not need are taken out again (S. Hertel and K. Mehlhorn 1983), which leaves at most four times the least number of pieces.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from grasptrack.projective import apply_homography
 from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical import frames
-from grasptrack.simulation.physical.gripper import Gripper, MAX_OPENING
+from grasptrack.simulation.physical.gripper import MAX_OPENING, Gripper
 from grasptrack.simulation.physical.part import Body, body
 
 Floats = NDArray[np.float64]
@@ -80,7 +80,8 @@ def draw(
     """The setting of a seed.
 
     The part is seen whole in the first view and not behind the hand; within that the view is as far off, turned and away as
-    the limits above allow, evenly. A belt carries the part toward the middle of the view, within 60 degrees, as one that enters it.
+    the limits above allow, evenly. A belt carries the part toward the middle of the view, within 60 degrees, as one that
+    enters it.
 
     Args:
         shape: the part's outline, of area 1.
@@ -108,8 +109,8 @@ def draw(
     chosen = float(rng.uniform(0.0, math.pi)) if axis is None else axis
     yaw = float(rng.uniform(-math.pi, math.pi))
     place = frames.pose(frames.about_z(yaw), np.zeros(3))
-    goal = frames.project(camera.matrix, np.linalg.inv(mount), np.zeros((1, 3)))[0]
-    depth = float((np.linalg.inv(mount) @ np.array([0.0, 0.0, 0.0, 1.0]))[2])
+    goal = frames.project(camera.matrix, frames.inverse(mount), np.zeros((1, 3)))[0]
+    depth = float((frames.inverse(mount) @ np.array([0.0, 0.0, 0.0, 1.0]))[2])
     blocked = _blocked(camera, mount, hand)
     for attempt in range(400):
         tilt = float(rng.uniform(0.0, TILT)) if arm == "arm" else 0.0
@@ -122,7 +123,7 @@ def draw(
         ray = np.linalg.inv(camera.matrix) @ np.array([*(goal + off), 1.0])
         R_camera = R @ mount[:3, :3]
         at = np.array([0.0, 0.0, part.thickness]) - R_camera @ ray * away
-        start = frames.pose(R_camera, at) @ np.linalg.inv(mount)
+        start = frames.pose(R_camera, at) @ frames.inverse(mount)
         if _shown(part, place, start @ mount, camera, blocked) and start[2, 3] > 0.08:
             break
     else:
@@ -158,7 +159,7 @@ def _blocked(camera: Camera, mount: Floats, hand: Gripper) -> NDArray[np.uint8]:
 def hand_mask(camera: Camera, mount: Floats, hand: Gripper, opening: float, grow: int) -> NDArray[np.uint8]:
     """(H, W) 255 where the hand is seen by its own camera, `grow` px more on every side."""
     mask = np.zeros((camera.height, camera.width), np.uint8)
-    inverse = np.linalg.inv(mount)
+    inverse = frames.inverse(mount)
     for corners in hand.boxes(opening):
         outline = frames.silhouette(camera.matrix, inverse, corners)
         if outline is not None:

@@ -37,7 +37,7 @@ LIFTED = 0.05
 
 
 class World:
-    """A robot's hand over a table, in MuJoCo's physics. Everything by chance is decided by the seed; the same one is the same world.
+    """A robot's hand over a table, in MuJoCo's physics. The seed decides all that is drawn: the same one is the same world.
 
     Args:
         outline: the part, of area 1.
@@ -136,7 +136,7 @@ class World:
 
     def blocked(self) -> bool:
         """Whether something is before the camera."""
-        return self.setting.blackout <= self.data.time < self.setting.blackout + BLACKOUT_S
+        return self.setting.blackout <= self.time() < self.setting.blackout + BLACKOUT_S
 
     def opening(self) -> float:
         """m between two fingers, twice the distance from the middle for three."""
@@ -144,7 +144,7 @@ class World:
 
     def fingertips(self) -> tuple[Floats, float]:
         """Where the tips of the open fingers are seen, as a person would mark them once: (k, 2) px; and their opening in m."""
-        mount = np.linalg.inv(self.setting.mount)
+        mount = frames.inverse(self.setting.mount)
         opening = self.opening()
         return frames.project(self.setting.camera.matrix, mount, self.hand.tips(opening)), opening
 
@@ -179,8 +179,7 @@ class World:
             Whether the fingers have something between them.
         """
         along = self._steady.copy()
-        along[2:5] = 0.0
-        along[5] = 0.0
+        along[2:] = 0.0
         if width is not None:
             self._open(along, min(MAX_OPENING, width + 2.0 * 0.004))
         self._feel(along)
@@ -190,7 +189,7 @@ class World:
     def lift(self) -> bool:
         """Raise the hand by 12 cm, wait a second, and tell whether the part came along by 5 cm and stayed."""
         start = float(self.data.xpos[self._part][2])
-        up = np.linalg.inv(self.pose()[:3, :3]) @ np.array([0.0, 0.0, 0.12])
+        up = self.pose()[:3, :3].T @ np.array([0.0, 0.0, 0.12])
         for _ in range(25):
             self.move([*up, 0.0, 0.0, 0.0])
         heights = []
