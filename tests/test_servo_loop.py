@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -89,8 +91,8 @@ def test_a_taught_view_is_reached_again() -> None:
 
 @pytest.mark.parametrize("law", ["online", "textbook"])
 def test_only_what_is_carried_ahead_follows_without_lag(law: str) -> None:
-    """Of a belt at half the view a second the estimate's contacts rest at the goal; the textbook's trail behind."""
-    bench = Bench(seed=1, belt=320.0, camera_tilt=0.0, aside=0.1)
+    """On a belt the contacts come to rest at the goal; those of the textbook trail behind."""
+    bench = Bench(seed=1, belt=120.0, camera_tilt=0.0, aside=0.1)
     strict = gt.Closing(tolerance=1e-9, loosest=1e-9)
     camera = None
     if law == "textbook":
@@ -102,7 +104,7 @@ def test_only_what_is_carried_ahead_follows_without_lag(law: str) -> None:
     bench.run(servo, seconds=7.0)
     last = [c.error for c in bench.commands[-25:]]
     lag = float(np.hypot(*np.mean(last, axis=0)[:2]))  # in lengths of the segment
-    assert lag < 0.005 if law == "online" else lag > 0.1
+    assert lag < 0.005 if law == "online" else lag > 0.1, lag
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -142,6 +144,11 @@ def test_limits_hold_throughout(what: dict[str, object]) -> None:
 
 def at_the_goal() -> tuple[Bench, gt.GraspServo]:
     """A servo that is about to close."""
+    return copy.deepcopy(_at_the_goal())
+
+
+@cache
+def _at_the_goal() -> tuple[Bench, gt.GraspServo]:
     bench = Bench(seed=5, noise=0.02)
     servo = servo_for(bench, closing=gt.Closing(images=3), time_limit=1e6)
     while bench.time < 20.0:
@@ -233,8 +240,8 @@ def test_what_came_of_closing_ends_it() -> None:
     for held, state in ((True, "done"), (False, "failed")):
         bench = Bench(seed=1)
         servo = servo_for(bench)
-        while not servo.update(bench.result(), time=bench.time, pose=bench.hand).close:
-            bench.move(servo.update(bench.result(), time=bench.time + 0.5 * PERIOD, pose=bench.hand).twist)
+        while not (command := servo.update(bench.result(), time=bench.time, pose=bench.hand)).close:
+            bench.move(command.twist)
         servo.closed(held)
         assert servo.state == state and servo.over
         command = servo.update(bench.result(), time=bench.time + 1.0, pose=bench.hand)
