@@ -113,7 +113,7 @@ def test_derivatives_by_all_that_is_unknown(seed: int) -> None:
     turn = rotation((np.pi, 0.0, 0.0)) @ rotation(rng.normal(0.0, 0.1, 3))
     hand = pose_of(rotation((np.pi, 0.0, 0.0)), (0.0, 0.0, 0.5))
     middle = hand[:3, :3] @ (cam.offset + 0.4 * cam.rays(np.array([[320.0, 240.0]]))[0]) + hand[:3, 3]
-    object_ = Placed(rng.uniform(-0.03, 0.03, (n, 2)), turn, middle, rng.normal(0.0, 0.1, 2), turn[:, :2].copy())
+    object_ = Placed(rng.uniform(-0.03, 0.03, (n, 2)), turn, middle, rng.normal(0.0, 0.1, 3), turn * (1.0, 1.0, 0.3))
     hands = np.array([moved(hand, rng.normal(0.0, 0.1, 6), 0.3) for _ in range(2)])
     later = np.array([0.0, 0.4])
     _, found = expected(cam, object_, hands, later)
