@@ -55,7 +55,9 @@ servo = gt.GraspServo(gt.Goal.fingertips(robot.fingertips(), 0.08), dof=4)
 while not servo.over:
     result = tracker.update(robot.image(), time=robot.clock)
     command = servo.update(result, time=robot.clock, pose=robot.hand)
-    print(f"{robot.clock:5.2f} s  {result.status:8s}  {command.state:11s}  {command.error_px:6.1f} px  {command.reason}")
+    print(
+        f"{robot.clock:5.2f} s  {result.status:8s}  {command.state:11s}  {command.error_px:6.1f} px  {command.reason}"
+    )
     robot.move(command.twist)
     if command.close:
         servo.closed(robot.close())
