@@ -14,9 +14,14 @@ import numpy as np
 
 import grasptrack as gt
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.geometry import moved, pose_of, rotation
+from grasptrack.servo.geometry import between, moved, pose_of, rotation
 
 WIDTH, HEIGHT, PERIOD, MARGIN = 640, 480, 0.04, 20
+
+
+def in_view(points: np.ndarray) -> bool:
+    """Whether all points (k, 2) px are in the image, with a margin."""
+    return bool((points > MARGIN).all() and (points < (WIDTH - MARGIN, HEIGHT - MARGIN)).all())
 
 
 @dataclass
@@ -63,14 +68,17 @@ class Bench:
         radius = 0.5 * self.opening / math.sin(math.pi / self.fingers)
         self.tips = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(self.fingers, reach)])
         # the camera looks down beside it, as far aside as lets the tips stay in view
-        focal, depth, phi = rng.uniform(450.0, 900.0), rng.uniform(0.15, 0.25), rng.uniform(-np.pi, np.pi)
+        focal, phi = rng.uniform(450.0, 900.0), rng.uniform(-np.pi, np.pi)
         tilt = np.radians(rng.uniform(-self.camera_tilt, self.camera_tilt, 2))
         turned = rotation((0.0, 0.0, phi)) @ rotation((tilt[0], tilt[1], 0.0))
-        at = rng.uniform((-150.0, -100.0), (150.0, 100.0))  # px of the middle of the tips
         self.centre = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
-        ray = turned @ np.array([at[0] / focal, at[1] / focal, 1.0])
         middle = np.array([0.0, 0.0, reach])
-        self.camera = HandCamera(focal, self.centre, turned, middle - depth * ray / ray[2])
+        while True:
+            depth, at = rng.uniform(0.15, 0.25), rng.uniform((-150.0, -100.0), (150.0, 100.0))  # px of the tips' middle
+            ray = turned @ np.array([at[0] / focal, at[1] / focal, 1.0])
+            self.camera = HandCamera(focal, self.centre, turned, middle - depth * ray / ray[2])
+            if in_view(self.camera.project(self.tips)):
+                break
         # the object on the base's plane z = 0, which the hand approaches along -z of the base
         length = self.opening * rng.uniform(0.4, 0.85)
         spin = rng.uniform(-np.pi, np.pi)
@@ -103,7 +111,7 @@ class Bench:
             ray = self.camera.rays(where[None])[0]
             hand = pose_of(turned, self.at - turned @ (self.camera.offset + distance * ray))
             seen = self.camera.project((self.contacts() - hand[:3, 3]) @ hand[:3, :3])
-            if (seen > MARGIN).all() and (seen < (WIDTH - MARGIN, HEIGHT - MARGIN)).all():
+            if in_view(seen):
                 return hand
 
     def right_hand(self) -> np.ndarray:
@@ -138,7 +146,10 @@ class Bench:
     def result(self) -> gt.TrackResult:
         """What the tracker would say of the image that has arrived now."""
         shot = self.time - self.latency
-        taken, hand, at = min(self._poses, key=lambda p: abs(p[0] - shot))
+        after = next((i for i, p in enumerate(self._poses) if p[0] >= shot), 0)
+        (t0, h0, a0), (t1, h1, a1) = self._poses[max(after - 1, 0)], self._poses[after]
+        share = (shot - t0) / (t1 - t0) if t1 > t0 else 1.0
+        taken, hand, at = shot, between(h0, h1, share), a0 + share * (a1 - a0)
         points = self.camera.project((at + self.shape - hand[:3, 3]) @ hand[:3, :3])
         inside = np.isfinite(points).all() and (points >= 0).all() and (points < (WIDTH, HEIGHT)).all()
         dark = self.blackout[0] <= taken < self.blackout[1]

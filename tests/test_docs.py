@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
 VERBS = ("synthesize", "inspect", "track", "transfer", "demo", "evaluate", "compare")
 WITH_OPTIONS = (*VERBS[:5], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
-PAGES = ("benchmarks.md", "cli.md", "conventions.md", "design.md", "evaluation.md", "paper-map.md")
+PAGES = ("benchmarks.md", "cli.md", "conventions.md", "design.md", "evaluation.md", "paper-map.md", "servo.md")
 
 
 def text(page: str) -> str:

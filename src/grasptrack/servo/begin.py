@@ -79,7 +79,7 @@ def explored(
 
 def origin_of(seen: Sighting, camera: HandCamera, depth: float, prior: Prior) -> Origin:
     """What is known before: a camera, and the object where it is seen `depth` m before it, facing the hand."""
-    object_ = placed(camera, seen, depth, seen.hand[:3, :3])
+    object_ = placed(camera, seen, depth, seen.hand[:3, :3], prior.slope)
     return Origin(camera, object_, prior.covariance(camera, object_, seen.hand), seen.time)
 
 

@@ -50,7 +50,7 @@ class Prior:
     speed: float = 0.3
 
     def covariance(self, camera: HandCamera, object_: Placed, hand: Floats) -> Floats:
-        """(15 + 2n, 15 + 2n) of all unknowns."""
+        """(16 + 2n, 16 + 2n) of all unknowns."""
         n = SHAPE + 2 * len(object_.points)
         deviation = np.full(n, 0.1 * float(np.abs(object_.points).max()))
         deviation[FOCAL], deviation[TURN], deviation[OFFSET] = (
@@ -71,7 +71,7 @@ class Estimate:
     Args:
         camera: to begin with.
         object_: to begin with.
-        covariance: (15 + 2n, 15 + 2n) of their errors.
+        covariance: (16 + 2n, 16 + 2n) of their errors.
         time: s, at which the object is where it is said to be.
     """
 
@@ -94,7 +94,7 @@ class Estimate:
             return
         wander = PUSHED if time < self.displaced_at + ASTIR else WANDER
         P[PLACE, PLACE] += axes @ axes.T * (DRIFT**2 * dt + wander**2 * dt**3 / 3.0)
-        P[SPEED, SPEED] += np.eye(2) * wander**2 * dt
+        P[SPEED, SPEED] += np.eye(3) * wander**2 * dt
         cross = axes * (wander**2 * dt**2 / 2.0)
         P[PLACE, SPEED] += cross
         P[SPEED, PLACE] += cross.T
@@ -146,7 +146,7 @@ class Estimate:
         axes, P = self.object.axes, self.covariance
         P[PLACE, PLACE] += 0.05**2 * axes @ axes.T
         P[POSE.stop - 1, POSE.stop - 1] += 0.3**2
-        P[SPEED, SPEED] += 0.2**2 * np.eye(2)
+        P[SPEED, SPEED] += 0.2**2 * np.eye(3)
 
     def follow(self, other: Estimate) -> None:
         """Remember what another estimate of the same object saw last that did not fit."""
@@ -160,8 +160,8 @@ class Estimate:
         """The object's velocity in the base, (3,) m/s; 0 where that is no more than noise."""
         speed = self.object.speed
         known = float(speed @ np.linalg.solve(self.covariance[SPEED, SPEED], speed))
-        moves = known > MOVES**2 and float(speed @ speed) > LEAST_SPEED**2
-        return self.object.velocity() if moves else np.zeros(3)
+        velocity = self.object.velocity()
+        return velocity if known > MOVES**2 and float(velocity @ velocity) > LEAST_SPEED**2 else np.zeros(3)
 
     def linearised_at(self, points: Floats, wanted: Floats) -> Floats:
         """Where the interaction matrix is taken, (k, 3) m in the hand's frame: where the points are."""
@@ -180,14 +180,22 @@ class Estimate:
         return np.asarray(n if n[2] > 0.0 else -n)
 
 
-def placed(camera: HandCamera, seen: Sighting, depth: float, facing: Floats) -> Placed:
-    """The object as it lies if it is seen `depth` m before the camera in a plane that faces `facing` (3, 3, its z)."""
+def placed(camera: HandCamera, seen: Sighting, depth: float, facing: Floats, slope: float = 0.0) -> Placed:
+    """The object as it lies if it is seen somewhere before the camera.
+
+    Args:
+        camera: the camera.
+        seen: what was seen.
+        depth: m before the camera.
+        facing: (3, 3), axes and normal of its plane in the base.
+        slope: rad, by how much the plane in which it moves may be tilted against that.
+    """
     rays = camera.rays(seen.points) @ seen.hand[:3, :3].T  # in the base
     origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
     height = rays @ facing[:, 2]
     points = origin + depth * rays * (height.mean() / height)[:, None]
     place = points[: seen.contacts].mean(axis=0)
-    return Placed((points - place) @ facing[:, :2], facing, place, np.zeros(2), facing[:, :2].copy())
+    return Placed((points - place) @ facing[:, :2], facing, place, np.zeros(3), facing * (1.0, 1.0, slope))
 
 
 def misfit(known: Estimate, seen: Sighting) -> float:

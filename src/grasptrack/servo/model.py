@@ -13,15 +13,8 @@ from grasptrack.servo.geometry import rotation, skews
 
 Floats = NDArray[np.float64]
 
-FOCAL, TURN, OFFSET, PLACE, POSE, SPEED, SHAPE = (
-    0,
-    slice(1, 4),
-    slice(4, 7),
-    slice(7, 10),
-    slice(10, 13),
-    slice(13, 15),
-    15,
-)
+FOCAL, TURN, OFFSET, PLACE, POSE = 0, slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)
+SPEED, SHAPE = slice(13, 16), 16
 """Where in an error of all unknowns: log focal length; the camera's turn (rad, in its own frame) and offset (m); the object's
 place (m, base), turn (rad, its own frame) and velocity (m/s); then x, y of its points (m)."""
 
@@ -34,8 +27,8 @@ class Placed:
         points: (n, 2) m in its plane.
         turn: (3, 3), its plane's axes and normal in the base.
         place: (3,) m in the base.
-        speed: (2,) m/s along `axes`.
-        axes: (3, 2) in the base.
+        speed: (3,) m/s along `axes`.
+        axes: (3, 3) in the base; the third, off the plane of motion, is short where that is known.
     """
 
     points: Floats
@@ -58,7 +51,7 @@ class Placed:
 
 
 def changed(camera: HandCamera, object_: Placed, by: Floats) -> tuple[HandCamera, Placed]:
-    """Camera and object after a step (15 + 2n,) of all unknowns."""
+    """Camera and object after a step (16 + 2n,) of all unknowns."""
     o = object_
     moved = Placed(
         o.points + by[SHAPE:].reshape(-1, 2),
@@ -80,7 +73,7 @@ def expected(camera: HandCamera, object_: Placed, hands: Floats, later: Floats) 
         later: (N,) s, of each pose after the time at which the object is where it is said to be.
 
     Returns:
-        Pixels (N, n, 2), NaN behind the camera, and derivatives (N, n, 2, 15 + 2n).
+        Pixels (N, n, 2), NaN behind the camera, and derivatives (N, n, 2, 16 + 2n).
     """
     N, n = len(hands), len(object_.points)
     way = later[:, None] * object_.velocity()

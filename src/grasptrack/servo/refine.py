@@ -32,7 +32,7 @@ class Origin:
     Attributes:
         camera: most likely.
         object: most likely, at `time`.
-        covariance: (15 + 2n, 15 + 2n).
+        covariance: (16 + 2n, 16 + 2n).
         time: s.
     """
 
@@ -134,7 +134,7 @@ class _Evidence:
 
 
 def _difference(now: tuple[HandCamera, Placed], origin: Origin) -> Floats:
-    """The error (15 + 2n,) that takes the origin to what is tried."""
+    """The error (16 + 2n,) that takes the origin to what is tried."""
     camera, o = now
     d = np.zeros(len(origin.covariance))
     d[FOCAL] = np.log(camera.focal / origin.camera.focal)
