@@ -86,11 +86,13 @@ def _shapes(shape: str | None, silhouettes: str | None) -> list[Any]:
 
 
 def _one(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, video: bool, quiet: bool) -> None:
+    from dataclasses import replace
+
     from grasptrack.cli.report import show_rows
     from grasptrack.evaluation.approach.film import run_and_film
     from grasptrack.evaluation.approach.trials import draw_cases
 
-    case: Any = draw_cases(shapes, 1, images=images, **asked)[0]  # type: ignore[arg-type]
+    case: Any = replace(draw_cases(shapes, 1, **asked)[0], seed=asked["seed"], images=images)
     row = with_progress(
         output,
         quiet,

@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.result import TrackResult
 from grasptrack.simulation.physical import World
 from grasptrack.view.draw import as_bgr, disc, draw_overlay
-from grasptrack.view.strip import add_strip
 from grasptrack.view.style import INK_RGB, MUTED_RGB, PANEL_RGB, Colour, bgr, ellipsised, put_text
 
 if TYPE_CHECKING:
@@ -38,8 +36,7 @@ def side_by_side(world: World, step: Step) -> Pixels:
     """(H, 1280, 3) BGR: the hand's view with the tracker's overlay and the goal, the bystander's view, and a line below."""
     image = world.image() if step.image is None else step.image
     if step.image is None or step.result is None:
-        nothing = TrackResult(frame=0, time=step.time, status="searching", reason=f"the hand's part: {step.stage}")
-        left = add_strip(as_bgr(image), nothing, 0)
+        left = _plain_strip(as_bgr(image), step.stage)
     else:
         picture = as_bgr(image)
         if step.command is not None and step.command.goal is not None:
@@ -60,6 +57,14 @@ def ending(world: World, step: Step, row: Row) -> bytes:
     put_text(head, ellipsised(text, head.shape[1] - 20, 15), 10, 21, 15, INK_RGB)
     _, data = cv2.imencode(".png", np.vstack([head, picture]), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     return data.tobytes()
+
+
+def _plain_strip(picture: Pixels, stage: str) -> Pixels:
+    """Below the image, where the tracker's strip would be: what the hand does without it."""
+    told = {"close": "feels for the table and closes", "lift": "lifts, and holds for a second"}.get(stage, "looks")
+    strip = np.full((58, picture.shape[1], 3), bgr(PANEL_RGB), np.uint8)
+    put_text(strip, told, 10, 36, 14, MUTED_RGB)
+    return np.vstack([picture, strip])
 
 
 def _line(step: Step, width: int) -> Pixels:

@@ -28,7 +28,7 @@ COVER = 34.0
 """Grey level of what blocks the view."""
 BYSTANDER = Camera(WIDTH, HEIGHT, focal=HEIGHT / 2.0 / np.tan(np.radians(20.0)))
 """Of the one who stands beside; 40 degrees high."""
-_BESIDE = np.array([0.42, -0.58, 0.40])
+_BESIDE = np.array([0.55, -0.74, 0.52])
 """m, from the point on the table below the hand."""
 
 

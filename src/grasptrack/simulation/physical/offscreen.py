@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -29,8 +30,9 @@ def offscreen() -> str:
     """Empty where MuJoCo can draw without a window, else why not."""
     mujoco = engine()
     try:
-        renderer = mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 8, 8)
-        renderer.close()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 8, 8).close()
     except Exception as error:  # whatever a missing driver makes of it
         return " ".join(str(error).split()) or type(error).__name__
     return ""

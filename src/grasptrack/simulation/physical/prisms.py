@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 
 _STRAIGHT = 1e-9
 """Share of the polygon's own area below which a corner counts as straight."""
+_CROSSED = "the outline crosses itself: it cannot be cut into convex pieces"
 
 
 def convex_pieces(polygons: Sequence[Floats]) -> list[Floats]:
@@ -33,9 +34,13 @@ def convex_pieces(polygons: Sequence[Floats]) -> list[Floats]:
         ContourError: polygons that cross themselves or each other, so that no ear is left before the end.
     """
     points = _bridged([np.asarray(p, dtype=np.float64) for p in polygons])
-    tiny = _STRAIGHT * abs(float(_cross(points, np.roll(points, -1, axis=0)).sum()))
-    triangles = _ears(points, tiny)
-    return [points[piece] for piece in _merged(points, triangles, tiny)]
+    doubled = float(_cross(points, np.roll(points, -1, axis=0)).sum())
+    tiny = _STRAIGHT * abs(doubled)
+    pieces = [points[piece] for piece in _merged(points, _ears(points, tiny), tiny)]
+    covered = sum(float(_cross(piece, np.roll(piece, -1, axis=0)).sum()) for piece in pieces)
+    if abs(covered - doubled) > 1e-5 * abs(doubled):
+        raise ContourError(_CROSSED, points=len(points))
+    return pieces
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
@@ -89,7 +94,7 @@ def _ears(points: Floats, tiny: float) -> list[tuple[int, int, int]]:
     while len(left) > 3:
         n = len(left)
         if idle > n:
-            raise ContourError("the outline crosses itself: it cannot be cut into convex pieces", points=len(points))
+            raise ContourError(_CROSSED, points=len(points))
         i, j, k = left[at % n], left[(at + 1) % n], left[(at + 2) % n]
         a, b, c = points[i], points[j], points[k]
         area = _corner(a, b, c)
