@@ -8,7 +8,8 @@ contacts have a mean, a mean distance from it and a turn as two have, so that th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import cmath
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from grasptrack.errors import InputError
 
 Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 SMALL = 1e-6
 """px that contacts must lie apart."""
@@ -28,58 +30,64 @@ def wrapped(angle: float) -> float:
 
 def spread(points: Floats) -> float:
     """l of points (k, d): twice their rms distance from their mean; of two points their distance."""
-    d = points - points.mean(axis=0)
-    return 2.0 * float(np.sqrt((d * d).sum() / len(d)))
+    d = points - points.sum(axis=0) / len(points)
+    return 2.0 * math.sqrt(float(np.vdot(d, d)) / len(d))
 
 
-@dataclass(frozen=True)
 class Features:
     """The four features, measured against a goal.
 
-    Attributes:
+    Args:
         goal: (k, 2) px, the contacts as they should be seen.
         centre: (2,) px from which x and y count.
+
+    Raises:
+        InputError: contacts of a goal that do not lie apart.
     """
 
-    goal: Floats
-    centre: Floats
-
-    def __post_init__(self) -> None:
-        if spread(self.goal) < SMALL:
-            raise InputError("the contacts of a goal lie apart", goal=self.goal.tolist())
+    def __init__(self, goal: Floats, centre: Floats) -> None:
+        self.goal, self.centre = goal, complex(*centre)
+        self._middle, self._around, self._length = _parts(goal)
+        if self._length < SMALL:
+            raise InputError("the contacts of a goal lie apart", goal=goal.tolist())
+        self._conjugate = self._around.conj()
 
     def turn(self, contacts: Floats) -> complex:
         """Its argument is the angle from the goal to the contacts, that which leaves least (Procrustes)."""
-        z, g = _complex(contacts), _complex(self.goal)
-        return complex(((z - z.mean()) * (g - g.mean()).conj()).sum())
+        return complex(_parts(contacts)[1] @ self._conjugate)
 
     def values(self, contacts: Floats) -> Floats:
-        """(x/l, y/l, l*/l, angle) of contacts (k, 2) px; at the goal (x*/l*, y*/l*, 1, 0)."""
-        length = spread(contacts)
+        """(x/l, y/l, l*/l, angle) of contacts (k, 2) px; at the goal (x*/l*, y*/l*, 1, 0).
+
+        Raises:
+            InputError: contacts that do not lie apart.
+        """
+        middle, around, length = _parts(contacts)
         if length < SMALL:
             raise InputError("contacts lie apart", contacts=contacts.tolist())
-        x, y = (contacts.mean(axis=0) - self.centre) / length
-        return np.array([x, y, spread(self.goal) / length, np.angle(self.turn(contacts))])
+        at = (middle - self.centre) / length
+        return np.array([at.real, at.imag, self._length / length, cmath.phase(complex(around @ self._conjugate))])
 
     def error(self, contacts: Floats) -> Floats:
         """`values` less those of the goal, the angle in [-pi, pi)."""
-        out = self.values(contacts) - self.values(self.goal)
-        out[3] = wrapped(out[3])
+        out = self.values(contacts)
+        at = (self._middle - self.centre) / self._length
+        out -= (at.real, at.imag, 1.0, 0.0)
+        out[3] = wrapped(float(out[3]))
         return out
 
     def slopes(self, contacts: Floats) -> Floats:
         """Derivatives (4, 2k) of `values` by x1, y1, x2, y2, ..."""
-        k, length = len(contacts), spread(contacts)
-        d = contacts - contacts.mean(axis=0)
-        of_length = (4.0 * d / (k * length)).ravel()
-        mean = (contacts.mean(axis=0) - self.centre) / length
+        k = len(contacts)
+        middle, around, length = _parts(contacts)
+        of_length = 4.0 / (k * length) * around.view(np.float64)
+        at = (middle - self.centre) / length
         out = np.empty((4, 2 * k))
-        for row in (0, 1):
-            out[row] = -mean[row] / length * of_length
-            out[row, row::2] += 1.0 / (k * length)
-        out[2] = -spread(self.goal) / length**2 * of_length
-        g = _complex(self.goal)
-        by = (g - g.mean()).conj() / self.turn(contacts)
+        out[0], out[1] = -at.real / length * of_length, -at.imag / length * of_length
+        out[0, 0::2] += 1.0 / (k * length)
+        out[1, 1::2] += 1.0 / (k * length)
+        out[2] = -self._length / length**2 * of_length
+        by = self._conjugate / complex(around @ self._conjugate)
         out[3, 0::2], out[3, 1::2] = by.imag, by.real
         return out
 
@@ -88,5 +96,9 @@ class Features:
         return float(np.sqrt(((contacts - self.goal) ** 2).sum(axis=1).max()))
 
 
-def _complex(points: Floats) -> NDArray[np.complex128]:
-    return np.asarray(points[:, 0] + 1j * points[:, 1])
+def _parts(points: Floats) -> tuple[complex, Complex, float]:
+    """Mean of points (k, 2), the points about it, and l, complex numbers for vectors."""
+    z = np.ascontiguousarray(points, dtype=np.float64).view(np.complex128)[:, 0]
+    middle = complex(z.sum()) / len(z)
+    around = z - middle
+    return middle, around, 2.0 * math.sqrt(float(np.vdot(around, around).real) / len(z))
