@@ -92,7 +92,8 @@ def _one(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, vi
     from grasptrack.evaluation.approach.film import run_and_film
     from grasptrack.evaluation.approach.trials import draw_cases
 
-    case: Any = replace(draw_cases(shapes, 1, **asked)[0], seed=asked["seed"], images=images)
+    changed: dict[str, Any] = {"seed": asked["seed"], "images": images}
+    case = replace(draw_cases(shapes, 1, **asked)[0], **changed)
     row = with_progress(
         output,
         quiet,

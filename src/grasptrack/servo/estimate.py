@@ -9,7 +9,7 @@ motion, needs no memory of its own. A filter keeps the places at which it once l
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ WANDER, PUSHED = 0.002, 1.0
 """m/s per root of a second by which its velocity changes, and by which just after it was displaced."""
 ASTIR = 1.0
 """s for which a displaced object is taken to be on the move."""
+REDRAWN = 0.03
+"""Standard deviation of the points of a grasp that was chosen anew, in distances of the farthest from their middle."""
 MOVES, LEAST_SPEED = 3.0, 0.002
 """Standard deviations and m/s from which on a velocity is one."""
 
@@ -151,6 +153,22 @@ class Estimate:
     def follow(self, other: Estimate) -> None:
         """Remember what another estimate of the same object saw last that did not fit."""
         self._away = other._away
+
+    def rechosen(self, seen: Sighting) -> Estimate:
+        """The same camera and the same object, with other points of its plane: those of a grasp that was chosen anew.
+
+        Args:
+            seen: the first sighting of the new contacts.
+        """
+        self.advance(seen.time)
+        known, normal = self.object, self.object.turn[:, 2]
+        origin = seen.hand[:3, :3] @ self.camera.offset + seen.hand[:3, 3]
+        steep = float((self.camera.rays(seen.points) @ seen.hand[:3, :3].T @ normal).mean())
+        there = placed(self.camera, seen, float((known.place - origin) @ normal) / steep, known.turn)
+        object_ = replace(there, speed=known.speed, axes=known.axes)
+        covariance = np.eye(SHAPE + object_.points.size) * (REDRAWN * float(np.abs(object_.points).max())) ** 2
+        covariance[:SHAPE, :SHAPE] = self.covariance[:SHAPE, :SHAPE]
+        return Estimate(self.camera, object_, covariance, seen.time)
 
     def shape(self) -> Floats:
         """The points in the object's plane, (n, 2) m."""

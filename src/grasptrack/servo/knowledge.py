@@ -29,6 +29,8 @@ AMISS = 4.0
 """Scale of the residuals from which on the search begins anew from the exploratory moves."""
 DOUBLINGS = 3
 """How often moves that showed nothing are made larger."""
+SURE = 0.1
+"""Relative error of a length up to which what is known serves for another grasp on the object."""
 STRANGE = 75
 """So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
 
@@ -61,6 +63,22 @@ class Knowledge:
         self._fits: deque[bool] = deque(maxlen=100)
         self.estimate: Estimate | Textbook | None = None
         self.failed = ""
+
+    def rechosen(self, seen: Sighting) -> None:
+        """Another grasp on the object, as first seen: camera and motion stay known, as far as they were."""
+        known = self.estimate
+        if self.exploring or not isinstance(known, Estimate) or known.relative_error() > SURE:
+            self.forget()
+            return
+        anew = known.rechosen(seen)
+        if not np.isfinite(anew.covariance).all() or misfit(anew, seen) > FAR:
+            self.forget()
+            return
+        self.estimate = anew
+        self._origin = Origin(anew.camera, anew.object, anew.covariance.copy(), anew.time)
+        self._seen, self._search, self._since = [], None, 0
+        self._last.clear()
+        self._fits.clear()
 
     @property
     def exploring(self) -> bool:

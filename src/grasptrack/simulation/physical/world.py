@@ -26,8 +26,10 @@ PERIOD_S = 0.04
 ACCELERATION = (5.0, 20.0)
 """m/s^2 and rad/s^2 that the drives are given at most."""
 PUSH_S = 0.3
-CLOSING_SPEED, TOUCH_SPEED = 0.08, 0.05
+CLOSING_SPEED, TOUCH_SPEED = 0.12, 0.06
 """m/s of a finger, and of the hand feeling for the table."""
+YIELD = 0.25
+"""rad/s of an arm's hand that gives way to the table."""
 TOUCH_N = 2.0
 """N at the tips at which the hand has touched."""
 FEEL = 0.03
@@ -83,7 +85,7 @@ class World:
         self._place()
         self._images.bind(self.model)
         self._ctrl = np.zeros(6)
-        self._steady = np.zeros(6)
+        self._last = np.zeros(6)
         self.failure = ""
         self.watch: Callable[[], None] | None = None
         self._steps = 0
@@ -165,12 +167,12 @@ class World:
         wanted = np.asarray(twist, dtype=np.float64)
         if wanted.shape != (6,) or not np.isfinite(wanted).all():
             raise InputError(f"a twist is six finite numbers, not {np.asarray(twist).tolist()}")
-        self._steady += 0.15 * (wanted - self._steady)
+        self._last = wanted
         for _ in range(round(PERIOD_S / model.TIMESTEP)):
             self._step(wanted)
 
     def close(self, width: float | None = None) -> bool:
-        """Go down until the tips touch the table, then close; the hand goes on sideways as it did lately.
+        """Go down until the tips touch the table, then close; the hand goes on sideways as it was told last.
 
         Args:
             width: m between the contacts, where it is known: the fingers come nearer before the hand goes down.
@@ -178,7 +180,7 @@ class World:
         Returns:
             Whether the fingers have something between them.
         """
-        along = self._steady.copy()
+        along = self._last.copy()
         along[2:] = 0.0
         if width is not None:
             self._open(along, min(MAX_OPENING, width + 2.0 * 0.004))
@@ -272,15 +274,26 @@ class World:
             self._step(along)
 
     def _feel(self, along: Floats) -> None:
-        """Straight down in the hand's frame until the tips press on the table."""
-        twist = along.copy()
+        """Straight down in the hand's frame until the tips press on the table; an arm gives way until both do."""
+        twist, limit = along.copy(), self.time() + FEEL / TOUCH_SPEED
         twist[2] = TOUCH_SPEED
-        for _ in range(round(FEEL / TOUCH_SPEED / model.TIMESTEP)):
+        while self.time() < limit and self.finger_forces().sum() < TOUCH_N:
             self._step(twist)
-            if self.finger_forces().sum() > TOUCH_N:
-                break
+        if self.arm == "arm" and self.hand.fingers == 2:
+            self._level(along)
         twist[2] = -0.01
         for _ in range(round(0.0006 / 0.01 / model.TIMESTEP)):
+            self._step(twist)
+
+    def _level(self, along: Floats) -> None:
+        """Turn about y toward the finger that is still in the air, pressing on, until both press."""
+        twist, limit = along.copy(), self.time() + 0.5
+        while self.time() < limit:
+            left, right = self.finger_forces().tolist()  # at x below and above 0
+            if min(left, right) > 0.2 * TOUCH_N:
+                return
+            twist[2] = 0.01
+            twist[4] = math.copysign(YIELD, right - left)
             self._step(twist)
 
     def _shut(self, along: Floats) -> None:
