@@ -147,7 +147,7 @@ class GraspServo:
         """The sighting of a result, and whether it fits what is known."""
         if result.grasp_id is not None and result.grasp_id != self._grasp:
             if self._grasp is not None:
-                self.knowledge.forget()
+                self.knowledge.another()
                 self._order = None
             self._grasp = result.grasp_id
         seen = self._sighter.sighting(result, shot, self._poses.at(shot))

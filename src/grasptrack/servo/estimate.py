@@ -198,6 +198,17 @@ def placed(camera: HandCamera, seen: Sighting, depth: float, facing: Floats, slo
     return Placed((points - place) @ facing[:, :2], facing, place, np.zeros(3), facing * (1.0, 1.0, slope))
 
 
+def on_plane(camera: HandCamera, object_: Placed, seen: Sighting) -> Floats | None:
+    """Where other points of the object lie in its plane, (n, 2) m; None where they are not seen on it."""
+    rays = camera.rays(seen.points) @ seen.hand[:3, :3].T
+    origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
+    normal = object_.turn[:, 2]
+    far = ((object_.place - origin) @ normal) / (rays @ normal)
+    if not (np.isfinite(far).all() and (far > 0.0).all()):
+        return None
+    return np.asarray((origin + far[:, None] * rays - object_.place) @ object_.turn[:, :2])
+
+
 def misfit(known: Estimate, seen: Sighting) -> float:
     """How far off a sighting is, in its own standard deviations (root of the mean square)."""
     off = (seen.points - known.camera.project(known.in_hand(seen.hand, seen.time))).ravel()
