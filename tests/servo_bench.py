@@ -38,6 +38,7 @@ class Bench:
         outliers: share of answers that are wrong but look right.
         blackout: (from, to) s.
         push: s at which the object jumps, m.
+        regrasp: s at which another grasp is chosen on it.
         turn, aside, distance: the start: largest turn in degrees, share of the view, times the distance at the goal.
     """
 
@@ -50,6 +51,7 @@ class Bench:
     outliers: float = 0.0
     blackout: tuple[float, float] = (math.inf, math.inf)
     push: tuple[float, float] = (math.inf, 0.0)
+    regrasp: float = math.inf
     turn: float = 45.0
     aside: float = 0.4
     distance: float = 2.5
@@ -60,7 +62,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         rng = self.rng = np.random.default_rng(self.seed)
-        self.time, self.twist, self._latest = 0.0, np.zeros(6), 0
+        self.time, self.twist, self._latest, self.grasp = 0.0, np.zeros(6), 0, 1
         # the gripper, in the hand's frame
         self.opening = rng.uniform(0.06, 0.09)
         reach = rng.uniform(0.0, 0.12)
@@ -155,7 +157,9 @@ class Bench:
         dark = self.blackout[0] <= taken < self.blackout[1]
         self._latest += 1
         if dark or not inside:
-            told = gt.TrackResult(self._latest, taken, "lost", "covered" if dark else "out of view", grasp_id=1)
+            told = gt.TrackResult(
+                self._latest, taken, "lost", "covered" if dark else "out of view", grasp_id=self.grasp
+            )
         else:
             H = self._plane(hand, at) @ np.linalg.inv(self._reference)
             k, off = len(points), self.rng.normal(0.0, self.noise, points.shape)
@@ -165,7 +169,7 @@ class Bench:
                     np.eye(3) + self.rng.normal(0.0, 1.0, (3, 3)) * [[0.1, 0.1, 30], [0.1, 0.1, 30], [1e-4, 1e-4, 0]]
                 )
             told = gt.TrackResult(
-                self._latest, taken, "tracked", "", "auto", 1, points + off, np.ones(k), None, 0.99,
+                self._latest, taken, "tracked", "", "auto", self.grasp, points + off, np.ones(k), None, 0.99,
                 H / H[2, 2], np.broadcast_to(np.eye(2) * self.noise**2, (k, 2, 2)).copy(), None, 1.0,
             )  # fmt: skip
         self.results.append(told)
@@ -182,6 +186,9 @@ class Bench:
         self.time += PERIOD
         if self.push[0] <= self.time < self.push[0] + PERIOD:
             self.at = self.at + self.push[1] * np.array([0.6, 0.8, 0.0])
+        if self.time >= self.regrasp and self.grasp == 1:
+            self.grasp, self.shape = 2, 0.9 * self.shape @ rotation((0.0, 0.0, 0.4))
+            self.at = self.at + np.array([0.008, -0.005, 0.0])
         self._remember()
 
     def off(self) -> tuple[float, float, float]:

@@ -72,6 +72,16 @@ def test_it_converges_from_a_nominal_camera_that_is_not_quite_right(seed: int) -
     assert not any("explor" in c.reason for c in bench.commands)
 
 
+@pytest.mark.parametrize("dof", [4, 6])
+@pytest.mark.parametrize("seed", range(3))
+def test_another_grasp_needs_no_new_exploring(seed: int, dof: int) -> None:
+    bench = Bench(seed=seed, regrasp=2.8, dof=dof, belt=100.0)
+    servo = bench.run(servo_for(bench))
+    assert servo.state == "done" and within(bench), (servo.reason, bench.off())
+    exploring = [t for t, c in enumerate(bench.commands) if "exploratory" in c.reason]
+    assert bench.grasp == 2 and max(exploring) * PERIOD < 2.8
+
+
 def test_the_textbook_law_converges_with_the_camera_as_it_is() -> None:
     bench = Bench(seed=3, camera_tilt=0.0)
     first = bench.camera.from_hand((bench.contacts() - bench.hand[:3, 3]) @ bench.hand[:3, :3])

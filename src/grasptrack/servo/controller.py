@@ -145,6 +145,11 @@ class GraspServo:
 
     def _take(self, result: TrackResult, shot: float) -> tuple[Sighting | None, bool]:
         """The sighting of a result, and whether it fits what is known."""
+        if result.grasp_id is not None and result.grasp_id != self._grasp:
+            if self._grasp is not None:
+                self.knowledge.another()
+                self._order = None
+            self._grasp = result.grasp_id
         seen = self._sighter.sighting(result, shot, self._poses.at(shot))
         if seen is not None and seen.contacts != len(self.goal.points):
             raise InputError(
@@ -153,11 +158,6 @@ class GraspServo:
             )  # fmt: skip
         if seen is None:
             return None, False
-        if result.grasp_id is not None and result.grasp_id != self._grasp:
-            if self._grasp is not None:
-                self.knowledge.rechosen(seen)
-                self._order = None
-            self._grasp = result.grasp_id
         return seen, self.knowledge.take(seen, self._centre, self._side)
 
     def _decide(

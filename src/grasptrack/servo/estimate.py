@@ -9,7 +9,7 @@ motion, needs no memory of its own. A filter keeps the places at which it once l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,6 @@ WANDER, PUSHED = 0.002, 1.0
 """m/s per root of a second by which its velocity changes, and by which just after it was displaced."""
 ASTIR = 1.0
 """s for which a displaced object is taken to be on the move."""
-REDRAWN = 0.03
-"""Standard deviation of the points of a grasp that was chosen anew, in distances of the farthest from their middle."""
 MOVES, LEAST_SPEED = 3.0, 0.002
 """Standard deviations and m/s from which on a velocity is one."""
 
@@ -154,22 +152,6 @@ class Estimate:
         """Remember what another estimate of the same object saw last that did not fit."""
         self._away = other._away
 
-    def rechosen(self, seen: Sighting) -> Estimate:
-        """The same camera and the same object, with other points of its plane: those of a grasp that was chosen anew.
-
-        Args:
-            seen: the first sighting of the new contacts.
-        """
-        self.advance(seen.time)
-        known, normal = self.object, self.object.turn[:, 2]
-        origin = seen.hand[:3, :3] @ self.camera.offset + seen.hand[:3, 3]
-        steep = float((self.camera.rays(seen.points) @ seen.hand[:3, :3].T @ normal).mean())
-        there = placed(self.camera, seen, float((known.place - origin) @ normal) / steep, known.turn)
-        object_ = replace(there, speed=known.speed, axes=known.axes)
-        covariance = np.eye(SHAPE + object_.points.size) * (REDRAWN * float(np.abs(object_.points).max())) ** 2
-        covariance[:SHAPE, :SHAPE] = self.covariance[:SHAPE, :SHAPE]
-        return Estimate(self.camera, object_, covariance, seen.time)
-
     def shape(self) -> Floats:
         """The points in the object's plane, (n, 2) m."""
         return self.object.points
@@ -214,6 +196,17 @@ def placed(camera: HandCamera, seen: Sighting, depth: float, facing: Floats, slo
     points = origin + depth * rays * (height.mean() / height)[:, None]
     place = points[: seen.contacts].mean(axis=0)
     return Placed((points - place) @ facing[:, :2], facing, place, np.zeros(3), facing * (1.0, 1.0, slope))
+
+
+def on_plane(camera: HandCamera, object_: Placed, seen: Sighting) -> Floats | None:
+    """Where other points of the object lie in its plane, (n, 2) m; None where they are not seen on it."""
+    rays = camera.rays(seen.points) @ seen.hand[:3, :3].T
+    origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
+    normal = object_.turn[:, 2]
+    far = ((object_.place - origin) @ normal) / (rays @ normal)
+    if not (np.isfinite(far).all() and (far > 0.0).all()):
+        return None
+    return np.asarray((origin + far[:, None] * rays - object_.place) @ object_.turn[:, :2])
 
 
 def misfit(known: Estimate, seen: Sighting) -> float:

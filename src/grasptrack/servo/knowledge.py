@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from grasptrack.servo import begin
 from grasptrack.servo.camera import NominalCamera
-from grasptrack.servo.estimate import AGREEING, ASTIR, FAR, Estimate, misfit
+from grasptrack.servo.estimate import AGREEING, ASTIR, FAR, Estimate, misfit, on_plane
 from grasptrack.servo.explore import ORDER, Exploration
+from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.refine import Origin, Search, refined
 from grasptrack.servo.sighting import Sighting
 from grasptrack.servo.textbook import Textbook
@@ -25,12 +26,12 @@ ELSEWHERE, LATER = 0.002, 0.2
 EVERY, STEPS, FEWEST, AFRESH = 5, 2, 8, 20
 """All are gone through again every so many sightings, or at once while the search has not settled, with so many steps, from so
 many on; with so many where it must be known whether they can be explained at all."""
+ANYWHERE = 0.02
+"""m, how well the contacts of another grasp are known from a first look at them."""
 AMISS = 4.0
 """Scale of the residuals from which on the search begins anew from the exploratory moves."""
 DOUBLINGS = 3
 """How often moves that showed nothing are made larger."""
-SURE = 0.1
-"""Relative error of a length up to which what is known serves for another grasp on the object."""
 STRANGE = 75
 """So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
 
@@ -63,22 +64,14 @@ class Knowledge:
         self._fits: deque[bool] = deque(maxlen=100)
         self.estimate: Estimate | Textbook | None = None
         self.failed = ""
+        self._regrasp = False
 
-    def rechosen(self, seen: Sighting) -> None:
-        """Another grasp on the object, as first seen: camera and motion stay known, as far as they were."""
-        known = self.estimate
-        if self.exploring or not isinstance(known, Estimate) or known.relative_error() > SURE:
+    def another(self) -> None:
+        """Another grasp is followed from now on, on the same object: the camera stays known, and where the object lies."""
+        if self.exploring or not isinstance(self.estimate, Estimate):
             self.forget()
-            return
-        anew = known.rechosen(seen)
-        if not np.isfinite(anew.covariance).all() or misfit(anew, seen) > FAR:
-            self.forget()
-            return
-        self.estimate = anew
-        self._origin = Origin(anew.camera, anew.object, anew.covariance.copy(), anew.time)
-        self._seen, self._search, self._since = [], None, 0
-        self._last.clear()
-        self._fits.clear()
+        else:
+            self._regrasp = True
 
     @property
     def exploring(self) -> bool:
@@ -87,6 +80,8 @@ class Knowledge:
 
     def take(self, seen: Sighting, centre: Floats, side: float) -> bool:
         """Take in a sighting; whether it fits what is known."""
+        if self._regrasp:
+            self._begin_from_the_same_object(seen)
         fits = True
         self._last.append(seen)
         if isinstance(self.estimate, Estimate):
@@ -110,6 +105,24 @@ class Knowledge:
             self._go_on(seen.time, centre, side)
         self._refine()
         return fits
+
+    def _begin_from_the_same_object(self, seen: Sighting) -> None:
+        known, self._regrasp = self.estimate, False
+        assert isinstance(known, Estimate)
+        known.advance(seen.time)
+        points = on_plane(known.camera, known.object, seen)
+        if points is None:
+            self.forget()
+            return
+        o = known.object
+        covariance = np.eye(SHAPE + points.size) * ANYWHERE**2
+        covariance[:SHAPE, :SHAPE] = known.covariance[:SHAPE, :SHAPE]
+        moved = Placed(points, o.turn, o.place, o.speed, o.axes)
+        self._origin = Origin(known.camera, moved, covariance, seen.time)
+        self.estimate, self._search = refined(self._origin, [seen])
+        self._seen = []
+        self._last.clear()
+        self._fits.clear()
 
     def _explain(self, known: Estimate, seen: Sighting) -> bool:
         """What was seen agrees with itself, not with the estimate: is that the estimate's fault, or was the object moved?"""

@@ -30,8 +30,8 @@ class Gain:
         InputError: not positive.
     """
 
-    near: float = 3.0
-    far: float = 1.5
+    near: float = 5.0
+    far: float = 2.0
     fall: float = 0.4
 
     def __post_init__(self) -> None:

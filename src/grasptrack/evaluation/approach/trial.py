@@ -29,7 +29,7 @@ from grasptrack.synthesis import synthesize
 
 Floats = NDArray[np.float64]
 
-ABOVE = 0.003
+ABOVE = 0.008
 """m above the part's upper face at which the tips stop; what is left is felt for."""
 KNOWN = 0.1
 """How well the size of the part is known beforehand, which is what the hand's limits are told by."""
