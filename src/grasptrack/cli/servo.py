@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from grasptrack.evaluation.approach.case import Row
     from grasptrack.evaluation.approach.trials import Trials
 
-_LAWS = ("online", "nominal", "textbook")
-_IMAGES = ("auto", "mujoco", "planar")
-
 
 def servo(
     shape: Annotated[str | None, typer.Option(metavar="NAME", help="A built-in outline; drawn if not given.")] = None,
@@ -54,22 +51,13 @@ def servo(
       grasptrack servo --trials 200 --scenario blackout --seed 1 --output blackout
       grasptrack servo --trials 200 --law textbook --silhouettes shapes
     """
-    from grasptrack.simulation.physical.engine import engine
-    from grasptrack.simulation.physical.setting import ARMS, SCENARIOS
+    from grasptrack.evaluation.approach.case import check
 
-    for name, value, known in (
-        ("--scenario", scenario, SCENARIOS),
-        ("--arm", arm, ARMS),
-        ("--law", law, _LAWS),
-        ("--images", images or "auto", _IMAGES),
-    ):
-        if value not in known:
-            raise InputError(f'{name} is one of {", ".join(known)}, not "{value}"', option=name, value=value)
     if trials is None and (workers is not None or scheduler is not None):
         raise InputError("--workers and --scheduler are for --trials")
     if shape is not None and silhouettes is not None:
         raise InputError("--shape and --silhouettes both say which part: give one of them")
-    engine()
+    check(scenario=scenario, arm=arm, law=law, images=images or "auto")
     asked: dict[str, Any] = {"scenario": scenario, "arm": arm, "law": law, "seed": seed}
     shapes = _shapes(shape, silhouettes)
     if trials is None:

@@ -7,10 +7,31 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from grasptrack.errors import InputError
 from grasptrack.simulation.outlines import Shape
-from grasptrack.simulation.physical.setting import Arm, Scenario
+from grasptrack.simulation.physical.engine import engine
+from grasptrack.simulation.physical.setting import ARMS, SCENARIOS, Arm, Scenario
 
 Law = Literal["online", "nominal", "textbook"]
+LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
+IMAGES = ("auto", "mujoco", "planar")
+
+
+def check(*, scenario: str, arm: str, law: str, images: str) -> None:
+    """See that names are known and MuJoCo is there.
+
+    Raises:
+        InputError: one is not.
+    """
+    for option, value, known in (
+        ("--scenario", scenario, SCENARIOS),
+        ("--arm", arm, ARMS),
+        ("--law", law, LAWS),
+        ("--images", images, IMAGES),
+    ):
+        if value not in known:
+            raise InputError(f'{option} is one of {", ".join(known)}, not "{value}"', option=option, value=value)
+    engine()
 
 
 @dataclass(frozen=True)

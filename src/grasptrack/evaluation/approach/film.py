@@ -18,6 +18,7 @@ from grasptrack.io.run import prepare_folder
 from grasptrack.io.video import VideoWriter
 from grasptrack.simulation.physical import World
 from grasptrack.simulation.physical.world import PERIOD_S
+from grasptrack.view.approach import plot_approach
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -83,49 +84,12 @@ def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, An
         row, _ = run_trial(case, record)
     finally:
         record.close()
-    plot(record, row, output / PLOTS)
+    blind = [state in ("holding", "searching") for state in record.states]
+    title = f"{row.shape}, {row.scenario}, {row.law}: {row.outcome}. {row.reason}"[:110]
+    plot_approach(record.time, record.errors, record.error_px, record.twists, blind, title, output / PLOTS)
     told = {name: _plain(value) for name, value in row.values().items()}
     write_json(output / VERDICT, {"options": options, "versions": versions(), "verdict": told})
     return row
-
-
-def plot(record: Record, row: Row, path: Path) -> None:
-    """Features' errors, distance from the goal in px, and twist over time."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(4, 1, sharex=True)
-    t = np.array(record.time)
-    if len(t):
-        errors = np.array([np.pad(e, (0, 6 - len(e)), constant_values=np.nan) for e in record.errors])
-        for i, name in enumerate(("x/l", "y/l", "1/l", "angle, rad", "tilt x", "tilt y")):
-            if np.isfinite(errors[:, i]).any():
-                axes[0].plot(t, errors[:, i], label=name)
-        axes[1].semilogy(t, np.maximum(record.error_px, 1e-2), color="k")
-        axes[1].axhline(1.0, color="0.6", linewidth=0.8)
-        twists = np.array(record.twists)
-        for i, name in enumerate(("x", "y", "z")):
-            axes[2].plot(t, twists[:, i], label=f"v {name}")
-            axes[3].plot(t, twists[:, 3 + i], label=f"w {name}")
-        _shade(axes, t, record.states)
-    for axis, name in zip(axes, ("features' error", "px from the goal", "m/s", "rad/s"), strict=True):
-        axis.set_ylabel(name)
-        axis.grid(True, alpha=0.3)
-        if axis.get_legend_handles_labels()[0]:
-            axis.legend(loc="upper right", fontsize=8, ncols=3)
-    axes[-1].set_xlabel("s   (shaded: the grasp is not seen)")
-    figure.suptitle(f"{row.shape}, {row.scenario}, {row.law}: {row.outcome}. {row.reason}"[:110], fontsize=11)
-    figure.savefig(path, dpi=110)
-
-
-def _shade(axes: Any, t: Floats, states: list[str]) -> None:
-    blind = np.array([state in ("holding", "searching") for state in states])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], blind, [False]]).astype(int)))
-    for begin, end in edges.reshape(-1, 2):
-        for axis in axes:
-            axis.axvspan(t[begin], t[min(end, len(t) - 1)], color="orange", alpha=0.18, linewidth=0)
 
 
 def _plain(value: Any) -> Any:

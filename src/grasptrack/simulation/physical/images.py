@@ -3,18 +3,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import InputError
 from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.conditions import pooled_noise
-from grasptrack.simulation.looks import Look, look
+from grasptrack.simulation.looks import Look
 from grasptrack.simulation.physical import frames
-from grasptrack.simulation.physical.gripper import Gripper
-from grasptrack.simulation.physical.setting import HEIGHT, WIDTH, Setting
+from grasptrack.simulation.physical.setting import HEIGHT, WIDTH
 
 if TYPE_CHECKING:
     from grasptrack.simulation.physical.world import World
@@ -50,29 +48,6 @@ class Images(Protocol):
     def bystander(self, world: World) -> Pixels:
         """(480, 640, 3) BGR, of the one who stands beside."""
         ...
-
-
-def images_of(
-    kind: Literal["auto", "mujoco", "planar"], setting: Setting, hand: Gripper, name: str, seed: int
-) -> Images:
-    """Who draws.
-
-    Raises:
-        InputError: an unknown kind, or MuJoCo is asked to draw and offscreen OpenGL is missing.
-    """
-    from grasptrack.simulation.physical.offscreen import MujocoImages, offscreen
-    from grasptrack.simulation.physical.planar import PlanarImages
-
-    if kind not in ("auto", "mujoco", "planar"):
-        raise InputError(f'unknown images "{kind}"; choose from auto, mujoco, planar', images=kind)
-    seen = look(name, seed)
-    if kind != "planar":
-        why = offscreen()
-        if not why:
-            return MujocoImages(setting, seen, seed)
-        if kind == "mujoco":
-            raise InputError(f"MuJoCo cannot draw here: {why}; MUJOCO_GL=egl or osmesa chooses how, planar needs none")
-    return PlanarImages(setting, hand, seen, seed)
 
 
 def hand_level(seen: Look) -> float:

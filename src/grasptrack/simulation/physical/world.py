@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack.errors import InputError
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical import frames, model
+from grasptrack.simulation.physical.drawing import images_of
 from grasptrack.simulation.physical.engine import engine
 from grasptrack.simulation.physical.gripper import MAX_OPENING, gripper
-from grasptrack.simulation.physical.images import Images, images_of
+from grasptrack.simulation.physical.images import Images
 from grasptrack.simulation.physical.setting import BLACKOUT_S, Arm, Scenario, draw, hand_mask
 
 Floats = NDArray[np.float64]
