@@ -23,7 +23,7 @@ from grasptrack.tracker import GraspTracker
 
 Floats = NDArray[np.float64]
 
-WINDOW, LEAST = 30, 0.4
+WINDOW, LEAST = 12, 0.5
 """Images, and the share of them in which the grasp has to be found, or it is looked for anew."""
 SELDOM = 4
 """Images from one look to the next where nothing was found."""
