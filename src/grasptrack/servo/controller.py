@@ -200,31 +200,31 @@ class GraspServo:
         """Nothing is seen that fits: the policy on loss."""
         known = self.knowledge
         if known.exploring:
-            known.interrupted()
+            known.interrupted(self._centre, self._side)
         why = "what is seen does not fit what is known" if located else result.reason or result.status
         if math.isnan(self._last_seen):
             if time - self._began > self.loss.start:
                 return self._say("failed", f"no grasp within {self.loss.start:g} s: {why}", np.zeros(6), step)
             return self._say("searching", f"waits for a grasp: {why}", np.zeros(6), step)
         lost = time - self._last_seen
-        can_coast = known.estimate is not None and not known.exploring
-        match self.loss.step(lost, can_coast):
+        along = self._carried(hand) if lost < self.loss.follow else np.zeros(6)
+        stays = "goes along" if along.any() else "stands"
+        match self.loss.step(lost, known.estimate is not None):
             case "coast":
-                found = self._aim(time, hand, None)
+                found = None if known.exploring else self._aim(time, hand, None)
                 twist = np.zeros(6) if found is None else found.twist.copy()
                 twist[2] = min(twist[2], 0.0)
-                twist = self.limits.joined(twist, self._carried(hand))
-                return self._say(
-                    "holding", f"not seen for {lost:.2f} s, goes on as predicted: {why}", twist, step, found
-                )
+                doing = f"not seen for {lost:.2f} s, goes on as predicted: {why}"
+                return self._say("holding", doing, self.limits.joined(twist, along), step, found)
             case "hold":
-                return self._say("holding", f"not seen for {lost:.2f} s, stands: {why}", np.zeros(6), step)
+                return self._say("holding", f"not seen for {lost:.2f} s, {stays}: {why}", along, step)
             case "back off":
                 twist = np.zeros(6)
                 if self._retreated < self.loss.away:
                     twist[2] = -self.loss.speed
                     self._retreated += self.loss.speed * step
-                return self._say("searching", f"not seen for {lost:.2f} s, moves back and looks: {why}", twist, step)
+                doing = f"not seen for {lost:.2f} s, {stays}, moves back and looks: {why}"
+                return self._say("searching", doing, self.limits.joined(twist, along), step)
             case _:
                 return self._say("failed", f"not found again within {lost:.1f} s: {why}", np.zeros(6), step)
 

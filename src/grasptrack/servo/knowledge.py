@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,10 +189,13 @@ class Knowledge:
                 self.failed = str(found)
         self._began = time
 
-    def interrupted(self) -> None:
-        """The grasp went out of sight: the present move is made again, the other way."""
+    def interrupted(self, centre: Floats, side: float) -> None:
+        """The grasp went out of sight: the present move is made again, the other way. Until then what it told must do."""
         if not np.isnan(self._began):
             self._larger *= -1.0
+            if self.estimate is None:
+                with suppress(begin.UnexploredError):
+                    self._origin, self.estimate, self._search = begin.explored(self._seen, centre, side, self._slope)
         self._began = float("nan")
 
     def twist(self, time: float) -> Floats:

@@ -21,6 +21,7 @@ class LossPolicy:
         back_off: s for which it then moves back to see more, and looks.
         speed: m/s of moving back.
         away: m that it moves back at most.
+        follow: s for which it stays with an object that moved, through all these steps.
         start: s for which it waits for a first grasp.
 
     Raises:
@@ -32,10 +33,11 @@ class LossPolicy:
     back_off: float = 6.0
     speed: float = 0.06
     away: float = 0.15
+    follow: float = 3.0
     start: float = 5.0
 
     def __post_init__(self) -> None:
-        if min(self.coast, self.hold, self.back_off, self.away, self.start) < 0.0 or not self.speed > 0.0:
+        if min(self.coast, self.hold, self.back_off, self.away, self.follow, self.start) < 0.0 or not self.speed > 0.0:
             raise InputError("times of a loss policy are 0 or more, its speed positive", policy=repr(self))
 
     def step(self, lost: float, can_coast: bool) -> Step:
