@@ -29,6 +29,8 @@ ACCELERATION = (5.0, 20.0)
 PUSH_S = 0.3
 CLOSING_SPEED, TOUCH_SPEED = 0.12, 0.06
 """m/s of a finger, and of the hand feeling for the table."""
+BESIDE = 0.006
+"""m that each finger stands back from its contact when the hand goes down to close."""
 YIELD = 0.25
 """rad/s of an arm's hand that gives way to the table."""
 TOUCH_N = 2.0
@@ -184,7 +186,7 @@ class World:
         along = self._last.copy()
         along[2:] = 0.0
         if width is not None:
-            self._open(along, min(MAX_OPENING, width + 2.0 * 0.004))
+            self._open(along, min(MAX_OPENING, width + 2.0 * BESIDE))
         self._feel(along)
         self._shut(along)
         return self._holds()
