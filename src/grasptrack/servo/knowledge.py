@@ -69,10 +69,10 @@ class Knowledge:
 
     def another(self) -> None:
         """Another grasp is followed from now on, on the same object: the camera stays known, and where the object lies."""
-        if self.exploring or not isinstance(self.estimate, Estimate):
-            self.forget()
-        else:
+        if isinstance(self.estimate, Estimate):
             self._regrasp = True
+        else:
+            self.forget()
 
     @property
     def exploring(self) -> bool:
