@@ -36,7 +36,7 @@ def hand_for(size: float) -> Hand:
 
 
 def first_look(
-    image: NDArray[Any], time: float, ignore: NDArray[Any], hand: Hand, tips: Floats
+    image: NDArray[Any], time: float, ignore: NDArray[Any], hand: Hand, tips: Floats, strategy: str = "auto"
 ) -> tuple[GraspTracker, TrackResult]:
     """A tracker that has chosen its grasp, and what it says of the first image; `searching` where it has none.
 
@@ -48,6 +48,7 @@ def first_look(
         ignore: (H, W), where the hand is in the image.
         hand: its limits.
         tips: (k, 2) px of the fingertips.
+        strategy: of the tracker.
     """
     fingers = len(tips)
     looking = GraspTracker(fingers=fingers, ignore=ignore, hand=hand, friction=FRICTION)
@@ -60,7 +61,7 @@ def first_look(
         return looking, TrackResult(frame=0, time=time, status="searching", reason=reason, view=seen.view)
     good = [g for g in found if g.quality >= NEARLY_AS_GOOD * found[0].quality]
     chosen = min(good, key=lambda g: turn_between(g.contacts, tips)) if fingers == 2 else good[0]
-    tracker = GraspTracker(grasp=chosen.contacts, ignore=ignore, friction=FRICTION)
+    tracker = GraspTracker(grasp=chosen.contacts, strategy=strategy, ignore=ignore, friction=FRICTION)
     tracker.update(image, time)
     return tracker, tracker.update(
         image, time

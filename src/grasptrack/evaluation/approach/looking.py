@@ -25,6 +25,8 @@ Floats = NDArray[np.float64]
 
 WINDOW, LEAST = 12, 0.5
 """Images, and the share of them in which the grasp has to be found, or it is looked for anew."""
+OTHERWISE = 2
+"""Of so many grasps chosen anew, one is followed by its outline alone: what a faint surface shows may mislead."""
 SELDOM = 4
 """Images from one look to the next where nothing was found."""
 
@@ -55,7 +57,8 @@ class Looking:
         self._wait = max(0, self._wait - 1)
         if result.status != "tracked" and self._wait == 0 and sum(self._found) < LEAST * WINDOW:
             self._wait = SELDOM
-            tracker, anew = first_look(image, time, self._ignore, self._hand, self._tips)
+            strategy = "auto" if self.again % OTHERWISE < OTHERWISE - 1 else "homography"
+            tracker, anew = first_look(image, time, self._ignore, self._hand, self._tips, strategy)
             if anew.status == "tracked":
                 self._tracker, result = tracker, anew
                 self._found.extend([True] * WINDOW)
