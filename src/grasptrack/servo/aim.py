@@ -37,6 +37,7 @@ class Aim:
         height: m to go along the approach direction.
         final: (k, 2) px, the contacts in the end.
         doing: a short sentence.
+        aligned: whether it may go down.
     """
 
     twist: Floats
@@ -45,6 +46,7 @@ class Aim:
     height: float
     final: Floats
     doing: str
+    aligned: bool
 
 
 def aim(
@@ -102,9 +104,10 @@ def aim(
         covariance = wide
     length = float(np.linalg.norm(points[0] - points[1]))
     twist = twist_for(error, jacobian, covariance, dof=dof, length=length, gain=gain)
-    doing = "aligns at the stand-off" if raised > 0.5 * standoff else "goes down"
+    aligned = raised <= 0.5 * standoff
+    doing = "goes down" if aligned else "aligns at the stand-off"
     height = float((points - right)[:, 2].mean())
-    return Aim(twist, in_the_end, last.off(contacts), height, final, doing)
+    return Aim(twist, in_the_end, last.off(contacts), height, final, doing, aligned)
 
 
 def _share(points: Floats, right: Floats, normal: Floats | None, relative: float) -> float:

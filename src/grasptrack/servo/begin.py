@@ -31,7 +31,7 @@ DRAWS, MINIMAL, ROUNDS, STEPS = 100, 6, 5, 30
 ASIDE, BELT, LENGTH, FOCAL_LENGTHS = 0.15, 0.3, 0.05, 1.1
 """Before anything is known: m of the camera's offset, m/s of the object, m between contacts, focal length over the image's
 larger side."""
-NOMINAL = Prior(focal=0.1, tilt=0.1, spin=0.1, offset=0.03, scale=0.5)
+NOMINAL = Prior(focal=0.15, tilt=0.15, spin=0.2, offset=0.03, scale=0.5)
 """How far a nominal camera may be off."""
 
 

@@ -189,6 +189,8 @@ class GraspServo:
             self.knowledge.restarts += 1
             self.knowledge.forget()
             return self._say("holding", "the goal would lie behind the camera: begins anew", np.zeros(6), step)
+        if found.aligned and found.height > 0.5 * self.standoff and self.knowledge.make_sure():
+            return self._say("approaching", "explores again before it goes down", self._carried(hand), step, found)
         why = self._doubt.why_not(result, found.error_px, found.final, time)
         if not why:
             return self._say("closing", "converged and believed", self._carried(hand), step, found, close=True)

@@ -29,6 +29,8 @@ EVERY, STEPS, FEWEST, AFRESH = 5, 2, 8, 20
 many on; with so many where it must be known whether they can be explained at all."""
 ANYWHERE = 0.02
 """m, how well the contacts of another grasp are known from a first look at them."""
+SURE = 0.01
+"""Relative standard deviation of a length that needs no further moves."""
 AMISS = 4.0
 """Scale of the residuals from which on the search begins anew from the exploratory moves."""
 DOUBLINGS = 3
@@ -65,19 +67,29 @@ class Knowledge:
         self._fits: deque[bool] = deque(maxlen=100)
         self.estimate: Estimate | Textbook | None = None
         self.failed = ""
-        self._regrasp = False
+        self._regrasp = self._sure = False
+        self._asked = self._nominal is None
 
     def another(self) -> None:
         """Another grasp is followed from now on, on the same object: the camera stays known, and where the object lies."""
         if isinstance(self.estimate, Estimate):
-            self._regrasp = True
+            self._regrasp, self._sure = True, False
         else:
             self.forget()
 
     @property
     def exploring(self) -> bool:
         """Whether there are exploratory moves to make."""
-        return self._nominal is None and self._stage < len(self._order)
+        return self._asked and self._stage < len(self._order)
+
+    def make_sure(self) -> bool:
+        """Explore once more where the length of the grasp is not known well, once for each grasp; whether it will."""
+        known = self.estimate
+        if self._sure or not isinstance(known, Estimate) or known.relative_error() < SURE:
+            return False
+        self._sure = self._asked = True
+        self._stage, self._began, self._larger = 0, float("nan"), 1.0
+        return True
 
     def take(self, seen: Sighting, centre: Floats, side: float) -> bool:
         """Take in a sighting; whether it fits what is known."""

@@ -107,7 +107,8 @@ class _Evidence:
 
     def at(self, camera: HandCamera, object_: Placed, scale: float | None) -> tuple[float, float, Floats, Floats]:
         """Cost, scale of the residuals, and the normal equations; a scale of None is taken from the residuals."""
-        pixels, slopes = expected(camera, object_, self._hands, self._later)
+        with np.errstate(all="ignore"):
+            pixels, slopes = expected(camera, object_, self._hands, self._later)
         off = (self._white @ (self._points - pixels)[..., None])[..., 0]
         self._size2 = np.nan_to_num((off * off).mean(axis=(1, 2)), nan=np.inf)
         self._values = off[0].size
@@ -116,6 +117,8 @@ class _Evidence:
         cost, scale = self.again(scale) if scale is None else (self._cost(scale), scale)
         weight = 1.0 / (1.0 + self._size2 / (ROBUST * scale) ** 2) ** 2
         J = (self._white @ slopes).reshape(len(off), self._values, -1)
+        behind = ~np.isfinite(self._size2)  # the camera: they count as far off, and ask for nothing
+        off[behind], J[behind] = 0.0, 0.0
         JW = (J * weight[:, None, None]).reshape(-1, J.shape[-1])
         A = np.asarray(JW.T @ J.reshape(-1, J.shape[-1]) + self._known)
         return cost, scale, A, np.asarray(JW.T @ off.ravel() - self._known @ d)
