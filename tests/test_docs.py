@@ -18,9 +18,18 @@ from recordings import plates
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
-VERBS = ("synthesize", "inspect", "track", "transfer", "demo", "evaluate", "compare")
-WITH_OPTIONS = (*VERBS[:5], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
-PAGES = ("benchmarks.md", "cli.md", "conventions.md", "design.md", "evaluation.md", "paper-map.md")
+VERBS = ("synthesize", "inspect", "track", "transfer", "demo", "servo", "evaluate", "compare")
+WITH_OPTIONS = (*VERBS[:6], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
+PAGES = (
+    "benchmarks.md",
+    "cli.md",
+    "conventions.md",
+    "design.md",
+    "evaluation.md",
+    "paper-map.md",
+    "servo.md",
+    "simulation.md",
+)
 
 
 def text(page: str) -> str:

@@ -17,6 +17,7 @@ from grasptrack.cli.compare import compare
 from grasptrack.cli.demo import demo
 from grasptrack.cli.evaluate import evaluate
 from grasptrack.cli.inspect import inspect
+from grasptrack.cli.servo import servo
 from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import INTERRUPTED, only_our_errors, tell_error
 from grasptrack.cli.track import track
@@ -37,6 +38,7 @@ Examples:
   grasptrack synthesize photo.jpg   the best grasps on the object in one image
   grasptrack inspect photo.jpg      how well that object can be tracked, before the run
   grasptrack transfer a.png b.png   the same grasp in two views
+  grasptrack servo                  look, choose, approach, close and lift, in a physical world
   grasptrack evaluate scenes        every method on scenes with exact truth, and a report
 
 Each verb has its own --help. Exit status: 0 done, 2 bad input, 130 after Ctrl-C, 1 anything else.
@@ -77,6 +79,7 @@ app.command(short_help="Tell how well the object in an image can be tracked.")(i
 app.command(short_help="Carry a grasp through a sequence of images.")(track)
 app.command(short_help="Carry a grasp from one image to another, by every strategy.")(transfer)
 app.command(short_help="Track in a rendered scene and compare with the truth.")(demo)
+app.command(short_help="Bring a hand to a grasp, close and lift, in a physical world.")(servo)
 app.add_typer(evaluate, name="evaluate", short_help="Measure every method, with a report.")
 app.command(short_help="Put two evaluations side by side.")(compare)
 

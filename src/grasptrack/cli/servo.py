@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack servo`: from an image to an object in the hand, in a physical world; once to look at, or many times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from grasptrack.cli import options
+from grasptrack.cli.progress import with_progress
+from grasptrack.errors import InputError
+
+if TYPE_CHECKING:
+    from grasptrack.evaluation.approach.case import Row
+    from grasptrack.evaluation.approach.trials import Trials
+
+
+def servo(
+    shape: Annotated[str | None, typer.Option(metavar="NAME", help="A built-in outline; drawn if not given.")] = None,
+    silhouettes: Annotated[
+        str | None, typer.Option(metavar="DIR", help="Parts from images: what is not black is material.")
+    ] = None,
+    scenario: Annotated[str, typer.Option(metavar="NAME", help="static, pushed, belt or blackout.")] = "static",
+    arm: Annotated[str, typer.Option(metavar="NAME", help="gantry (4 DoF) or arm (6 DoF).")] = "gantry",
+    law: Annotated[str, typer.Option(metavar="NAME", help="online, nominal or textbook.")] = "online",
+    trials: Annotated[int | None, typer.Option(metavar="N", min=1, help="Run so many at random, on all cores.")] = None,
+    images: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Drawn by mujoco, planar, or auto; planar for trials.")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Of all that is drawn at random.")] = 0,
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path("servo"),
+    no_video: Annotated[bool, typer.Option("--no-video", help="Write no approach.mp4.")] = False,
+    workers: Annotated[int | None, typer.Option(metavar="N", help="Processes; one for each core if not given.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster's scheduler.")
+    ] = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Look, choose a grasp, approach, close and lift, in a physical world (MuJoCo) whose camera nobody calibrated.
+
+    One approach is written as approach.mp4 (the hand's view and a bystander's), approach.png (errors and twist) and
+    approach.json. With --trials, many are drawn at random: trials.csv has a row for each, trials.json the figures, and
+    failures/ a picture of each that failed.
+
+    \b
+    Examples:
+      grasptrack servo
+      grasptrack servo --shape bracket --scenario belt --seed 7
+      grasptrack servo --trials 200 --scenario blackout --seed 1 --output blackout
+      grasptrack servo --trials 200 --law textbook --silhouettes shapes
+    """
+    from grasptrack.evaluation.approach.case import check
+
+    if trials is None and (workers is not None or scheduler is not None):
+        raise InputError("--workers and --scheduler are for --trials")
+    if shape is not None and silhouettes is not None:
+        raise InputError("--shape and --silhouettes both say which part: give one of them")
+    check(scenario=scenario, arm=arm, law=law, images=images or "auto")
+    asked: dict[str, Any] = {"scenario": scenario, "arm": arm, "law": law, "seed": seed}
+    shapes = _shapes(shape, silhouettes)
+    if trials is None:
+        _one(shapes, asked, images or "auto", output, not no_video, quiet)
+    else:
+        _many(shapes, trials, asked, images or "planar", output, workers, scheduler, quiet)
+
+
+def _shapes(shape: str | None, silhouettes: str | None) -> list[Any]:
+    from grasptrack.evaluation import parts
+
+    found = parts.silhouettes(silhouettes) if silhouettes is not None else parts.built_in([shape] if shape else [])
+    return [part.shape for part in found]
+
+
+def _one(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, video: bool, quiet: bool) -> None:
+    from dataclasses import replace
+
+    from grasptrack.cli.report import show_rows
+    from grasptrack.evaluation.approach.film import run_and_film
+    from grasptrack.evaluation.approach.trials import draw_cases
+
+    changed: dict[str, Any] = {"seed": asked["seed"], "images": images}
+    case = replace(draw_cases(shapes, 1, **asked)[0], **changed)
+    row = with_progress(
+        output,
+        quiet,
+        lambda tell: run_and_film(case, output, video=video, options={**asked, "images": images}, progress=tell),
+    )
+    if quiet:
+        return
+    rows = [["outcome", row.outcome], *([["reason", row.reason]] if row.reason else []), *_figures(row)]
+    files = [*(["approach.mp4"] if video else []), "approach.png", "approach.json"]
+    show_rows(
+        f"{row.shape}, {row.scenario}, {row.arm}, {row.law} law, seed {row.seed}",
+        (("", "left"), ("", "left")),
+        rows,
+        [f"{output}: {', '.join(files)}"],
+    )
+
+
+def _figures(row: Row) -> list[list[str]]:
+    told = [
+        ("closed after", row.time_s, "s"),
+        ("from the goal", row.error_px, "px"),
+        ("grasp beside the hand's axis, in truth", row.aside_mm, "mm"),
+        ("tracker and servo, median", row.loop_ms, "ms"),
+    ]
+    return [[name, f"{value:.2f} {unit}"] for name, value, unit in told if value == value]
+
+
+def _many(
+    shapes: list[Any],
+    count: int,
+    asked: dict[str, Any],
+    images: str,
+    output: Path,
+    workers: int | None,
+    address: str | None,
+    quiet: bool,
+) -> None:
+    from grasptrack.evaluation.approach.trials import draw_cases, run_trials
+    from grasptrack.evaluation.schedule import scheduler
+
+    cases = draw_cases(shapes, count, images=images, **asked)  # type: ignore[arg-type]
+    told = {**asked, "trials": count, "images": images}
+    schedule = scheduler(address, workers)
+    found = with_progress(output, quiet, lambda tell: run_trials(output, cases, schedule, options=told, progress=tell))
+    if not quiet:
+        _show(found, asked, output)
+
+
+def _show(found: Trials, asked: dict[str, Any], output: Path) -> None:
+    from grasptrack.cli.report import show_rows
+
+    figures = found.figures()
+    low, high = found.interval()
+    rows = [
+        [
+            "lifted and held",
+            str(figures["lifted"]),
+            f"{100 * found.rate:.1f} % of {found.tried} ({100 * low:.1f} to {100 * high:.1f})",
+        ],
+        *(["failed" if i == 0 else "", str(n), reason] for i, (reason, n) in enumerate(found.reasons())),
+        ["refused at synthesis", str(figures["refused"]), f"{figures['refusals_confirmed']} confirmed by brute force"],
+        ["closed unbelieved", str(figures["closed_unbelieved"]), f"of {figures['closed']} times that the hand closed"],
+    ]
+    middle = figures["median"]
+    notes = [
+        f"medians: closed after {middle['time_s']} s, {middle['error_px']} px from the goal, {middle['aside_mm']} mm aside; "
+        f"servo {middle['servo_ms']} ms, with the tracker {middle['loop_ms']} ms",
+        f"{output}: trials.csv, trials.json" + (", failures/" if figures["failed"] or figures["refused"] else ""),
+    ]
+    what = f"{asked['scenario']}, {asked['arm']}, {asked['law']} law"
+    title = f"{figures['trials']} trials over {figures['shapes']} shapes, {what}"
+    show_rows(title, (("", "left"), ("trials", "right"), ("", "left")), rows, notes)

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is tried, and what became of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from grasptrack.errors import InputError
+from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.physical.engine import engine
+from grasptrack.simulation.physical.setting import ARMS, SCENARIOS, Arm, Scenario
+
+Law = Literal["online", "nominal", "textbook"]
+LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
+IMAGES = ("auto", "mujoco", "planar")
+
+
+def check(*, scenario: str, arm: str, law: str, images: str) -> None:
+    """See that names are known and MuJoCo is there.
+
+    Raises:
+        InputError: one is not.
+    """
+    for option, value, known in (
+        ("--scenario", scenario, SCENARIOS),
+        ("--arm", arm, ARMS),
+        ("--law", law, LAWS),
+        ("--images", images, IMAGES),
+    ):
+        if value not in known:
+            raise InputError(f'{option} is one of {", ".join(known)}, not "{value}"', option=option, value=value)
+    engine()
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is to be tried.
+
+    Attributes:
+        shape: the part's outline.
+        seed: of everything that chance decides.
+        scenario, arm: as in `World`.
+        law: of the servo.
+        images: who draws them.
+        pictures: return a picture of the end of a trial that fails.
+    """
+
+    shape: Shape
+    seed: int
+    scenario: Scenario = "static"
+    arm: Arm = "gantry"
+    law: Law = "online"
+    images: Literal["auto", "mujoco", "planar"] = "planar"
+    pictures: bool = True
+
+    @property
+    def name(self) -> str:
+        """Of the trial, and of its files."""
+        return f"{self.shape.name}-{self.scenario}-{self.arm}-{self.law}-{self.seed}"
+
+
+@dataclass
+class Row:
+    """What became of a trial; one line of trials.csv.
+
+    Attributes:
+        seed, shape, scenario, arm, law: of the case.
+        outcome: "lifted", "refused" (no grasp was found on the shape), or "failed".
+        reason: empty when lifted.
+        confirmed: of a refusal: all pairs of the true outline's points were tried, and none closes.
+        time_s: until the hand closed, or the trial ended, in the world's time.
+        images: that were looked at.
+        error_px: farthest contact from its goal as the servo saw it in the last image before closing.
+        contact_error_px: farthest tracked contact from its true place in that image.
+        aside_mm: true distance of the grasp's middle from the hand's axis when it began to close.
+        turned_deg: true angle between the grasp and the hand then.
+        again: how often the grasp was chosen anew on the way.
+        believed: at closing, the result was believed; empty where the hand never closed.
+        start_turn_deg, start_off, start_away: how the view was off at the start: the turn that the chosen grasp asks for,
+            share of the view, multiple of the goal's distance.
+        servo_ms, loop_ms: medians of a step of the servo, and of tracker and servo together.
+        loop_p99_ms: 99th percentile of the latter.
+    """
+
+    seed: int
+    shape: str
+    scenario: str
+    arm: str
+    law: str
+    outcome: str = "failed"
+    reason: str = ""
+    confirmed: bool | None = None
+    time_s: float = math.nan
+    images: int = 0
+    error_px: float = math.nan
+    contact_error_px: float = math.nan
+    aside_mm: float = math.nan
+    turned_deg: float = math.nan
+    again: int = 0
+    believed: bool | None = None
+    start_turn_deg: float = math.nan
+    start_off: float = math.nan
+    start_away: float = math.nan
+    servo_ms: float = math.nan
+    loop_ms: float = math.nan
+    loop_p99_ms: float = math.nan
+
+    def values(self) -> dict[str, Any]:
+        """By the names of the columns."""
+        return asdict(self)

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Following one grasp all the way down, and looking anew where the tracker no longer finds it.
+
+The tracker would rather say nothing than something wrong. From 2.5 times the distance an outline shows less than half of the
+detail that it shows in the end, and a thick part shows other sides of itself from elsewhere: what speaks against the reference
+then ends in "lost" for good. The hand is nearer by that time, and there is but one part: so a grasp is chosen again in what is
+seen now.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.evaluation.approach.choosing import first_look
+from grasptrack.hand import Hand
+from grasptrack.result import TrackResult
+from grasptrack.tracker import GraspTracker
+
+Floats = NDArray[np.float64]
+
+WINDOW, LEAST = 12, 0.5
+"""Images, and the share of them in which the grasp has to be found, or it is looked for anew."""
+OTHERWISE = 2
+"""Of so many grasps chosen anew, one is followed by its outline alone: what a faint surface shows may mislead."""
+SELDOM = 4
+"""Images from one look to the next where nothing was found."""
+
+
+class Looking:
+    """Follows one grasp, image by image, as `GraspTracker` does; a grasp that was chosen anew has a new `grasp_id`.
+
+    Args:
+        tracker: that has seen its first image and chosen a grasp.
+        ignore: (H, W), where the hand is in the image.
+        hand: its limits.
+        tips: (k, 2) px of the fingertips.
+
+    Attributes:
+        again: how often a grasp was chosen anew.
+    """
+
+    def __init__(self, tracker: GraspTracker, ignore: NDArray[Any], hand: Hand, tips: Floats) -> None:
+        self._tracker, self._ignore, self._hand, self._tips = tracker, ignore, hand, tips
+        self._found: deque[bool] = deque([True] * WINDOW, maxlen=WINDOW)
+        self._wait = 0
+        self.again = 0
+
+    def update(self, image: NDArray[Any], time: float) -> TrackResult:
+        """What is seen now."""
+        result = self._tracker.update(image, time)
+        self._found.append(result.status == "tracked")
+        self._wait = max(0, self._wait - 1)
+        if result.status != "tracked" and self._wait == 0 and sum(self._found) < LEAST * WINDOW:
+            self._wait = SELDOM
+            strategy = "auto" if self.again % OTHERWISE < OTHERWISE - 1 else "homography"
+            tracker, anew = first_look(image, time, self._ignore, self._hand, self._tips, strategy)
+            if anew.status == "tracked":
+                self._tracker, result = tracker, anew
+                self._found.extend([True] * WINDOW)
+                self.again += 1
+        if result.grasp_id is None:
+            return result
+        return replace(result, grasp_id=result.grasp_id + self.again)

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One approach, from the first look to the part in the air, and what became of it."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.contour import Contour, View
+from grasptrack.errors import GraspTrackError
+from grasptrack.evaluation.approach.case import Case, Law, Row
+from grasptrack.evaluation.approach.choosing import FRICTION, first_look, hand_for, turn_between, width_in_m
+from grasptrack.evaluation.approach.looking import Looking
+from grasptrack.evaluation.approach.refusal import pairs_that_close
+from grasptrack.projective import apply_homography
+from grasptrack.result import TrackResult
+from grasptrack.servo import Command, Goal, GraspServo, NominalCamera
+from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.physical import World
+from grasptrack.simulation.physical.setting import Setting
+from grasptrack.simulation.render import finer
+from grasptrack.synthesis import synthesize
+
+Floats = NDArray[np.float64]
+
+ABOVE = 0.008
+"""m above the part's upper face at which the tips stop; what is left is felt for."""
+KNOWN = 0.1
+"""How well the size of the part is known beforehand, which is what the hand's limits are told by."""
+PATIENCE = 25
+"""Images in which to look for the part before giving up."""
+NOMINAL_FOCAL, NOMINAL_HEIGHT, NOMINAL_ASIDE, NOMINAL_LEAN = 600.0, 0.275, 0.07, math.radians(6.0)
+"""px, m, m and rad of the camera that the nominal laws believe in: the middle of what is drawn."""
+
+
+@dataclass
+class Step:
+    """One step of the loop, for whoever watches.
+
+    Attributes:
+        stage: "look", "approach", "close" or "lift".
+        time: s.
+        image: of the hand's camera; None while it closes and lifts.
+        result, command: of tracker and servo; None where there is none.
+    """
+
+    stage: str
+    time: float
+    image: NDArray[np.uint8] | None = None
+    result: TrackResult | None = None
+    command: Command | None = None
+
+
+Watch = Callable[[World, Step], None]
+
+
+@dataclass
+class _Run:
+    world: World
+    case: Case
+    row: Row
+    watch: Watch | None
+    step: Step = field(default_factory=lambda: Step("look", 0.0))
+    servo_ms: list[float] = field(default_factory=list)
+    loop_ms: list[float] = field(default_factory=list)
+    truth: Floats | None = None  # the chosen contacts on the part, m
+
+    def later(self, stage: str) -> Callable[[], None]:
+        """What tells of steps without images of the loop's own."""
+        last = self.step
+        return lambda: self.tell(Step(stage, self.world.time(), None, last.result, last.command))
+
+    def tell(self, step: Step) -> None:
+        self.step = step
+        if self.watch is not None:
+            self.watch(self.world, step)
+
+
+def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
+    """Look, choose, approach, close, lift.
+
+    Args:
+        case: what is to be tried.
+        watch: called after every step.
+
+    Returns:
+        What became of it, and a PNG of the end where it failed and pictures are asked for; else empty.
+    """
+    row = Row(case.seed, case.shape.name, case.scenario, case.arm, case.law)
+    axis = _axis(case.shape)
+    world = World(case.shape, seed=case.seed, scenario=case.scenario, arm=case.arm, images=case.images, axis=axis)
+    run = _Run(world, case, row, watch)
+    try:
+        _approach(run)
+    except GraspTrackError as error:
+        row.outcome, row.reason = "failed", f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if math.isnan(row.time_s):
+        row.time_s = world.time()
+    if run.loop_ms:
+        row.servo_ms, row.loop_ms = float(np.median(run.servo_ms)), float(np.median(run.loop_ms))
+        row.loop_p99_ms = float(np.percentile(run.loop_ms, 99))
+    if row.outcome == "lifted" or not case.pictures:
+        return row, b""
+    from grasptrack.evaluation.approach.pictures import ending
+
+    return row, ending(world, run.step, row)
+
+
+def _approach(run: _Run) -> None:
+    world, row = run.world, run.row
+    tips, opening = world.fingertips()
+    ignore = world.ignore()
+    rng = np.random.default_rng((run.case.seed, zlib.crc32(run.case.shape.name.encode()), 72))
+    hand = hand_for(world.setting.part.size * float(rng.uniform(1.0 - KNOWN, 1.0 + KNOWN)))
+    for _ in range(PATIENCE):
+        image = world.image()
+        tracker, result = first_look(image, world.time(), ignore, hand, tips)
+        run.tell(Step("look", world.time(), image, result))
+        row.images += 1
+        if result.contacts is not None or result.view is not None:
+            break
+        world.move(np.zeros(6))
+    if result.contacts is None:
+        refused = result.view is not None
+        row.outcome, row.reason = ("refused" if refused else "failed"), result.reason or "no grasp"
+        row.confirmed = pairs_that_close(run.case.shape, world.setting.part.size) == 0 if refused else None
+        return
+    _start(run, result.contacts, tips)
+    looking = Looking(tracker, ignore, hand, tips)
+    goal = Goal.fingertips(tips, opening, beyond_m=-ABOVE)
+    servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))
+    while not servo.over:
+        began = clock.perf_counter()
+        if row.images > 1 or world.time() > result.time:  # type: ignore[operator]
+            image = world.image()
+            began = clock.perf_counter()
+            result = looking.update(image, world.time())
+            if looking.again > row.again:
+                row.again = looking.again
+                run.truth = _on_part(world, result.contacts)
+        tracked = clock.perf_counter()
+        command = servo.update(result, time=world.time(), pose=world.pose())
+        ended = clock.perf_counter()
+        run.servo_ms.append(1e3 * (ended - tracked))
+        run.loop_ms.append(1e3 * (ended - began))
+        row.images += 1
+        run.tell(Step("approach", world.time(), image, result, command))
+        if command.close:
+            _closing(run, result, command)
+        world.move(command.twist)
+        if command.close:
+            width = width_in_m(result.contacts, tips, opening) if result.contacts is not None else None
+            world.watch = run.later("close")
+            held = world.close(width)
+            servo.closed(held)
+    if servo.state != "done":
+        row.reason = f"servo: {servo.reason}" if row.believed is None else servo.reason
+        return
+    world.watch = run.later("lift")
+    if world.lift():
+        row.outcome = "lifted"
+    else:
+        row.reason = world.failure
+
+
+def _start(run: _Run, contacts: Floats, tips: Floats) -> None:
+    """How far off the view is at the start, and where the chosen contacts truly are."""
+    world, row = run.world, run.row
+    run.truth = _on_part(world, contacts)
+    row.start_turn_deg = math.degrees(turn_between(contacts, tips))
+    off = (contacts.mean(axis=0) - tips.mean(axis=0)) / np.array(
+        [world.setting.camera.width, world.setting.camera.height]
+    )
+    row.start_off = float(np.abs(off).max())
+    row.start_away = _depth(world.setting)
+
+
+def _on_part(world: World, contacts: Floats | None) -> Floats | None:
+    """Where contacts (k, 2) px truly lie on the part's upper face now, in m."""
+    return None if contacts is None else apply_homography(np.linalg.inv(world.outline_to_image()), contacts)
+
+
+def _depth(setting: Setting) -> float:
+    """Distance of the part at the start along the optical axis, as a multiple of that of the fingertips."""
+    to_camera = np.linalg.inv(setting.hand @ setting.mount)
+    tips = np.linalg.inv(setting.mount)[2, 3]
+    return float((to_camera @ setting.place[:, 3])[2] / tips)
+
+
+def _closing(run: _Run, result: TrackResult, command: Command) -> None:
+    """What is true when the hand begins to close."""
+    world, row = run.world, run.row
+    row.time_s, row.error_px = world.time(), command.error_px
+    row.believed = bool(result.status == "tracked" and result.contacts is not None)
+    if run.truth is None or result.contacts is None:
+        return
+    part, hand = world.part_pose(), world.pose()
+    thick = world.setting.part.thickness
+    places = np.array([part[:3, :3] @ np.array([x, -y, thick]) + part[:3, 3] for x, y in run.truth])
+    local = (places - hand[:3, 3]) @ hand[:3, :3]
+    seen = apply_homography(world.outline_to_image(), run.truth)
+    row.contact_error_px = float(np.hypot(*(result.contacts - seen).T).max())
+    row.aside_mm = 1e3 * float(np.hypot(*local.mean(axis=0)[:2]))
+    row.turned_deg = math.degrees(turn_between(local[:, :2], np.array([[-1.0, 0.0], [1.0, 0.0]])))
+
+
+def _nominal(law: Law) -> NominalCamera | None:
+    if law == "online":
+        return None
+    mounting = np.eye(4)
+    c, s = math.cos(NOMINAL_LEAN), math.sin(NOMINAL_LEAN)
+    mounting[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+    mounting[:3, 3] = (0.0, -NOMINAL_ASIDE, -NOMINAL_HEIGHT)
+    return NominalCamera(NOMINAL_FOCAL, mounting, distance=2.0 * math.hypot(NOMINAL_ASIDE, NOMINAL_HEIGHT))
+
+
+def _axis(shape: Shape) -> float | None:
+    """rad, the closing direction of the best grasp on the true outline; None where there is none."""
+    scale = 150.0
+    outline = View([Contour(finer(r, 0.02) * scale, hole=k > 0) for k, r in enumerate(shape.polygons)])
+    found = [g for g in synthesize(outline, 2, FRICTION, hand=hand_for(0.065)) if not g.spread]
+    if not found:
+        return None
+    way = found[0].contacts[1] - found[0].contacts[0]
+    return math.atan2(way[1], way[0])

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From tracked contacts to a twist of the hand: grasp-based visual servoing with a camera that nobody calibrated (Fig. 1)."""
+
+from grasptrack.servo.camera import NominalCamera
+from grasptrack.servo.closing import Closing
+from grasptrack.servo.command import Command
+from grasptrack.servo.controller import LAWS, GraspServo
+from grasptrack.servo.explore import Exploration
+from grasptrack.servo.goal import Goal
+from grasptrack.servo.law import Gain
+from grasptrack.servo.limits import Limits
+from grasptrack.servo.loss import LossPolicy
+
+__all__ = [
+    "LAWS",
+    "Closing",
+    "Command",
+    "Exploration",
+    "Gain",
+    "Goal",
+    "GraspServo",
+    "Limits",
+    "LossPolicy",
+    "NominalCamera",
+]

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One step toward the goal: where the contacts are and should be, at which height, and the twist that follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.servo.estimate import Estimate
+from grasptrack.servo.features import Features
+from grasptrack.servo.geometry import laid, skew
+from grasptrack.servo.goal import Goal
+from grasptrack.servo.law import Gain, twist_for
+from grasptrack.servo.sighting import FLOOR, Sighting
+from grasptrack.servo.textbook import Textbook
+
+Floats = NDArray[np.float64]
+
+ASIDE, TURNED = 0.006, 0.06
+"""m and rad from which on the hand stays at the stand-off; within half of them it goes all the way."""
+UNSURE = 0.1
+"""Relative standard deviation of the contacts' distance from which on it stays at the stand-off."""
+SLOPE = 0.01
+"""rad, how well the plane's normal is taken to be known."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A step.
+
+    Attributes:
+        twist: (6,) m/s and rad/s, relative to the object.
+        error: (4,) or (6,) features less those of the goal in the end.
+        error_px: the farthest contact from its goal in the end.
+        height: m to go along the approach direction.
+        final: (k, 2) px, the contacts in the end.
+        doing: a short sentence.
+        aligned: whether it may go down.
+    """
+
+    twist: Floats
+    error: Floats
+    error_px: float
+    height: float
+    final: Floats
+    doing: str
+    aligned: bool
+
+
+def aim(
+    known: Estimate | Textbook,
+    goal: Goal,
+    order: tuple[int, ...],
+    seen: Sighting | None,
+    hand: Floats,
+    time: float,
+    *,
+    dof: int,
+    standoff: float,
+    gain: Gain,
+) -> Aim | None:
+    """The next step toward the goal; None where the goal would not be in front of the camera.
+
+    What was seen counts as it will be now: as predicted for now, plus what the image showed beside the prediction for its
+    own time.
+
+    Args:
+        known: camera and object.
+        goal: of the contacts.
+        order: the finger of each contact.
+        seen: the latest sighting; None while the object is out of sight.
+        hand: (4, 4), its pose now.
+        time: s, now.
+        dof: 4 or 6.
+        standoff: m before the goal at which the hand aligns first.
+        gain: of the law.
+    """
+    k, camera = len(order), known.camera
+    points = known.in_hand(hand, time)[:k]
+    contacts = camera.project(points)
+    if seen is not None:
+        contacts = contacts + seen.points[:k] - camera.project(known.in_hand(seen.hand, seen.time)[:k])
+    right = goal.targets(camera, known.shape()[:k], order)
+    normal = known.normal(hand)
+    raised = standoff * _share(points, right, normal if dof == 6 else None, known.relative_error())
+    wanted = right + np.array([0.0, 0.0, raised])
+    final, goal_px = camera.project(right), camera.project(wanted)
+    if not (np.isfinite(final).all() and np.isfinite(goal_px).all() and np.isfinite(contacts).all()):
+        return None
+    last, features = Features(final, camera.centre), Features(goal_px, camera.centre)
+    at = known.linearised_at(points, wanted)
+    slopes = features.slopes(camera.project(at))
+    error, in_the_end = features.error(contacts), last.error(contacts)
+    jacobian = slopes @ camera.interaction(at).reshape(2 * k, 6)
+    covariance = slopes @ _noise(seen, k) @ slopes.T
+    if dof == 6:
+        by_normal = np.hstack([np.zeros((2, 3)), skew(normal)[:2]])
+        jacobian = np.vstack([jacobian, by_normal])
+        error, in_the_end = np.append(error, normal[:2]), np.append(in_the_end, normal[:2])
+        wide = np.eye(6) * SLOPE**2
+        wide[:4, :4] = covariance
+        covariance = wide
+    length = float(np.linalg.norm(points[0] - points[1]))
+    twist = twist_for(error, jacobian, covariance, dof=dof, length=length, gain=gain)
+    aligned = raised <= 0.5 * standoff
+    doing = "goes down" if aligned else "aligns at the stand-off"
+    height = float((points - right)[:, 2].mean())
+    return Aim(twist, in_the_end, last.off(contacts), height, final, doing, aligned)
+
+
+def _share(points: Floats, right: Floats, normal: Floats | None, relative: float) -> float:
+    """The share of the stand-off that is kept: 1 while the hand is not aligned, 0 when it is."""
+    if relative > UNSURE:
+        return 1.0
+    aside = float(np.hypot(*(points - right).mean(axis=0)[:2]))
+    turn = abs(laid(right[:, :2], points[:, :2])[1])
+    tilt = 0.0 if normal is None else float(np.hypot(*normal[:2]))
+    return float(np.clip(2.0 * max(aside / ASIDE, turn / TURNED, tilt / TURNED) - 1.0, 0.0, 1.0))
+
+
+def _noise(seen: Sighting | None, contacts: int) -> Floats:
+    """The covariance (2k, 2k) px^2 of the contacts; of predicted ones the least."""
+    out = np.eye(2 * contacts) * FLOOR**2
+    if seen is not None:
+        return seen.stacked_noise()[: 2 * contacts, : 2 * contacts]
+    return out

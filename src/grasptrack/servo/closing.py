@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When the hand may close: at the goal, for some images in a row, on a grasp that is believed and seen. Never otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import InputError
+from grasptrack.result import TrackResult
+from grasptrack.servo.features import spread
+
+Floats = NDArray[np.float64]
+
+HIDING = 0.5
+"""Contacts so near to their goal, in lengths of the goal, may be hidden by the fingers."""
+
+
+@dataclass(frozen=True)
+class Closing:
+    """What it takes.
+
+    Args:
+        tolerance: px, the farthest contact from its goal.
+        images: so many believed images in a row within the tolerance.
+        confidence: the least of a result.
+        seen: the least share of the outline at each contact.
+        memory: s for which a contact may have been out of sight that the fingers now hide.
+        patience: s near the goal after which the tolerance grows.
+        loosest: px to which it grows, in as long again.
+
+    Raises:
+        InputError: a value outside its range.
+    """
+
+    tolerance: float = 1.0
+    images: int = 3
+    confidence: float = 0.5
+    seen: float = 0.3
+    memory: float = 3.0
+    patience: float = 3.0
+    loosest: float = 2.5
+
+    def __post_init__(self) -> None:
+        if not (
+            0.0 < self.tolerance <= self.loosest and self.images >= 1 and self.memory >= 0.0 and self.patience > 0.0
+        ):
+            raise InputError("tolerances are positive, images 1 or more, times not below 0", closing=repr(self))
+        if not (0.0 <= self.confidence <= 1.0 and 0.0 <= self.seen <= 1.0):
+            raise InputError("confidence and seen are shares of 0 to 1", closing=repr(self))
+
+
+class Doubt:
+    """Says why the hand may not close yet.
+
+    Args:
+        closing: what it takes.
+    """
+
+    def __init__(self, closing: Closing) -> None:
+        self._asked = closing
+        self._row = 0
+        self._near: float | None = None
+        self._seen_at: Floats | None = None
+
+    def reset(self) -> None:
+        """Something was not believed: images in a row count anew."""
+        self._row = 0
+
+    def tolerance(self, time: float) -> float:
+        """px; more than at first once the hand has been near the goal for long."""
+        late = 0.0 if self._near is None else (time - self._near) / self._asked.patience - 1.0
+        return self._asked.tolerance + float(np.clip(late, 0.0, 1.0)) * (self._asked.loosest - self._asked.tolerance)
+
+    def why_not(self, result: TrackResult, error_px: float, goal: Floats, time: float) -> str:
+        """Why not to close on this image; empty when everything speaks for it. Call it once for every image.
+
+        Args:
+            result: what the tracker said.
+            error_px: the farthest contact from its goal, px.
+            goal: (k, 2) px of the contacts.
+            time: s.
+        """
+        if error_px > 2.0 * self._asked.loosest:
+            self._near = None
+        elif self._near is None:
+            self._near = time
+        why = self._unbelieved(result, goal, time)
+        if not why and not error_px <= self.tolerance(time):
+            why = f"{error_px:.1f} px from the goal"
+        self._row = 0 if why else self._row + 1
+        if not why and self._row < self._asked.images:
+            why = f"at the goal in {self._row} of {self._asked.images} images"
+        return why
+
+    def _unbelieved(self, result: TrackResult, goal: Floats, time: float) -> str:
+        if result.contacts is None or result.seen is None or result.status != "tracked":
+            return f"at the goal, but {result.status}: {result.reason}"
+        if self._seen_at is None:
+            self._seen_at = np.full(len(result.seen), -np.inf)
+        self._seen_at[result.seen >= self._asked.seen] = time
+        if not result.confidence >= self._asked.confidence:
+            return f"confidence {result.confidence:.2f}, below {self._asked.confidence:g}"
+        away = np.sqrt(((result.contacts - goal) ** 2).sum(axis=1)) > HIDING * spread(goal)
+        unseen = (result.seen < self._asked.seen) & (away | (time - self._seen_at > self._asked.memory))
+        return f"contact {int(np.flatnonzero(unseen)[0]) + 1} is not seen" if unseen.any() else ""

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The servo: one object whose `update` takes what the tracker said and answers with a twist, a state and a reason."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from grasptrack.errors import InputError
+from grasptrack.result import TrackResult
+from grasptrack.servo.aim import Aim, aim
+from grasptrack.servo.camera import NominalCamera
+from grasptrack.servo.closing import Closing, Doubt
+from grasptrack.servo.command import OVER, Command, Floats, State
+from grasptrack.servo.explore import Exploration
+from grasptrack.servo.geometry import check_pose
+from grasptrack.servo.goal import Goal
+from grasptrack.servo.knowledge import Knowledge
+from grasptrack.servo.law import AXES, Gain
+from grasptrack.servo.limits import Limits
+from grasptrack.servo.loss import LossPolicy
+from grasptrack.servo.poses import Poses
+from grasptrack.servo.sighting import Sighter, Sighting
+
+Law = Literal["online", "nominal", "textbook"]
+LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
+
+RESTARTS = 2
+"""How often an estimate that proved wrong is begun anew before the servo gives up."""
+BLINK = 0.25
+"""s without the grasp that do not interrupt an exploratory move."""
+LONGEST_STEP = 0.2
+"""s that count as one step of control at most: after a pause the acceleration limit holds all the same."""
+
+
+class GraspServo:
+    """Brings the hand to the grasp.
+
+    Args:
+        goal: `Goal.fingertips` or `Goal.taught`.
+        dof: 4 (shifts, and the turn about the approach direction) or 6.
+        law: "online" (nothing known of the camera: exploratory moves, then estimated on the way), "nominal" (begins with
+            `camera`, estimated on the way), "textbook" (`camera` as it is, a fixed interaction matrix: to compare with).
+        camera: what is believed of the camera; needed by "nominal" and "textbook".
+        size: (width, height) px of the images.
+        limits: of velocity and acceleration.
+        gain: how quickly errors fall.
+        loss: what is done while the grasp is not seen.
+        exploration: how exploratory moves are made.
+        closing: when the hand may close.
+        standoff: m before the goal at which the hand aligns before it goes down.
+        latency: s between an image being taken and the time that `update` is told with it.
+        time_limit: s after which it gives up.
+
+    Raises:
+        InputError: degrees of freedom other than 4 or 6, an unknown law, one without its camera, a size, stand-off,
+            latency or time limit that is none.
+    """
+
+    def __init__(
+        self,
+        goal: Goal,
+        dof: int = 4,
+        *,
+        law: Law = "online",
+        camera: NominalCamera | None = None,
+        size: tuple[int, int] = (640, 480),
+        limits: Limits | None = None,
+        gain: Gain | None = None,
+        loss: LossPolicy | None = None,
+        exploration: Exploration | None = None,
+        closing: Closing | None = None,
+        standoff: float = 0.04,
+        latency: float = 0.0,
+        time_limit: float = 40.0,
+    ) -> None:
+        if dof not in AXES:
+            raise InputError(f"a hand has 4 or 6 degrees of freedom, not {dof}", dof=dof)
+        if law not in LAWS:
+            raise InputError(f'unknown law "{law}"; choose from {", ".join(LAWS)}', law=law)
+        if law != "online" and camera is None:
+            raise InputError(f'the law "{law}" needs a nominal camera', law=law)
+        if min(size) <= 0 or standoff < 0.0 or latency < 0.0 or not time_limit > 0.0:
+            raise InputError(
+                "size and time limit are positive, stand-off and latency 0 or more",
+                size=size, standoff=standoff, latency=latency, time_limit=time_limit,
+            )  # fmt: skip
+        self.goal, self.dof, self.law, self.standoff = goal, dof, law, standoff
+        self.limits, self.gain, self.loss = limits or Limits(), gain or Gain(), loss or LossPolicy()
+        self._centre = np.array([size[0] - 1.0, size[1] - 1.0]) / 2.0
+        self._side, self._latency, self._time_limit = float(max(size)), latency, time_limit
+        self.knowledge = Knowledge(
+            exploration or Exploration(), dof, None if law == "online" else camera, fixed=law == "textbook"
+        )
+        self._sighter, self._poses = Sighter(square=dof == 6), Poses()
+        self._doubt = Doubt(closing or Closing())
+        self.state: State = "searching"
+        self.reason = "no image yet"
+        self._twist = np.zeros(6)
+        self._began = self._time = self._last_seen = math.nan
+        self._retreated = 0.0
+        self._order: tuple[int, ...] | None = None
+        self._grasp: int | None = None
+
+    @property
+    def over(self) -> bool:
+        """Whether it is done or has failed."""
+        return self.state in OVER
+
+    def closed(self, held: bool) -> None:
+        """Tell what came of closing: whether something is held."""
+        if self.state == "closing":
+            self.state, self.reason = ("done", "something is held") if held else ("failed", "closed on nothing")
+
+    def update(self, result: TrackResult, *, time: float, pose: ArrayLike) -> Command:
+        """One step of control.
+
+        Args:
+            result: what the tracker said of the latest image.
+            time: s, now; the image was taken `latency` earlier.
+            pose: (4, 4) of the hand in the robot's base, now.
+
+        Returns:
+            What to do until the next call.
+
+        Raises:
+            InputError: a time that is not later than the last one, or a pose that is none.
+        """
+        hand = check_pose(pose)
+        if not math.isfinite(time) or time <= self._time:
+            raise InputError(f"times go on: {time} s after {self._time} s", time=time, last=self._time)
+        step = min(time - self._time, LONGEST_STEP) if math.isfinite(self._time) else 0.0
+        self._began = time if math.isnan(self._began) else self._began
+        self._time = time
+        self._poses.add(time, hand)
+        if self.over:
+            return self._say(self.state, self.reason, np.zeros(6), 0.0)
+        seen, fits = self._take(result, time - self._latency)
+        return self._decide(result, seen if fits else None, seen is not None, time, hand, step)
+
+    # --- steps ------------------------------------------------------------------------------------
+
+    def _take(self, result: TrackResult, shot: float) -> tuple[Sighting | None, bool]:
+        """The sighting of a result, and whether it fits what is known."""
+        if result.grasp_id is not None and result.grasp_id != self._grasp:
+            if self._grasp is not None:
+                self.knowledge.another()
+                self._order = None
+            self._grasp = result.grasp_id
+        seen = self._sighter.sighting(result, shot, self._poses.at(shot))
+        if seen is not None and seen.contacts != len(self.goal.points):
+            raise InputError(
+                f"the goal has {len(self.goal.points)} points and the grasp {seen.contacts} contacts",
+                goal=len(self.goal.points), contacts=seen.contacts,
+            )  # fmt: skip
+        if seen is None:
+            return None, False
+        return seen, self.knowledge.take(seen, self._centre, self._side)
+
+    def _decide(
+        self, result: TrackResult, seen: Sighting | None, located: bool, time: float, hand: Floats, step: float
+    ) -> Command:
+        """What the states say, the most urgent first."""
+        known = self.knowledge
+        if time - self._began > self._time_limit:
+            return self._say("failed", f"not done after {self._time_limit:g} s: {self.reason}", np.zeros(6), step)
+        if known.failed or known.restarts > RESTARTS:
+            why = known.failed or "what is seen does not fit the motion of the hand"
+            return self._say("failed", why, np.zeros(6), step)
+        if self.state == "closing":
+            return self._say("closing", "waits to be told whether something is held", self._carried(hand), step)
+        if seen is None:
+            self._doubt.reset()
+            if not (known.exploring and time - self._last_seen < BLINK):
+                return self._without(result, located, time, hand, step)
+        else:
+            self._last_seen, self._retreated = time, 0.0
+        if seen is None or known.exploring:
+            twist = known.twist(time - self._latency) + self._carried(hand)
+            return self._say("approaching", f"exploratory move: {known.telling()}", twist, step)
+        return self._approach(result, seen, time, hand, step)
+
+    def _approach(self, result: TrackResult, seen: Sighting, time: float, hand: Floats, step: float) -> Command:
+        found = self._aim(time, hand, seen)
+        if found is None:
+            self.knowledge.restarts += 1
+            self.knowledge.forget()
+            return self._say("holding", "the goal would lie behind the camera: begins anew", np.zeros(6), step)
+        if found.aligned and found.height > 0.5 * self.standoff and self.knowledge.make_sure():
+            return self._say("approaching", "explores again before it goes down", self._carried(hand), step, found)
+        why = self._doubt.why_not(result, found.error_px, found.final, time)
+        if not why:
+            return self._say("closing", "converged and believed", self._carried(hand), step, found, close=True)
+        at_goal = found.error_px <= self._doubt.tolerance(time)
+        twist = self.limits.joined(found.twist, self._carried(hand))
+        return self._say("converged" if at_goal else "approaching", why if at_goal else found.doing, twist, step, found)
+
+    def _without(self, result: TrackResult, located: bool, time: float, hand: Floats, step: float) -> Command:
+        """Nothing is seen that fits: the policy on loss."""
+        known = self.knowledge
+        if known.exploring:
+            known.interrupted(self._centre, self._side)
+        why = "what is seen does not fit what is known" if located else result.reason or result.status
+        if math.isnan(self._last_seen):
+            if time - self._began > self.loss.start:
+                return self._say("failed", f"no grasp within {self.loss.start:g} s: {why}", np.zeros(6), step)
+            return self._say("searching", f"waits for a grasp: {why}", np.zeros(6), step)
+        lost = time - self._last_seen
+        along = self._carried(hand) if lost < self.loss.follow else np.zeros(6)
+        stays = "goes along" if along.any() else "stands"
+        match self.loss.step(lost, known.estimate is not None):
+            case "coast":
+                found = None if known.exploring else self._aim(time, hand, None)
+                twist = np.zeros(6) if found is None else found.twist.copy()
+                twist[2] = min(twist[2], 0.0)
+                doing = f"not seen for {lost:.2f} s, goes on as predicted: {why}"
+                return self._say("holding", doing, self.limits.joined(twist, along), step, found)
+            case "hold":
+                return self._say("holding", f"not seen for {lost:.2f} s, {stays}: {why}", along, step)
+            case "back off":
+                twist = np.zeros(6)
+                if self._retreated < self.loss.away:
+                    twist[2] = -self.loss.speed
+                    self._retreated += self.loss.speed * step
+                doing = f"not seen for {lost:.2f} s, {stays}, moves back and looks: {why}"
+                return self._say("searching", doing, self.limits.joined(twist, along), step)
+            case _:
+                return self._say("failed", f"not found again within {lost:.1f} s: {why}", np.zeros(6), step)
+
+    # --- parts ------------------------------------------------------------------------------------
+
+    def _aim(self, time: float, hand: Floats, seen: Sighting | None) -> Aim | None:
+        known = self.knowledge.estimate
+        if known is None:
+            return None
+        if self._order is None:
+            self._order = self.goal.orders(known.camera, known.in_hand(hand, time)[: len(self.goal.points)])[0]
+        return aim(
+            known, self.goal, self._order, seen, hand, time, dof=self.dof, standoff=self.standoff, gain=self.gain
+        )
+
+    def _carried(self, hand: Floats) -> Floats:
+        """The twist (6,) that keeps the hand with a moving object."""
+        out = np.zeros(6)
+        known = self.knowledge.estimate
+        if known is not None:
+            out[:3] = hand[:3, :3].T @ known.moving()
+        return out
+
+    def _say(
+        self, state: State, reason: str, twist: Floats, step: float, found: Aim | None = None, close: bool = False
+    ) -> Command:
+        self.state, self.reason = state, reason
+        self._twist = self.limits.reachable(twist, self._twist, step)
+        if found is None:
+            return Command(self._twist.copy(), state, reason, close)
+        return Command(self._twist.copy(), state, reason, close, found.error, found.error_px, found.height, found.final)

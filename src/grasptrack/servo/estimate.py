@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the image Jacobian is made of, estimated while the hand moves: camera, mounting, and where the object is and goes.
+
+The entries of the image Jacobian are functions of few unknowns: focal length, mounting, and the points' places. A robust
+extended Kalman filter holds these; its measurements are the points in each image, at the hand poses that the robot reports.
+Long ways of the hand tell far more than differences from image to image, and the rotational column, which changes with every
+motion, needs no memory of its own. A filter keeps the places at which it once linearised; `refine` does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.servo.camera import HandCamera
+from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, changed, expected
+from grasptrack.servo.sighting import Sighting
+
+Floats = NDArray[np.float64]
+
+ROBUST = 3.0
+"""Innovations of so many standard deviations count a quarter (Geman and McClure)."""
+FAR = 5.0
+"""Innovations of so many are no news of the same motion."""
+AGREEING = 5
+"""So many such images in a row that agree with each other say that the object has been displaced."""
+DRIFT, TWIRL = 1e-4, 1e-3
+"""m and rad per root of a second by which the object may creep."""
+WANDER, PUSHED = 0.002, 1.0
+"""m/s per root of a second by which its velocity changes, and by which just after it was displaced."""
+ASTIR = 1.0
+"""s for which a displaced object is taken to be on the move."""
+MOVES, LEAST_SPEED = 3.0, 0.002
+"""Standard deviations and m/s from which on a velocity is one."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Standard deviations at the start: log focal length, rad, m, m/s; `scale` is that of the log of the object's distance."""
+
+    focal: float = 0.35
+    tilt: float = 0.2
+    spin: float = 0.2
+    offset: float = 0.15
+    place: float = 0.3
+    scale: float = 0.3
+    slope: float = 0.01
+    speed: float = 0.3
+
+    def covariance(self, camera: HandCamera, object_: Placed, hand: Floats) -> Floats:
+        """(16 + 2n, 16 + 2n) of all unknowns."""
+        n = SHAPE + 2 * len(object_.points)
+        deviation = np.full(n, 0.1 * float(np.abs(object_.points).max()))
+        deviation[FOCAL], deviation[TURN], deviation[OFFSET] = (
+            self.focal,
+            (self.tilt, self.tilt, self.spin),
+            self.offset,
+        )
+        deviation[PLACE], deviation[POSE], deviation[SPEED] = self.place, (self.slope, self.slope, 0.2), self.speed
+        farther = np.zeros(n)
+        farther[PLACE] = object_.place - (hand[:3, :3] @ camera.offset + hand[:3, 3])
+        farther[SHAPE:] = object_.points.ravel()
+        return np.asarray(np.diag(deviation**2) + self.scale**2 * np.outer(farther, farther))
+
+
+class Estimate:
+    """Camera and object as they are known so far.
+
+    Args:
+        camera: to begin with.
+        object_: to begin with.
+        covariance: (16 + 2n, 16 + 2n) of their errors.
+        time: s, at which the object is where it is said to be.
+    """
+
+    def __init__(self, camera: HandCamera, object_: Placed, covariance: Floats, time: float) -> None:
+        self.camera, self.object, self.covariance, self.time = camera, object_, covariance, time
+        self.displaced_at = -np.inf
+        self._away: list[Floats] = []
+
+    def advance(self, time: float, evenly: bool = False) -> None:
+        """Let the object go on to a later time, s; `evenly` where its velocity is known not to have changed."""
+        dt = time - self.time
+        if dt <= 0.0:
+            return
+        self.time = time
+        self.object = self.object.later(dt)
+        P, axes = self.covariance, self.object.axes
+        P[PLACE] += dt * axes @ P[SPEED]
+        P[:, PLACE] += dt * P[:, SPEED] @ axes.T
+        if evenly:
+            return
+        wander = PUSHED if time < self.displaced_at + ASTIR else WANDER
+        P[PLACE, PLACE] += axes @ axes.T * (DRIFT**2 * dt + wander**2 * dt**3 / 3.0)
+        P[SPEED, SPEED] += np.eye(3) * wander**2 * dt
+        cross = axes * (wander**2 * dt**2 / 2.0)
+        P[PLACE, SPEED] += cross
+        P[SPEED, PLACE] += cross.T
+        P[POSE.stop - 1, POSE.stop - 1] += TWIRL**2 * dt
+
+    def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
+        """The points (n, 3) m in the frame of a hand at a pose (4, 4), at a time in s (default: the estimate's)."""
+        object_ = self.object if time is None else self.object.later(time - self.time)
+        return np.asarray((object_.in_base() - hand[:3, 3]) @ hand[:3, :3])
+
+    def observe(self, seen: Sighting) -> float:
+        """Take in what was seen.
+
+        Returns:
+            The innovation, in standard deviations (root of the mean square); inf where nothing could be compared.
+        """
+        self.advance(seen.time)
+        pixels, slopes = expected(self.camera, self.object, seen.hand[None], np.zeros(1))
+        if not np.isfinite(pixels).all():
+            return float("inf")
+        off = (seen.points - pixels[0]).ravel()
+        H = slopes.reshape(len(off), -1)
+        R = seen.stacked_noise()
+        PH = self.covariance @ H.T
+        size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
+        self._count(off, size)
+        R = R * (1.0 + (size / ROBUST) ** 2) ** 2
+        gain = np.linalg.solve(H @ PH + R, PH.T).T
+        self.camera, self.object = changed(self.camera, self.object, gain @ off)
+        P = self.covariance - gain @ PH.T
+        self.covariance = 0.5 * (P + P.T)
+        return size
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether this and the images before it agree that the object is not where it was expected."""
+        return len(self._away) >= AGREEING
+
+    def _count(self, off: Floats, size: float) -> None:
+        if size < FAR or (self._away and np.abs(off - self._away[-1]).max() > 0.5 * np.abs(off).max()):
+            self._away.clear()
+        if size >= FAR:
+            self._away.append(off)
+
+    def release(self, time: float) -> None:
+        """The object has been displaced: let its place, turn and velocity be found anew; camera and shape stay."""
+        self.displaced_at = time
+        self._away.clear()
+        axes, P = self.object.axes, self.covariance
+        P[PLACE, PLACE] += 0.05**2 * axes @ axes.T
+        P[POSE.stop - 1, POSE.stop - 1] += 0.3**2
+        P[SPEED, SPEED] += 0.2**2 * np.eye(3)
+
+    def follow(self, other: Estimate) -> None:
+        """Remember what another estimate of the same object saw last that did not fit."""
+        self._away = other._away
+
+    def shape(self) -> Floats:
+        """The points in the object's plane, (n, 2) m."""
+        return self.object.points
+
+    def moving(self) -> Floats:
+        """The object's velocity in the base, (3,) m/s; 0 where that is no more than noise."""
+        speed = self.object.speed
+        known = float(speed @ np.linalg.solve(self.covariance[SPEED, SPEED], speed))
+        velocity = self.object.velocity()
+        return velocity if known > MOVES**2 and float(velocity @ velocity) > LEAST_SPEED**2 else np.zeros(3)
+
+    def linearised_at(self, points: Floats, wanted: Floats) -> Floats:
+        """Where the interaction matrix is taken, (k, 3) m in the hand's frame: where the points are."""
+        return points
+
+    def relative_error(self) -> float:
+        """The standard deviation of the first two contacts' distance, over that distance."""
+        apart = self.object.points[0] - self.object.points[1]
+        row = np.concatenate([apart, -apart])
+        variance = float(row @ self.covariance[SHAPE : SHAPE + 4, SHAPE : SHAPE + 4] @ row)
+        return float(np.sqrt(max(variance, 0.0))) / max(float(apart @ apart), 1e-12)
+
+    def normal(self, hand: Floats) -> Floats:
+        """The plane's normal (3,) in the hand's frame, away from the hand."""
+        n = hand[:3, :3].T @ self.object.turn[:, 2]
+        return np.asarray(n if n[2] > 0.0 else -n)
+
+
+def placed(camera: HandCamera, seen: Sighting, depth: float, facing: Floats, slope: float = 0.0) -> Placed:
+    """The object as it lies if it is seen somewhere before the camera.
+
+    Args:
+        camera: the camera.
+        seen: what was seen.
+        depth: m before the camera.
+        facing: (3, 3), axes and normal of its plane in the base.
+        slope: rad, by how much the plane in which it moves may be tilted against that.
+    """
+    rays = camera.rays(seen.points) @ seen.hand[:3, :3].T  # in the base
+    origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
+    height = rays @ facing[:, 2]
+    points = origin + depth * rays * (height.mean() / height)[:, None]
+    place = points[: seen.contacts].mean(axis=0)
+    return Placed((points - place) @ facing[:, :2], facing, place, np.zeros(3), facing * (1.0, 1.0, slope))
+
+
+def on_plane(camera: HandCamera, object_: Placed, seen: Sighting) -> Floats | None:
+    """Where other points of the object lie in its plane, (n, 2) m; None where they are not seen on it."""
+    rays = camera.rays(seen.points) @ seen.hand[:3, :3].T
+    origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
+    normal = object_.turn[:, 2]
+    far = ((object_.place - origin) @ normal) / (rays @ normal)
+    if not (np.isfinite(far).all() and (far > 0.0).all()):
+        return None
+    return np.asarray((origin + far[:, None] * rays - object_.place) @ object_.turn[:, :2])
+
+
+def misfit(known: Estimate, seen: Sighting) -> float:
+    """How far off a sighting is, in its own standard deviations (root of the mean square)."""
+    off = (seen.points - known.camera.project(known.in_hand(seen.hand, seen.time))).ravel()
+    return float(np.sqrt(off @ np.linalg.solve(seen.stacked_noise(), off) / len(off)))

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Features of a grasp in the image: x/l, y/l, l*/l and the angle, and how they change with the contacts.
+
+For a segment parallel to the image x/l and y/l are the offset from the optical axis over the segment's length in m, l*/l is the
+depth over that at the goal, and the angle is the turn: each belongs to one motion of the camera, at any distance. More
+contacts have a mean, a mean distance from it and a turn as two have, so that the same four serve.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import InputError
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SMALL = 1e-6
+"""px that contacts must lie apart."""
+
+
+def wrapped(angle: float) -> float:
+    """An angle in rad brought to [-pi, pi)."""
+    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def spread(points: Floats) -> float:
+    """l of points (k, d): twice their rms distance from their mean; of two points their distance."""
+    d = points - points.sum(axis=0) / len(points)
+    return 2.0 * math.sqrt(float(np.vdot(d, d)) / len(d))
+
+
+class Features:
+    """The four features, measured against a goal.
+
+    Args:
+        goal: (k, 2) px, the contacts as they should be seen.
+        centre: (2,) px from which x and y count.
+
+    Raises:
+        InputError: contacts of a goal that do not lie apart.
+    """
+
+    def __init__(self, goal: Floats, centre: Floats) -> None:
+        self.goal, self.centre = goal, complex(*centre)
+        self._middle, self._around, self._length = _parts(goal)
+        if self._length < SMALL:
+            raise InputError("the contacts of a goal lie apart", goal=goal.tolist())
+        self._conjugate = self._around.conj()
+
+    def turn(self, contacts: Floats) -> complex:
+        """Its argument is the angle from the goal to the contacts, that which leaves least (Procrustes)."""
+        return complex(_parts(contacts)[1] @ self._conjugate)
+
+    def values(self, contacts: Floats) -> Floats:
+        """(x/l, y/l, l*/l, angle) of contacts (k, 2) px; at the goal (x*/l*, y*/l*, 1, 0).
+
+        Raises:
+            InputError: contacts that do not lie apart.
+        """
+        middle, around, length = _parts(contacts)
+        if length < SMALL:
+            raise InputError("contacts lie apart", contacts=contacts.tolist())
+        at = (middle - self.centre) / length
+        return np.array([at.real, at.imag, self._length / length, cmath.phase(complex(around @ self._conjugate))])
+
+    def error(self, contacts: Floats) -> Floats:
+        """`values` less those of the goal, the angle in [-pi, pi)."""
+        out = self.values(contacts)
+        at = (self._middle - self.centre) / self._length
+        out -= (at.real, at.imag, 1.0, 0.0)
+        out[3] = wrapped(float(out[3]))
+        return out
+
+    def slopes(self, contacts: Floats) -> Floats:
+        """Derivatives (4, 2k) of `values` by x1, y1, x2, y2, ..."""
+        k = len(contacts)
+        middle, around, length = _parts(contacts)
+        of_length = 4.0 / (k * length) * around.view(np.float64)
+        at = (middle - self.centre) / length
+        out = np.empty((4, 2 * k))
+        out[0], out[1] = -at.real / length * of_length, -at.imag / length * of_length
+        out[0, 0::2] += 1.0 / (k * length)
+        out[1, 1::2] += 1.0 / (k * length)
+        out[2] = -self._length / length**2 * of_length
+        by = self._conjugate / complex(around @ self._conjugate)
+        out[3, 0::2], out[3, 1::2] = by.imag, by.real
+        return out
+
+    def off(self, contacts: Floats) -> float:
+        """How far the farthest contact is from its goal, px."""
+        return float(np.sqrt(((contacts - self.goal) ** 2).sum(axis=1).max()))
+
+
+def _parts(points: Floats) -> tuple[complex, Complex, float]:
+    """Mean of points (k, 2), the points about it, and l, complex numbers for vectors."""
+    z = np.ascontiguousarray(points, dtype=np.float64).view(np.complex128)[:, 0]
+    middle = complex(z.sum()) / len(z)
+    around = z - middle
+    return middle, around, 2.0 * math.sqrt(float(np.vdot(around, around).real) / len(z))

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the contacts should be, seen from the hand: taught by a view in which it was right, or given by the fingertips.
+
+Both are rays of the camera. What makes points of them is a length in m across the approach direction: between fingertips it is
+the opening, between contacts what the hand's own moves have told.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack.errors import InputError
+from grasptrack.result import TrackResult
+from grasptrack.servo.camera import HandCamera
+from grasptrack.servo.features import SMALL, spread
+from grasptrack.servo.geometry import laid
+
+Floats = NDArray[np.float64]
+
+ALIKE = 1.15
+"""Orders of the fingers that leave up to so many times the least misfit fit alike."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A goal of the servo. Make one by `Goal.fingertips` or `Goal.taught`.
+
+    Attributes:
+        kind: "fingertips" or "taught".
+        points: (k, 2) px.
+        opening: m between the first two fingertips; None where taught.
+        beyond: m by which the fingertips reach past the contacts, along the approach direction.
+        symmetric: whether fingers can take each other's places.
+    """
+
+    kind: Literal["fingertips", "taught"]
+    points: Floats
+    opening: float | None = None
+    beyond: float = 0.0
+    symmetric: bool = True
+
+    @classmethod
+    def fingertips(
+        cls, points_px: ArrayLike, opening_m: float, *, beyond_m: float = 0.0, symmetric: bool = True
+    ) -> Goal:
+        """The contacts shall come to lie between the fingertips of the open gripper, midway, at their depth.
+
+        Args:
+            points_px: (k, 2) px, where the image shows the fingertips, in px of images as the tracker gets them.
+            opening_m: m between the first two.
+            beyond_m: m by which the fingertips shall reach past the contacts, as far as they are to overlap the sides.
+            symmetric: whether fingers can take each other's places, which saves large turns.
+
+        Raises:
+            InputError: not (k, 2), fewer than two, not finite, not apart, or an opening that is not positive.
+        """
+        if not (np.isfinite(opening_m) and opening_m > 0.0):
+            raise InputError(f"an opening is positive, in m, not {opening_m}", opening=opening_m)
+        if not np.isfinite(beyond_m):
+            raise InputError("beyond_m is a finite number of m", beyond=beyond_m)
+        return cls("fingertips", _checked(points_px), float(opening_m), float(beyond_m), symmetric)
+
+    @classmethod
+    def taught(cls, result: TrackResult | ArrayLike, *, symmetric: bool = True) -> Goal:
+        """The contacts shall be seen as they were in a view in which the hand was right.
+
+        Args:
+            result: what the tracker said of that view, or its contacts (k, 2) px.
+            symmetric: whether two fingers can change places.
+
+        Raises:
+            InputError: a result without contacts, or contacts that are none.
+        """
+        points = result.contacts if isinstance(result, TrackResult) else result
+        if points is None:
+            raise InputError("the view that is to teach the goal shows no contacts")
+        return cls("taught", _checked(points), symmetric=symmetric)
+
+    def targets(self, camera: HandCamera, shape: Floats, order: tuple[int, ...]) -> Floats:
+        """Contacts (k, 3) m in the hand's frame when it is right, in the order of the contacts.
+
+        Args:
+            camera: the camera on the hand.
+            shape: (k, 2) m, the contacts in their plane, in any place and turn.
+            order: the finger of each contact.
+        """
+        tips = self._points(camera, self.opening or float(np.sqrt(((shape[0] - shape[1]) ** 2).sum())))[list(order)]
+        there, _ = laid(shape, tips[:, :2])
+        return np.column_stack([there, np.full(len(there), tips[:, 2].mean() - self.beyond)])
+
+    def orders(self, camera: HandCamera, contacts: Floats) -> list[tuple[int, ...]]:
+        """Fingers for contacts (k, 3) m in the hand's frame: those that fit, the one that asks for the least turn first."""
+        k = len(self.points)
+        every = [tuple(range(k))]
+        if self.symmetric and (k == 2 or self.kind == "fingertips"):
+            every = list(itertools.permutations(range(k)))
+        tips = self._points(camera, self.opening or float(np.linalg.norm(contacts[0] - contacts[1])))
+        fits = []
+        for order in every:
+            there, turn = laid(contacts[:, :2], tips[list(order), :2])
+            fits.append((float(np.sqrt(((there - tips[list(order), :2]) ** 2).sum(axis=1).mean())), abs(turn), order))
+        best = min(f[0] for f in fits)
+        return [order for _, order in sorted((t, o) for misfit, t, o in fits if misfit <= ALIKE * best + SMALL)]
+
+    def _points(self, camera: HandCamera, length: float) -> Floats:
+        """The points (k, 3) m in the hand's frame, all at one depth, the first two `length` apart."""
+        rays = camera.rays(self.points)
+        flat = rays / rays[:, 2:]  # as they meet the plane at depth 1 before the camera, along the approach
+        depth = length / max(float(np.linalg.norm(flat[0] - flat[1])), SMALL)
+        return np.asarray(camera.offset + depth * flat)
+
+
+def _checked(points: ArrayLike) -> Floats:
+    given = np.asarray(points, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1:] != (2,) or len(given) < 2 or not np.isfinite(given).all():
+        raise InputError("points of a goal are (k, 2) px, two or more", shape=given.shape)
+    if spread(given) < SMALL or float(np.linalg.norm(given[0] - given[1])) < SMALL:
+        raise InputError("points of a goal lie apart", points=given.tolist())
+    return given

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Limits of velocity and acceleration, which no command exceeds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the hand may do.
+
+    Args:
+        linear: m/s. A belt that is faster cannot be followed.
+        angular: rad/s.
+        linear_acceleration: m/s^2.
+        angular_acceleration: rad/s^2.
+
+    Raises:
+        InputError: one of them is not positive.
+    """
+
+    linear: float = 0.5
+    angular: float = 1.2
+    linear_acceleration: float = 2.5
+    angular_acceleration: float = 8.0
+
+    def __post_init__(self) -> None:
+        if not all(v > 0.0 for v in (self.linear, self.angular, self.linear_acceleration, self.angular_acceleration)):
+            raise InputError("limits are positive", limits=repr(self))
+
+    def joined(self, wanted: Floats, carried: Floats) -> Floats:
+        """The sum of both twists (6,), the first as much shortened as the velocity limits ask for.
+
+        What carries the hand along with the object is kept, so that a limit slows the approach and not the following.
+        """
+        kept = np.concatenate([_short(carried[:3], self.linear), _short(carried[3:], self.angular)])
+        share = min(_share(kept[:3], wanted[:3], self.linear), _share(kept[3:], wanted[3:], self.angular))
+        return np.asarray(kept + share * wanted)
+
+    def reachable(self, wanted: Floats, last: Floats, seconds: float) -> Floats:
+        """The twist nearest to the wanted one that velocity and acceleration allow after the last one."""
+        out = np.empty(6)
+        parts = (
+            (slice(0, 3), self.linear, self.linear_acceleration),
+            (slice(3, 6), self.angular, self.angular_acceleration),
+        )
+        for part, most, change in parts:
+            goal = _short(wanted[part], most)
+            out[part] = _short(last[part] + _short(goal - last[part], change * max(seconds, 0.0)), most)
+        return out
+
+
+def _short(v: Floats, most: float) -> Floats:
+    size = float(np.sqrt(v @ v))
+    return v if size <= most else np.asarray(v * (most / size))
+
+
+def _share(kept: Floats, more: Floats, most: float) -> float:
+    """The largest s of 0 to 1 with |kept + s more| <= most."""
+    a, b, c = float(more @ more), float(kept @ more), float(kept @ kept) - most**2
+    if a < 1e-18 or a + 2.0 * b + c <= 0.0:
+        return 1.0
+    return float(np.clip((-b + np.sqrt(max(b * b - a * c, 0.0))) / a, 0.0, 1.0))

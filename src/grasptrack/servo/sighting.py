@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one image contributes: where the hand was, and where points of the object were seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import ConditioningError
+from grasptrack.projective import apply_homography
+from grasptrack.result import TrackResult
+
+Floats = NDArray[np.float64]
+
+FLOOR = 0.2
+"""px, the least standard deviation of a point: covariances know noise, not models."""
+MOST = 30.0
+"""px, the largest that is made of an unbounded one."""
+REACH = 0.7
+"""Half the side of the reference square, in distances of the contacts."""
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One image's points.
+
+    Attributes:
+        time: s, when the image was taken.
+        hand: (4, 4) pose of the hand in the robot's base at that time.
+        points: (n, 2) px, the contacts first, then the corners of the reference square where they are asked for.
+        noise: (n, 2, 2) px^2.
+        contacts: how many of the points are contacts.
+    """
+
+    time: float
+    hand: Floats
+    points: Floats
+    noise: Floats
+    contacts: int
+
+    def stacked_noise(self) -> Floats:
+        """(2n, 2n) px^2 of all points."""
+        out = np.zeros((2 * len(self.points), 2 * len(self.points)))
+        for i, block in enumerate(self.noise):
+            out[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
+        return out
+
+
+class Sighter:
+    """Makes sightings of results.
+
+    Args:
+        square: whether the corners of a square in the reference view, carried by the homography, are seen as well: two
+            contacts alone do not show how the plane is tilted.
+    """
+
+    def __init__(self, square: bool) -> None:
+        self._square = square
+        self._reference: Floats | None = None
+        self._grasp: int | None = None
+
+    def sighting(self, result: TrackResult, time: float, hand: Floats) -> Sighting | None:
+        """What a result contributes; None where it gives no contacts, or lacks the homography that is asked for."""
+        if result.contacts is None:
+            return None
+        points = np.asarray(result.contacts, dtype=np.float64)
+        k = len(points)
+        noise = np.broadcast_to(np.eye(2) * FLOOR**2, (k, 2, 2)).copy()
+        if result.covariance is not None:
+            told = np.nan_to_num(result.covariance, nan=MOST**2, posinf=MOST**2, neginf=MOST**2)
+            values, vectors = np.linalg.eigh(told)
+            told = (vectors * np.clip(values, 0.0, MOST**2)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+            noise += told
+        if self._square:
+            if result.homography is None:
+                return None
+            if self._reference is None or self._grasp != result.grasp_id:
+                self._reference, self._grasp = _square(points, result.homography), result.grasp_id
+            try:
+                corners = apply_homography(result.homography, self._reference)
+            except ConditioningError:
+                return None
+            points = np.vstack([points, corners])
+            noise = np.concatenate([noise, np.broadcast_to(4.0 * noise.mean(axis=0), (4, 2, 2))])
+        return Sighting(time, hand, points, noise, k) if np.isfinite(points).all() else None
+
+
+def _square(contacts: Floats, homography: Floats) -> Floats:
+    """The corners (4, 2) px of a square round the contacts, in the reference view."""
+    reference = apply_homography(np.linalg.inv(homography), contacts)
+    mean = reference.mean(axis=0)
+    reach = REACH * float(np.sqrt(((reference - mean) ** 2).sum(axis=1).max())) * 2.0
+    return np.asarray(mean + reach * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) / np.sqrt(2.0))

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plain textbook law, to compare with: a fixed nominal interaction matrix, no updates, nothing carried ahead.
+
+The camera is taken to be the nominal one, and the contacts as far apart as they would be at the nominal distance in the
+first image. The matrix is that of the features at the goal. Goal, limits and the end of the approach are the same as for the
+other laws.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.servo.camera import NominalCamera
+from grasptrack.servo.estimate import placed
+from grasptrack.servo.features import spread
+from grasptrack.servo.sighting import Sighting
+
+Floats = NDArray[np.float64]
+
+
+class Textbook:
+    """Stands where `estimate.Estimate` stands: the object rests where the nominal camera saw it last.
+
+    Args:
+        seen: the first sighting.
+        believed: the camera and the distance at that time.
+        centre: (2,) px, the middle of the image.
+    """
+
+    def __init__(self, seen: Sighting, believed: NominalCamera, centre: Floats) -> None:
+        self.camera = believed.camera(centre)
+        self._length = spread(seen.points[: seen.contacts]) * believed.distance / self.camera.focal
+        self.observe(seen)
+
+    def observe(self, seen: Sighting) -> float:
+        """Put the object where it is seen now; it always fits."""
+        depth = self.camera.focal * self._length / spread(seen.points[: seen.contacts])
+        self.object = placed(self.camera, seen, depth, seen.hand[:3, :3])
+        return 0.0
+
+    def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
+        """The points (n, 3) m in the hand's frame."""
+        return np.asarray((self.object.in_base() - hand[:3, 3]) @ hand[:3, :3])
+
+    def shape(self) -> Floats:
+        """The points in the object's plane, (n, 2) m."""
+        return self.object.points
+
+    def moving(self) -> Floats:
+        """(3,) m/s: none is estimated."""
+        return np.zeros(3)
+
+    def normal(self, hand: Floats) -> Floats:
+        """The plane's normal (3,) in the hand's frame: it is taken to face the hand as at the last sighting."""
+        return np.asarray(hand[:3, :3].T @ self.object.turn[:, 2])
+
+    def relative_error(self) -> float:
+        """Nothing is doubted."""
+        return 0.0
+
+    def linearised_at(self, points: Floats, wanted: Floats) -> Floats:
+        """Where the interaction matrix is taken, (k, 3) m in the hand's frame: at the goal."""
+        return wanted

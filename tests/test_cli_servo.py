@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack servo`: what it writes, that the same seed is the same trial, and one line for what is wrong."""
+
+from __future__ import annotations
+
+import builtins
+import csv
+import json
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grasptrack.cli.main import main
+from grasptrack.evaluation.approach.case import Row
+from grasptrack.evaluation.approach.trials import COLUMNS, Trials, draw_cases, kind_of
+from grasptrack.simulation import SHAPES
+
+
+def needs_mujoco() -> None:
+    if find_spec("mujoco") is None:
+        pytest.skip("the physical world needs MuJoCo")
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["--scenario", "storm"], "--scenario is one of static, pushed, belt, blackout"),
+        (["--arm", "leg"], "--arm is one of gantry, arm"),
+        (["--law", "none"], "--law is one of online, nominal, textbook"),
+        (["--images", "oil"], "--images is one of auto, mujoco, planar"),
+        (["--trials", "0"], "--trials"),
+        (["--workers", "2"], "--workers and --scheduler are for --trials"),
+        (["--shape", "disc", "--silhouettes", "x"], "give one of them"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(given: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["servo", *given]) == 2
+    error = capsys.readouterr().err
+    assert told in error and error.count("\n") == 1
+
+
+def test_an_unknown_shape_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    needs_mujoco()
+    assert main(["servo", "--shape", "nothing"]) == 2
+    assert "unknown shape" in capsys.readouterr().err
+
+
+def test_without_the_extra_it_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *args: Any, **kwargs: Any) -> Any:
+        if name == "mujoco":
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    assert main(["servo"]) == 2
+    assert 'pip install "grasptrack[sim]"' in capsys.readouterr().err
+
+
+def test_one_approach_writes_video_plots_and_a_verdict(tmp_path: Path) -> None:
+    needs_mujoco()
+    assert (
+        main(["servo", "--shape", "rectangle", "--seed", "1", "--images", "planar", "-q", "--output", str(tmp_path)])
+        == 0
+    )
+    verdict = json.loads((tmp_path / "approach.json").read_text())["verdict"]
+    assert verdict["outcome"] in ("lifted", "failed", "refused")
+    assert verdict["believed"] is not False
+    assert (tmp_path / "approach.mp4").stat().st_size > 10_000
+    assert (tmp_path / "approach.png").stat().st_size > 10_000
+
+
+def test_trials_are_the_same_for_the_same_seed_but_for_the_clock(tmp_path: Path) -> None:
+    needs_mujoco()
+    found = []
+    for folder in ("a", "b"):
+        given = ["servo", "--trials", "2", "--seed", "3", "--workers", "1", "-q", "--output", str(tmp_path / folder)]
+        assert main(given) == 0
+        with (tmp_path / folder / "trials.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        assert tuple(rows[0]) == COLUMNS
+        found.append([{k: v for k, v in row.items() if not k.endswith("_ms")} for row in rows])
+    assert found[0] == found[1]
+
+
+def test_shapes_are_drawn_evenly_and_alike_for_every_law() -> None:
+    shapes = [make() for make in list(SHAPES.values())[:5]]
+    cases = draw_cases(shapes, 12, seed=4, scenario="static", arm="gantry", law="online")
+    counts = [sum(c.shape.name == s.name for c in cases) for s in shapes]
+    assert max(counts) - min(counts) <= 1
+    others = draw_cases(shapes, 12, seed=4, scenario="static", arm="gantry", law="textbook")
+    assert [(c.shape.name, c.seed) for c in cases] == [(c.shape.name, c.seed) for c in others]
+    assert len({c.name for c in cases}) == 12
+
+
+def test_the_rate_leaves_refusals_out_and_counts_what_broke() -> None:
+    def row(outcome: str, reason: str = "") -> Row:
+        return Row(0, "s", "static", "gantry", "online", outcome, reason)
+
+    trials = Trials([row("lifted"), row("lifted"), row("refused"), row("failed", "off by 3.2 px")], {"x": "died at 7"})
+    assert trials.tried == 4
+    assert trials.rate == pytest.approx(0.5)
+    low, high = trials.interval()
+    assert 0.0 < low < 0.5 < high < 1.0
+    assert dict(trials.reasons()) == {"off by # px": 1, "broken: died at #": 1}
+    assert kind_of("a 12 b -3.5") == "a # b #"

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The physical world: the same seed is the same world, parts can be held, and its images are where the truth says."""
+
+from __future__ import annotations
+
+import math
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from grasptrack.errors import InputError
+from grasptrack.evaluation.approach.refusal import pairs_that_close
+from grasptrack.evaluation.approach.trial import _axis
+from grasptrack.projective import apply_homography
+from grasptrack.simulation import SHAPES
+from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.physical import frames
+from grasptrack.simulation.physical.gripper import gripper
+from grasptrack.simulation.physical.setting import ASIDE, AWAY, BELT, TILT, TURN, draw
+
+if find_spec("mujoco") is None:  # not imported here: the package says first how MuJoCo is to draw
+    pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
+
+from grasptrack.simulation.physical import World
+from grasptrack.simulation.physical.by_truth import lift_by_truth
+from grasptrack.simulation.physical.offscreen import MujocoImages, offscreen
+
+Floats = NDArray[np.float64]
+
+
+def across(shape: Shape, size: float) -> Floats:
+    """(2, 2) m: where the vertical line through the centroid of a convex part meets its outline."""
+    ring = shape.outer * size
+    a, b = ring, np.roll(ring, -1, axis=0)
+    crossing = (a[:, 0] > 0.0) != (b[:, 0] > 0.0)
+    share = a[crossing, 0] / (a[crossing, 0] - b[crossing, 0])
+    y = a[crossing, 1] + share * (b[crossing, 1] - a[crossing, 1])
+    return np.array([[0.0, y.min()], [0.0, y.max()]])
+
+
+# --- what the seed decides ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", ["static", "belt", "blackout", "pushed"])
+def test_the_same_seed_is_the_same_world_and_goes_the_same_way(scenario: str) -> None:
+    def run() -> tuple[Floats, NDArray[np.uint8]]:
+        world = World(SHAPES["hook"](), seed=5, scenario=scenario, images="planar")  # type: ignore[arg-type]
+        for _ in range(40):
+            world.move([0.05, -0.03, 0.02, 0.0, 0.0, 0.1])
+        return world.part_pose(), world.image()
+
+    (pose, image), (again, same) = run(), run()
+    assert np.array_equal(pose, again)
+    assert np.array_equal(image, same)
+
+
+@pytest.mark.parametrize("arm", ["gantry", "arm"])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_start_is_within_its_limits_and_shows_the_part_whole_and_beside_the_hand(arm: str, seed: int) -> None:
+    shape, hand = SHAPES["bracket"](), gripper(2)
+    setting = draw(shape, hand, seed=seed, scenario="belt", arm=arm, axis=0.3)  # type: ignore[arg-type]
+    at = setting.hand @ setting.mount
+    H = frames.plane_to_image(setting.camera.matrix, at, setting.place, setting.part.thickness)
+    seen = apply_homography(H, setting.part.shape.outer)
+    assert (seen > 0.0).all() and (seen < [639.0, 479.0]).all()
+    tips = frames.project(setting.camera.matrix, frames.inverse(setting.mount), np.zeros((1, 3)))[0]
+    middle = apply_homography(H, np.zeros((1, 2)))[0]
+    assert (np.abs(middle - tips) <= np.array([640.0, 480.0]) * ASIDE + 1e-6).all()
+    depth = (frames.inverse(at) @ [0.0, 0.0, setting.part.thickness, 1.0])[2] / frames.inverse(setting.mount)[2, 3]
+    assert AWAY[0] - 1e-9 <= depth <= AWAY[1] + 1e-9
+    lean = math.acos(-setting.hand[2, 2])
+    assert lean <= (TILT if arm == "arm" else 0.0) + 1e-6
+    if arm == "gantry":
+        way = setting.place[:3, :3] @ [math.cos(0.3), -math.sin(0.3), 0.0]
+        angle = math.acos(min(1.0, abs(float(way @ setting.hand[:3, 0]))))
+        assert angle <= TURN + 1e-9
+    speed = float(np.hypot(*setting.belt)) * setting.camera.matrix[0, 0] / 640.0
+    assert BELT[0] <= speed / (depth * frames.inverse(setting.mount)[2, 3]) <= BELT[1]
+
+
+def test_a_blocked_view_lasts_half_a_second_and_shows_nothing() -> None:
+    world = World(SHAPES["disc"](), seed=1, scenario="blackout", images="planar")
+    blocked = []
+    for _ in range(80):
+        world.move(np.zeros(6))
+        if world.blocked():
+            blocked.append(world.time())
+            assert world.image().std() < 4.0
+    assert len(blocked) * world.period == pytest.approx(0.5, abs=world.period)
+
+
+# --- what the physics does ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", ["gantry", "arm"])
+def test_the_hand_moves_as_it_is_told_in_its_own_frame(arm: str) -> None:
+    world = World(SHAPES["disc"](), seed=2, arm=arm, images="planar")  # type: ignore[arg-type]
+    for _ in range(10):
+        world.move([0.05, 0.02, 0.03, 0.0, 0.0, 0.0])
+    before = world.pose()
+    for _ in range(10):
+        world.move([0.05, 0.02, 0.03, 0.0, 0.0, 0.0])
+    way = before[:3, :3].T @ (world.pose()[:3, 3] - before[:3, 3]) / (10 * world.period)
+    assert way == pytest.approx([0.05, 0.02, 0.03], abs=5e-4)
+    turn = before[:3, :3].T @ world.pose()[:3, :3]
+    assert turn == pytest.approx(np.eye(3), abs=2e-3)
+
+
+def test_a_belt_carries_the_part_and_a_table_does_not() -> None:
+    still = World(SHAPES["disc"](), seed=3, images="planar")
+    moved = World(SHAPES["disc"](), seed=3, scenario="belt", images="planar")
+    for world in (still, moved):
+        for _ in range(25):
+            world.move(np.zeros(6))
+    assert np.hypot(*still.part_pose()[:2, 3]) < 1e-4
+    assert moved.part_pose()[:2, 3] == pytest.approx(moved.belt_travel(), abs=2e-3)
+
+
+@pytest.mark.parametrize(("name", "arm", "scenario"), [
+    ("rectangle", "gantry", "static"), ("disc", "arm", "static"), ("disc", "gantry", "belt"), ("rectangle", "arm", "belt"),
+])  # fmt: skip
+def test_a_hand_led_by_the_truth_lifts_the_part(name: str, arm: str, scenario: str) -> None:
+    shape = SHAPES[name]()
+    world = World(shape, seed=7, arm=arm, scenario=scenario, images="planar", axis=math.pi / 2.0)  # type: ignore[arg-type]
+    assert lift_by_truth(world, across(shape, world.setting.part.size)), world.failure
+
+
+def test_a_hand_that_closes_beside_the_part_holds_nothing_and_says_so() -> None:
+    shape = SHAPES["disc"]()
+    world = World(shape, seed=7, images="planar", axis=math.pi / 2.0)
+    beside = across(shape, world.setting.part.size) + np.array([0.15, 0.0])
+    assert not lift_by_truth(world, beside)
+
+
+def test_three_fingers_close_on_a_disc() -> None:
+    shape = SHAPES["disc"]()
+    world = World(shape, seed=4, fingers=3, images="planar")
+    assert lift_by_truth(world, across(shape, world.setting.part.size))
+
+
+# --- what is seen ---------------------------------------------------------------------------------
+
+
+def test_the_part_is_seen_where_the_truth_says_by_mujoco_as_well() -> None:
+    """Both renderers draw the upper face and the sides; their silhouettes differ by less than half a px on average."""
+    why = offscreen()
+    if why:
+        pytest.skip(f"MuJoCo cannot draw here: {why}")
+    import cv2
+
+    gaps = []
+    for seed in range(4):
+        world = World(SHAPES["bracket"](), seed=seed, arm="arm", images="mujoco")
+        images = world._images
+        assert isinstance(images, MujocoImages)
+        drawn = images.part_mask(world)
+        K, at, part = world.setting.camera.matrix, world.camera_pose(), world.part_pose()
+        fine = np.zeros((480 * 4, 640 * 4), np.uint8)
+        for height in np.linspace(0.0, world.setting.part.thickness, 9):
+            H = frames.plane_to_image(K, at, part, float(height))
+            layer = np.zeros_like(fine)
+            rings = [apply_homography(H, ring) for ring in world.setting.part.shape.polygons]
+            cv2.fillPoly(layer, [np.rint(((r + 0.5) * 4 - 0.5) * 16).astype(np.int32) for r in rings], 255, shift=4)
+            fine = np.maximum(fine, layer)
+        ours = cv2.resize(fine, (640, 480), interpolation=cv2.INTER_AREA) > 127
+        outlines, _ = cv2.findContours(ours.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        gaps.append(np.count_nonzero(drawn != ours) / sum(len(c) for c in outlines))
+    assert max(gaps) < 0.5
+
+
+def test_the_fingertips_are_where_the_hand_is_drawn_and_the_mask_covers_it() -> None:
+    world = World(SHAPES["disc"](), seed=6, images="planar")
+    tips, opening = world.fingertips()
+    ignore = world.ignore() > 0
+    assert opening == pytest.approx(0.088, abs=1e-4)
+    for x, y in np.rint(tips).astype(int):
+        assert ignore[y - 2 : y + 3, x - 2 : x + 3].any()
+    quiet = world._images
+    layer = getattr(quiet, "_layer", None) or (world.image(), quiet._layer)[1]  # type: ignore[attr-defined]
+    assert not (np.asarray(layer[1]) > 0.02)[~ignore].any()
+
+
+# --- refusals and bad input -----------------------------------------------------------------------
+
+
+def test_brute_force_finds_pairs_on_what_can_be_taken_and_none_on_what_is_too_wide() -> None:
+    assert pairs_that_close(SHAPES["rectangle"](), 0.06) > 0
+    assert pairs_that_close(SHAPES["disc"](), 0.2) == 0
+    assert _axis(SHAPES["rectangle"]()) is not None
+
+
+def test_bad_input_is_told_in_one_line() -> None:
+    shape = SHAPES["disc"]()
+    with pytest.raises(InputError, match="unknown scenario"):
+        World(shape, seed=1, scenario="storm")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="unknown arm"):
+        World(shape, seed=1, arm="leg")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="2 or 3 fingers"):
+        World(shape, seed=1, fingers=4)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="unknown images"):
+        World(shape, seed=1, images="painted")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="six finite numbers"):
+        World(shape, seed=1, images="planar").move([0.0, math.nan, 0.0, 0.0, 0.0, 0.0])

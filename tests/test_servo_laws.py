@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the servo's parts: derivatives are those of finite differences, limits hold, goals are where they should be."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import grasptrack as gt
+from grasptrack.servo.camera import HandCamera
+from grasptrack.servo.closing import Doubt
+from grasptrack.servo.features import Features, spread, wrapped
+from grasptrack.servo.geometry import between, check_pose, inverse, moved, pose_of, rotation, rotation_vector
+from grasptrack.servo.law import twist_for
+from grasptrack.servo.model import SHAPE, Placed, changed, expected
+from grasptrack.servo.poses import Poses
+
+SEEDS = st.integers(0, 10_000)
+FEW = settings(max_examples=40, deadline=None)
+
+
+def camera(rng: np.random.Generator, tilt: float = 0.2) -> HandCamera:
+    turn = rotation((0.0, 0.0, rng.uniform(-3.0, 3.0))) @ rotation((*rng.uniform(-tilt, tilt, 2), 0.0))
+    return HandCamera(rng.uniform(400.0, 900.0), np.array([319.5, 239.5]), turn, rng.uniform(-0.1, 0.1, 3))
+
+
+def in_front(rng: np.random.Generator, cam: HandCamera, k: int) -> np.ndarray:
+    """(k, 3) m in the hand's frame, in view."""
+    depth = rng.uniform(0.15, 0.6)
+    rays = cam.rays(rng.uniform((120.0, 90.0), (520.0, 390.0), (k, 2)))
+    return np.asarray(cam.offset + depth * rays * rng.uniform(0.95, 1.05, (k, 1)))
+
+
+# --- rigid motions --------------------------------------------------------------------------------
+
+
+@FEW
+@given(v=st.tuples(*[st.floats(-1.7, 1.7)] * 3))
+def test_a_rotation_and_its_vector(v: tuple[float, float, float]) -> None:
+    R = rotation(v)
+    assert np.abs(R @ R.T - np.eye(3)).max() < 1e-12 and np.linalg.det(R) > 0.0
+    assert np.abs(rotation_vector(R) - v).max() < 1e-7
+
+
+@FEW
+@given(seed=SEEDS)
+def test_a_held_twist_goes_on_where_it_was(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pose, twist = pose_of(rotation(rng.normal(size=3)), rng.normal(size=3)), rng.normal(size=6)
+    once, twice = moved(pose, twist, 0.7), moved(moved(pose, twist, 0.3), twist, 0.4)
+    assert np.abs(once - twice).max() < 1e-12
+    assert np.abs(inverse(once) @ once - np.eye(4)).max() < 1e-12
+    assert (
+        np.abs(between(pose, once, 0.0) - pose).max() < 1e-12 and np.abs(between(pose, once, 1.0) - once).max() < 1e-9
+    )
+
+
+def test_poses_between_reports() -> None:
+    poses, twist = Poses(kept=3), np.array([0.1, 0.0, 0.2, 0.0, 0.0, 0.5])
+    for t in (0.0, 0.1, 0.2, 0.3):
+        poses.add(t, moved(np.eye(4), twist, t))
+    assert np.abs(poses.at(0.26)[:3, :3] - moved(np.eye(4), twist, 0.26)[:3, :3]).max() < 1e-9
+    assert np.abs(poses.at(0.26) - moved(np.eye(4), twist, 0.26)).max() < 1e-4
+    for outside, nearest in ((9.0, 0.3), (-1.0, 0.1)):
+        assert np.abs(poses.at(outside) - moved(np.eye(4), twist, nearest)).max() < 1e-12
+
+
+# --- derivatives ----------------------------------------------------------------------------------
+
+
+@FEW
+@given(seed=SEEDS, k=st.integers(2, 4))
+def test_slopes_of_features(seed: int, k: int) -> None:
+    rng = np.random.default_rng(seed)
+    contacts, goal = rng.uniform(0.0, 600.0, (2, k, 2))
+    features = Features(goal, np.array([319.5, 239.5]))
+    if abs(features.turn(contacts)) < 0.05 * spread(contacts) * spread(goal):
+        return  # no turn to speak of
+    found, step = features.slopes(contacts), 1e-3
+    for i in range(2 * k):
+        d = np.zeros(2 * k)
+        d[i] = step
+        by = features.values(contacts + d.reshape(k, 2)) - features.values(contacts - d.reshape(k, 2))
+        by[3] = wrapped(by[3])
+        assert np.abs(found[:, i] - by / (2.0 * step)).max() < 1e-5 * (1.0 + np.abs(found).max())
+
+
+@FEW
+@given(seed=SEEDS)
+def test_the_interaction_matrix_is_what_the_hand_does(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cam = camera(rng)
+    points = in_front(rng, cam, 3)
+    found = cam.interaction(points)
+    for axis, step in itertools.product(range(6), (1e-5,)):
+        twist = np.eye(6)[axis]
+        seen = [
+            cam.project((points - h[:3, 3]) @ h[:3, :3]) for h in (moved(np.eye(4), s * twist, step) for s in (1, -1))
+        ]
+        assert np.abs(found[:, :, axis] - (seen[0] - seen[1]) / (2.0 * step)).max() < 1e-3 * (1.0 + np.abs(found).max())
+
+
+@FEW
+@given(seed=SEEDS)
+def test_derivatives_by_all_that_is_unknown(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cam, n = camera(rng), 3
+    turn = rotation((np.pi, 0.0, 0.0)) @ rotation(rng.normal(0.0, 0.1, 3))
+    hand = pose_of(rotation((np.pi, 0.0, 0.0)), (0.0, 0.0, 0.5))
+    middle = hand[:3, :3] @ (cam.offset + 0.4 * cam.rays(np.array([[320.0, 240.0]]))[0]) + hand[:3, 3]
+    object_ = Placed(rng.uniform(-0.03, 0.03, (n, 2)), turn, middle, rng.normal(0.0, 0.1, 3), turn * (1.0, 1.0, 0.3))
+    hands = np.array([moved(hand, rng.normal(0.0, 0.1, 6), 0.3) for _ in range(2)])
+    later = np.array([0.0, 0.4])
+    _, found = expected(cam, object_, hands, later)
+    step = 1e-6
+    for i in range(SHAPE + 2 * n):
+        d = np.zeros(SHAPE + 2 * n)
+        d[i] = step
+        up, down = (expected(*changed(cam, object_, s * d), hands, later)[0] for s in (1.0, -1.0))
+        assert np.abs(found[..., i] - (up - down) / (2.0 * step)).max() < 1e-4 * (1.0 + np.abs(found[..., i]).max())
+
+
+@FEW
+@given(seed=SEEDS)
+def test_a_segment_parallel_to_the_image_decouples(seed: int) -> None:
+    """x/l and y/l fall by the camera's shift over L, l*/l by its approach over the depth at the goal, the angle by its turn."""
+    rng = np.random.default_rng(seed)
+    cam = HandCamera(rng.uniform(400, 900), np.array([319.5, 239.5]), np.eye(3), np.zeros(3))
+    L, depth, spin = rng.uniform(0.02, 0.1), rng.uniform(0.2, 0.6), rng.uniform(-3, 3)
+    half = 0.5 * L * np.array([math.cos(spin), math.sin(spin), 0.0])
+    middle = np.array([*rng.uniform(-0.1, 0.1, 2), depth])
+    points = np.array([middle - half, middle + half])
+    goal = cam.project(np.array([(-L / 2, 0.0, 0.15), (L / 2, 0.0, 0.15)]))
+    features = Features(goal, cam.centre)
+    J = features.slopes(cam.project(points)) @ cam.interaction(points).reshape(4, 6)
+    wanted = np.zeros((4, 6))
+    wanted[0, 0] = wanted[1, 1] = -1.0 / L
+    wanted[2, 2], wanted[3, 5] = -1.0 / 0.15, -1.0
+    wanted[:2, 5] = middle[1] / L, -middle[0] / L  # the camera turns about its own axis
+    assert np.abs(J - wanted)[:, [0, 1, 2, 5]].max() < 1e-9 * np.abs(wanted).max()
+
+
+# --- law and limits -------------------------------------------------------------------------------
+
+
+@FEW
+@given(seed=SEEDS, dof=st.sampled_from([4, 6]))
+def test_errors_fall_at_the_rate_of_the_gain(seed: int, dof: int) -> None:
+    rng = np.random.default_rng(seed)
+    J = np.eye(6)[[0, 1, 2, 5] if dof == 4 else list(range(6))] + 0.1 * rng.normal(size=(dof, 6))
+    error, gain = 0.1 * rng.normal(size=dof), gt.Gain()
+    twist = twist_for(error, J, np.eye(dof) * 1e-8, dof=dof, length=1.0, gain=gain, damping=1e-6)
+    rate = gain.at(float(np.linalg.norm(error)))
+    J_used = J if dof == 6 else J * [1, 1, 1, 0, 0, 1]
+    assert np.abs(J_used @ twist + rate * error).max() < 1e-5
+    assert dof == 6 or (twist[3:5] == 0.0).all()
+
+
+def test_what_is_poorly_known_is_followed_slowly() -> None:
+    J, error, gain = np.eye(6)[[0, 1, 2, 5]], np.full(4, 0.1), gt.Gain()
+    unsure = np.diag([1e-8, 1e-8, 100.0, 1e-8])
+    twist = twist_for(error, J, unsure, dof=4, length=1.0, gain=gain)
+    assert abs(twist[2]) < 0.5 * abs(twist[0])
+
+
+@FEW
+@given(
+    seed=SEEDS,
+    size=st.floats(0.0, 100.0),
+    seconds=st.floats(0.0, 0.2),
+)
+def test_no_command_exceeds_the_limits(seed: int, size: float, seconds: float) -> None:
+    rng = np.random.default_rng(seed)
+    limits = gt.Limits(*rng.uniform(0.05, 3.0, 4))
+    last = limits.reachable(rng.normal(size=6), rng.normal(size=6) * 0.01, 1.0)
+    out = limits.reachable(size * rng.normal(size=6), last, seconds)
+    for part, most, change in (
+        (slice(0, 3), limits.linear, limits.linear_acceleration),
+        (slice(3, 6), limits.angular, limits.angular_acceleration),
+    ):
+        assert np.linalg.norm(out[part]) <= most * (1.0 + 1e-12)
+        assert np.linalg.norm(out[part] - last[part]) <= change * seconds + 1e-12
+
+
+@FEW
+@given(seed=SEEDS)
+def test_a_limit_slows_the_approach_and_not_the_following(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    limits = gt.Limits(0.5, 1.0)
+    carried, wanted = np.zeros(6), rng.normal(size=6)
+    carried[:2] = rng.uniform(-0.3, 0.3, 2)
+    out = limits.joined(wanted, carried)
+    assert np.linalg.norm(out[:3]) <= 0.5 + 1e-9 and np.linalg.norm(out[3:]) <= 1.0 + 1e-9
+    share = float((out - carried) @ wanted / (wanted @ wanted))
+    assert 0.0 <= share <= 1.0 and np.abs(out - carried - share * wanted).max() < 1e-9
+
+
+def test_the_gain_falls_with_the_error() -> None:
+    gain = gt.Gain(4.0, 1.0, 0.5)
+    values = [gain.at(e) for e in np.linspace(0.0, 5.0, 50)]
+    assert values[0] == 4.0 and all(a > b for a, b in itertools.pairwise(values)) and values[-1] >= 1.0
+
+
+# --- goals ----------------------------------------------------------------------------------------
+
+
+@FEW
+@given(seed=SEEDS, k=st.sampled_from([2, 3]))
+def test_contacts_at_the_goal_lie_between_the_fingertips(seed: int, k: int) -> None:
+    rng = np.random.default_rng(seed)
+    cam, opening = camera(rng), rng.uniform(0.05, 0.1)
+    around = 2.0 * np.pi * np.arange(k) / k
+    radius = 0.5 * opening / math.sin(math.pi / k)
+    middle = cam.offset + rng.uniform(0.15, 0.3) * cam.rays(np.array([[300.0, 260.0]]))[0]
+    tips = np.column_stack([radius * np.cos(around), radius * np.sin(around), np.zeros(k)]) + middle
+    goal = gt.Goal.fingertips(cam.project(tips), opening, beyond_m=0.002)
+    spin, share = rng.uniform(-3.0, 3.0), rng.uniform(0.3, 0.9)
+    c, s = math.cos(spin), math.sin(spin)
+    shape = share * (tips - middle)[:, :2] @ np.array([[c, s], [-s, c]])
+    contacts = np.column_stack([shape, np.full(k, 0.3)])
+    order = goal.orders(cam, contacts)[0]
+    right = goal.targets(cam, shape, order)
+    assert np.abs(right.mean(axis=0) - middle + (0.0, 0.0, 0.002)).max() < 1e-6
+    assert np.abs(right[:, :2] - middle[:2] - share * (tips - middle)[list(order), :2]).max() < 1e-6
+    turn = np.angle(complex(*(right[0] - right.mean(axis=0))[:2]) / complex(*shape[0]))
+    assert abs(turn) <= math.pi / k + 1e-6  # never more than the gripper's symmetry asks for
+
+
+@FEW
+@given(seed=SEEDS)
+def test_a_taught_goal_is_the_view_that_taught_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cam = camera(rng, tilt=0.3)
+    depth = rng.uniform(0.1, 0.3)
+    right = np.column_stack([rng.uniform(-0.04, 0.04, (2, 2)), np.full(2, cam.offset[2] + depth)])
+    if not np.isfinite(cam.project(right)).all() or spread(right[:, :2]) < 0.01:
+        return
+    goal = gt.Goal.taught(cam.project(right), symmetric=False)
+    c, s = math.cos(1.0), math.sin(1.0)
+    found = goal.targets(cam, right[:, :2] @ np.array([[c, s], [-s, c]]), (0, 1))
+    assert np.abs(cam.project(found) - goal.points).max() < 1e-6 and np.abs(found - right).max() < 1e-8
+
+
+# --- what is handed in ------------------------------------------------------------------------------
+
+GOOD = ((100.0, 200.0), (300.0, 200.0))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: gt.Goal.fingertips(GOOD[:1], 0.1),
+        lambda: gt.Goal.fingertips((GOOD[0], GOOD[0]), 0.1),
+        lambda: gt.Goal.fingertips(GOOD, 0.0),
+        lambda: gt.Goal.fingertips(GOOD, math.nan),
+        lambda: gt.Goal.taught(gt.TrackResult(0, None, "lost", "gone")),
+        lambda: gt.GraspServo(gt.Goal.fingertips(GOOD, 0.1), dof=5),
+        lambda: gt.GraspServo(gt.Goal.fingertips(GOOD, 0.1), law="nominal"),
+        lambda: gt.GraspServo(gt.Goal.fingertips(GOOD, 0.1), law="guess"),  # type: ignore[arg-type]
+        lambda: gt.GraspServo(gt.Goal.fingertips(GOOD, 0.1), latency=-1.0),
+        lambda: gt.NominalCamera(0.0),
+        lambda: gt.NominalCamera(500.0, np.ones((4, 4))),
+        lambda: gt.Limits(linear=0.0),
+        lambda: gt.Gain(near=-1.0),
+        lambda: gt.Exploration(way=0.0),
+        lambda: gt.LossPolicy(hold=-1.0),
+        lambda: gt.Closing(tolerance=3.0, loosest=1.0),
+        lambda: gt.Closing(confidence=2.0),
+        lambda: check_pose(np.diag([1.0, 1.0, -1.0, 1.0])),
+        lambda: check_pose(np.eye(3)),
+    ],
+)
+def test_bad_input_gets_one_clear_line(make: object) -> None:
+    with pytest.raises(gt.InputError) as found:
+        make()  # type: ignore[operator]
+    assert str(found.value) and "\n" not in str(found.value)
+
+
+# --- policies ---------------------------------------------------------------------------------------
+
+
+@FEW
+@given(times=st.tuples(*[st.floats(0.0, 3.0)] * 3), can=st.booleans())
+def test_the_policy_on_loss_goes_through_its_steps_in_order(times: tuple[float, float, float], can: bool) -> None:
+    policy = gt.LossPolicy(coast=times[0], hold=times[1], back_off=times[2])
+    order = ("coast", "hold", "back off", "give up")
+    steps = [order.index(policy.step(t, can)) for t in np.linspace(0.0, 10.0, 500)]
+    assert steps == sorted(steps) and steps[-1] == 3
+    assert can or 0 not in steps
+    ends = sum(times) if can else times[1] + times[2]
+    assert policy.step(ends + 1e-9, can) == "give up"
+
+
+def test_the_tolerance_grows_only_after_patience_near_the_goal() -> None:
+    doubt = Doubt(gt.Closing(tolerance=1.0, patience=2.0, loosest=3.0))
+    told = gt.TrackResult(0, 0.0, "tracked", "", contacts=np.array(GOOD), seen=np.ones(2), confidence=0.9)
+    goal = np.array(GOOD)
+    tolerances = []
+    for t in np.arange(0.0, 8.0, 0.1):
+        doubt.why_not(told, 2.9 if t < 5.0 else 9.0, goal, float(t))
+        tolerances.append(doubt.tolerance(float(t)))
+    assert all(v == 1.0 for v in tolerances[:20]) and abs(tolerances[30] - 2.0) < 1e-9 and tolerances[49] == 3.0
+    assert tolerances[-1] == 1.0  # far away again: strict again
