@@ -158,6 +158,7 @@ def run_trials(
             if picture:
                 pictures.mkdir(exist_ok=True)
                 (pictures / f"{_file_name(case.name)}.png").write_bytes(picture)
+            _write_table(output / TABLE, [rows[i] for i in sorted(rows)])  # whatever stops the rest
         if progress is not None:
             progress("trials", len(rows) + len(trials.broken), len(cases))
     trials.rows = [rows[i] for i in sorted(rows)]
