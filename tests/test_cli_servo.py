@@ -10,13 +10,19 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
+from grasptrack.contour import Contour, View
 from grasptrack.evaluation.approach.case import Row
+from grasptrack.evaluation.approach.looking import Looking
 from grasptrack.evaluation.approach.trials import COLUMNS, Trials, draw_cases, kind_of, run_trials
 from grasptrack.evaluation.schedule.outcome import Outcome
+from grasptrack.hand import Hand
+from grasptrack.projective import apply_homography, similarity
 from grasptrack.simulation import SHAPES
+from grasptrack.tracker import GraspTracker
 
 
 def needs_mujoco() -> None:
@@ -126,3 +132,16 @@ def test_what_was_tried_is_kept_when_the_rest_is_stopped(tmp_path: Path) -> None
         run_trials(tmp_path, cases, stopped, options={})
     with (tmp_path / "trials.csv").open() as file:
         assert [int(row["seed"]) for row in csv.DictReader(file)] == [case.seed for case in cases[:2]]
+
+
+def test_what_is_chosen_anew_is_the_part_that_was_looked_at_first() -> None:
+    tips = np.array([[100.0, 400.0], [300.0, 400.0]])
+
+    def seen(name: str, scale: float, turn: float) -> View:
+        turned = similarity(scale, turn, (0.0, 0.0), (320.0, 240.0))
+        return View([Contour(apply_homography(turned, SHAPES[name]().outer))])
+
+    looking = Looking(GraspTracker(), seen("bracket", 60.0, 0.3), np.zeros((480, 640), np.uint8), Hand(), tips)
+    assert looking._is_the_part(seen("bracket", 110.0, -1.0))
+    for other in ("disc", "blob", "spanner"):
+        assert not looking._is_the_part(seen(other, 110.0, -1.0))

@@ -4,7 +4,7 @@
 The tracker would rather say nothing than something wrong. From 2.5 times the distance an outline shows less than half of the
 detail that it shows in the end, and a thick part shows other sides of itself from elsewhere: what speaks against the reference
 then ends in "lost" for good. The hand is nearer by that time, and there is but one part: so a grasp is chosen again in what is
-seen now.
+seen now, if that has the outline of the first look.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.contour import View
 from grasptrack.evaluation.approach.choosing import first_look
 from grasptrack.hand import Hand
+from grasptrack.matching import Sampled, match
 from grasptrack.result import TrackResult
 from grasptrack.tracker import GraspTracker
 
@@ -29,6 +31,9 @@ OTHERWISE = 2
 """Of so many grasps chosen anew, one is followed by its outline alone: what a faint surface shows may mislead."""
 SELDOM = 4
 """Images from one look to the next where nothing was found."""
+LIES_ON, MISFIT = 0.6, 0.05
+"""What is chosen anew must be the part that was looked at first: so much of both outlines lies on each other, and they differ
+by this share of sqrt(area) at most, rms. A grain of the table does not; sides of the part that now show may."""
 
 
 class Looking:
@@ -36,6 +41,7 @@ class Looking:
 
     Args:
         tracker: that has seen its first image and chosen a grasp.
+        view: the outline of the part in that image.
         ignore: (H, W), where the hand is in the image.
         hand: its limits.
         tips: (k, 2) px of the fingertips.
@@ -44,8 +50,9 @@ class Looking:
         again: how often a grasp was chosen anew.
     """
 
-    def __init__(self, tracker: GraspTracker, ignore: NDArray[Any], hand: Hand, tips: Floats) -> None:
+    def __init__(self, tracker: GraspTracker, view: View, ignore: NDArray[Any], hand: Hand, tips: Floats) -> None:
         self._tracker, self._ignore, self._hand, self._tips = tracker, ignore, hand, tips
+        self._outline = Sampled(view)
         self._found: deque[bool] = deque([True] * WINDOW, maxlen=WINDOW)
         self._wait = 0
         self.again = 0
@@ -59,10 +66,15 @@ class Looking:
             self._wait = SELDOM
             strategy = "auto" if self.again % OTHERWISE < OTHERWISE - 1 else "homography"
             tracker, anew = first_look(image, time, self._ignore, self._hand, self._tips, strategy)
-            if anew.status == "tracked":
+            if anew.status == "tracked" and anew.view is not None and self._is_the_part(anew.view):
                 self._tracker, result = tracker, anew
                 self._found.extend([True] * WINDOW)
                 self.again += 1
         if result.grasp_id is None:
             return result
         return replace(result, grasp_id=result.grasp_id + self.again)
+
+    def _is_the_part(self, view: View) -> bool:
+        """Whether an outline is that of the first look, from anywhere."""
+        ways = match(self._outline, Sampled(view), thorough=False)
+        return bool(ways) and ways[0].share >= LIES_ON and ways[0].misfit <= MISFIT * ways[0].size

@@ -132,7 +132,8 @@ def _approach(run: _Run) -> None:
         row.confirmed = pairs_that_close(run.case.shape, world.setting.part.size) == 0 if refused else None
         return
     _start(run, result.contacts, tips)
-    looking = Looking(tracker, ignore, hand, tips)
+    assert result.view is not None  # contacts lie on an outline
+    looking = Looking(tracker, result.view, ignore, hand, tips)
     goal = Goal.fingertips(tips, opening, beyond_m=-ABOVE)
     servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))
     while not servo.over:
