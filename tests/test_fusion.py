@@ -286,6 +286,25 @@ def test_a_surface_tells_a_half_turn_from_none() -> None:
     assert not fusion.settles(bare[1].image, fused, [half])
 
 
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 20), st.sampled_from(["bracket", "washer", "spanner"]), st.integers(1, 20))
+def test_the_homography_is_as_uncertain_as_the_contacts_that_it_carries(seed: int, shape: str, index: int) -> None:
+    scene = a_scene(shape, seed)
+    fusion, contacts = begun(scene)
+    fused = fusion.refine(scene[index].image, scene.homography(index))
+    H = fused.homography
+    assert H[2, 2] == 1.0 and np.abs(fused.homography_covariance[8]).max() == 0.0
+    rows = []
+    for (x, y), (u, v) in zip(contacts, apply_homography(H, contacts), strict=True):
+        place = np.array([x, y, 1.0]) / float(H[2] @ (x, y, 1.0))
+        none = np.zeros(3)
+        rows += [np.concatenate([place, none, -u * place]), np.concatenate([none, place, -v * place])]
+    J = np.array(rows)
+    np.testing.assert_allclose(
+        J @ fused.homography_covariance @ J.T, fused.covariance, rtol=1e-5, atol=1e-7 * np.abs(fused.covariance).max()
+    )
+
+
 def test_light_on_a_ring_does_not_tell_its_turn() -> None:
     # its sides hide what the outline could tell; light that falls off over it stays where it is
     case = suite(built_in(["washer"]), ["thick"], frames=25)[0]

@@ -138,7 +138,9 @@ def carried(agreement: float, noise: float) -> Carried:
     moved = Transfer(Grasp(CORNERS[:2]), np.eye(3), None, noise)
     if math.isnan(agreement):
         return Carried("rrp", moved, None)  # type: ignore[arg-type]
-    told = Fused(np.eye(3), np.eye(4), agreement, noise, noise, math.nan, math.nan, (True, False, False), False, 2)
+    told = Fused(
+        np.eye(3), np.eye(4), agreement, noise, noise, math.nan, math.nan, (True, False, False), False, 2, np.eye(9)
+    )
     return Carried("registration", moved, None, told)  # type: ignore[arg-type]
 
 

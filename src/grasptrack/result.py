@@ -35,6 +35,7 @@ class TrackResult:
         chance: probability, 0 to 1, that the grasp still closes although the contacts may be off by their covariance: the
             least that it is (`closing.chance_of_closing`); NaN where no covariance is known.
         homography: (3, 3) H_current_reference where the transfer gives one.
+        homography_covariance: (9, 9) of its entries, row by row, the last one being 1, where it is known.
         covariance: (k, 2, 2) px^2 of the contacts where it is known.
         view: the outline that was observed, for drawing; None when nothing was.
         latency_ms: time that the update took.
@@ -55,6 +56,7 @@ class TrackResult:
     view: View | None = None
     chance: float = math.nan
     latency_ms: float = math.nan
+    homography_covariance: NDArray[np.float64] | None = None
 
     @property
     def located(self) -> bool:

@@ -238,6 +238,7 @@ class GraspTracker:
             "confidence": verdict.confidence,
             "chance": chance,
             "homography": found.homography,
+            "homography_covariance": None if (fused := found.carried.fused) is None else fused.homography_covariance,
             "covariance": found.support.covariance,
             "view": found.carried.view,
         }

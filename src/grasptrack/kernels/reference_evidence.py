@@ -67,6 +67,16 @@ SLIGHT = 1e-6
 """Motions that displace the outline by less than the root of this, relative to the largest, are none of their own."""
 
 
+MOTIONS = np.zeros((8, 3, 3))
+"""To each parameter the part of a homography near the identity that is linear in it."""
+MOTIONS[0, 0, 2] = MOTIONS[1, 1, 2] = 1.0  # shifts
+MOTIONS[2, (0, 1), (0, 1)] = 1.0  # scale
+MOTIONS[3, (0, 1), (1, 0)] = -1.0, 1.0  # turn
+MOTIONS[4, (0, 1), (0, 1)] = 1.0, -1.0  # stretches
+MOTIONS[5, (0, 1), (1, 0)] = 1.0
+MOTIONS[6, 2, 0] = MOTIONS[7, 2, 1] = -1.0  # bends
+
+
 def displacement_fields(points: Floats) -> Floats:
     """(m, 2, 8): how the 8 parameters of a homography near the identity move points (m, 2), per unit of each.
 
@@ -91,14 +101,7 @@ def near_identity(x: Floats, centre: Floats, radius: float) -> Floats:
         centre: (2,) px.
         radius: px.
     """
-    tx, ty, scale, turn, stretch, shear, bend_x, bend_y = x.tolist()
-    M = np.array(
-        [
-            [1.0 + scale + stretch, shear - turn, tx],
-            [shear + turn, 1.0 + scale - stretch, ty],
-            [-bend_x, -bend_y, 1.0],
-        ]
-    )
+    M = np.eye(3) + np.tensordot(x, MOTIONS, 1)
     N = np.array([[1.0, 0.0, -centre[0]], [0.0, 1.0, -centre[1]], [0.0, 0.0, radius]]) / radius
     back = np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
     return np.asarray(back @ M @ N, dtype=np.float64)

@@ -297,6 +297,7 @@ class Fusion:
             (used[0], used[1], used[2]),
             any(surfaces_alone) and state.deviation(surfaces_alone) <= HELD,
             state.by,
+            spread * state.homography_covariance(state.use),
         )
 
     def covariances(self, grey: Grey, H: Floats) -> tuple[Floats, Floats, Floats]:

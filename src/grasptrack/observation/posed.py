@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.errors import TransferError
-from grasptrack.kernels.reference_evidence import displacement_fields, near_identity
+from grasptrack.kernels.reference_evidence import MOTIONS, displacement_fields, near_identity
 from grasptrack.projective import apply_homography
 
 Floats = NDArray[np.float64]
@@ -40,6 +40,7 @@ class Fused(NamedTuple):
         used: whether the pose rests on the outline, the surface and the ground.
         held: whether the surfaces alone fix each contact: no cover of the outline can bend the pose then.
         by: how many times the image was shrunk in which surfaces were compared, with a minus without its light.
+        homography_covariance: (9, 9) of the entries of the homography, row by row, its last one being 1.
     """
 
     homography: Floats
@@ -52,6 +53,7 @@ class Fused(NamedTuple):
     used: tuple[bool, bool, bool]
     held: bool
     by: int
+    homography_covariance: Floats
 
 
 class Posed:
@@ -98,8 +100,6 @@ class Posed:
 
     def covariance(self, use: list[bool]) -> Floats:
         """(2 k, 2 k) px^2 of the contacts, by some of the evidence."""
-        noise = [self.stats[0][2], *(CAUTION * each[2] for each in self.stats[1:])]
-        share = [1.0 / each**2 if used and each > 0.0 else 0.0 for used, each in zip(use, noise, strict=True)]
         return kernels.contact_covariance(
             self.H,
             self._contacts,
@@ -107,9 +107,23 @@ class Posed:
             self._radius,
             self._basis,
             self._sure,
-            np.array(share),
+            self._shares(use),
             self._loose,
         )
+
+    def homography_covariance(self, use: list[bool]) -> Floats:
+        """(9, 9) of the entries of H, row by row, its last one being 1, by some of the evidence."""
+        C = np.linalg.inv(np.tensordot(self._shares(use), self._sure, 1) + np.eye(8) / self._loose**2)
+        (x, y), r = self._centre, self._radius
+        there = np.array([[r, 0.0, x], [0.0, r, y], [0.0, 0.0, 1.0]])
+        moves = there @ np.tensordot(self._basis.T / r, MOTIONS, 1) @ (np.linalg.inv(there) @ self.H)
+        entries = (moves - moves[:, 2:, 2:] * self.H).reshape(8, 9)
+        return np.asarray(entries.T @ C @ entries)
+
+    def _shares(self, use: list[bool]) -> Floats:
+        """(3,) weight of each piece of evidence."""
+        noise = [self.stats[0][2], *(CAUTION * each[2] for each in self.stats[1:])]
+        return np.array([1.0 / n**2 if used and n > 0.0 else 0.0 for used, n in zip(use, noise, strict=True)])
 
     def deviation(self, use: list[bool] | None = None) -> float:
         """px, the largest standard deviation of a contact in x or y."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import logging
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
@@ -36,6 +37,8 @@ def on_cluster(address: str, workers: int | None = None) -> Scheduler:
         raise InputError('a cluster needs Dask: pip install "grasptrack[cluster]"') from None
 
     def run(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Outcome]:
+        # what a lost worker had is done again, which is no cause for a warning
+        logging.getLogger("distributed.client").setLevel(logging.ERROR)
         try:
             client = distributed.Client(address, timeout=TIMEOUT_S, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
