@@ -113,10 +113,12 @@ class Posed:
 
     def homography_covariance(self, use: list[bool]) -> Floats:
         """(9, 9) of the entries of H, row by row, its last one being 1, by some of the evidence."""
-        C = np.linalg.inv(np.tensordot(self._shares(use), self._sure, 1) + np.eye(8) / self._loose**2)
+        known = (self._shares(use) @ self._sure.reshape(len(self._sure), 64)).reshape(8, 8)
+        C = np.linalg.inv(known + np.eye(8) / self._loose**2)
         (x, y), r = self._centre, self._radius
         there = np.array([[r, 0.0, x], [0.0, r, y], [0.0, 0.0, 1.0]])
-        moves = there @ np.tensordot(self._basis.T / r, MOTIONS, 1) @ (np.linalg.inv(there) @ self.H)
+        back = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, r]]) / r
+        moves = there @ (self._basis.T @ MOTIONS.reshape(8, 9)).reshape(8, 3, 3) @ (back @ self.H / r)
         entries = (moves - moves[:, 2:, 2:] * self.H).reshape(8, 9)
         return np.asarray(entries.T @ C @ entries)
 
