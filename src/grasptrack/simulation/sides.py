@@ -53,13 +53,13 @@ def side_faces(
     if not faces:
         return None
     shape = (height * FINER, width * FINER)
-    drawn, bright = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    bright = np.zeros(shape, np.uint8)
     for _, lit_by, face in sorted(faces, key=lambda f: f[0]):  # the nearer ones last
         corners = np.rint(((face + 0.5) * FINER - 0.5) * 16.0).astype(np.int32)
-        cv2.fillPoly(drawn, [corners], 255, shift=4)
         cv2.fillPoly(bright, [corners], round(200.0 * (1.0 + 0.2 * lit_by)), shift=4)
     upper_face = inside_mask([(p + 0.5) * FINER - 0.5 for p in top], shape[1], shape[0])
-    drawn[upper_face], bright[upper_face] = 0, 0
+    bright[upper_face] = 0
+    drawn = np.where(bright > 0, np.uint8(255), np.uint8(0))  # no side is black
     return _lowered(drawn, width, height, sigma) / np.float32(255.0), _lowered(
         bright, width, height, sigma
     ) / np.float32(200.0)
