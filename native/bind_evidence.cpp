@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "arrays.hpp"
+#include "byte_image.hpp"
 #include "flanks.hpp"
 #include "fusion.hpp"
 #include "weighing.hpp"
@@ -19,12 +20,6 @@ using namespace nb::literals;
 namespace grasptrack {
 
 namespace {
-
-using ByteImage = nb::ndarray<const std::uint8_t, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
-
-Image<std::uint8_t> seen(const ByteImage &image) {
-    return {image.data(), static_cast<std::ptrdiff_t>(image.shape(0)), static_cast<std::ptrdiff_t>(image.shape(1))};
-}
 
 void check_homography(const RowArray &H) {
     if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
@@ -85,7 +80,8 @@ nb::tuple py_converge(const ByteImage &image, const ByteImage &coarse, double sh
                       const PointArray &points, const PointArray &normals, const ValueArray &strength, int polarity,
                       double reach, double least_strength, double relative_strength, const PointArray &places,
                       const ValueArray &values, const PointArray &slopes, const IndexArray &starts, const FlagArray &use,
-                      double caution, double loose, double still, int least, int most) {
+                      double caution, double loose, double still, int least, int most,
+                      const std::optional<ByteImage> &clear) {
     const std::size_t m = points.shape(0), p = places.shape(0), count = starts.shape(0);
     check_homography(H);
     if (m == 0 || normals.shape(0) != m || strength.shape(0) != m)
@@ -101,11 +97,12 @@ nb::tuple py_converge(const ByteImage &image, const ByteImage &coarse, double sh
     if (use.shape(0) != count)
         throw std::invalid_argument("the outline and each surface are in use or not: " + std::to_string(count) + " flags");
     if (!(loose > 0)) throw std::invalid_argument("motions are loose by more than 0 px, not " + number(loose));
+    const Clear hidden = clear_of(image, clear);
     Output found(3, 3), left(m), weight(m), basis(8, 8), N(8 * count, 8), sure(8 * count, 8), b(count, 8),
         stats(count, 4), centre(2), step(8);
     Converging run(seen(image), seen(coarse), shrink,
                    {points.data(), normals.data(), strength.data(), m, reach, {polarity, least_strength, relative_strength}},
-                   {vectors(places), vectors(slopes), values.data(), start, count - 1}, left.values(), weight.values());
+                   {vectors(places), vectors(slopes), values.data(), start, count - 1}, hidden, left.values(), weight.values());
     run.run(H.data(), {use.data(), caution, loose, still, least, most});
     std::copy(run.H, run.H + 9, found.values());
     centre.values()[0] = run.centre.x, centre.values()[1] = run.centre.y;
@@ -167,7 +164,8 @@ void bind_evidence(nb::module_ &m) {
           "contrast"_a, "against"_a, "missed"_a, "ground"_a);
     m.def("converge", &py_converge, "image"_a.noconvert(), "coarse"_a.noconvert(), "shrink"_a, "H"_a, "points"_a,
           "normals"_a, "strength"_a, "polarity"_a, "reach"_a, "least_strength"_a, "relative_strength"_a, "places"_a,
-          "values"_a, "slopes"_a, "starts"_a, "use"_a, "caution"_a, "loose"_a, "still"_a, "least"_a, "most"_a);
+          "values"_a, "slopes"_a, "starts"_a, "use"_a, "caution"_a, "loose"_a, "still"_a, "least"_a, "most"_a,
+          "clear"_a.none() = nb::none());
     m.def("seen_motion", &py_seen_motion, "N"_a, "b"_a, "least"_a);
     m.def("contact_covariance", &py_contact_covariance, "H"_a, "contacts"_a, "centre"_a, "radius"_a, "basis"_a, "sure"_a,
           "share"_a, "loose"_a);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "arrays.hpp"
+#include "byte_image.hpp"
 #include "edges.hpp"
 #include "evidence.hpp"
 #include "fusion.hpp"
@@ -29,7 +30,6 @@ namespace grasptrack {
 
 namespace {
 
-using ByteImage = nb::ndarray<const std::uint8_t, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
 using ChainArray = nb::ndarray<const std::int32_t, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
 
 template <typename Pixel>
@@ -123,9 +123,7 @@ nb::tuple py_trace_edges(const ByteImage &image, const ChainArray &chain, const 
     if (chain.shape(0) < 3) throw std::invalid_argument("a chain has at least 3 pixels");
     if (hidden && (hidden->shape(0) != image.shape(0) || hidden->shape(1) != image.shape(1)))
         throw std::invalid_argument("what is hidden needs the image's size");
-    const Image<std::uint8_t> seen{image.data(), static_cast<std::ptrdiff_t>(image.shape(0)),
-                                   static_cast<std::ptrdiff_t>(image.shape(1))};
-    const Traced found = trace_edges(seen, chain.data(), chain.shape(0), hidden ? hidden->data() : nullptr,
+    const Traced found = trace_edges(seen(image), chain.data(), chain.shape(0), hidden ? hidden->data() : nullptr,
                                      {spacing, static_cast<double>(most), smoothing, reach, border, outlier, hole, polarity});
     const std::size_t n = found.points.size();
     Output points(n, 2), strength(n);
@@ -144,15 +142,13 @@ nb::tuple py_outline_support(const ByteImage &image, const RowArray &H, const Po
     if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
     if (m == 0 || k == 0 || normals.shape(0) != m || strength.shape(0) != m)
         throw std::invalid_argument("samples, each with its normal and strength, and contacts are needed");
-    const Image<std::uint8_t> seen{image.data(), static_cast<std::ptrdiff_t>(image.shape(0)),
-                                   static_cast<std::ptrdiff_t>(image.shape(1))};
     Output at(m, 2), along(m, 2), edges(m, 4), shift(k, 2), covariance(k, 4);
     Flags inside(m), found(m);
     std::fill(edges.values(), edges.values() + 4 * m, 0.0);
     std::fill(shift.values(), shift.values() + 2 * k, 0.0);
     std::fill(covariance.values(), covariance.values() + 4 * k, 0.0);
     const SupportValues values = outline_support(
-        seen, H.data(), points.data(), normals.data(), strength.data(), m, contacts.data(), k,
+        seen(image), H.data(), points.data(), normals.data(), strength.data(), m, contacts.data(), k,
         {area, reach_share, least_reach, most_reach, least_strength, relative_strength, other_ground, loose, polarity},
         {at.vectors(), along.vectors(), reinterpret_cast<Edge *>(edges.values()), inside.values(), found.values()},
         shift.values(), covariance.values());
@@ -163,7 +159,8 @@ nb::tuple py_outline_support(const ByteImage &image, const RowArray &H, const Po
 nb::tuple py_register_outline(const ByteImage &image, const RowArray &H, const PointArray &points,
                               const PointArray &normals, const ValueArray &strength, int polarity,
                               const ValueArray &reaches, const IndexArray &motions, const IndexArray &strides,
-                              double least_strength, double relative_strength) {
+                              double least_strength, double relative_strength,
+                              const std::optional<ByteImage> &clear) {
     const std::size_t m = points.shape(0), steps = reaches.shape(0);
     if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
     if (m == 0 || normals.shape(0) != m || strength.shape(0) != m)
@@ -179,13 +176,12 @@ nb::tuple py_register_outline(const ByteImage &image, const RowArray &H, const P
         if (strides.data()[i] < 1)
             throw std::invalid_argument("a stride is 1 or more, not " + std::to_string(strides.data()[i]));
     }
-    const Image<std::uint8_t> seen{image.data(), static_cast<std::ptrdiff_t>(image.shape(0)),
-                                   static_cast<std::ptrdiff_t>(image.shape(1))};
+    const Clear hidden = clear_of(image, clear);
     Output left(m), weight(m), found(3, 3);
-    const Registered out = register_outline(seen, H.data(), points.data(), normals.data(), strength.data(), m,
+    const Registered out = register_outline(seen(image), H.data(), points.data(), normals.data(), strength.data(), m,
                                             reaches.data(), motions.data(), strides.data(), steps,
-                                            {polarity, least_strength, relative_strength}, left.values(),
-                                            weight.values());
+                                            {polarity, least_strength, relative_strength},
+                                            hidden, left.values(), weight.values());
     std::copy(out.H, out.H + 9, found.values());
     return nb::make_tuple(found.array(), left.array(), weight.array(), out.noise);
 }
@@ -209,7 +205,8 @@ void bind_images(nb::module_ &m) {
           "contacts"_a, "polarity"_a, "area"_a, "reach_share"_a, "least_reach"_a, "most_reach"_a, "least_strength"_a,
           "relative_strength"_a, "other_ground"_a, "loose"_a);
     m.def("register_outline", &py_register_outline, "image"_a.noconvert(), "H"_a, "points"_a, "normals"_a, "strength"_a,
-          "polarity"_a, "reaches"_a, "motions"_a, "strides"_a, "least_strength"_a, "relative_strength"_a);
+          "polarity"_a, "reaches"_a, "motions"_a, "strides"_a, "least_strength"_a, "relative_strength"_a,
+          "clear"_a.none() = nb::none());
     m.def("edge_links", &py_edge_links, "edges"_a.noconvert(), "reach"_a, "bend"_a, "loose"_a);
 }
 

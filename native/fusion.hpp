@@ -71,11 +71,13 @@ struct Stepping {
 class Converging {
   public:
     Converging(const Image<std::uint8_t> &image, const Image<std::uint8_t> &coarse, double shrink,
-               const OutlineSamplesIn &outline, const SurfacesIn &surfaces, double *left, double *weight)
-        : rows(1 + surfaces.count), sure(1 + surfaces.count), image_(image), outline_(outline), surfaces_(surfaces),
+               const OutlineSamplesIn &outline, const SurfacesIn &surfaces, const Clear &clear, double *left,
+               double *weight)
+        : rows(1 + surfaces.count), sure(1 + surfaces.count), image_(image), clear_(clear), outline_(outline),
+          surfaces_(surfaces),
           left_(left), weight_(weight), moved_(5 * outline.count), at_(outline.count), along_(outline.count),
           edges_(outline.count), gains_(outline.count), size_(outline.count), found_(outline.count),
-          fit_(coarse, shrink, most(surfaces)) {}
+          fit_(coarse, shrink, clear, most(surfaces)) {}
 
     double H[9];
     Vec centre;
@@ -202,6 +204,7 @@ class Converging {
             return strength[i] > 0 ? 1 : -1;
         };
         edge_search_each<false>(image_, {at_.data(), m}, along_.data(), outline_.reach, direction, edges_.data());
+        leave_hidden_out(clear_, at_.data(), along_.data(), m, edges_.data());
         std::size_t strong = 0;
         for (std::size_t i = 0; i < m; ++i)
             if (std::isfinite(edges_[i].offset) && std::fabs(edges_[i].strength) >= rules.least_strength)
@@ -212,6 +215,7 @@ class Converging {
             if (!(at_[i].x >= 1 && at_[i].y >= 1 && at_[i].x <= static_cast<double>(image_.width - 2) &&
                   at_[i].y <= static_cast<double>(image_.height - 2)))
                 continue;
+            if (std::isnan(edges_[i].strength)) continue;  // beside what is hidden nobody knows
             ++inside;
             const double slope = std::fabs(edges_[i].strength);
             if (!std::isfinite(edges_[i].offset) || slope < rules.least_strength ||
@@ -241,6 +245,7 @@ class Converging {
     }
 
     Image<std::uint8_t> image_;
+    Clear clear_;
     OutlineSamplesIn outline_;
     SurfacesIn surfaces_;
     double *left_, *weight_;

@@ -84,11 +84,33 @@ struct RegisterRules {
     double least_strength, relative_strength;
 };
 
+// Distances in px to what is hidden, 0 in it; without data nothing is.
+using Clear = Image<std::uint8_t>;
+
+// Whether the pixel at a place is hidden, or, with `by`, within so many px of it.
+inline bool hidden_at(const Clear &clear, Vec p, double by = 0.0) {
+    if (clear.data == nullptr) return false;
+    const double right = static_cast<double>(clear.width) - 1.0, bottom = static_cast<double>(clear.height) - 1.0;
+    const auto x = static_cast<std::ptrdiff_t>(std::lround(std::min(std::max(p.x, 0.0), right)));
+    const auto y = static_cast<std::ptrdiff_t>(std::lround(std::min(std::max(p.y, 0.0), bottom)));
+    return clear.data[y * clear.width + x] <= by;
+}
+
+// What is hidden has no edges, and what is beside it may have those of the hidden thing found in their place.
+inline void leave_hidden_out(const Clear &clear, const Vec *at, const Vec *along, std::size_t m, Edge *edges) {
+    if (clear.data == nullptr) return;
+    for (std::size_t i = 0; i < m; ++i)
+        if (hidden_at(clear, at[i]) ||
+            (std::isfinite(edges[i].offset) && hidden_at(clear, at[i] + edges[i].offset * along[i])))
+            edges[i].offset = edges[i].strength = std::numeric_limits<double>::quiet_NaN();
+}
+
 // `left` and `weight` are of the samples.
 inline Registered register_outline(const Image<std::uint8_t> &image, const double *H, const double *points,
                                    const double *normals, const double *strength, std::size_t m, const double *reaches,
                                    const std::int64_t *motions, const std::int64_t *strides, std::size_t steps,
-                                   const RegisterRules &rules, double *left, double *weight) {
+                                   const RegisterRules &rules, const Clear &clear, double *left,
+                                   double *weight) {
     const double nan = std::numeric_limits<double>::quiet_NaN();
     Registered out, nothing;
     std::copy(H, H + 9, out.H);
@@ -126,6 +148,7 @@ inline Registered register_outline(const Image<std::uint8_t> &image, const doubl
         for (std::size_t i = 0; i < n; ++i) spread += dot(at[i] - centre, at[i] - centre);
         const double radius = std::sqrt(spread / static_cast<double>(n));
         edge_search_each<false>(image, {at.data(), n}, along.data(), reaches[step], direction, edges.data());
+        leave_hidden_out(clear, at.data(), along.data(), n, edges.data());
         gains.clear();
         for (std::size_t i = 0; i < n; ++i)
             if (std::isfinite(edges[i].offset) && std::fabs(edges[i].strength) >= rules.least_strength)

@@ -4,6 +4,7 @@
 
 #include "edges.hpp"
 #include "light.hpp"
+#include "register.hpp"
 
 namespace grasptrack {
 
@@ -12,6 +13,7 @@ constexpr std::size_t kFewest = 24;
 constexpr double kChance = 3.0;
 constexpr double kLeastReal = 0.4;
 constexpr double kEdge = 2.0;
+constexpr double kBesideHidden = 3.0;
 
 struct Equations {
     Matrix8 N{}, told{}, chance{};
@@ -40,8 +42,8 @@ inline Matrix8 in_basis(const Matrix8 &M, const Matrix8 &B) {
 // Room is kept from surface to surface.
 class SurfaceFit {
   public:
-    SurfaceFit(const Image<std::uint8_t> &coarse, double shrink, std::size_t most)
-        : coarse_(coarse), shrink_(shrink), columns_(kAll, most) {}
+    SurfaceFit(const Image<std::uint8_t> &coarse, double shrink, const Clear &clear, std::size_t most)
+        : coarse_(coarse), clear_(clear), shrink_(shrink), columns_(kAll, most) {}
 
     void add(const double *H, Vec centre, double radius, const Matrix8 &basis, const SurfaceSamples &samples,
              Equations &out) {
@@ -85,6 +87,7 @@ class SurfaceFit {
             const Vec u{(h[0] * p.x + h[1] * p.y + h[2]) * over, (h[3] * p.x + h[4] * p.y + h[5]) * over};
             const Vec v{(u.x + 0.5) * by - 0.5, (u.y + 0.5) * by - 0.5};
             if (!(v.x >= kEdge && v.y >= kEdge && v.x < right && v.y < bottom)) continue;
+            if (hidden_at(clear_, u, kBesideHidden * shrink_)) continue;
             const double a = h[0] - h[6] * u.x, b = h[1] - h[7] * u.x, c = h[3] - h[6] * u.y, d = h[4] - h[7] * u.y;
             const double determinant = w / (a * d - b * c);  // a to d still times w
             then_x[n] = (d * s.x - c * s.y) * determinant;
@@ -202,6 +205,7 @@ class SurfaceFit {
     }
 
     Image<std::uint8_t> coarse_;
+    Clear clear_;
     double shrink_;
     std::size_t n_ = 0;
     Columns columns_;

@@ -38,6 +38,7 @@ def register_outline(
     strides: NDArray[np.int64],
     least_strength: float,
     relative_strength: float,
+    clear: NDArray[np.uint8] | None = None,
 ) -> tuple[Floats, Floats, Floats, float]: ...
 def grey_differences(
     coarse: NDArray[np.uint8], shrink: float, H: Floats, places: Floats, values: Floats, least_noise: float
@@ -75,6 +76,7 @@ def converge(
     still: float,
     least: int,
     most: int,
+    clear: NDArray[np.uint8] | None = None,
 ) -> tuple[
     Floats, int, Floats, float, tuple[Floats, float, Floats, Floats, Floats, Floats, Floats, Floats, Floats]
 ]: ...

@@ -12,6 +12,7 @@ import math
 
 from grasptrack.carriers import Carried
 from grasptrack.observation.posed import Fused
+from grasptrack.verdict import RIGHT, RIGHT_PX
 
 LEAST = 0.4
 """Of the outline, at least so much must agree."""
@@ -28,6 +29,9 @@ RISE, RISE_COVERED = 2.5, 1.5
 for a while, and draws it away, ..."""
 CALM = 0.2
 """... or so many px, whichever is more."""
+LEEWAY = 0.25
+"""... or so far that they could move no contact by more than this share of what makes it wrong, if all of them were off to
+the same effect. A part that is not quite flat shows its sides; where the outline fixes it well, that does no harm."""
 LEARNING = 0.2
 """Share of a new image in what they did of late."""
 SLOW = 1.1
@@ -59,9 +63,18 @@ class Agreement:
         most = MOST_NOISE * (HELD if fused.held else 1.0)
         limit = most if math.isnan(self._noise) else min(most, max(CALM, rise * self._noise))
         scatter = self._scatter(fused)
-        if scatter > limit:
+        if scatter > limit and not (scatter <= most and self._harmless(carried, scatter)):
             return f"the outline's edges scatter by {scatter:.2f} px, more than before: it may be covered, or not flat"
         return ""
+
+    @staticmethod
+    def _harmless(carried: Carried, scatter: float) -> bool:
+        """Whether edges that scatter so far, little of the outline being covered, can hardly make a contact wrong."""
+        fused = carried.fused
+        if fused is None or fused.agreement < WHOLE:
+            return False
+        wrong = max(RIGHT_PX, RIGHT * math.sqrt(carried.view.outer.area))
+        return fused.leverage * scatter <= LEEWAY * wrong
 
     @staticmethod
     def _scatter(fused: Fused) -> float:

@@ -111,6 +111,9 @@ class Belief:
         registration = self._reference.registration
         if registration is not None:
             found = self._carried(grey, hypothesis, registration)
+            if found is None and registration.hurried:
+                registration.search_next()
+                found = self._carried(grey, hypothesis, registration)
             if found is not None or hypothesis.view is None:
                 return found
         best: Believed | None = None

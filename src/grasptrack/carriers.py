@@ -18,6 +18,7 @@ from grasptrack.observation.fusion import Fusion
 from grasptrack.observation.images import Grey
 from grasptrack.observation.posed import Fused
 from grasptrack.observation.registration import CLOSE, FAR, OutlineRegistration, Schedule
+from grasptrack.observation.segmentation import clearance
 from grasptrack.observation.shape_space import Shape
 from grasptrack.observation.snake import Snake
 from grasptrack.projective import apply_homography, check_plausible
@@ -94,6 +95,9 @@ class RegistrationCarrier:
         hidden: (H, W) nonzero where nothing belongs to a scene.
         turns: (3, 3) each, under which the outline lies on itself.
 
+    Attributes:
+        hurried: the last pose was carried without a search.
+
     Raises:
         TransferError: the reference shows too few edges.
     """
@@ -111,8 +115,8 @@ class RegistrationCarrier:
         turns: list[Floats] | None = None,
     ) -> None:
         self._contacts, self._reference, self._turns = grasp.contacts, reference, turns or []
-        self._registration = OutlineRegistration(reference, grey, polarity)
-        self._calm = False
+        self._registration = OutlineRegistration(reference, grey, polarity, clearance(hidden))
+        self._calm = self.hurried = False
         self.fusion = Fusion(self._registration, reference, grey, grasp.contacts, hidden)
 
     def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
@@ -121,6 +125,7 @@ class RegistrationCarrier:
             raise TransferError("nothing says where the outline may be")
         problem: TransferError | None = None
         best = self._at_once(grey, prior)
+        self.hurried = best is not None
         if best is not None:
             return self._carried(best)
         try:
@@ -149,6 +154,10 @@ class RegistrationCarrier:
         except TransferError:
             return None
         return None if fused.agreement < AT_ONCE or self.fusion.differs(fused) else fused
+
+    def search_next(self) -> None:
+        """What was carried without a search is not believed: the next is searched for."""
+        self._calm = False
 
     def believe(self, carried: Carried, predicted: Floats) -> None:
         """The verdict accepted this one.

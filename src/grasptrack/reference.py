@@ -17,6 +17,7 @@ from grasptrack.grasp import Grasp
 from grasptrack.observation.flanks import Flanks
 from grasptrack.observation.images import Grey
 from grasptrack.observation.interior import Interior
+from grasptrack.observation.segmentation import clearance
 from grasptrack.observation.support import OutlineSamples
 from grasptrack.projective import apply_homography, similarity
 from grasptrack.transfer.alignment import alignments, as_similarity
@@ -69,7 +70,7 @@ class Reference:
         self.analysis = analyze(grasp, view, friction, self.width, "reference")
         self.samples = OutlineSamples(view, grey, grasp.contacts, self.width, polarity, hidden)
         own = self.samples.outline
-        self.flanks = Flanks(self.samples.points[own], self.samples.normals[own], grey, self.size)
+        self.flanks = Flanks(self.samples.points[own], self.samples.normals[own], grey, self.size, clearance(hidden))
         self.carriers = _carriers(strategy, grasp, view, grey)
         self.symmetry, self.turns = _symmetries(view, grey, self.samples, grasp.contacts)
         self.registration = _registration(grasp, view, grey, polarity, hidden, self.turns) if strategy == AUTO else None

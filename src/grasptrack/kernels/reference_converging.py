@@ -55,6 +55,7 @@ def converge(
     still: float,
     least: int,
     most: int,
+    clear: NDArray[np.uint8] | None = None,
 ) -> Converged:
     """The pose to which an image leads from a first one, by Gauss-Newton's steps.
 
@@ -66,6 +67,7 @@ def converge(
         loose: px, how large a motion may be of which nothing is seen.
         still: px rms, a step below which no more are made.
         least, most: steps.
+        clear: as for `motion_equations`.
 
     Raises:
         ValueError: as `motion_equations`; flags of another number; nothing loose.
@@ -88,6 +90,7 @@ def converge(
             values,
             slopes,
             starts,
+            clear,
         )
         if len(use) != len(starts):
             raise ValueError(f"the outline and each surface are in use or not: {len(starts)} flags")

@@ -16,7 +16,7 @@ from grasptrack.kernels.reference_evidence import (
     whitening,
 )
 from grasptrack.kernels.reference_light import EDGE, FEWEST, WEIGHINGS, bilinear, independent, quiet, tukey
-from grasptrack.kernels.reference_support import search_edges
+from grasptrack.kernels.reference_support import hidden_at, in_hidden, search_edges
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +30,8 @@ LEAST_REAL = 0.4
 """Of a surface's squared slopes, at least this share is taken to be no noise when a step is made."""
 
 
+BESIDE_HIDDEN = 3.0
+"""Shrunk pixels within which of what is hidden a surface is not looked at."""
 RIGHT, DOWN = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 
 
@@ -79,6 +81,7 @@ def motion_equations(
     values: Floats,
     slopes: Floats,
     starts: NDArray[np.int64],
+    clear: NDArray[np.uint8] | None = None,
 ) -> MotionEquations:
     """What an image says of the motion that is still missing at a pose.
 
@@ -95,6 +98,8 @@ def motion_equations(
         places, values, slopes: (p, 2) px, (p,) grey levels and (p, 2) grey levels per px of surfaces in the reference, read
             off it as from `coarse`.
         starts: (G + 1,) surface g has the places ``starts[g]:starts[g + 1]``.
+        clear: (H, W) px from each pixel to what is hidden, 0 in it; None where nothing is. Edges in it, and places within
+            BESIDE_HIDDEN shrunk pixels of it, are as if they were outside the image.
 
     Light may differ by a gain and by levels that change linearly over each surface: they are fitted along.
 
@@ -115,6 +120,8 @@ def motion_equations(
         raise ValueError("each place needs its value and slope, and starts rise from 0 to the number of places")
     if not 0 < reach <= 1000:
         raise ValueError(f"reach must be above 0 and at most 1000 px, not {reach:g}")
+    if clear is not None and clear.shape != image.shape:
+        raise ValueError("what is hidden needs the image's size")
     surfaces = len(starts) - 1
     N, sure = np.zeros((1 + surfaces, 8, 8)), np.zeros((1 + surfaces, 8, 8))
     b, stats = np.zeros((1 + surfaces, 8)), np.zeros((1 + surfaces, 4))
@@ -130,13 +137,15 @@ def motion_equations(
     basis = whitening(fields)
 
     edges = search_edges(image, at, along, reach, polarity, strength)
+    blind = in_hidden(clear, at, along, edges[:, 0])
+    edges[blind] = np.nan
     size = np.abs(edges[:, 1])
     found = np.isfinite(edges[:, 0]) & (size >= least_strength)
     if found.any():
         ratio = size[found] / np.abs(strength[found])
         found &= size >= relative_strength * float(np.sort(ratio)[(len(ratio) - 1) // 2]) * np.abs(strength)
     height, width = image.shape
-    inside = (at >= 1.0).all(axis=1) & (at[:, 0] <= width - 2.0) & (at[:, 1] <= height - 2.0)
+    inside = (at >= 1.0).all(axis=1) & (at[:, 0] <= width - 2.0) & (at[:, 1] <= height - 2.0) & ~blind
     found &= inside
     if found.any():
         offsets = edges[found, 0]
@@ -153,7 +162,7 @@ def motion_equations(
         left[found], weights[found] = offsets, weight
     for g in range(surfaces):
         mine = slice(int(starts[g]), int(starts[g + 1]))
-        found_here = _surface(coarse, shrink, H, places[mine], values[mine], slopes[mine], centre, radius, basis)
+        found_here = _surface(coarse, shrink, H, places[mine], values[mine], slopes[mine], centre, radius, basis, clear)
         if found_here is not None:
             N[1 + g], sure[1 + g], b[1 + g], stats[1 + g] = found_here
     return MotionEquations(centre, radius, basis, N, sure, b, stats, left, weights)
@@ -169,6 +178,7 @@ def _surface(
     centre: Floats,
     radius: float,
     basis: Floats,
+    clear: NDArray[np.uint8] | None,
 ) -> tuple[Floats, Floats, Floats, tuple[float, float, float, float]] | None:
     """N, sure, b and stats of one surface; None where it says nothing."""
     carried = carry_normals(H, places, slopes)
@@ -179,6 +189,8 @@ def _surface(
     height, width = coarse.shape
     with np.errstate(invalid="ignore"):
         inside = (v >= EDGE).all(axis=1) & (v[:, 0] < width - 1 - EDGE) & (v[:, 1] < height - 1 - EDGE)
+    if clear is not None:
+        inside &= ~hidden_at(clear, np.where(np.isfinite(u), u, 0.0), BESIDE_HIDDEN * shrink)
     if np.count_nonzero(inside) < FEWEST:
         return None
     u, v, wanted, w = u[inside], v[inside], values[inside], w[inside]

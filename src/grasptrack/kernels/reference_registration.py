@@ -16,7 +16,7 @@ from grasptrack.kernels.reference_evidence import (
     near_identity,
     whitening,
 )
-from grasptrack.kernels.reference_support import search_edges
+from grasptrack.kernels.reference_support import in_hidden, search_edges
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +42,7 @@ def register_outline(
     strides: NDArray[np.int64],
     least_strength: float,
     relative_strength: float,
+    clear: NDArray[np.uint8] | None = None,
 ) -> tuple[Floats, Floats, Floats, float]:
     """Refine a homography on the edges along an outline: iterated robust Gauss-Newton, point to tangent line.
 
@@ -59,6 +60,7 @@ def register_outline(
         strides: (r,) of each step: every so many-th sample is looked at.
         least_strength: grey levels per px of an edge.
         relative_strength: of an edge, relative to the reference's and to the gain of most.
+        clear: (H, W) px from each pixel to what is hidden, 0 in it; None where nothing is. Edges in it count nothing.
 
     Returns:
         (3, 3) the homography, its last element 1; (m,) what is left, px along the normals, NaN without an edge; (m,)
@@ -75,6 +77,8 @@ def register_outline(
             raise ValueError(f"a motion has 4, 6 or 8 parameters, not {motion}")
         if stride < 1:
             raise ValueError(f"a stride is 1 or more, not {stride}")
+    if clear is not None and clear.shape != image.shape:
+        raise ValueError("what is hidden needs the image's size")
     nothing = np.full((3, 3), np.nan), np.full(len(points), np.nan), np.zeros(len(points)), math.nan
     left, weights, noise = nothing[1:]
     for reach, motion, stride in zip(reaches.tolist(), motions.tolist(), strides.tolist(), strict=True):
@@ -84,6 +88,8 @@ def register_outline(
         at, along = np.ascontiguousarray(carried[:, :2]), np.ascontiguousarray(carried[:, 2:4])
         asked = strength[::stride]
         edges = search_edges(image, at, along, reach, polarity, asked)
+        blind = in_hidden(clear, at, along, edges[:, 0])
+        edges[blind] = np.nan
         size = np.abs(edges[:, 1])
         found = np.isfinite(edges[:, 0]) & (size >= least_strength)
         if found.any():

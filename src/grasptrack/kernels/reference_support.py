@@ -92,6 +92,33 @@ def search_edges(
     return edges
 
 
+def hidden_at(clear: NDArray[np.uint8], at: Floats, by: float = 0.0) -> Bools:
+    """(m,) whether the pixel at a place (m, 2) is hidden, or within so many px of it.
+
+    Args:
+        clear: (H, W) px from each pixel to what is hidden, 0 in it.
+        at: places.
+        by: px.
+    """
+    last = np.array(clear.shape[::-1]) - 1.0
+    x, y = np.floor(at.clip(0.0, last) + 0.5).astype(np.intp).T
+    return np.asarray(clear[y, x] <= by)
+
+
+def in_hidden(clear: NDArray[np.uint8] | None, at: Floats, along: Floats, offsets: Floats) -> Bools:
+    """(m,) samples that are hidden, or whose edge is: beside what is hidden its own edges are found in their place.
+
+    Args:
+        clear: as for `hidden_at`; None where nothing is hidden.
+        at, along: (m, 2) samples and their normals.
+        offsets: (m,) px of the edges, NaN without one.
+    """
+    if clear is None:
+        return np.zeros(len(at), dtype=np.bool_)
+    there = at + np.where(np.isfinite(offsets), offsets, 0.0)[:, None] * along
+    return hidden_at(clear, at) | hidden_at(clear, there)
+
+
 def _on_the_ground(edges: Floats, found: Bools, other_ground: float) -> Bools:
     """(m,) edges with the same ground beyond them as most: the same level, or as much lighter as the object is there."""
     if not found.any():

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import Bools
 from grasptrack.kernels.reference_light import bilinear
+from grasptrack.kernels.reference_support import hidden_at
 from grasptrack.observation.images import Grey
 from grasptrack.observation.surface import shrunk
+from grasptrack.projective import apply_homography
 
 Floats = NDArray[np.float64]
 
@@ -37,9 +39,11 @@ class Flanks:
         points, normals: (m, 2) px and unit, outward, in the order of the outline.
         grey: (H, W) the image of it.
         size: px, sqrt(area).
+        clear: (H, W) px from each pixel to what is hidden, in all images; None where nothing is.
     """
 
-    def __init__(self, points: Floats, normals: Floats, grey: Grey, size: float) -> None:
+    def __init__(self, points: Floats, normals: Floats, grey: Grey, size: float, clear: Grey | None = None) -> None:
+        self._clear = clear
         first = max(DEPTHS[0] * size, LEAST_DEPTH)
         depths = first / DEPTHS[0] * np.array(DEPTHS)
         offsets = np.concatenate([-depths, depths])
@@ -63,9 +67,11 @@ class Flanks:
         """
         if not (ground or self._even):
             return against.copy(), np.zeros(len(against), np.bool_)  # the outer side tells nothing
-        return kernels.judge_flanks(
-            coarse, float(BY), H, self._places, self._values, self._contrast, against, missed, True
-        )
+        values = self._values
+        if self._clear is not None:
+            hidden = hidden_at(self._clear, apply_homography(H, self._places), 2.0 * BY)
+            values = np.where(hidden.reshape(values.shape), math.nan, values)
+        return kernels.judge_flanks(coarse, float(BY), H, self._places, values, self._contrast, against, missed, True)
 
 
 def _median(levels: Floats) -> float:

@@ -273,6 +273,7 @@ class Fusion:
             still,
             least,
             most,
+            self._outline.clear,
         )
         return Posed(found, use, by, LOOSE * self._size, self._contacts)
 
@@ -286,9 +287,10 @@ class Fusion:
         surfaces_alone, spread = [False, *used[1:]], SPREAD
         if not used[GROUND] and stats[GROUND][2] > STRANGE * max(stats[INSIDE][2], LEAST_NOISE_GREY):
             spread *= SPREAD_STRANGE
+        covariance = state.covariance(state.use)
         return Fused(
             state.H,
-            spread * state.covariance(state.use),
+            spread * covariance,
             stats[0][1],
             stats[0][2],
             state.scatter,
@@ -297,6 +299,7 @@ class Fusion:
             (used[0], used[1], used[2]),
             any(surfaces_alone) and state.deviation(surfaces_alone) <= HELD,
             state.by,
+            state.leverage(covariance),
             spread * state.homography_covariance(state.use),
         )
 

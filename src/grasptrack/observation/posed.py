@@ -40,6 +40,7 @@ class Fused(NamedTuple):
         used: whether the pose rests on the outline, the surface and the ground.
         held: whether the surfaces alone fix each contact: no cover of the outline can bend the pose then.
         by: how many times the image was shrunk in which surfaces were compared, with a minus without its light.
+        leverage: px by which a contact is moved at most by edges that are off by 1 px, rms, however they may be.
         homography_covariance: (9, 9) of the entries of the homography, row by row, its last one being 1.
     """
 
@@ -53,6 +54,7 @@ class Fused(NamedTuple):
     used: tuple[bool, bool, bool]
     held: bool
     by: int
+    leverage: float
     homography_covariance: Floats
 
 
@@ -130,6 +132,21 @@ class Posed:
     def deviation(self, use: list[bool] | None = None) -> float:
         """px, the largest standard deviation of a contact in x or y."""
         return math.sqrt(float(self.covariance(self.use if use is None else use).diagonal().max()))
+
+    def leverage(self, covariance: Floats) -> float:
+        """px by which a contact is moved at most by edges that are off by 1 px, rms: a bound, exact by the outline alone.
+
+        Args:
+            covariance: (2 k, 2 k) px^2 of the contacts, as the evidence in use leaves it.
+        """
+        count, _, noise, _ = self.stats[0]
+        if not self.told(0):
+            return math.inf
+        most = 0.0
+        for i in range(0, len(covariance), 2):
+            (xx, xy), (_, yy) = covariance[i : i + 2, i : i + 2].tolist()
+            most = max(most, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
+        return math.sqrt(count * most) / noise
 
     def slid(self, by: float) -> tuple[Floats, Floats]:
         """(3, 3) each, the poses to either side in which the contacts have moved by so many px, rms, the way that the outline

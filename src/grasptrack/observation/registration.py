@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import View
 from grasptrack.errors import TransferError
+from grasptrack.kernels.reference_support import in_hidden
 from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
@@ -67,12 +68,13 @@ class OutlineRegistration:
         view: the reference outline.
         grey: the image it came from.
         polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ.
+        clear: (H, W) px from each pixel to what is hidden, in this image and in those that follow; None where nothing is.
 
     Raises:
         TransferError: too little of the outline shows an edge.
     """
 
-    def __init__(self, view: View, grey: Grey, polarity: int) -> None:
+    def __init__(self, view: View, grey: Grey, polarity: int, clear: Grey | None = None) -> None:
         total = sum(c.length for c in view.contours)
         spacing = max(SPACING, total / MOST)
         places = [
@@ -86,6 +88,7 @@ class OutlineRegistration:
         edges = kernels.edge_search(grey, points, normals, NEAR, polarity)
         strength = np.abs(edges[:, 1])
         good = (np.abs(edges[:, 0]) <= 0.5 * NEAR) & (strength >= MIN_STRENGTH)
+        good &= ~in_hidden(clear, points, normals, edges[:, 0])
         if good.any():
             good &= strength >= RELATIVE_STRENGTH * float(np.median(strength[good]))
         if np.count_nonzero(good) < 24:
@@ -94,6 +97,7 @@ class OutlineRegistration:
         self._normals: Floats = np.ascontiguousarray(normals[good])
         self._strength: Floats = np.ascontiguousarray((strength if polarity else edges[:, 1])[good])
         self._polarity = polarity
+        self.clear = clear
 
     @property
     def samples(self) -> tuple[Floats, Floats, Floats, int]:
@@ -121,6 +125,7 @@ class OutlineRegistration:
             *schedule,
             MIN_STRENGTH,
             RELATIVE_STRENGTH,
+            self.clear,
         )
         if not math.isfinite(found[3]):
             raise TransferError("too few edges along the outline where it was expected")

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,10 @@ from grasptrack import kernels
 from grasptrack.contour import Bools, View
 from grasptrack.errors import ConditioningError
 from grasptrack.kernels.reference_contradiction import attached
+from grasptrack.kernels.reference_support import hidden_at
 from grasptrack.kernels.reference_weighing import expected_levels
 from grasptrack.observation.images import Grey
+from grasptrack.observation.segmentation import clearance
 
 Floats = NDArray[np.float64]
 
@@ -30,8 +32,6 @@ MIN_REACH, MAX_REACH = 3.0, 12.0
 """... and within these px."""
 MIN_STRENGTH = 2.0
 """Grey levels per px below which nothing counts as an edge."""
-NEVER = 1e12
-"""Grey levels per px that no edge has."""
 RELATIVE_STRENGTH = 0.3
 """An edge counts when it is so strong relative to the reference's, exposure and blur of the whole image allowed for."""
 OTHER_GROUND = 0.3
@@ -131,7 +131,7 @@ class OutlineSamples:
         self.inside: Floats = edges[keep, 2]
         self.outside: Floats = edges[keep, 3]
         self.polarity = polarity
-        self._hidden = hidden
+        self._hidden, self._clear = hidden, clearance(hidden)
         self.contacts = len(contacts)
         self.count = int(np.count_nonzero(self.outline))
         self.area = area
@@ -168,29 +168,9 @@ class OutlineSamples:
         Raises:
             ConditioningError: H sends part of the outline to infinity.
         """
-        covered = self._covered(H)
-        strength = self.strength if covered is None else np.where(covered, NEVER, self.strength)
-        size, reach, points, normals, edges, inside, found, shift, covariance = kernels.outline_support(
-            grey,
-            H,
-            self.points,
-            self.normals,
-            strength,
-            contacts,
-            self.polarity,
-            self.area,
-            REACH,
-            MIN_REACH,
-            MAX_REACH,
-            MIN_STRENGTH,
-            RELATIVE_STRENGTH,
-            OTHER_GROUND,
-            LOOSE,
-        )
+        size, reach, points, normals, edges, inside, found, shift, covariance = self._edges(grey, H, contacts)
         if not size > 0.0:
             raise ConditioningError("the homography sends part of the object to infinity")
-        if covered is not None:
-            inside = inside & ~covered
         share, visible, rms, spread, seen, against, levels, self.against = kernels.weigh_edges(
             grey,
             points,
@@ -211,11 +191,34 @@ class OutlineSamples:
         self.missed = (inside & ~found)[self.outline]
         return Support(share, visible, rms, spread, reach, shift, covariance, seen, size, against, levels)
 
-    def _covered(self, H: Floats) -> Bools | None:
-        """(n,) samples that H puts where nothing belongs to the scene; None where that is nowhere."""
-        if self._hidden is None:
+    def _edges(self, grey: Grey, H: Floats, contacts: Floats) -> tuple[Any, ...]:
+        """What `kernels.outline_support` finds. Samples whose edge might be that of something hidden are not in view."""
+        rules = REACH, MIN_REACH, MAX_REACH, MIN_STRENGTH, RELATIVE_STRENGTH, OTHER_GROUND, LOOSE
+        blind = self._blind(H)
+        if blind is None or blind.all():
+            samples = self.points, self.normals, self.strength
+            told = kernels.outline_support(grey, H, *samples, contacts, self.polarity, self.area, *rules)
+            return told if blind is None else (*told[:5], told[5] & ~blind, told[6] & ~blind, *told[7:])
+        seen = ~blind
+        samples = (np.ascontiguousarray(each[seen]) for each in (self.points, self.normals, self.strength))
+        size, reach, *of_samples, shift, covariance = kernels.outline_support(
+            grey, H, *samples, contacts, self.polarity, self.area, *rules
+        )
+        carried = kernels.carry_normals(H, self.points, self.normals)
+        points, normals = np.ascontiguousarray(carried[:, :2]), np.ascontiguousarray(carried[:, 2:4])
+        edges = np.zeros((len(seen), 4))
+        edges[:, 0] = np.nan
+        inside, found = np.zeros((2, len(seen)), dtype=np.bool_)
+        edges[seen], inside[seen], found[seen] = of_samples[2:]
+        return size, reach, points, normals, edges, inside, found, shift, covariance
+
+    def _blind(self, H: Floats) -> Bools | None:
+        """(n,) samples that H puts within reach of what does not belong to the scene; None where it puts none there."""
+        if self._clear is None:
             return None
-        height, width = self._hidden.shape
-        at = kernels.carry_normals(H, self.points, self.normals)[:, :2]
-        at = np.rint(np.where(np.isfinite(at), at, 0.0).clip(0.0, (width - 1.0, height - 1.0))).astype(np.intp)
-        return np.asarray(self._hidden[at[:, 1], at[:, 0]] != 0)
+        carried = kernels.carry_normals(H, self.points, self.normals)
+        if not np.isfinite(carried).all():
+            return None
+        size = math.sqrt(self.area * abs(float(carried[:, 4].mean())))
+        blind = hidden_at(self._clear, carried[:, :2], min(max(REACH * size, MIN_REACH), MAX_REACH))
+        return blind if blind.any() else None
