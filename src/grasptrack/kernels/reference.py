@@ -30,6 +30,8 @@ from grasptrack.kernels.reference_places import carry_places, fixed_places, loca
 from grasptrack.kernels.reference_ranking import rank_grasps
 from grasptrack.kernels.reference_refine import refine_contacts
 from grasptrack.kernels.reference_registration import register_outline
+from grasptrack.kernels.reference_searching import search_sightings
+from grasptrack.kernels.reference_sightings import expected_sightings, filter_sighting, step_state
 from grasptrack.kernels.reference_starts import outline_starts
 from grasptrack.kernels.reference_support import outline_support
 from grasptrack.kernels.reference_threshold import soft_threshold
@@ -56,6 +58,8 @@ __all__ = [
     "distortion",
     "edge_links",
     "edge_search",
+    "expected_sightings",
+    "filter_sighting",
     "finger_rooms",
     "fit_homography",
     "fixed_places",
@@ -79,10 +83,12 @@ __all__ = [
     "refine_contacts",
     "register_outline",
     "resample",
+    "search_sightings",
     "seen_motion",
     "select_points",
     "settle_edges",
     "soft_threshold",
+    "step_state",
     "trace_edges",
     "weigh_edges",
 ]

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, changed, expected
+from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, packed, unpacked
 from grasptrack.servo.sighting import Sighting
 
 Floats = NDArray[np.float64]
@@ -112,20 +113,12 @@ class Estimate:
             The innovation, in standard deviations (root of the mean square); inf where nothing could be compared.
         """
         self.advance(seen.time)
-        pixels, slopes = expected(self.camera, self.object, seen.hand[None], np.zeros(1))
-        if not np.isfinite(pixels).all():
-            return float("inf")
-        off = (seen.points - pixels[0]).ravel()
-        H = slopes.reshape(len(off), -1)
-        R = seen.stacked_noise()
-        PH = self.covariance @ H.T
-        size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
-        self._count(off, size)
-        R = R * (1.0 + (size / ROBUST) ** 2) ** 2
-        gain = np.linalg.solve(H @ PH + R, PH.T).T
-        self.camera, self.object = changed(self.camera, self.object, gain @ off)
-        P = self.covariance - gain @ PH.T
-        self.covariance = 0.5 * (P + P.T)
+        state, covariance, off, size = kernels.filter_sighting(
+            packed(self.camera, self.object), self.covariance, seen.hand, seen.points, seen.noise, ROBUST
+        )
+        if np.isfinite(size):
+            self._count(off, size)
+            (self.camera, self.object), self.covariance = unpacked(state), covariance
         return size
 
     @property

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +48,19 @@ class Sighting:
         for i, block in enumerate(self.noise):
             out[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
         return out
+
+    @cached_property
+    def row(self) -> Floats:
+        """(17 + 6n,) time, pose, points and noise in a row: many such rows are stacked quickly."""
+        return np.concatenate([(self.time,), self.hand.ravel(), self.points.ravel(), self.noise.ravel()])
+
+
+def stacked(seen: Sequence[Sighting]) -> tuple[Floats, Floats, Floats, Floats]:
+    """Times (N,), poses (N, 4, 4), points (N, n, 2) and noise (N, n, 2, 2) of sightings of the same points."""
+    N, n = len(seen), len(seen[0].points)
+    rows = np.concatenate([s.row for s in seen]).reshape(N, -1)
+    points, noise = rows[:, 17 : 17 + 2 * n], rows[:, 17 + 2 * n :]
+    return rows[:, 0], rows[:, 1:17].reshape(N, 4, 4), points.reshape(N, n, 2), noise.reshape(N, n, 2, 2)
 
 
 class Sighter:

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+// One update of a robust extended Kalman filter by what was seen.
+#pragma once
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "linear.hpp"
+#include "sightings.hpp"
+
+namespace grasptrack {
+
+// Changes state and covariance in place; `off` (2n) becomes what was seen less what was expected. Returns the innovation in
+// standard deviations, infinite where a point would lie behind the camera: nothing is changed then.
+inline double filter_sighting(double *s, double *P, const double *hand, const double *points, const double *noise,
+                              std::size_t n, double robust, double *off) {
+    const std::size_t m = unknown::shape + 2 * n, rows = 2 * n;
+    std::vector<double> H(rows * m), PH(m * rows), S(rows * rows), solved(rows), gain(m * rows), step(m);
+    for (std::size_t i = 0; i < n; ++i) {
+        const Seen one(s, hand, 0.0, i);
+        double J[2][unknown::own];
+        one.slopes(s, hand, 0.0, i, J);
+        for (std::size_t r = 0; r < 2; ++r) {
+            off[2 * i + r] = points[2 * i + r] - one.at[r];
+            if (!std::isfinite(one.at[r])) return std::numeric_limits<double>::infinity();
+            for (std::size_t c = 0; c < unknown::own; ++c) H[(2 * i + r) * m + column(c, i)] = J[r][c];
+        }
+    }
+    for (std::size_t a = 0; a < m; ++a)
+        for (std::size_t r = 0; r < rows; ++r) {
+            double sum = 0.0;
+            for (std::size_t c = 0; c < m; ++c) sum += P[a * m + c] * H[r * m + c];
+            PH[a * rows + r] = sum;
+        }
+    for (std::size_t r = 0; r < rows; ++r)
+        for (std::size_t q = 0; q < rows; ++q) {
+            double sum = 0.0;
+            for (std::size_t c = 0; c < m; ++c) sum += H[r * m + c] * PH[c * rows + q];
+            S[r * rows + q] = sum;
+        }
+    const auto with_noise = [&](double times) {
+        std::vector<double> out(S);
+        for (std::size_t i = 0; i < n; ++i)
+            for (std::size_t r = 0; r < 2; ++r)
+                for (std::size_t c = 0; c < 2; ++c)
+                    out[(2 * i + r) * rows + 2 * i + c] += times * noise[4 * i + 2 * r + c];
+        return Factors(std::move(out), rows);
+    };
+    with_noise(1.0).solve(off, solved.data());
+    double size = 0.0;
+    for (std::size_t r = 0; r < rows; ++r) size += off[r] * solved[r];
+    size = std::sqrt(size / double(rows));
+    const double softened = 1.0 + (size / robust) * (size / robust);
+    const Factors factors = with_noise(softened * softened);
+    for (std::size_t a = 0; a < m; ++a) {
+        factors.solve(&PH[a * rows], &gain[a * rows]);  // S is symmetric
+        for (std::size_t r = 0; r < rows; ++r) step[a] += gain[a * rows + r] * off[r];
+    }
+    std::vector<double> from(s, s + state::points + 2 * n);
+    stepped(from.data(), step.data(), n, s);
+    for (std::size_t a = 0; a < m; ++a)
+        for (std::size_t c = 0; c <= a; ++c) {
+            double there = 0.0, back = 0.0;
+            for (std::size_t r = 0; r < rows; ++r) {
+                there += gain[a * rows + r] * PH[c * rows + r];
+                back += gain[c * rows + r] * PH[a * rows + r];
+            }
+            const double mean = 0.5 * (P[a * m + c] - there + P[c * m + a] - back);
+            P[a * m + c] = P[c * m + a] = mean;
+        }
+    return size;
+}
+
+}  // namespace grasptrack
