@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.errors import InputError
-from grasptrack.servo.geometry import check_pose, rotation, skews
+from grasptrack.servo.geometry import check_pose, skews
 
 Floats = NDArray[np.float64]
 
@@ -62,14 +62,8 @@ class HandCamera:
 
         A still point moves by -v - w x P in the hand's frame (Chaumette and Hutchinson 2006, eq. 6).
         """
-        by_twist = np.concatenate([np.broadcast_to(-np.eye(3), (len(points), 3, 3)), skews(points)], axis=2)
-        return np.asarray(self.slopes(points) @ self.turn.T @ by_twist)
-
-    def changed(self, log_focal: float, turn: Floats, offset: Floats) -> HandCamera:
-        """The camera with its focal length times exp(log_focal), turned by (3,) rad in its own frame, moved by (3,) m."""
-        return HandCamera(
-            self.focal * float(np.exp(log_focal)), self.centre, self.turn @ rotation(turn), self.offset + offset
-        )
+        by_point = self.slopes(points) @ self.turn.T
+        return np.concatenate([-by_point, by_point @ skews(points)], axis=2)
 
 
 @dataclass(frozen=True)

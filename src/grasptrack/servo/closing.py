@@ -72,7 +72,7 @@ class Doubt:
     def tolerance(self, time: float) -> float:
         """px; more than at first once the hand has been near the goal for long."""
         late = 0.0 if self._near is None else (time - self._near) / self._asked.patience - 1.0
-        return self._asked.tolerance + float(np.clip(late, 0.0, 1.0)) * (self._asked.loosest - self._asked.tolerance)
+        return self._asked.tolerance + min(max(late, 0.0), 1.0) * (self._asked.loosest - self._asked.tolerance)
 
     def why_not(self, result: TrackResult, error_px: float, goal: Floats, time: float) -> str:
         """Why not to close on this image; empty when everything speaks for it. Call it once for every image.

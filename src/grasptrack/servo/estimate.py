@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, packed, unpacked
-from grasptrack.servo.sighting import Sighting
+from grasptrack.servo.sighting import Sighting, blocks
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +75,9 @@ class Estimate:
         covariance: (16 + 2n, 16 + 2n) of their errors.
         time: s, at which the object is where it is said to be.
     """
+
+    linearised_at_goal = False
+    """Whether the interaction matrix is that of the goal, and not that of where the points are."""
 
     def __init__(self, camera: HandCamera, object_: Placed, covariance: Floats, time: float) -> None:
         self.camera, self.object, self.covariance, self.time = camera, object_, covariance, time
@@ -156,10 +159,6 @@ class Estimate:
         velocity = self.object.velocity()
         return velocity if known > MOVES**2 and float(velocity @ velocity) > LEAST_SPEED**2 else np.zeros(3)
 
-    def linearised_at(self, points: Floats, wanted: Floats) -> Floats:
-        """Where the interaction matrix is taken, (k, 3) m in the hand's frame: where the points are."""
-        return points
-
     def relative_error(self) -> float:
         """The standard deviation of the first two contacts' distance, over that distance."""
         apart = self.object.points[0] - self.object.points[1]
@@ -205,4 +204,4 @@ def on_plane(camera: HandCamera, object_: Placed, seen: Sighting) -> Floats | No
 def misfit(known: Estimate, seen: Sighting) -> float:
     """How far off a sighting is, in its own standard deviations (root of the mean square)."""
     off = (seen.points - known.camera.project(known.in_hand(seen.hand, seen.time))).ravel()
-    return float(np.sqrt(off @ np.linalg.solve(seen.stacked_noise(), off) / len(off)))
+    return float(np.sqrt(off @ np.linalg.solve(blocks(seen.noise), off) / len(off)))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import numpy as np
@@ -16,6 +17,7 @@ Floats = NDArray[np.float64]
 __all__ = [
     "between",
     "check_pose",
+    "complex_numbers",
     "inverse",
     "laid",
     "moved",
@@ -24,6 +26,7 @@ __all__ = [
     "rotation_vector",
     "skew",
     "skews",
+    "turn_between",
 ]
 
 ROUNDING = 1e-3
@@ -71,16 +74,32 @@ def check_pose(pose: ArrayLike) -> Floats:
     given = np.asarray(pose, dtype=np.float64)
     if given.shape != (4, 4) or not np.isfinite(given).all():
         raise InputError("a pose is a finite 4 x 4 matrix", shape=given.shape)
-    R = given[:3, :3]
-    off = float(np.abs(R @ R.T - np.eye(3)).max())
-    if off > ROUNDING or np.linalg.det(R) < 0.0 or float(np.abs(given[3] - (0.0, 0.0, 0.0, 1.0)).max()) > ROUNDING:
+    (a, b, c, _), (d, e, f, _), (g, h, i, _), (p, q, r, s) = given.tolist()
+    off = (
+        a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
+        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i, p, q, r, s - 1.0,
+    )  # fmt: skip
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    if max(map(abs, off)) > ROUNDING or determinant < 0.0:
         raise InputError("a pose is a rotation and a position above the row 0 0 0 1", pose=given.tolist())
     return given
 
 
+def turn_between(first: Floats, second: Floats) -> float:
+    """The turn in rad that brings points (k, 2 or more) as near to others as a rigid motion of the plane can."""
+    z, w = complex_numbers(first), complex_numbers(second)
+    a, b = sum(z) / len(z), sum(w) / len(w)
+    return cmath.phase(sum((v - b) * (u - a).conjugate() for u, v in zip(z, w, strict=True)))
+
+
 def laid(shape: Floats, onto: Floats) -> tuple[Floats, float]:
     """Points (k, 2) moved rigidly to lie best on others, and the turn in rad that it took."""
-    z, w = (p[:, 0] + 1j * p[:, 1] for p in (shape, onto))
-    turn = np.angle(((w - w.mean()) * (z - z.mean()).conj()).sum())
-    out = (z - z.mean()) * np.exp(1j * turn) + w.mean()
-    return np.column_stack([out.real, out.imag]), float(turn)
+    z, w, turn = complex_numbers(shape), complex_numbers(onto), turn_between(shape, onto)
+    a, b, by = sum(z) / len(z), sum(w) / len(w), cmath.rect(1.0, turn)
+    there = [(u - a) * by + b for u in z]
+    return np.array([(p.real, p.imag) for p in there]), turn
+
+
+def complex_numbers(points: Floats) -> list[complex]:
+    """x + iy of points (k, 2 or more). Of two or three points Python's own numbers are quicker than arrays."""
+    return [complex(p[0], p[1]) for p in points.tolist()]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,7 @@ class Limits:
 
 
 def _short(v: Floats, most: float) -> Floats:
-    size = float(np.sqrt(v @ v))
+    size = math.sqrt(v @ v)
     return v if size <= most else np.asarray(v * (most / size))
 
 
@@ -68,4 +69,4 @@ def _share(kept: Floats, more: Floats, most: float) -> float:
     a, b, c = float(more @ more), float(kept @ more), float(kept @ kept) - most**2
     if a < 1e-18 or a + 2.0 * b + c <= 0.0:
         return 1.0
-    return float(np.clip((-b + np.sqrt(max(b * b - a * c, 0.0))) / a, 0.0, 1.0))
+    return min(max((-b + math.sqrt(max(b * b - a * c, 0.0))) / a, 0.0), 1.0)
