@@ -76,6 +76,17 @@ nb::tuple py_expected_sightings(const ValueArray &state, const HandArray &hands,
     return nb::make_tuple(pixels.array(), slopes.array());
 }
 
+nb::tuple py_advance_state(const ValueArray &from, const RowArray &covariance, double seconds, double drift,
+                           double wander, double twirl) {
+    const std::size_t n = count_points(from), m = unknown::shape + 2 * n;
+    check_size(covariance, n);
+    Output moved(from.shape(0)), wider(m, m);
+    std::copy(from.data(), from.data() + from.shape(0), moved.values());
+    std::copy(covariance.data(), covariance.data() + m * m, wider.values());
+    advance_state(moved.values(), wider.values(), n, seconds, drift, wander, twirl);
+    return nb::make_tuple(moved.array(), wider.array());
+}
+
 nb::tuple py_filter_sighting(const ValueArray &state, const RowArray &covariance, const RowArray &hand,
                              const PointArray &points, const HandArray &noise, double robust) {
     const std::size_t n = count_points(state), m = unknown::shape + 2 * n;
@@ -115,6 +126,7 @@ nb::tuple py_search_sightings(const ValueArray &origin, const RowArray &known, c
 }  // namespace
 
 void bind_servo(nb::module_ &m) {
+    m.def("advance_state", &py_advance_state, "state"_a, "covariance"_a, "seconds"_a, "drift"_a, "wander"_a, "twirl"_a);
     m.def("expected_sightings", &py_expected_sightings, "state"_a, "hands"_a, "later"_a);
     m.def("filter_sighting", &py_filter_sighting, "state"_a, "covariance"_a, "hand"_a, "points"_a, "noise"_a,
           "robust"_a);

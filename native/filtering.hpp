@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One update of a robust extended Kalman filter by what was seen.
+// A robust extended Kalman filter: how it goes on, and one update by what was seen.
 #pragma once
 
 #include <cmath>
@@ -10,6 +10,36 @@
 #include "sightings.hpp"
 
 namespace grasptrack {
+
+// Lets a state go on, in place; drift, wander and twirl are spectral densities of what may happen meanwhile.
+inline void advance_state(double *s, double *P, std::size_t n, double seconds, double drift, double wander,
+                          double twirl) {
+    const std::size_t m = unknown::shape + 2 * n, place = unknown::place, speed = unknown::speed;
+    const double *axes = s + state::axes;
+    for (std::size_t r = 0; r < 3; ++r)
+        for (std::size_t k = 0; k < 3; ++k)
+            s[state::place + r] += seconds * axes[3 * r + k] * s[state::speed + k];
+    for (std::size_t r = 0; r < 3; ++r)
+        for (std::size_t k = 0; k < 3; ++k)
+            for (std::size_t c = 0; c < m; ++c)
+                P[(place + r) * m + c] += seconds * axes[3 * r + k] * P[(speed + k) * m + c];
+    for (std::size_t r = 0; r < m; ++r)
+        for (std::size_t c = 0; c < 3; ++c)
+            for (std::size_t k = 0; k < 3; ++k)
+                P[r * m + place + c] += seconds * axes[3 * c + k] * P[r * m + speed + k];
+    for (std::size_t r = 0; r < 3; ++r)
+        for (std::size_t c = 0; c < 3; ++c) {
+            double dotted = 0.0;
+            for (std::size_t k = 0; k < 3; ++k) dotted += axes[3 * r + k] * axes[3 * c + k];
+            P[(place + r) * m + place + c] += dotted * seconds * (drift + wander * seconds * seconds / 3.0);
+            const double across = axes[3 * r + c] * wander * seconds * seconds / 2.0;
+            P[(place + r) * m + speed + c] += across;
+            P[(speed + c) * m + place + r] += across;
+            if (r == c) P[(speed + r) * m + speed + c] += wander * seconds;
+        }
+    const std::size_t spin = unknown::pose + 2;
+    P[spin * m + spin] += twirl * seconds;
+}
 
 // Changes state and covariance in place; `off` (2n) becomes what was seen less what was expected. Returns the innovation in
 // standard deviations, infinite where a point would lie behind the camera: nothing is changed then.

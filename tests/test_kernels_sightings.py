@@ -93,6 +93,7 @@ def test_filters(seed: int, n: int) -> None:
     origin, known, hands, _, points, noise, _ = story(rng, n, 1)
     arguments = origin, np.linalg.inv(known), hands[0], points[0], noise[0], 3.0
     same("filter_sighting", *arguments, rtol=1e-6, atol=1e-9)
+    same("advance_state", *arguments[:2], *rng.uniform(0.0, 1.0, 4))
     away = hands[0] @ pose_of(DOWN, (0.0, 0.0, 0.0))
     for module in (native, reference):
         state, covariance, _, size = module.filter_sighting(origin, arguments[1], away, *arguments[3:])
@@ -122,6 +123,7 @@ def test_both_refuse_the_same() -> None:
     fine = origin, known, hands, later, points, noise, origin, 1e-3, 2, 3.0, 1e-2, 1e6
     bad = [("step_state", origin, np.zeros(5)), ("step_state", origin[:-1], np.zeros(20))]
     bad += [("expected_sightings", origin, hands[:0], later[:0]), ("expected_sightings", origin, hands, later[:2])]
+    bad += [("advance_state", origin, known[1:], 0.1, 0.0, 0.0, 0.0)]
     one = origin, known, hands[0], points[0], noise[0], 3.0
     for at, value in ((0, origin[:39]), (1, known[:5, :5]), (2, np.eye(3)), (3, points[0, :1]), (4, noise[0, :1])):
         bad.append(("filter_sighting", *one[:at], value, *one[at + 1 :]))
@@ -149,6 +151,25 @@ def test_a_step_and_the_difference_undo_each_other(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     state, step = state_of(rng, n), deviations(n) * rng.normal(size=SHAPE + 2 * n)
     assert np.abs(difference(state, kernels.step_state(state, step)) - step).max() < 1e-9
+
+
+@FEW
+@given(**CASES)
+def test_what_goes_on_twice_goes_on_once(seed: int, n: int) -> None:
+    """Two spans of time are as good as one; the object goes where a later image expects it, and nothing is known better."""
+    rng = np.random.default_rng(seed)
+    state, first, second, rates = state_of(rng, n), *rng.uniform(0.01, 0.5, 2), rng.uniform(0.0, 1.0, 3)
+    covariance = np.diag(deviations(n) ** 2)
+    once = kernels.advance_state(state, covariance, first + second, *rates)
+    twice = kernels.advance_state(*kernels.advance_state(state, covariance, first, *rates), second, *rates)
+    for a, b in zip(once, twice, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
+    hands = hands_of(rng, 1)
+    later, _ = kernels.expected_sightings(state, hands, np.array([first + second]))
+    moved_on, _ = kernels.expected_sightings(once[0], hands, np.zeros(1))
+    np.testing.assert_allclose(later, moved_on, atol=1e-8)
+    unknown = np.linalg.eigvalsh(once[1] - kernels.advance_state(state, covariance, first + second, 0.0, 0.0, 0.0)[1])
+    assert unknown.min() > -1e-12
 
 
 @FEW

@@ -16,6 +16,7 @@ try:
         raise ImportError
     # The compiled functions themselves, not wrappers: a call costs a third of a microsecond.
     from grasptrack._native import (
+        advance_state,
         align_outlines,
         arc_length,
         best_quadrilateral,
@@ -72,6 +73,7 @@ try:
     BACKEND = "native"
 except ImportError as error:
     from grasptrack.kernels.reference import (
+        advance_state,
         align_outlines,
         arc_length,
         best_quadrilateral,
@@ -135,6 +137,7 @@ except ImportError as error:
 
 __all__ = [
     "BACKEND",
+    "advance_state",
     "align_outlines",
     "arc_length",
     "best_quadrilateral",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""NumPy reference of what a camera on a hand sees of points on a plane that may move, and one update of a filter by it.
+"""NumPy reference of what a camera on a hand sees of points on a plane that may move.
 
 A *state* is one array (39 + 2n,): focal length px; centre (2) px; the camera's turn (9), its directions to those of the hand,
 row after row, and offset (3) m in the hand's frame; the object's turn (9), its plane's axes and normal in the base, and place
@@ -101,47 +101,6 @@ def expected_sightings(state: Floats, hands: Floats, later: Floats) -> tuple[Flo
         for i in range(n):
             out[:, i, :, SHAPE + 2 * i : SHAPE + 2 * i + 2] = by_shape[:, i]
     return pixels, out.reshape(2 * N * n, -1)
-
-
-def filter_sighting(
-    state: Floats, covariance: Floats, hand: Floats, points: Floats, noise: Floats, robust: float
-) -> tuple[Floats, Floats, Floats, float]:
-    """One update of an extended Kalman filter by what was seen at the state's time.
-
-    Args:
-        state: (39 + 2n,) before.
-        covariance: (16 + 2n, 16 + 2n) of its error.
-        hand: (4, 4), its pose in the base.
-        points: (n, 2) px, where they were seen.
-        noise: (n, 2, 2) px^2.
-        robust: innovations of so many standard deviations count a quarter: the noise grows with the innovation (Geman and
-            McClure's weight).
-
-    Returns:
-        State and covariance after; (2n,) px, what was seen less what was expected; the innovation in standard deviations
-        (root of the mean square), infinite where a point would lie behind the camera: nothing is changed then.
-
-    Raises:
-        ValueError: a size that is none, or a noise that makes the update singular.
-    """
-    n = count_points(state)
-    check_size(covariance, n)
-    if hand.shape != (4, 4):
-        raise ValueError("a pose is (4, 4)")
-    if points.shape != (n, 2) or noise.shape != (n, 2, 2):
-        raise ValueError("each point needs its noise, (2, 2)")
-    pixels, H = expected_sightings(state, hand[None], np.zeros(1))
-    off = (points - pixels).ravel()
-    if not np.isfinite(pixels).all():
-        return state.copy(), covariance.copy(), off, float("inf")
-    R = np.zeros((2 * n, 2 * n))
-    for i, block in enumerate(noise):
-        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
-    PH = covariance @ H.T
-    size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
-    gain = np.linalg.solve(H @ PH + R * (1.0 + (size / robust) ** 2) ** 2, PH.T).T
-    P = covariance - gain @ PH.T
-    return step_state(state, gain @ off), np.asarray(0.5 * (P + P.T)), off, size
 
 
 def count_points(state: Floats) -> int:

@@ -98,7 +98,7 @@ def _mounting(
     A = np.column_stack([back * p, back, back * t, np.ones(len(p))])  # of -m, m P, m V, -tau
     rng = np.random.default_rng(seed)
     ridge = np.diag([1e-6, 1e-6, LENGTH / BELT, LENGTH / ASIDE])  # what is known before, in standard deviations
-    rows = np.array([rng.permutation(len(p))[:MINIMAL] for _ in range(DRAWS)])
+    rows = rng.permuted(np.tile(np.arange(len(p)), (DRAWS, 1)), axis=1)[:, :MINIMAL]
     drawn = _ridged(A[rows], s[rows], 1.0 / noise[rows], ridge)
     best = drawn[np.argmin(np.median(np.abs(drawn @ A.T - s) / noise, axis=1))]
     for _ in range(ROUNDS):

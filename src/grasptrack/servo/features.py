@@ -96,7 +96,7 @@ class Features:
 
     def off(self, contacts: Floats) -> float:
         """How far the farthest contact is from its goal, px."""
-        return float(np.sqrt(((contacts - self.goal) ** 2).sum(axis=1).max()))
+        return max(map(math.dist, contacts.tolist(), self.goal.tolist()))
 
 
 def _parts(points: Floats) -> tuple[complex, list[complex], float]:

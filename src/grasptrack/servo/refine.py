@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.estimate import ROBUST, Estimate
-from grasptrack.servo.model import Placed, packed, unpacked
+from grasptrack.servo.model import Placed, packed
 from grasptrack.servo.sighting import Sighting, stacked
 
 Floats = NDArray[np.float64]
@@ -87,6 +87,6 @@ def refined(
         origin.state, origin.known, hands, times - origin.time, points, noise, now.state, now.damping, steps,
         ROBUST, SETTLED, HOPELESS,
     )  # fmt: skip
-    made = Estimate(*unpacked(state), covariance, origin.time)
+    made = Estimate(state, covariance, origin.time)
     made.advance(seen[-1].time, evenly=True)
     return made, Search(state, min(damping, 1.0), settled, scale)
