@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a camera on a hand sees of points on a plane that may move, and the derivatives by everything that is unknown."""
+"""Camera and object: what is unknown, and in which order. What is seen of it is said in `kernels.expected_sightings`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack import kernels
 from grasptrack.kernels.reference_sightings import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN
 from grasptrack.servo.camera import HandCamera
 
@@ -23,8 +22,6 @@ __all__ = [
     "SPEED",
     "TURN",
     "Placed",
-    "changed",
-    "expected",
     "packed",
     "unpacked",
 ]
@@ -75,25 +72,3 @@ def unpacked(state: Floats) -> tuple[HandCamera, Placed]:
     camera = HandCamera(float(state[0]), state[1:3], state[3:12].reshape(3, 3), state[12:15])
     turn, axes = state[15:24].reshape(3, 3), state[30:39].reshape(3, 3)
     return camera, Placed(state[39:].reshape(-1, 2), turn, state[24:27], state[27:30], axes)
-
-
-def changed(camera: HandCamera, object_: Placed, by: Floats) -> tuple[HandCamera, Placed]:
-    """Camera and object after a step (16 + 2n,) of all unknowns."""
-    return unpacked(kernels.step_state(packed(camera, object_), by))
-
-
-def expected(camera: HandCamera, object_: Placed, hands: Floats, later: Floats) -> tuple[Floats, Floats]:
-    """What is seen from many poses of the hand, and how it changes with all unknowns.
-
-    Args:
-        camera: the camera.
-        object_: the object.
-        hands: (N, 4, 4) poses in the base.
-        later: (N,) s, of each pose after the time at which the object is where it is said to be.
-
-    Returns:
-        Pixels (N, n, 2), NaN behind the camera, and derivatives (N, n, 2, 16 + 2n).
-    """
-    pixels, slopes = kernels.expected_sightings(packed(camera, object_), hands, later)
-    shape = len(hands), len(object_.points), 2
-    return pixels.reshape(shape), slopes.reshape(*shape, -1)
