@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where kernels meet Python: arrays in, checks, arrays and tuples out. Those of synthesis are in
-// bind_grasp.cpp, those of images in bind_images.cpp, those of evidence in bind_evidence.cpp.
+// bind_grasp.cpp, those of images in bind_images.cpp, those of evidence in bind_evidence.cpp, of the servo in bind_servo.cpp.
 
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
@@ -19,6 +19,7 @@
 #include "bind_grasp.hpp"
 #include "bind_images.hpp"
 #include "bind_match.hpp"
+#include "bind_servo.hpp"
 #include "contact.hpp"
 #include "curvature.hpp"
 #include "grasp_line.hpp"
@@ -327,4 +328,5 @@ NB_MODULE(_native, m) {
     bind_evidence(m);
     bind_match(m);
     bind_grasp(m);
+    bind_servo(m);
 }

@@ -12,13 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import grasptrack as gt
+from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.closing import Doubt
 from grasptrack.servo.features import Features, spread, wrapped
 from grasptrack.servo.geometry import between, check_pose, inverse, moved, pose_of, rotation, rotation_vector
 from grasptrack.servo.law import twist_for
-from grasptrack.servo.model import SHAPE, Placed, changed, expected
+from grasptrack.servo.model import SHAPE, Placed, packed, unpacked
 from grasptrack.servo.poses import Poses
+from grasptrack.servo.sighting import FLOOR, MOST, Sighter
 
 SEEDS = st.integers(0, 10_000)
 FEW = settings(max_examples=40, deadline=None)
@@ -116,13 +118,33 @@ def test_derivatives_by_all_that_is_unknown(seed: int) -> None:
     object_ = Placed(rng.uniform(-0.03, 0.03, (n, 2)), turn, middle, rng.normal(0.0, 0.1, 3), turn * (1.0, 1.0, 0.3))
     hands = np.array([moved(hand, rng.normal(0.0, 0.1, 6), 0.3) for _ in range(2)])
     later = np.array([0.0, 0.4])
-    _, found = expected(cam, object_, hands, later)
+    state = packed(cam, object_)
+    _, found = kernels.expected_sightings(state, hands, later)
+    found = found.reshape(2 * n, 2, -1)
     step = 1e-6
     for i in range(SHAPE + 2 * n):
         d = np.zeros(SHAPE + 2 * n)
         d[i] = step
-        up, down = (expected(*changed(cam, object_, s * d), hands, later)[0] for s in (1.0, -1.0))
+        up, down = (kernels.expected_sightings(kernels.step_state(state, s * d), hands, later)[0] for s in (1.0, -1.0))
         assert np.abs(found[..., i] - (up - down) / (2.0 * step)).max() < 1e-4 * (1.0 + np.abs(found[..., i]).max())
+
+
+@FEW
+@given(seed=SEEDS)
+def test_a_state_keeps_camera_and_object(seed: int) -> None:
+    """What is expected of a packed state is what the camera sees of the object's points."""
+    rng = np.random.default_rng(seed)
+    cam, n, hand = camera(rng), 3, pose_of(rotation(rng.normal(size=3)), rng.normal(size=3))
+    there, turn = in_front(rng, cam, 1)[0], rotation(rng.normal(size=3))
+    place = hand[:3, :3] @ there + hand[:3, 3]
+    object_ = Placed(
+        rng.uniform(-0.03, 0.03, (n, 2)), turn, place, rng.normal(0.0, 0.1, 3), rotation(rng.normal(size=3))
+    )
+    state = packed(cam, object_)
+    pixels, _ = kernels.expected_sightings(state, hand[None], np.array([0.2]))
+    in_hand = (object_.later(0.2).in_base() - hand[:3, 3]) @ hand[:3, :3]
+    np.testing.assert_allclose(pixels, cam.project(in_hand), atol=1e-6)
+    assert (packed(*unpacked(state)) == state).all()
 
 
 @FEW
@@ -279,6 +301,22 @@ def test_bad_input_gets_one_clear_line(make: object) -> None:
     with pytest.raises(gt.InputError) as found:
         make()  # type: ignore[operator]
     assert str(found.value) and "\n" not in str(found.value)
+
+
+@FEW
+@given(seed=SEEDS, spoilt=st.sampled_from([None, math.nan, math.inf, -1.0, 1e9]))
+def test_covariances_of_sightings_are_bounded_and_else_as_told(seed: int, spoilt: float | None) -> None:
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(2, 2, 2))
+    told = root @ np.swapaxes(root, 1, 2)
+    if spoilt is not None:
+        told[0, 0, 0] = spoilt
+    result = gt.TrackResult(0, 0.0, "tracked", "", contacts=np.array(GOOD), covariance=told)
+    seen = Sighter(square=False).sighting(result, 0.0, np.eye(4))
+    assert seen is not None
+    np.testing.assert_allclose(seen.noise[1], told[1] + FLOOR**2 * np.eye(2), rtol=1e-12)
+    sizes = np.linalg.eigvalsh(seen.noise)
+    assert (sizes > 0.99 * FLOOR**2).all() and (sizes < 1.001 * (MOST**2 + FLOOR**2)).all()
 
 
 # --- policies ---------------------------------------------------------------------------------------

@@ -230,3 +230,25 @@ def rank_grasps(
     gap: float,
     top: int,
 ) -> tuple[NDArray[np.int64], Floats, Floats]: ...
+def step_state(state: Floats, step: Floats) -> Floats: ...
+def advance_state(
+    state: Floats, covariance: Floats, seconds: float, drift: float, wander: float, twirl: float
+) -> tuple[Floats, Floats]: ...
+def expected_sightings(state: Floats, hands: Floats, later: Floats) -> tuple[Floats, Floats]: ...
+def filter_sighting(
+    state: Floats, covariance: Floats, hand: Floats, points: Floats, noise: Floats, robust: float
+) -> tuple[Floats, Floats, Floats, float]: ...
+def search_sightings(
+    origin: Floats,
+    known: Floats,
+    hands: Floats,
+    later: Floats,
+    points: Floats,
+    noise: Floats,
+    start: Floats,
+    damping: float,
+    steps: int,
+    robust: float,
+    least_fall: float,
+    most_damping: float,
+) -> tuple[Floats, Floats, float, bool, float]: ...

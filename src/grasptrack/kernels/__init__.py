@@ -16,6 +16,7 @@ try:
         raise ImportError
     # The compiled functions themselves, not wrappers: a call costs a third of a microsecond.
     from grasptrack._native import (
+        advance_state,
         align_outlines,
         arc_length,
         best_quadrilateral,
@@ -34,6 +35,8 @@ try:
         distortion,
         edge_links,
         edge_search,
+        expected_sightings,
+        filter_sighting,
         finger_rooms,
         fit_homography,
         fixed_places,
@@ -57,10 +60,12 @@ try:
         refine_contacts,
         register_outline,
         resample,
+        search_sightings,
         seen_motion,
         select_points,
         settle_edges,
         soft_threshold,
+        step_state,
         trace_edges,
         weigh_edges,
     )
@@ -68,6 +73,7 @@ try:
     BACKEND = "native"
 except ImportError as error:
     from grasptrack.kernels.reference import (
+        advance_state,
         align_outlines,
         arc_length,
         best_quadrilateral,
@@ -86,6 +92,8 @@ except ImportError as error:
         distortion,
         edge_links,
         edge_search,
+        expected_sightings,
+        filter_sighting,
         finger_rooms,
         fit_homography,
         fixed_places,
@@ -109,10 +117,12 @@ except ImportError as error:
         refine_contacts,
         register_outline,
         resample,
+        search_sightings,
         seen_motion,
         select_points,
         settle_edges,
         soft_threshold,
+        step_state,
         trace_edges,
         weigh_edges,
     )
@@ -127,6 +137,7 @@ except ImportError as error:
 
 __all__ = [
     "BACKEND",
+    "advance_state",
     "align_outlines",
     "arc_length",
     "best_quadrilateral",
@@ -145,6 +156,8 @@ __all__ = [
     "distortion",
     "edge_links",
     "edge_search",
+    "expected_sightings",
+    "filter_sighting",
     "finger_rooms",
     "fit_homography",
     "fixed_places",
@@ -168,10 +181,12 @@ __all__ = [
     "refine_contacts",
     "register_outline",
     "resample",
+    "search_sightings",
     "seen_motion",
     "select_points",
     "settle_edges",
     "soft_threshold",
+    "step_state",
     "trace_edges",
     "weigh_edges",
 ]

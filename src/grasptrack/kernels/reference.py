@@ -13,6 +13,7 @@ from grasptrack.kernels.reference_converging import contact_covariance, converge
 from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvature, curvature_vector, resample
 from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_evidence import carry_normals, projective_step, settle_edges
+from grasptrack.kernels.reference_filtering import advance_state, filter_sighting
 from grasptrack.kernels.reference_fingers import finger_rooms
 from grasptrack.kernels.reference_flanks import judge_flanks
 from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
@@ -30,6 +31,8 @@ from grasptrack.kernels.reference_places import carry_places, fixed_places, loca
 from grasptrack.kernels.reference_ranking import rank_grasps
 from grasptrack.kernels.reference_refine import refine_contacts
 from grasptrack.kernels.reference_registration import register_outline
+from grasptrack.kernels.reference_searching import search_sightings
+from grasptrack.kernels.reference_sightings import expected_sightings, step_state
 from grasptrack.kernels.reference_starts import outline_starts
 from grasptrack.kernels.reference_support import outline_support
 from grasptrack.kernels.reference_threshold import soft_threshold
@@ -38,6 +41,7 @@ from grasptrack.kernels.reference_weighing import weigh_edges
 from grasptrack.kernels.reference_wrench import force_closure
 
 __all__ = [
+    "advance_state",
     "align_outlines",
     "arc_length",
     "best_quadrilateral",
@@ -56,6 +60,8 @@ __all__ = [
     "distortion",
     "edge_links",
     "edge_search",
+    "expected_sightings",
+    "filter_sighting",
     "finger_rooms",
     "fit_homography",
     "fixed_places",
@@ -79,10 +85,12 @@ __all__ = [
     "refine_contacts",
     "register_outline",
     "resample",
+    "search_sightings",
     "seen_motion",
     "select_points",
     "settle_edges",
     "soft_threshold",
+    "step_state",
     "trace_edges",
     "weigh_edges",
 ]

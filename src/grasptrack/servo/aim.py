@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +11,10 @@ from numpy.typing import NDArray
 
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.features import Features
-from grasptrack.servo.geometry import laid, skew
+from grasptrack.servo.geometry import skew, turn_between
 from grasptrack.servo.goal import Goal
 from grasptrack.servo.law import Gain, twist_for
-from grasptrack.servo.sighting import FLOOR, Sighting
+from grasptrack.servo.sighting import FLOOR, Sighting, blocks
 from grasptrack.servo.textbook import Textbook
 
 Floats = NDArray[np.float64]
@@ -79,19 +80,22 @@ def aim(
     """
     k, camera = len(order), known.camera
     points = known.in_hand(hand, time)[:k]
-    contacts = camera.project(points)
-    if seen is not None:
-        contacts = contacts + seen.points[:k] - camera.project(known.in_hand(seen.hand, seen.time)[:k])
     right = goal.targets(camera, known.shape()[:k], order)
     normal = known.normal(hand)
     raised = standoff * _share(points, right, normal if dof == 6 else None, known.relative_error())
-    wanted = right + np.array([0.0, 0.0, raised])
-    final, goal_px = camera.project(right), camera.project(wanted)
-    if not (np.isfinite(final).all() and np.isfinite(goal_px).all() and np.isfinite(contacts).all()):
+    wanted = right.copy()
+    wanted[:, 2] += raised
+    places = [points, right, wanted]
+    if seen is not None:
+        places.append(known.in_hand(seen.hand, seen.time)[:k])
+    pixels = camera.project(np.concatenate(places)).reshape(-1, k, 2)
+    if not np.isfinite(pixels).all():
         return None
+    contacts = pixels[0] if seen is None else pixels[0] + seen.points[:k] - pixels[3]
+    final, goal_px = pixels[1:3]
     last, features = Features(final, camera.centre), Features(goal_px, camera.centre)
-    at = known.linearised_at(points, wanted)
-    slopes = features.slopes(camera.project(at))
+    at, there = (wanted, goal_px) if known.linearised_at_goal else (points, pixels[0])
+    slopes = features.slopes(there)
     error, in_the_end = features.error(contacts), last.error(contacts)
     jacobian = slopes @ camera.interaction(at).reshape(2 * k, 6)
     covariance = slopes @ _noise(seen, k) @ slopes.T
@@ -102,11 +106,11 @@ def aim(
         wide = np.eye(6) * SLOPE**2
         wide[:4, :4] = covariance
         covariance = wide
-    length = float(np.linalg.norm(points[0] - points[1]))
+    length = math.dist(points[0].tolist(), points[1].tolist())
     twist = twist_for(error, jacobian, covariance, dof=dof, length=length, gain=gain)
     aligned = raised <= 0.5 * standoff
     doing = "goes down" if aligned else "aligns at the stand-off"
-    height = float((points - right)[:, 2].mean())
+    height = float((points - right)[:, 2].sum()) / k
     return Aim(twist, in_the_end, last.off(contacts), height, final, doing, aligned)
 
 
@@ -114,15 +118,12 @@ def _share(points: Floats, right: Floats, normal: Floats | None, relative: float
     """The share of the stand-off that is kept: 1 while the hand is not aligned, 0 when it is."""
     if relative > UNSURE:
         return 1.0
-    aside = float(np.hypot(*(points - right).mean(axis=0)[:2]))
-    turn = abs(laid(right[:, :2], points[:, :2])[1])
-    tilt = 0.0 if normal is None else float(np.hypot(*normal[:2]))
-    return float(np.clip(2.0 * max(aside / ASIDE, turn / TURNED, tilt / TURNED) - 1.0, 0.0, 1.0))
+    x, y, _ = (points - right).sum(axis=0).tolist()
+    aside, turn = math.hypot(x, y) / len(points), abs(turn_between(right, points))
+    tilt = 0.0 if normal is None else math.hypot(*normal[:2].tolist())
+    return min(max(2.0 * max(aside / ASIDE, turn / TURNED, tilt / TURNED) - 1.0, 0.0), 1.0)
 
 
 def _noise(seen: Sighting | None, contacts: int) -> Floats:
     """The covariance (2k, 2k) px^2 of the contacts; of predicted ones the least."""
-    out = np.eye(2 * contacts) * FLOOR**2
-    if seen is not None:
-        return seen.stacked_noise()[: 2 * contacts, : 2 * contacts]
-    return out
+    return np.eye(2 * contacts) * FLOOR**2 if seen is None else blocks(seen.noise[:contacts])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.errors import InputError
-from grasptrack.servo.geometry import check_pose, rotation, skews
+from grasptrack.servo.geometry import check_pose, skews
 
 Floats = NDArray[np.float64]
 
@@ -47,29 +47,17 @@ class HandCamera:
     def rays(self, pixels: Floats) -> Floats:
         """Directions (N, 3) in the hand's frame of what is seen at pixels (N, 2), of depth 1 along the optical axis."""
         flat = (np.asarray(pixels) - self.centre) / self.focal
-        return np.asarray(np.column_stack([flat, np.ones(len(flat))]) @ self.turn.T)
-
-    def slopes(self, points: Floats) -> Floats:
-        """Derivatives (N, 2, 3) px/m of `project` by the points, told in the camera's frame."""
-        P = self.from_hand(points)
-        out = np.zeros((len(P), 2, 3))
-        out[:, 0, 0] = out[:, 1, 1] = self.focal / P[:, 2]
-        out[:, :, 2] = -self.focal * P[:, :2] / P[:, 2:] ** 2
-        return out
+        return np.asarray(flat @ self.turn[:, :2].T + self.turn[:, 2])
 
     def interaction(self, points: Floats) -> Floats:
         """Interaction matrices (N, 2, 6): px/s of still points for the hand's twist in m/s and rad/s.
 
         A still point moves by -v - w x P in the hand's frame (Chaumette and Hutchinson 2006, eq. 6).
         """
-        by_twist = np.concatenate([np.broadcast_to(-np.eye(3), (len(points), 3, 3)), skews(points)], axis=2)
-        return np.asarray(self.slopes(points) @ self.turn.T @ by_twist)
-
-    def changed(self, log_focal: float, turn: Floats, offset: Floats) -> HandCamera:
-        """The camera with its focal length times exp(log_focal), turned by (3,) rad in its own frame, moved by (3,) m."""
-        return HandCamera(
-            self.focal * float(np.exp(log_focal)), self.centre, self.turn @ rotation(turn), self.offset + offset
-        )
+        P = self.from_hand(points)
+        axes = self.turn.T  # rows: the camera's in the hand's frame
+        by_point = (self.focal / P[:, 2:])[:, None] * (axes[:2] - (P[:, :2] / P[:, 2:])[..., None] * axes[2])
+        return np.concatenate([-by_point, by_point @ skews(points)], axis=2)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +64,7 @@ class Doubt:
         self._asked = closing
         self._row = 0
         self._near: float | None = None
-        self._seen_at: Floats | None = None
+        self._seen_at: list[float] | None = None
 
     def reset(self) -> None:
         """Something was not believed: images in a row count anew."""
@@ -72,7 +73,7 @@ class Doubt:
     def tolerance(self, time: float) -> float:
         """px; more than at first once the hand has been near the goal for long."""
         late = 0.0 if self._near is None else (time - self._near) / self._asked.patience - 1.0
-        return self._asked.tolerance + float(np.clip(late, 0.0, 1.0)) * (self._asked.loosest - self._asked.tolerance)
+        return self._asked.tolerance + min(max(late, 0.0), 1.0) * (self._asked.loosest - self._asked.tolerance)
 
     def why_not(self, result: TrackResult, error_px: float, goal: Floats, time: float) -> str:
         """Why not to close on this image; empty when everything speaks for it. Call it once for every image.
@@ -99,10 +100,14 @@ class Doubt:
         if result.contacts is None or result.seen is None or result.status != "tracked":
             return f"at the goal, but {result.status}: {result.reason}"
         if self._seen_at is None:
-            self._seen_at = np.full(len(result.seen), -np.inf)
-        self._seen_at[result.seen >= self._asked.seen] = time
+            self._seen_at = [-math.inf] * len(result.seen)
+        seen = [share >= self._asked.seen for share in result.seen.tolist()]
+        self._seen_at = [time if now else then for now, then in zip(seen, self._seen_at, strict=True)]
         if not result.confidence >= self._asked.confidence:
             return f"confidence {result.confidence:.2f}, below {self._asked.confidence:g}"
-        away = np.sqrt(((result.contacts - goal) ** 2).sum(axis=1)) > HIDING * spread(goal)
-        unseen = (result.seen < self._asked.seen) & (away | (time - self._seen_at > self._asked.memory))
-        return f"contact {int(np.flatnonzero(unseen)[0]) + 1} is not seen" if unseen.any() else ""
+        near = HIDING * spread(goal)
+        for i, (contact, aim) in enumerate(zip(result.contacts.tolist(), goal.tolist(), strict=True)):
+            hidden = math.dist(contact, aim) <= near and time - self._seen_at[i] <= self._asked.memory
+            if not (seen[i] or hidden):
+                return f"contact {i + 1} is not seen"
+        return ""

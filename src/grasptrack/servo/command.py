@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the servo answers to every image."""
+"""What the servo answers to every image, and what it wants before limits."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from grasptrack.servo.aim import Aim
 
 Floats = NDArray[np.float64]
 
@@ -42,3 +44,27 @@ class Command:
     error_px: float = math.nan
     height: float = math.nan
     goal: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Intent:
+    """What is wanted.
+
+    Attributes:
+        state, reason, close: as of the command.
+        twist: (6,) m/s and rad/s in the hand's frame, before the limits of acceleration.
+        found: the step toward the goal; None where there is none.
+    """
+
+    state: State
+    reason: str
+    twist: Floats = field(default_factory=lambda: np.zeros(6))
+    found: Aim | None = None
+    close: bool = False
+
+    def command(self, twist: Floats) -> Command:
+        """The command with the twist (6,) that limits allow."""
+        f = self.found
+        if f is None:
+            return Command(twist, self.state, self.reason, self.close)
+        return Command(twist, self.state, self.reason, self.close, f.error, f.error_px, f.height, f.final)

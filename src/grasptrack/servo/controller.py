@@ -14,7 +14,7 @@ from grasptrack.result import TrackResult
 from grasptrack.servo.aim import Aim, aim
 from grasptrack.servo.camera import NominalCamera
 from grasptrack.servo.closing import Closing, Doubt
-from grasptrack.servo.command import OVER, Command, Floats, State
+from grasptrack.servo.command import OVER, Command, Floats, Intent, State
 from grasptrack.servo.explore import Exploration
 from grasptrack.servo.geometry import check_pose
 from grasptrack.servo.goal import Goal
@@ -24,14 +24,13 @@ from grasptrack.servo.limits import Limits
 from grasptrack.servo.loss import LossPolicy
 from grasptrack.servo.poses import Poses
 from grasptrack.servo.sighting import Sighter, Sighting
+from grasptrack.servo.unseen import Unseen
 
 Law = Literal["online", "nominal", "textbook"]
 LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
 
 RESTARTS = 2
 """How often an estimate that proved wrong is begun anew before the servo gives up."""
-BLINK = 0.25
-"""s without the grasp that do not interrupt an exploratory move."""
 LONGEST_STEP = 0.2
 """s that count as one step of control at most: after a pause the acceleration limit holds all the same."""
 
@@ -90,6 +89,7 @@ class GraspServo:
             )  # fmt: skip
         self.goal, self.dof, self.law, self.standoff = goal, dof, law, standoff
         self.limits, self.gain, self.loss = limits or Limits(), gain or Gain(), loss or LossPolicy()
+        self._unseen = Unseen(self.loss, self.limits)
         self._centre = np.array([size[0] - 1.0, size[1] - 1.0]) / 2.0
         self._side, self._latency, self._time_limit = float(max(size)), latency, time_limit
         self.knowledge = Knowledge(
@@ -100,8 +100,7 @@ class GraspServo:
         self.state: State = "searching"
         self.reason = "no image yet"
         self._twist = np.zeros(6)
-        self._began = self._time = self._last_seen = math.nan
-        self._retreated = 0.0
+        self._began = self._time = math.nan
         self._order: tuple[int, ...] | None = None
         self._grasp: int | None = None
 
@@ -137,9 +136,9 @@ class GraspServo:
         self._time = time
         self._poses.add(time, hand)
         if self.over:
-            return self._say(self.state, self.reason, np.zeros(6), 0.0)
+            return self._say(Intent(self.state, self.reason), 0.0)
         seen, fits = self._take(result, time - self._latency)
-        return self._decide(result, seen if fits else None, seen is not None, time, hand, step)
+        return self._say(self._decide(result, seen if fits else None, seen is not None, time, hand, step), step)
 
     # --- steps ------------------------------------------------------------------------------------
 
@@ -162,73 +161,55 @@ class GraspServo:
 
     def _decide(
         self, result: TrackResult, seen: Sighting | None, located: bool, time: float, hand: Floats, step: float
-    ) -> Command:
+    ) -> Intent:
         """What the states say, the most urgent first."""
         known = self.knowledge
         if time - self._began > self._time_limit:
-            return self._say("failed", f"not done after {self._time_limit:g} s: {self.reason}", np.zeros(6), step)
+            return Intent("failed", f"not done after {self._time_limit:g} s: {self.reason}")
         if known.failed or known.restarts > RESTARTS:
-            why = known.failed or "what is seen does not fit the motion of the hand"
-            return self._say("failed", why, np.zeros(6), step)
+            return Intent("failed", known.failed or "what is seen does not fit the motion of the hand")
         if self.state == "closing":
-            return self._say("closing", "waits to be told whether something is held", self._carried(hand), step)
-        if seen is None:
-            self._doubt.reset()
-            if not (known.exploring and time - self._last_seen < BLINK):
-                return self._without(result, located, time, hand, step)
+            return Intent("closing", "waits to be told whether something is held", self._carried(hand))
+        if seen is not None:
+            self._unseen.seen(time)
         else:
-            self._last_seen, self._retreated = time, 0.0
+            self._doubt.reset()
+            if not (known.exploring and self._unseen.blinks(time)):
+                return self._without(result, located, time, hand, step)
         if seen is None or known.exploring:
             twist = known.twist(time - self._latency) + self._carried(hand)
-            return self._say("approaching", f"exploratory move: {known.telling()}", twist, step)
-        return self._approach(result, seen, time, hand, step)
+            return Intent("approaching", f"exploratory move: {known.telling()}", twist)
+        return self._approach(result, seen, time, hand)
 
-    def _approach(self, result: TrackResult, seen: Sighting, time: float, hand: Floats, step: float) -> Command:
+    def _approach(self, result: TrackResult, seen: Sighting, time: float, hand: Floats) -> Intent:
         found = self._aim(time, hand, seen)
         if found is None:
             self.knowledge.restarts += 1
             self.knowledge.forget()
-            return self._say("holding", "the goal would lie behind the camera: begins anew", np.zeros(6), step)
+            return Intent("holding", "the goal would lie behind the camera: begins anew")
+        carried = self._carried(hand)
         if found.aligned and found.height > 0.5 * self.standoff and self.knowledge.make_sure():
-            return self._say("approaching", "explores again before it goes down", self._carried(hand), step, found)
+            return Intent("approaching", "explores again before it goes down", carried, found)
         why = self._doubt.why_not(result, found.error_px, found.final, time)
         if not why:
-            return self._say("closing", "converged and believed", self._carried(hand), step, found, close=True)
+            return Intent("closing", "converged and believed", carried, found, close=True)
         at_goal = found.error_px <= self._doubt.tolerance(time)
-        twist = self.limits.joined(found.twist, self._carried(hand))
-        return self._say("converged" if at_goal else "approaching", why if at_goal else found.doing, twist, step, found)
+        twist = self.limits.joined(found.twist, carried)
+        return Intent("converged" if at_goal else "approaching", why if at_goal else found.doing, twist, found)
 
-    def _without(self, result: TrackResult, located: bool, time: float, hand: Floats, step: float) -> Command:
-        """Nothing is seen that fits: the policy on loss."""
+    def _without(self, result: TrackResult, located: bool, time: float, hand: Floats, step: float) -> Intent:
+        """Nothing is seen that fits."""
         known = self.knowledge
         if known.exploring:
             known.interrupted(self._centre, self._side)
+
+        def coasting() -> Aim | None:
+            return None if known.exploring else self._aim(time, hand, None)
+
         why = "what is seen does not fit what is known" if located else result.reason or result.status
-        if math.isnan(self._last_seen):
-            if time - self._began > self.loss.start:
-                return self._say("failed", f"no grasp within {self.loss.start:g} s: {why}", np.zeros(6), step)
-            return self._say("searching", f"waits for a grasp: {why}", np.zeros(6), step)
-        lost = time - self._last_seen
-        along = self._carried(hand) if lost < self.loss.follow else np.zeros(6)
-        stays = "goes along" if along.any() else "stands"
-        match self.loss.step(lost, known.estimate is not None):
-            case "coast":
-                found = None if known.exploring else self._aim(time, hand, None)
-                twist = np.zeros(6) if found is None else found.twist.copy()
-                twist[2] = min(twist[2], 0.0)
-                doing = f"not seen for {lost:.2f} s, goes on as predicted: {why}"
-                return self._say("holding", doing, self.limits.joined(twist, along), step, found)
-            case "hold":
-                return self._say("holding", f"not seen for {lost:.2f} s, {stays}: {why}", along, step)
-            case "back off":
-                twist = np.zeros(6)
-                if self._retreated < self.loss.away:
-                    twist[2] = -self.loss.speed
-                    self._retreated += self.loss.speed * step
-                doing = f"not seen for {lost:.2f} s, {stays}, moves back and looks: {why}"
-                return self._say("searching", doing, self.limits.joined(twist, along), step)
-            case _:
-                return self._say("failed", f"not found again within {lost:.1f} s: {why}", np.zeros(6), step)
+        carried = self._carried(hand)
+        knows = coasting if known.estimate is not None else None
+        return self._unseen.intent(why, time, time - self._began, step, carried, knows)
 
     # --- parts ------------------------------------------------------------------------------------
 
@@ -250,11 +231,7 @@ class GraspServo:
             out[:3] = hand[:3, :3].T @ known.moving()
         return out
 
-    def _say(
-        self, state: State, reason: str, twist: Floats, step: float, found: Aim | None = None, close: bool = False
-    ) -> Command:
-        self.state, self.reason = state, reason
-        self._twist = self.limits.reachable(twist, self._twist, step)
-        if found is None:
-            return Command(self._twist.copy(), state, reason, close)
-        return Command(self._twist.copy(), state, reason, close, found.error, found.error_px, found.height, found.final)
+    def _say(self, wanted: Intent, step: float) -> Command:
+        self.state, self.reason = wanted.state, wanted.reason
+        self._twist = self.limits.reachable(wanted.twist, self._twist, step)
+        return wanted.command(self._twist.copy())

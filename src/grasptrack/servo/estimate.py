@@ -9,14 +9,16 @@ motion, needs no memory of its own. A filter keeps the places at which it once l
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, changed, expected
-from grasptrack.servo.sighting import Sighting
+from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, unpacked
+from grasptrack.servo.sighting import Sighting, blocks
 
 Floats = NDArray[np.float64]
 
@@ -69,16 +71,23 @@ class Estimate:
     """Camera and object as they are known so far.
 
     Args:
-        camera: to begin with.
-        object_: to begin with.
-        covariance: (16 + 2n, 16 + 2n) of their errors.
+        state: (39 + 2n,), both as `model.packed` makes them.
+        covariance: (16 + 2n, 16 + 2n) of its error.
         time: s, at which the object is where it is said to be.
     """
 
-    def __init__(self, camera: HandCamera, object_: Placed, covariance: Floats, time: float) -> None:
-        self.camera, self.object, self.covariance, self.time = camera, object_, covariance, time
+    linearised_at_goal = False
+    """Whether the interaction matrix is that of the goal, and not that of where the points are."""
+
+    def __init__(self, state: Floats, covariance: Floats, time: float) -> None:
+        self._set(state, covariance)
+        self.time = time
         self.displaced_at = -np.inf
         self._away: list[Floats] = []
+
+    def _set(self, state: Floats, covariance: Floats) -> None:
+        self._state, self.covariance = state, covariance
+        self.camera, self.object = unpacked(state)
 
     def advance(self, time: float, evenly: bool = False) -> None:
         """Let the object go on to a later time, s; `evenly` where its velocity is known not to have changed."""
@@ -86,24 +95,15 @@ class Estimate:
         if dt <= 0.0:
             return
         self.time = time
-        self.object = self.object.later(dt)
-        P, axes = self.covariance, self.object.axes
-        P[PLACE] += dt * axes @ P[SPEED]
-        P[:, PLACE] += dt * P[:, SPEED] @ axes.T
-        if evenly:
-            return
         wander = PUSHED if time < self.displaced_at + ASTIR else WANDER
-        P[PLACE, PLACE] += axes @ axes.T * (DRIFT**2 * dt + wander**2 * dt**3 / 3.0)
-        P[SPEED, SPEED] += np.eye(3) * wander**2 * dt
-        cross = axes * (wander**2 * dt**2 / 2.0)
-        P[PLACE, SPEED] += cross
-        P[SPEED, PLACE] += cross.T
-        P[POSE.stop - 1, POSE.stop - 1] += TWIRL**2 * dt
+        may = (0.0, 0.0, 0.0) if evenly else (DRIFT**2, wander**2, TWIRL**2)
+        self._set(*kernels.advance_state(self._state, self.covariance, dt, *may))
 
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
         """The points (n, 3) m in the frame of a hand at a pose (4, 4), at a time in s (default: the estimate's)."""
-        object_ = self.object if time is None else self.object.later(time - self.time)
-        return np.asarray((object_.in_base() - hand[:3, 3]) @ hand[:3, :3])
+        o, R = self.object, hand[:3, :3]
+        place = o.place - hand[:3, 3] if time is None else o.place - hand[:3, 3] + (time - self.time) * o.velocity()
+        return np.asarray((o.points @ o.turn[:, :2].T + place) @ R)
 
     def observe(self, seen: Sighting) -> float:
         """Take in what was seen.
@@ -112,20 +112,12 @@ class Estimate:
             The innovation, in standard deviations (root of the mean square); inf where nothing could be compared.
         """
         self.advance(seen.time)
-        pixels, slopes = expected(self.camera, self.object, seen.hand[None], np.zeros(1))
-        if not np.isfinite(pixels).all():
-            return float("inf")
-        off = (seen.points - pixels[0]).ravel()
-        H = slopes.reshape(len(off), -1)
-        R = seen.stacked_noise()
-        PH = self.covariance @ H.T
-        size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
-        self._count(off, size)
-        R = R * (1.0 + (size / ROBUST) ** 2) ** 2
-        gain = np.linalg.solve(H @ PH + R, PH.T).T
-        self.camera, self.object = changed(self.camera, self.object, gain @ off)
-        P = self.covariance - gain @ PH.T
-        self.covariance = 0.5 * (P + P.T)
+        state, covariance, off, size = kernels.filter_sighting(
+            self._state, self.covariance, seen.hand, seen.points, seen.noise, ROBUST
+        )
+        if math.isfinite(size):
+            self._count(off, size)
+            self._set(state, covariance)
         return size
 
     @property
@@ -158,21 +150,18 @@ class Estimate:
 
     def moving(self) -> Floats:
         """The object's velocity in the base, (3,) m/s; 0 where that is no more than noise."""
-        speed = self.object.speed
+        speed, velocity = self.object.speed, self.object.velocity()
+        if float(velocity @ velocity) <= LEAST_SPEED**2:
+            return np.zeros(3)
         known = float(speed @ np.linalg.solve(self.covariance[SPEED, SPEED], speed))
-        velocity = self.object.velocity()
-        return velocity if known > MOVES**2 and float(velocity @ velocity) > LEAST_SPEED**2 else np.zeros(3)
-
-    def linearised_at(self, points: Floats, wanted: Floats) -> Floats:
-        """Where the interaction matrix is taken, (k, 3) m in the hand's frame: where the points are."""
-        return points
+        return velocity if known > MOVES**2 else np.zeros(3)
 
     def relative_error(self) -> float:
         """The standard deviation of the first two contacts' distance, over that distance."""
-        apart = self.object.points[0] - self.object.points[1]
-        row = np.concatenate([apart, -apart])
+        a, b, c, d = self.object.points[:2].ravel().tolist()
+        row = np.array((a - c, b - d, c - a, d - b))
         variance = float(row @ self.covariance[SHAPE : SHAPE + 4, SHAPE : SHAPE + 4] @ row)
-        return float(np.sqrt(max(variance, 0.0))) / max(float(apart @ apart), 1e-12)
+        return math.sqrt(max(variance, 0.0)) / max(math.hypot(a - c, b - d) ** 2, 1e-12)
 
     def normal(self, hand: Floats) -> Floats:
         """The plane's normal (3,) in the hand's frame, away from the hand."""
@@ -212,4 +201,4 @@ def on_plane(camera: HandCamera, object_: Placed, seen: Sighting) -> Floats | No
 def misfit(known: Estimate, seen: Sighting) -> float:
     """How far off a sighting is, in its own standard deviations (root of the mean square)."""
     off = (seen.points - known.camera.project(known.in_hand(seen.hand, seen.time))).ravel()
-    return float(np.sqrt(off @ np.linalg.solve(seen.stacked_noise(), off) / len(off)))
+    return float(np.sqrt(off @ np.linalg.solve(blocks(seen.noise), off) / len(off)))

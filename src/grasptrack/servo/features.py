@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
+from grasptrack.servo.geometry import complex_numbers
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SMALL = 1e-6
 """px that contacts must lie apart."""
@@ -25,7 +25,7 @@ SMALL = 1e-6
 
 def wrapped(angle: float) -> float:
     """An angle in rad brought to [-pi, pi)."""
-    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def spread(points: Floats) -> float:
@@ -50,11 +50,13 @@ class Features:
         self._middle, self._around, self._length = _parts(goal)
         if self._length < SMALL:
             raise InputError("the contacts of a goal lie apart", goal=goal.tolist())
-        self._conjugate = self._around.conj()
 
     def turn(self, contacts: Floats) -> complex:
         """Its argument is the angle from the goal to the contacts, that which leaves least (Procrustes)."""
-        return complex(_parts(contacts)[1] @ self._conjugate)
+        return self._turn(_parts(contacts)[1])
+
+    def _turn(self, around: list[complex]) -> complex:
+        return sum((u * v.conjugate() for u, v in zip(around, self._around, strict=True)), 0j)
 
     def values(self, contacts: Floats) -> Floats:
         """(x/l, y/l, l*/l, angle) of contacts (k, 2) px; at the goal (x*/l*, y*/l*, 1, 0).
@@ -66,7 +68,7 @@ class Features:
         if length < SMALL:
             raise InputError("contacts lie apart", contacts=contacts.tolist())
         at = (middle - self.centre) / length
-        return np.array([at.real, at.imag, self._length / length, cmath.phase(complex(around @ self._conjugate))])
+        return np.array([at.real, at.imag, self._length / length, cmath.phase(self._turn(around))])
 
     def error(self, contacts: Floats) -> Floats:
         """`values` less those of the goal, the angle in [-pi, pi)."""
@@ -80,25 +82,26 @@ class Features:
         """Derivatives (4, 2k) of `values` by x1, y1, x2, y2, ..."""
         k = len(contacts)
         middle, around, length = _parts(contacts)
-        of_length = 4.0 / (k * length) * around.view(np.float64)
-        at = (middle - self.centre) / length
-        out = np.empty((4, 2 * k))
-        out[0], out[1] = -at.real / length * of_length, -at.imag / length * of_length
-        out[0, 0::2] += 1.0 / (k * length)
-        out[1, 1::2] += 1.0 / (k * length)
-        out[2] = -self._length / length**2 * of_length
-        by = self._conjugate / complex(around @ self._conjugate)
-        out[3, 0::2], out[3, 1::2] = by.imag, by.real
-        return out
+        at, share, turn = (middle - self.centre) / length, 1.0 / (k * length), self._turn(around)
+        columns = []
+        for u, v in zip(around, self._around, strict=True):
+            by_length, by_turn = 4.0 * share * u, v.conjugate() / turn
+            for of_length, x, y, angle in (
+                (by_length.real, share, 0.0, by_turn.imag),
+                (by_length.imag, 0.0, share, by_turn.real),
+            ):
+                along = of_length / length
+                columns.append((x - at.real * along, y - at.imag * along, -self._length * along / length, angle))
+        return np.array(columns).T
 
     def off(self, contacts: Floats) -> float:
         """How far the farthest contact is from its goal, px."""
-        return float(np.sqrt(((contacts - self.goal) ** 2).sum(axis=1).max()))
+        return max(map(math.dist, contacts.tolist(), self.goal.tolist()))
 
 
-def _parts(points: Floats) -> tuple[complex, Complex, float]:
+def _parts(points: Floats) -> tuple[complex, list[complex], float]:
     """Mean of points (k, 2), the points about it, and l, complex numbers for vectors."""
-    z = np.ascontiguousarray(points, dtype=np.float64).view(np.complex128)[:, 0]
-    middle = complex(z.sum()) / len(z)
-    around = z - middle
-    return middle, around, 2.0 * math.sqrt(float(np.vdot(around, around).real) / len(z))
+    z = complex_numbers(points)
+    middle = sum(z) / len(z)
+    around = [p - middle for p in z]
+    return middle, around, 2.0 * math.sqrt(sum(p.real * p.real + p.imag * p.imag for p in around) / len(z))

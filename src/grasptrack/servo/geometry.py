@@ -3,49 +3,34 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.errors import InputError
+from grasptrack.kernels.reference_rigid import rotation, rotation_vector, skew, skews
 
 Floats = NDArray[np.float64]
 
+__all__ = [
+    "between",
+    "check_pose",
+    "complex_numbers",
+    "inverse",
+    "laid",
+    "moved",
+    "pose_of",
+    "rotation",
+    "rotation_vector",
+    "skew",
+    "skews",
+    "turn_between",
+]
+
 ROUNDING = 1e-3
 """How far a pose that is handed in may be from a rigid motion: drivers report in single precision."""
-
-
-def skew(v: ArrayLike) -> Floats:
-    """[v]x, the matrix (3, 3) for which [v]x u is the cross product of v and u."""
-    x, y, z = np.asarray(v, dtype=np.float64).tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def skews(points: Floats) -> Floats:
-    """[p]x of every point, (N, 3) to (N, 3, 3)."""
-    out = np.zeros((len(points), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -points[:, 2], points[:, 1], -points[:, 0]
-    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = points[:, 2], -points[:, 1], points[:, 0]
-    return out
-
-
-def rotation(vector: ArrayLike) -> Floats:
-    """The rotation (3, 3) about `vector` by its length in rad (Rodrigues)."""
-    v = np.asarray(vector, dtype=np.float64)
-    angle = float(np.sqrt(v @ v))
-    K = skew(v)
-    if angle < 1e-6:
-        return np.asarray(np.eye(3) + K + 0.5 * K @ K)
-    return np.asarray(np.eye(3) + math.sin(angle) / angle * K + (1.0 - math.cos(angle)) / angle**2 * K @ K)
-
-
-def rotation_vector(R: Floats) -> Floats:
-    """The inverse of `rotation`, (3,) rad, for turns below half a turn."""
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine, cosine = 0.5 * float(np.sqrt(axis @ axis)), 0.5 * (float(np.trace(R)) - 1.0)
-    angle = math.atan2(sine, cosine)
-    return np.asarray(0.5 * axis * (angle / sine if sine > 1e-9 else 1.0))
 
 
 def pose_of(rotation_: Floats, position: ArrayLike) -> Floats:
@@ -89,16 +74,32 @@ def check_pose(pose: ArrayLike) -> Floats:
     given = np.asarray(pose, dtype=np.float64)
     if given.shape != (4, 4) or not np.isfinite(given).all():
         raise InputError("a pose is a finite 4 x 4 matrix", shape=given.shape)
-    R = given[:3, :3]
-    off = float(np.abs(R @ R.T - np.eye(3)).max())
-    if off > ROUNDING or np.linalg.det(R) < 0.0 or float(np.abs(given[3] - (0.0, 0.0, 0.0, 1.0)).max()) > ROUNDING:
+    (a, b, c, _), (d, e, f, _), (g, h, i, _), (p, q, r, s) = given.tolist()
+    off = (
+        a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
+        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i, p, q, r, s - 1.0,
+    )  # fmt: skip
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    if max(map(abs, off)) > ROUNDING or determinant < 0.0:
         raise InputError("a pose is a rotation and a position above the row 0 0 0 1", pose=given.tolist())
     return given
 
 
+def turn_between(first: Floats, second: Floats) -> float:
+    """The turn in rad that brings points (k, 2 or more) as near to others as a rigid motion of the plane can."""
+    z, w = complex_numbers(first), complex_numbers(second)
+    a, b = sum(z) / len(z), sum(w) / len(w)
+    return cmath.phase(sum((v - b) * (u - a).conjugate() for u, v in zip(z, w, strict=True)))
+
+
 def laid(shape: Floats, onto: Floats) -> tuple[Floats, float]:
     """Points (k, 2) moved rigidly to lie best on others, and the turn in rad that it took."""
-    z, w = (p[:, 0] + 1j * p[:, 1] for p in (shape, onto))
-    turn = np.angle(((w - w.mean()) * (z - z.mean()).conj()).sum())
-    out = (z - z.mean()) * np.exp(1j * turn) + w.mean()
-    return np.column_stack([out.real, out.imag]), float(turn)
+    z, w, turn = complex_numbers(shape), complex_numbers(onto), turn_between(shape, onto)
+    a, b, by = sum(z) / len(z), sum(w) / len(w), cmath.rect(1.0, turn)
+    there = [(u - a) * by + b for u in z]
+    return np.array([(p.real, p.imag) for p in there]), turn
+
+
+def complex_numbers(points: Floats) -> list[complex]:
+    """x + iy of points (k, 2 or more). Of two or three points Python's own numbers are quicker than arrays."""
+    return [complex(p[0], p[1]) for p in points.tolist()]

@@ -8,6 +8,7 @@ the opening, between contacts what the hand's own moves have told.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -89,9 +90,11 @@ class Goal:
             shape: (k, 2) m, the contacts in their plane, in any place and turn.
             order: the finger of each contact.
         """
-        tips = self._points(camera, self.opening or float(np.sqrt(((shape[0] - shape[1]) ** 2).sum())))[list(order)]
-        there, _ = laid(shape, tips[:, :2])
-        return np.column_stack([there, np.full(len(there), tips[:, 2].mean() - self.beyond)])
+        length = self.opening or math.dist(shape[0].tolist(), shape[1].tolist())
+        tips = self._points(camera, length)[list(order)]
+        out = np.empty((len(order), 3))
+        out[:, :2], out[:, 2] = laid(shape, tips)[0], tips[:, 2].sum() / len(tips) - self.beyond
+        return out
 
     def orders(self, camera: HandCamera, contacts: Floats) -> list[tuple[int, ...]]:
         """Fingers for contacts (k, 3) m in the hand's frame: those that fit, the one that asks for the least turn first."""
@@ -111,7 +114,7 @@ class Goal:
         """The points (k, 3) m in the hand's frame, all at one depth, the first two `length` apart."""
         rays = camera.rays(self.points)
         flat = rays / rays[:, 2:]  # as they meet the plane at depth 1 before the camera, along the approach
-        depth = length / max(float(np.linalg.norm(flat[0] - flat[1])), SMALL)
+        depth = length / max(math.dist(flat[0].tolist(), flat[1].tolist()), SMALL)
         return np.asarray(camera.offset + depth * flat)
 
 

@@ -60,14 +60,16 @@ def twist_for(
         gain: the gain.
         damping: mu, relative to a Jacobian of size 1.
     """
-    axes = list(AXES[dof])
-    unit = np.where(np.array(axes) < 3, length, 1.0)
-    J = jacobian[:, axes] * unit
-    W = np.linalg.inv(np.eye(len(error)) + covariance / FAITH**2)
-    JW = J.T @ W
-    solved = np.linalg.solve(JW @ J + damping**2 * np.eye(len(axes)), JW @ error)
+    axes, m = list(AXES[dof]), len(error)
+    unit = np.array([length if a < 3 else 1.0 for a in axes])
+    sides = np.column_stack([jacobian[:, axes] * unit, error])
+    doubt = covariance / FAITH**2
+    doubt.flat[:: m + 1] += 1.0
+    products = sides[:, :-1].T @ np.linalg.solve(doubt, sides)  # J'W J, and J'W e
+    A = products[:, :-1]
+    A.flat[:: len(axes) + 1] += damping**2
     out = np.zeros(6)
-    out[axes] = -gain.at(float(np.sqrt(error @ error))) * unit * solved
+    out[axes] = -gain.at(math.sqrt(error @ error)) * unit * np.linalg.solve(A, products[:, -1])
     return out
 
 

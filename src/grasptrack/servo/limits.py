@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,31 +42,36 @@ class Limits:
 
         What carries the hand along with the object is kept, so that a limit slows the approach and not the following.
         """
-        kept = np.concatenate([_short(carried[:3], self.linear), _short(carried[3:], self.angular)])
-        share = min(_share(kept[:3], wanted[:3], self.linear), _share(kept[3:], wanted[3:], self.angular))
-        return np.asarray(kept + share * wanted)
+        more, kept = wanted.tolist(), carried.tolist()
+        kept = [*_short(kept[:3], self.linear), *_short(kept[3:], self.angular)]
+        share = min(_share(kept[:3], more[:3], self.linear), _share(kept[3:], more[3:], self.angular))
+        return np.array([k + share * m for k, m in zip(kept, more, strict=True)])
 
     def reachable(self, wanted: Floats, last: Floats, seconds: float) -> Floats:
         """The twist nearest to the wanted one that velocity and acceleration allow after the last one."""
-        out = np.empty(6)
-        parts = (
+        goal, before, out = wanted.tolist(), last.tolist(), []
+        for part, most, change in (
             (slice(0, 3), self.linear, self.linear_acceleration),
             (slice(3, 6), self.angular, self.angular_acceleration),
-        )
-        for part, most, change in parts:
-            goal = _short(wanted[part], most)
-            out[part] = _short(last[part] + _short(goal - last[part], change * max(seconds, 0.0)), most)
-        return out
+        ):
+            way = [g - b for g, b in zip(_short(goal[part], most), before[part], strict=True)]
+            way = _short(way, change * max(seconds, 0.0))
+            out += _short([b + w for b, w in zip(before[part], way, strict=True)], most)
+        return np.array(out)
 
 
-def _short(v: Floats, most: float) -> Floats:
-    size = float(np.sqrt(v @ v))
-    return v if size <= most else np.asarray(v * (most / size))
+def _short(v: list[float], most: float) -> list[float]:
+    size = math.hypot(*v)
+    return v if size <= most else [x * (most / size) for x in v]
 
 
-def _share(kept: Floats, more: Floats, most: float) -> float:
+def _share(kept: list[float], more: list[float], most: float) -> float:
     """The largest s of 0 to 1 with |kept + s more| <= most."""
-    a, b, c = float(more @ more), float(kept @ more), float(kept @ kept) - most**2
+    a, b, c = _dot(more, more), _dot(kept, more), _dot(kept, kept) - most**2
     if a < 1e-18 or a + 2.0 * b + c <= 0.0:
         return 1.0
-    return float(np.clip((-b + np.sqrt(max(b * b - a * c, 0.0))) / a, 0.0, 1.0))
+    return min(max((-b + math.sqrt(max(b * b - a * c, 0.0))) / a, 0.0), 1.0)
+
+
+def _dot(v: list[float], w: list[float]) -> float:
+    return sum(x * y for x, y in zip(v, w, strict=True))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a camera on a hand sees of points on a plane that may move, and the derivatives by everything that is unknown."""
+"""Camera and object: what is unknown, and in which order. What is seen of it is said in `kernels.expected_sightings`."""
 
 from __future__ import annotations
 
@@ -8,15 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.kernels.reference_sightings import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.geometry import rotation, skews
 
 Floats = NDArray[np.float64]
 
-FOCAL, TURN, OFFSET, PLACE, POSE = 0, slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)
-SPEED, SHAPE = slice(13, 16), 16
-"""Where in an error of all unknowns: log focal length; the camera's turn (rad, in its own frame) and offset (m); the object's
-place (m, base), turn (rad, its own frame) and velocity (m/s); then x, y of its points (m)."""
+__all__ = [
+    "FOCAL",
+    "OFFSET",
+    "PLACE",
+    "POSE",
+    "SHAPE",
+    "SPEED",
+    "TURN",
+    "Placed",
+    "packed",
+    "unpacked",
+]
+"""Those in capitals say where in an error of all unknowns: log focal length; the camera's turn (rad, in its own frame) and
+offset (m); the object's place (m, base), turn (rad, its own frame) and velocity (m/s); then x, y of its points (m)."""
 
 
 @dataclass
@@ -50,50 +60,15 @@ class Placed:
         return Placed(self.points, self.turn, self.place + seconds * self.velocity(), self.speed, self.axes)
 
 
-def changed(camera: HandCamera, object_: Placed, by: Floats) -> tuple[HandCamera, Placed]:
-    """Camera and object after a step (16 + 2n,) of all unknowns."""
+def packed(camera: HandCamera, object_: Placed) -> Floats:
+    """Both as the kernels want them, (39 + 2n,): see `grasptrack.kernels.reference_sightings`."""
     o = object_
-    moved = Placed(
-        o.points + by[SHAPE:].reshape(-1, 2),
-        o.turn @ rotation(by[POSE]),
-        o.place + by[PLACE],
-        o.speed + by[SPEED],
-        o.axes,
-    )
-    return camera.changed(float(np.clip(by[FOCAL], -0.5, 0.5)), by[TURN], by[OFFSET]), moved
+    parts = ((camera.focal,), camera.centre, camera.turn, camera.offset, o.turn, o.place, o.speed, o.axes, o.points)
+    return np.concatenate([np.ravel(part) for part in parts])
 
 
-def expected(camera: HandCamera, object_: Placed, hands: Floats, later: Floats) -> tuple[Floats, Floats]:
-    """What is seen from many poses of the hand, and how it changes with all unknowns.
-
-    Args:
-        camera: the camera.
-        object_: the object.
-        hands: (N, 4, 4) poses in the base.
-        later: (N,) s, of each pose after the time at which the object is where it is said to be.
-
-    Returns:
-        Pixels (N, n, 2), NaN behind the camera, and derivatives (N, n, 2, 16 + 2n).
-    """
-    N, n = len(hands), len(object_.points)
-    way = later[:, None] * object_.velocity()
-    base = object_.in_base()[None] + way[:, None]
-    in_hand = (base - hands[:, None, :3, 3]) @ hands[:, :3, :3]
-    flat = in_hand.reshape(-1, 3)
-    pixels = camera.project(flat).reshape(N, n, 2)
-    P = camera.from_hand(flat)
-    A = camera.slopes(flat)
-    out = np.zeros((N, n, 2, SHAPE + 2 * n))
-    out[..., FOCAL] = pixels - camera.centre
-    out[..., TURN] = (A @ skews(P)).reshape(N, n, 2, 3)
-    out[..., OFFSET] = (-A @ camera.turn.T).reshape(N, n, 2, 3)
-    to_camera = camera.turn.T @ np.swapaxes(hands[:, :3, :3], 1, 2)
-    by_place = A.reshape(N, n, 2, 3) @ to_camera[:, None]
-    out[..., PLACE] = by_place
-    local = np.column_stack([object_.points, np.zeros(n)])
-    out[..., POSE] = -by_place @ (object_.turn @ skews(local))
-    out[..., SPEED] = by_place @ object_.axes * later[:, None, None, None]
-    by_shape = by_place @ object_.turn[:, :2]
-    for i in range(n):
-        out[:, i, :, SHAPE + 2 * i : SHAPE + 2 * i + 2] = by_shape[:, i]
-    return pixels, out
+def unpacked(state: Floats) -> tuple[HandCamera, Placed]:
+    """The inverse of `packed`."""
+    camera = HandCamera(float(state[0]), state[1:3], state[3:12].reshape(3, 3), state[12:15])
+    turn, axes = state[15:24].reshape(3, 3), state[30:39].reshape(3, 3)
+    return camera, Placed(state[39:].reshape(-1, 2), turn, state[24:27], state[27:30], axes)

@@ -38,4 +38,6 @@ class Poses:
         if i == len(self._times):
             return self._poses[-1]
         before, after = self._times[i - 1], self._times[i]
+        if time == after:
+            return self._poses[i]
         return between(self._poses[i - 1], self._poses[i], (time - before) / (after - before))

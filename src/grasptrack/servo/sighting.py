@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ Floats = NDArray[np.float64]
 
 FLOOR = 0.2
 """px, the least standard deviation of a point: covariances know noise, not models."""
+FLOORS = np.eye(2)[None] * FLOOR**2
 MOST = 30.0
 """px, the largest that is made of an unbounded one."""
 REACH = 0.7
@@ -40,12 +43,26 @@ class Sighting:
     noise: Floats
     contacts: int
 
-    def stacked_noise(self) -> Floats:
-        """(2n, 2n) px^2 of all points."""
-        out = np.zeros((2 * len(self.points), 2 * len(self.points)))
-        for i, block in enumerate(self.noise):
-            out[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
-        return out
+    @cached_property
+    def row(self) -> Floats:
+        """(17 + 6n,) time, pose, points and noise in a row: many such rows are stacked quickly."""
+        return np.concatenate([(self.time,), self.hand.ravel(), self.points.ravel(), self.noise.ravel()])
+
+
+def blocks(noise: Floats) -> Floats:
+    """(2n, 2n), with the covariances (n, 2, 2) of points that know nothing of each other on the diagonal."""
+    n = len(noise)
+    out, each = np.zeros((n, 2, n, 2)), np.arange(n)
+    out[each, :, each] = noise
+    return out.reshape(2 * n, 2 * n)
+
+
+def stacked(seen: Sequence[Sighting]) -> tuple[Floats, Floats, Floats, Floats]:
+    """Times (N,), poses (N, 4, 4), points (N, n, 2) and noise (N, n, 2, 2) of sightings of the same points."""
+    N, n = len(seen), len(seen[0].points)
+    rows = np.concatenate([s.row for s in seen]).reshape(N, -1)
+    points, noise = rows[:, 17 : 17 + 2 * n], rows[:, 17 + 2 * n :]
+    return rows[:, 0], rows[:, 1:17].reshape(N, 4, 4), points.reshape(N, n, 2), noise.reshape(N, n, 2, 2)
 
 
 class Sighter:
@@ -67,12 +84,9 @@ class Sighter:
             return None
         points = np.asarray(result.contacts, dtype=np.float64)
         k = len(points)
-        noise = np.broadcast_to(np.eye(2) * FLOOR**2, (k, 2, 2)).copy()
+        noise = FLOORS.repeat(k, axis=0)
         if result.covariance is not None:
-            told = np.nan_to_num(result.covariance, nan=MOST**2, posinf=MOST**2, neginf=MOST**2)
-            values, vectors = np.linalg.eigh(told)
-            told = (vectors * np.clip(values, 0.0, MOST**2)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-            noise += told
+            noise += result.covariance if _usual(result.covariance) else _bounded(result.covariance)
         if self._square:
             if result.homography is None:
                 return None
@@ -85,6 +99,21 @@ class Sighter:
             points = np.vstack([points, corners])
             noise = np.concatenate([noise, np.broadcast_to(4.0 * noise.mean(axis=0), (4, 2, 2))])
         return Sighting(time, hand, points, noise, k) if np.isfinite(points).all() else None
+
+
+def _usual(covariance: Floats) -> bool:
+    """Whether these (k, 2, 2) are covariances within bounds, as nearly all are: then there is nothing to mend."""
+    for (xx, xy), (yx, yy) in covariance.tolist():
+        if not (xy == yx and xx >= 0.0 and yy >= 0.0 and xx + yy <= MOST**2 and xx * yy >= xy * xy):
+            return False
+    return True
+
+
+def _bounded(covariance: Floats) -> Floats:
+    """The covariances (k, 2, 2) with variances in 0 to MOST^2 along their axes."""
+    told = np.nan_to_num(covariance, nan=MOST**2, posinf=MOST**2, neginf=MOST**2)
+    values, vectors = np.linalg.eigh(told)
+    return np.asarray((vectors * np.clip(values, 0.0, MOST**2)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
 
 
 def _square(contacts: Floats, homography: Floats) -> Floats:

@@ -28,6 +28,9 @@ class Textbook:
         centre: (2,) px, the middle of the image.
     """
 
+    linearised_at_goal = True
+    """Whether the interaction matrix is that of the goal, and not that of where the points are."""
+
     def __init__(self, seen: Sighting, believed: NominalCamera, centre: Floats) -> None:
         self.camera = believed.camera(centre)
         self._length = spread(seen.points[: seen.contacts]) * believed.distance / self.camera.focal
@@ -58,7 +61,3 @@ class Textbook:
     def relative_error(self) -> float:
         """Nothing is doubted."""
         return 0.0
-
-    def linearised_at(self, points: Floats, wanted: Floats) -> Floats:
-        """Where the interaction matrix is taken, (k, 3) m in the hand's frame: at the goal."""
-        return wanted
