@@ -20,6 +20,8 @@ FADING = 0.9
 """Share of the fastest turn that is still expected one frame later."""
 LONGEST = 2.0
 """A motion is carried on for at most so many times the interval in which it was seen."""
+CARRIED = 6
+"""Frames after a loss in which the object may also have gone on as before."""
 WHOLE = 1e-9
 """Intervals by which a power may differ from a whole number and be taken for it."""
 SCALE = 300.0
@@ -45,6 +47,7 @@ class Motion:
         self.missed = 0
         self._adrift = 0  # frames without a pose that the ground did not bridge
         self._coasting = False
+        self._still = True
 
     def begin(self, time: float | None) -> None:
         """The reference image, taken at a time in s."""
@@ -60,6 +63,18 @@ class Motion:
     def predict(self) -> Floats:
         """(3, 3) H_current_reference expected in the image at hand: at constant velocity, or at rest after a loss."""
         return self._expected
+
+    @property
+    def carried(self) -> Floats | None:
+        """(3, 3) expected in the image at hand if it went on as before the loss; None where that is not known."""
+        if not 0 < self.missed <= CARRIED or self._still:
+            return None
+        times = self.missed + 1.0
+        if self._now is not None and self._time is not None and self._interval is not None:
+            times = (self._now - self._time) / self._interval
+        if not 0.0 < times <= LONGEST * (CARRIED + 1):
+            return None
+        return normalised(power(self._step, times, self._place()) @ self._pose)
 
     @property
     def last(self) -> Floats:
@@ -97,6 +112,7 @@ class Motion:
         turned = abs(wrapped(self.angle(H) - self.angle(self._pose))) / (self.missed + 1)
         self._turning = max(turned, FADING * self._turning)
         self._step = H @ np.linalg.inv(self._pose) if self.missed == 0 else np.eye(3)
+        self._still = self.missed > 0
         self._pose = normalised(H)
         self._interval = None
         if self._now is not None and self._time is not None and self._now > self._time:
@@ -108,7 +124,7 @@ class Motion:
         """The pose (3, 3) that the object must have if it moved on with the ground, in a frame that does not show it."""
         self._pose = normalised(H)
         self._step = np.eye(3)
-        self._coasting = True
+        self._still = self._coasting = True
 
     def lost(self) -> None:
         """This frame gave none."""

@@ -87,6 +87,9 @@ class Search:
             return
         if reference.registration is not None and motion.remembered:
             yield Hypothesis(None, predicted)
+            carried = motion.carried
+            if carried is not None:
+                yield Hypothesis(None, carried)
         if reference.registration is not None:
             yield from self._to_lay(grey, predicted, reasons)
             return

@@ -62,10 +62,7 @@ def first_look(
     good = [g for g in found if g.quality >= NEARLY_AS_GOOD * found[0].quality]
     chosen = min(good, key=lambda g: turn_between(g.contacts, tips)) if fingers == 2 else good[0]
     tracker = GraspTracker(grasp=chosen.contacts, strategy=strategy, ignore=ignore, friction=FRICTION)
-    tracker.update(image, time)
-    return tracker, tracker.update(
-        image, time
-    )  # again: what a registration leaves of the same image is learned from it
+    return tracker, tracker.update(image, time)
 
 
 def turn_between(contacts: Floats, tips: Floats) -> float:
