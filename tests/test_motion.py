@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
 from grasptrack.errors import ConditioningError
-from grasptrack.motion import LONGEST, Motion, power
+from grasptrack.motion import CARRIED, LONGEST, Motion, power
 from grasptrack.projective import FEW, applied, apply_homography, normalised
 from grasptrack.simulation import SHAPES
 from grasptrack.simulation.disturbances import DISTURBANCES
@@ -42,6 +42,32 @@ def test_powers_add_up(H: np.ndarray, a: float, b: float) -> None:
     for whole in (1.0, 2.0):  # where no series is needed
         np.testing.assert_allclose(to(whole), to(whole + 1e-8), rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(normalised(to(a) @ to(b)), to(a + b), atol=2e-3)
+
+
+@given(steps(), st.integers(1, CARRIED), st.booleans())
+def test_what_moved_before_a_loss_may_have_gone_on(H: np.ndarray, missed: int, timed: bool) -> None:
+    motion = Motion(PLACE)
+    motion.begin(0.0 if timed else None)
+    motion.look(0.1 if timed else None)
+    motion.found(H)
+    for k in range(missed):
+        assert motion.missed == k and (motion.carried is None) == (k == 0)
+        motion.look(0.1 * (k + 2) if timed else None)
+        motion.lost()
+    motion.look(0.1 * (missed + 2) if timed else None)
+    np.testing.assert_allclose(motion.predict(), normalised(H), atol=1e-9)
+    carried = motion.carried
+    assert carried is not None
+    wanted = normalised(np.linalg.matrix_power(H, missed + 2))
+    np.testing.assert_allclose(
+        apply_homography(carried, np.array([PLACE])), apply_homography(wanted, np.array([PLACE]))
+    )
+    motion.found(carried)
+    motion.look(0.1 * (missed + 3) if timed else None)
+    motion.lost()
+    assert motion.carried is None  # how it moved is not known after a gap
+    motion.coast(H)
+    assert motion.carried is None
 
 
 @given(steps(), st.integers(1, FEW), st.integers(0, 2))

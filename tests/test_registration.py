@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from grasptrack import GraspTracker, kernels
 from grasptrack.agreement import Agreement
 from grasptrack.carriers import Carried
+from grasptrack.contour import Contour, View
 from grasptrack.errors import TransferError
 from grasptrack.evaluation.sequence import chosen_grasp
 from grasptrack.grasp import Grasp
@@ -134,14 +135,19 @@ def test_both_refuse_the_same() -> None:
 # --- agreement -----------------------------------------------------------------------------------
 
 
-def carried(agreement: float, noise: float) -> Carried:
-    moved = Transfer(Grasp(CORNERS[:2]), np.eye(3), None, noise)
-    if math.isnan(agreement):
-        return Carried("rrp", moved, None)  # type: ignore[arg-type]
-    told = Fused(
-        np.eye(3), np.eye(4), agreement, noise, noise, math.nan, math.nan, (True, False, False), False, 2, np.eye(9)
+OUTLINE = np.repeat(CORNERS, 3, axis=0) + np.tile(np.eye(3)[:, :2], (4, 1))
+
+
+def carried(agreement: float, noise: float, leverage: float = math.inf) -> Carried:
+    moved, view = (
+        Transfer(Grasp(CORNERS[:2]), np.eye(3), None, noise),
+        View([Contour(OUTLINE)]),
     )
-    return Carried("registration", moved, None, told)  # type: ignore[arg-type]
+    if math.isnan(agreement):
+        return Carried("rrp", moved, view)
+    used = True, False, False
+    told = Fused(np.eye(3), np.eye(4), agreement, noise, noise, math.nan, math.nan, used, False, 2, leverage, np.eye(9))
+    return Carried("registration", moved, view, told)
 
 
 def test_a_pose_that_fits_worse_than_a_refused_one_is_not_believed() -> None:
@@ -170,4 +176,11 @@ def test_edges_that_scatter_more_than_before_are_not_believed_and_no_habit_is_ma
         believed += 1
     assert believed < 20 and noise < 1.0
     assert judge.refuse(carried(0.3, 0.05)) != ""
+    settled = Agreement()
+    settled.believe(carried(0.9, 0.06))
+    # it can move no contact by much; where more is covered, or they scatter as no edges do, nobody knows
+    assert settled.refuse(carried(0.9, 0.3, 2.0)) == ""
+    for agreement, scatter, leverage in ((0.7, 0.3, 2.0), (0.9, 0.9, 0.1), (0.9, 0.3, 9.0)):
+        settled.begin()
+        assert "scatter" in settled.refuse(carried(agreement, scatter, leverage))
     assert judge.refuse(carried(math.nan, math.nan)) == ""

@@ -144,6 +144,7 @@ def _show(found: Trials, asked: dict[str, Any], output: Path) -> None:
         *(["failed" if i == 0 else "", str(n), reason] for i, (reason, n) in enumerate(found.reasons())),
         ["refused at synthesis", str(figures["refused"]), f"{figures['refusals_confirmed']} confirmed by brute force"],
         ["closed unbelieved", str(figures["closed_unbelieved"]), f"of {figures['closed']} times that the hand closed"],
+        ["closed wrong", str(figures["closed_wrong"]), "believed, and elsewhere in truth"],
     ]
     middle = figures["median"]
     notes = [

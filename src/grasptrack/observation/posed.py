@@ -58,6 +58,22 @@ class Fused(NamedTuple):
     homography_covariance: Floats
 
 
+def leverage(covariance: Floats, count: float, noise: float) -> float:
+    """px by which a contact is moved at most by edges that are off by 1 px, rms, in whatever way: exact where edges alone tell
+    the pose, and a bound where more does.
+
+    Args:
+        covariance: (2 k, 2 k) px^2 of the contacts.
+        count: of the edges, weighed.
+        noise: px, of one edge, which that covariance supposes.
+    """
+    most = 0.0
+    for i in range(0, len(covariance), 2):
+        (xx, xy), (_, yy) = covariance[i : i + 2, i : i + 2].tolist()
+        most = max(most, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
+    return math.sqrt(count * most) / noise
+
+
 class Posed:
     """The evidence at one pose, as `kernels.converge` found it.
 
@@ -134,19 +150,13 @@ class Posed:
         return math.sqrt(float(self.covariance(self.use if use is None else use).diagonal().max()))
 
     def leverage(self, covariance: Floats) -> float:
-        """px by which a contact is moved at most by edges that are off by 1 px, rms: a bound, exact by the outline alone.
+        """As the function of this name; infinite where the outline is not asked.
 
         Args:
             covariance: (2 k, 2 k) px^2 of the contacts, as the evidence in use leaves it.
         """
         count, _, noise, _ = self.stats[0]
-        if not self.told(0):
-            return math.inf
-        most = 0.0
-        for i in range(0, len(covariance), 2):
-            (xx, xy), (_, yy) = covariance[i : i + 2, i : i + 2].tolist()
-            most = max(most, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
-        return math.sqrt(count * most) / noise
+        return leverage(covariance, count, noise) if self.told(0) else math.inf
 
     def slid(self, by: float) -> tuple[Floats, Floats]:
         """(3, 3) each, the poses to either side in which the contacts have moved by so many px, rms, the way that the outline

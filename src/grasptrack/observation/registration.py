@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import View
 from grasptrack.errors import TransferError
-from grasptrack.kernels.reference_support import in_hidden
+from grasptrack.kernels.reference_support import hidden_at
 from grasptrack.observation.images import Grey
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,8 @@ WIDTHS = (4.0, 6.0, 8.0, 12.0, 16.0)
 """px of the outline on which a normal may rest: the first ..."""
 WAVERING = 0.06
 """... on which normals differ by no more than this, rad, from those on the last."""
+BESIDE_HIDDEN = 6.0
+"""px within which of something hidden no sample is taken: an outline that ends there is bent toward it."""
 MIN_STRENGTH, RELATIVE_STRENGTH = 2.0, 0.3
 """Grey levels per px of an edge; and its share of the reference's, exposure and blur of the image allowed for."""
 FAR: Schedule = (
@@ -88,7 +90,8 @@ class OutlineRegistration:
         edges = kernels.edge_search(grey, points, normals, NEAR, polarity)
         strength = np.abs(edges[:, 1])
         good = (np.abs(edges[:, 0]) <= 0.5 * NEAR) & (strength >= MIN_STRENGTH)
-        good &= ~in_hidden(clear, points, normals, edges[:, 0])
+        if clear is not None:
+            good &= ~hidden_at(clear, points, BESIDE_HIDDEN)
         if good.any():
             good &= strength >= RELATIVE_STRENGTH * float(np.median(strength[good]))
         if np.count_nonzero(good) < 24:

@@ -16,6 +16,7 @@ from grasptrack.kernels.reference_contradiction import attached
 from grasptrack.kernels.reference_support import hidden_at
 from grasptrack.kernels.reference_weighing import expected_levels
 from grasptrack.observation.images import Grey
+from grasptrack.observation.registration import BESIDE_HIDDEN
 from grasptrack.observation.segmentation import clearance
 
 Floats = NDArray[np.float64]
@@ -121,6 +122,9 @@ class OutlineSamples:
         strength = np.abs(edges[:, 1])
         # where the reference itself shows no edge, none can be asked for
         strong = ~np.isnan(edges[:, 0]) & (strength >= MIN_STRENGTH)
+        clear = clearance(hidden)
+        if clear is not None:
+            strong &= ~hidden_at(clear, points, BESIDE_HIDDEN)
         strong &= strength >= RELATIVE_STRENGTH * (float(np.median(strength[strong])) if strong.any() else 0.0)
         outline = np.arange(len(where)) < len(where) - PER_CONTACT * len(contacts)
         keep = strong | ~outline
@@ -131,7 +135,7 @@ class OutlineSamples:
         self.inside: Floats = edges[keep, 2]
         self.outside: Floats = edges[keep, 3]
         self.polarity = polarity
-        self._hidden, self._clear = hidden, clearance(hidden)
+        self._hidden, self._clear = hidden, clear
         self.contacts = len(contacts)
         self.count = int(np.count_nonzero(self.outline))
         self.area = area
@@ -200,10 +204,9 @@ class OutlineSamples:
             told = kernels.outline_support(grey, H, *samples, contacts, self.polarity, self.area, *rules)
             return told if blind is None else (*told[:5], told[5] & ~blind, told[6] & ~blind, *told[7:])
         seen = ~blind
-        samples = (np.ascontiguousarray(each[seen]) for each in (self.points, self.normals, self.strength))
-        size, reach, *of_samples, shift, covariance = kernels.outline_support(
-            grey, H, *samples, contacts, self.polarity, self.area, *rules
-        )
+        samples = self.points[seen], self.normals[seen], self.strength[seen]
+        told = kernels.outline_support(grey, H, *samples, contacts, self.polarity, self.area, *rules)
+        size, reach, *of_samples, shift, covariance = told
         carried = kernels.carry_normals(H, self.points, self.normals)
         points, normals = np.ascontiguousarray(carried[:, :2]), np.ascontiguousarray(carried[:, 2:4])
         edges = np.zeros((len(seen), 4))

@@ -77,11 +77,14 @@ class Row:
         aside_mm: true distance of the grasp's middle from the hand's axis when it began to close.
         turned_deg: true angle between the grasp and the hand then.
         again: how often the grasp was chosen anew on the way.
-        believed: at closing, the result was believed; empty where the hand never closed.
+        believed: at closing, the tracker's status was "tracked"; empty where the hand never closed.
+        right: at closing, every tracked contact was in truth within max(3 px, 4 % of sqrt(area)) of the one that was chosen,
+            which was on the part's outline; empty where the hand never closed.
         start_turn_deg, start_off, start_away: how the view was off at the start: the turn that the chosen grasp asks for,
             share of the view, multiple of the goal's distance.
         servo_ms, loop_ms: medians of a step of the servo, and of tracker and servo together.
         loop_p99_ms: 99th percentile of the latter.
+        look_ms: median of the looks at the whole image in which a grasp was chosen; the loop's times are without them.
     """
 
     seed: int
@@ -100,12 +103,14 @@ class Row:
     turned_deg: float = math.nan
     again: int = 0
     believed: bool | None = None
+    right: bool | None = None
     start_turn_deg: float = math.nan
     start_off: float = math.nan
     start_away: float = math.nan
     servo_ms: float = math.nan
     loop_ms: float = math.nan
     loop_p99_ms: float = math.nan
+    look_ms: float = math.nan
 
     def values(self) -> dict[str, Any]:
         """By the names of the columns."""

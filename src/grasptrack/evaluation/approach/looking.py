@@ -48,6 +48,7 @@ class Looking:
 
     Attributes:
         again: how often a grasp was chosen anew.
+        looked: in the last image the part was looked for anew, which takes far longer than following it.
     """
 
     def __init__(self, tracker: GraspTracker, view: View, ignore: NDArray[Any], hand: Hand, tips: Floats) -> None:
@@ -56,13 +57,20 @@ class Looking:
         self._found: deque[bool] = deque([True] * WINDOW, maxlen=WINDOW)
         self._wait = 0
         self.again = 0
+        self.looked = False
 
-    def update(self, image: NDArray[Any], time: float) -> TrackResult:
-        """What is seen now."""
+    def update(self, image: NDArray[Any], time: float, *, look: bool = True) -> TrackResult:
+        """What is seen now.
+
+        Args:
+            image, time: as for `GraspTracker.update`.
+            look: the part may be looked for anew.
+        """
         result = self._tracker.update(image, time)
         self._found.append(result.status == "tracked")
         self._wait = max(0, self._wait - 1)
-        if result.status != "tracked" and self._wait == 0 and sum(self._found) < LEAST * WINDOW:
+        self.looked = look and result.status != "tracked" and self._wait == 0 and sum(self._found) < LEAST * WINDOW
+        if self.looked:
             self._wait = SELDOM
             strategy = "auto" if self.again % OTHERWISE < OTHERWISE - 1 else "homography"
             tracker, anew = first_look(image, time, self._ignore, self._hand, self._tips, strategy)

@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +27,7 @@ from grasptrack.simulation.physical import World
 from grasptrack.simulation.physical.setting import Setting
 from grasptrack.simulation.render import finer
 from grasptrack.synthesis import synthesize
+from grasptrack.verdict import RIGHT, RIGHT_PX
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +37,9 @@ KNOWN = 0.1
 """How well the size of the part is known beforehand, which is what the hand's limits are told by."""
 PATIENCE = 25
 """Images in which to look for the part before giving up."""
+LOOK_PERIODS = 6
+"""Control periods that pass while the whole image is looked at for a grasp. The hand goes on as it was told last; the images
+that come meanwhile are gone through afterwards."""
 NOMINAL_FOCAL, NOMINAL_HEIGHT, NOMINAL_ASIDE, NOMINAL_LEAN = 600.0, 0.275, 0.07, math.radians(6.0)
 """px, m, m and rad of the camera that the nominal laws believe in: the middle of what is drawn."""
 
@@ -69,6 +74,7 @@ class _Run:
     step: Step = field(default_factory=lambda: Step("look", 0.0))
     servo_ms: list[float] = field(default_factory=list)
     loop_ms: list[float] = field(default_factory=list)
+    look_ms: list[float] = field(default_factory=list)
     truth: Floats | None = None  # the chosen contacts on the part, m
 
     def later(self, stage: str) -> Callable[[], None]:
@@ -105,6 +111,8 @@ def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
     if run.loop_ms:
         row.servo_ms, row.loop_ms = float(np.median(run.servo_ms)), float(np.median(run.loop_ms))
         row.loop_p99_ms = float(np.percentile(run.loop_ms, 99))
+    if run.look_ms:
+        row.look_ms = float(np.median(run.look_ms))
     if row.outcome == "lifted" or not case.pictures:
         return row, b""
     from grasptrack.evaluation.approach.pictures import ending
@@ -120,7 +128,9 @@ def _approach(run: _Run) -> None:
     hand = hand_for(world.setting.part.size * float(rng.uniform(1.0 - KNOWN, 1.0 + KNOWN)))
     for _ in range(PATIENCE):
         image = world.image()
+        began = clock.perf_counter()
         tracker, result = first_look(image, world.time(), ignore, hand, tips)
+        run.look_ms.append(1e3 * (clock.perf_counter() - began))
         run.tell(Step("look", world.time(), image, result))
         row.images += 1
         if result.contacts is not None or result.view is not None:
@@ -136,25 +146,32 @@ def _approach(run: _Run) -> None:
     looking = Looking(tracker, result.view, ignore, hand, tips)
     goal = Goal.fingertips(tips, opening, beyond_m=-ABOVE)
     servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))
+    twist = np.zeros(6)
+    _meanwhile(run, looking, twist)
+    world.move(twist)
     while not servo.over:
+        image = world.image()
         began = clock.perf_counter()
-        if row.images > 1 or world.time() > result.time:  # type: ignore[operator]
-            image = world.image()
-            began = clock.perf_counter()
-            result = looking.update(image, world.time())
+        result = looking.update(image, world.time())
+        tracked, looked = clock.perf_counter(), looking.looked
+        if looked:
+            run.look_ms.append(1e3 * (tracked - began))
             if looking.again > row.again:
                 row.again = looking.again
                 run.truth = _on_part(world, result.contacts)
-        tracked = clock.perf_counter()
+            image, result = _meanwhile(run, looking, twist)
+        decided = clock.perf_counter()
         command = servo.update(result, time=world.time(), pose=world.pose())
         ended = clock.perf_counter()
-        run.servo_ms.append(1e3 * (ended - tracked))
-        run.loop_ms.append(1e3 * (ended - began))
+        run.servo_ms.append(1e3 * (ended - decided))
+        if not looked:
+            run.loop_ms.append(1e3 * (ended - began))
         row.images += 1
+        twist = command.twist
         run.tell(Step("approach", world.time(), image, result, command))
         if command.close:
             _closing(run, result, command)
-        world.move(command.twist)
+        world.move(twist)
         if command.close:
             width = width_in_m(result.contacts, tips, opening) if result.contacts is not None else None
             world.watch = run.later("close")
@@ -168,6 +185,18 @@ def _approach(run: _Run) -> None:
         row.outcome = "lifted"
     else:
         row.reason = world.failure
+
+
+def _meanwhile(run: _Run, looking: Looking, twist: Floats) -> tuple[NDArray[np.uint8], TrackResult]:
+    """What has become of it while the whole image was looked at: the last image since, and what is seen there."""
+    came = []
+    for _ in range(LOOK_PERIODS):
+        run.world.move(twist)
+        came.append((run.world.image(), run.world.time()))
+        run.tell(Step("look", run.world.time(), came[-1][0]))
+    run.row.images += len(came)
+    results = [looking.update(image, time, look=False) for image, time in came]
+    return came[-1][0], results[-1]
 
 
 def _start(run: _Run, contacts: Floats, tips: Floats) -> None:
@@ -207,8 +236,31 @@ def _closing(run: _Run, result: TrackResult, command: Command) -> None:
     local = (places - hand[:3, 3]) @ hand[:3, :3]
     seen = apply_homography(world.outline_to_image(), run.truth)
     row.contact_error_px = float(np.hypot(*(result.contacts - seen).T).max())
+    row.right = max(row.contact_error_px, _off_outline(world, seen)) <= _tolerance(world)
     row.aside_mm = 1e3 * float(np.hypot(*local.mean(axis=0)[:2]))
     row.turned_deg = math.degrees(turn_between(local[:, :2], np.array([[-1.0, 0.0], [1.0, 0.0]])))
+
+
+def _outline(world: World) -> list[Floats]:
+    """Rings (n, 2) px of the part's true outline in the image now."""
+    size = world.setting.part.size
+    return [apply_homography(world.outline_to_image(), ring * size) for ring in world.shape.polygons]
+
+
+def _off_outline(world: World, points: Floats) -> float:
+    """px, the farthest of some points (k, 2) from the part's true outline."""
+    rings = [ring.astype(np.float32) for ring in _outline(world)]
+    off = [min(abs(cv2.pointPolygonTest(ring, (x, y), True)) for ring in rings) for x, y in points.tolist()]
+    return float(max(off))
+
+
+def _tolerance(world: World) -> float:
+    """px within which contacts are right."""
+    rings = _outline(world)
+    area = abs(float(cv2.contourArea(rings[0].astype(np.float32)))) - sum(
+        abs(float(cv2.contourArea(ring.astype(np.float32)))) for ring in rings[1:]
+    )
+    return max(RIGHT_PX, RIGHT * math.sqrt(max(area, 0.0)))
 
 
 def _nominal(law: Law) -> NominalCamera | None:

@@ -25,6 +25,7 @@ from grasptrack.simulation.physical.setting import Arm, Scenario
 Progress = Callable[[str, int, int], None]
 
 TABLE, INDEX, FAILURES = "trials.csv", "trials.json", "failures"
+MEASURED = "time_s", "error_px", "contact_error_px", "aside_mm", "servo_ms", "loop_ms", "loop_p99_ms", "look_ms"
 COLUMNS = tuple(f.name for f in fields(Row))
 
 
@@ -98,6 +99,11 @@ class Trials:
         """How often the hand closed on what was not believed."""
         return sum(row.believed is False for row in self.rows)
 
+    @property
+    def wrong(self) -> int:
+        """How often the hand closed on what was believed, and was elsewhere in truth."""
+        return sum(bool(row.believed) and row.right is False for row in self.rows)
+
     def figures(self) -> dict[str, Any]:
         """For the index."""
         low, high = self.interval()
@@ -113,11 +119,9 @@ class Trials:
             "rate_95": [low, high],
             "closed": sum(row.believed is not None for row in self.rows),
             "closed_unbelieved": self.unbelieved,
+            "closed_wrong": self.wrong,
             "reasons": dict(self.reasons()),
-            "median": {
-                name: _median([getattr(row, name) for row in self.rows])
-                for name in ("time_s", "error_px", "contact_error_px", "aside_mm", "servo_ms", "loop_ms", "loop_p99_ms")
-            },
+            "median": {name: _median([getattr(row, name) for row in self.rows]) for name in MEASURED},
         }
 
 
