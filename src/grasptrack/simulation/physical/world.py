@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.errors import InputError
 from grasptrack.simulation.outlines import Shape
-from grasptrack.simulation.physical import frames, model
+from grasptrack.simulation.physical import frames, linkage, model, serial
 from grasptrack.simulation.physical.drawing import images_of
 from grasptrack.simulation.physical.engine import engine
 from grasptrack.simulation.physical.gripper import MAX_OPENING, gripper
 from grasptrack.simulation.physical.images import Images
+from grasptrack.simulation.physical.resolved import joint_rates
 from grasptrack.simulation.physical.setting import BLACKOUT_S, Arm, Scenario, draw, hand_mask
 
 Floats = NDArray[np.float64]
@@ -48,7 +49,7 @@ class World:
         outline: the part, of area 1.
         seed: of everything.
         scenario: "static", "pushed", "belt" or "blackout"; see `setting.draw`.
-        arm: "gantry", which moves in x, y, z and turns, or "arm", which leans as well.
+        arm: "gantry", which moves in x, y, z and turns, or "arm", six hinges in a row.
         fingers: 2 or 3.
         images: "mujoco" draws the camera's images by MuJoCo, which needs offscreen OpenGL; "planar" by this package, which
             needs none and is several times as fast; "auto" by MuJoCo where it can.
@@ -59,7 +60,7 @@ class World:
         failure: after a lift that failed, how.
 
     Raises:
-        InputError: MuJoCo or offscreen OpenGL is missing, or unknown names.
+        InputError: MuJoCo or offscreen OpenGL is missing, unknown names, or a start out of the arm's reach.
         ContourError: an outline that crosses itself.
     """
 
@@ -95,8 +96,8 @@ class World:
 
     def _names(self) -> None:
         m = self.model
-        self._dofs = np.array([m.joint(name).dofadr[0] for name in model.joints(self.arm)])
-        self._qpos = np.array([m.joint(name).qposadr[0] for name in model.joints(self.arm)])
+        self._dofs = np.array([m.joint(name).dofadr[0] for name in linkage.joints(self.arm)])
+        self._qpos = np.array([m.joint(name).qposadr[0] for name in linkage.joints(self.arm)])
         self._belt = int(m.joint("belt").dofadr[0])
         self._part, self._part_dof = int(m.body("part").id), int(m.joint("part").dofadr[0])
         self._tip = int(m.site("tip").id)
@@ -108,14 +109,7 @@ class World:
 
     def _place(self) -> None:
         """The joints at which the hand is where the setting wants it."""
-        T = self.setting.hand
-        R = T[:3, :3] @ frames.DOWN  # what the hinges have to do
-        self.data.qpos[self._qpos[:3]] = T[:3, 3]
-        yaw = math.atan2(R[1, 0], R[0, 0])
-        if self.arm == "arm":
-            self.data.qpos[self._qpos[3:]] = (yaw, math.asin(-R[2, 0]), math.atan2(R[2, 1], R[2, 2]))
-        else:
-            self.data.qpos[self._qpos[3]] = yaw
+        self.data.qpos[self._qpos] = linkage.start(self.setting, self.arm)
         self.data.qvel[self._belt] = float(np.hypot(*self.setting.belt))
         self.data.qvel[self._part_dof : self._part_dof + 2] = self.setting.belt
         self._mj.mj_forward(self.model, self.data)
@@ -204,6 +198,14 @@ class World:
         self.failure = "" if min(heights) >= LIFTED else "slipped" if max(heights) > 0.004 else "stayed on the table"
         return min(heights) >= LIFTED
 
+    def links(self) -> list[tuple[Floats, Floats, float]]:
+        """The arm's links as rods in the world: both ends (3,) and the radius, m; none of a gantry."""
+        if self.arm == "gantry":
+            return []
+        at = linkage.base(self.setting)
+        rods = serial.links(self.data.qpos[self._qpos])
+        return [(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
+
     def bystander(self) -> Pixels:
         """(480, 640, 3) BGR image of a camera that stands beside and goes along."""
         return self._images.bystander(self)
@@ -249,7 +251,10 @@ class World:
         self._mj.mj_jacSite(m, d, *self._jacobian, self._tip)
         R = d.site_xmat[self._tip].reshape(3, 3)
         J = np.vstack([R.T @ each[:, self._dofs] for each in self._jacobian])
-        rates = np.linalg.lstsq(J, self._ctrl, rcond=1e-6)[0]
+        if self.arm == "arm":
+            rates = joint_rates(J, self._ctrl, d.qpos[self._qpos])
+        else:
+            rates = np.linalg.lstsq(J, self._ctrl, rcond=1e-6)[0]
         d.ctrl[: len(self._dofs)] = rates
         d.qvel[self._belt] = float(np.hypot(*self.setting.belt))
         self._push()
