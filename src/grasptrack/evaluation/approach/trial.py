@@ -15,17 +15,18 @@ from numpy.typing import NDArray
 from grasptrack.contour import Contour, View
 from grasptrack.errors import GraspTrackError
 from grasptrack.evaluation.approach.case import Case, Law, Row
-from grasptrack.evaluation.approach.choosing import FRICTION, first_look, hand_for, turn_between, width_in_m
+from grasptrack.evaluation.approach.choosing import closing_grasps, first_look, hand_for, turn_between, width_in_m
 from grasptrack.evaluation.approach.looking import Looking
 from grasptrack.evaluation.approach.refusal import pairs_that_close
+from grasptrack.evaluation.approach.refusal_radial import triples_that_close
 from grasptrack.projective import apply_homography
 from grasptrack.result import TrackResult
 from grasptrack.servo import Command, Goal, GraspServo, NominalCamera
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical import World
+from grasptrack.simulation.physical.gripper import Gripper, gripper
 from grasptrack.simulation.physical.setting import Setting
 from grasptrack.simulation.render import finer
-from grasptrack.synthesis import synthesize
 
 Floats = NDArray[np.float64]
 
@@ -92,9 +93,16 @@ def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
     Returns:
         What became of it, and a PNG of the end where it failed and pictures are asked for; else empty.
     """
-    row = Row(case.seed, case.shape.name, case.scenario, case.arm, case.law)
-    axis = _axis(case.shape)
-    world = World(case.shape, seed=case.seed, scenario=case.scenario, arm=case.arm, images=case.images, axis=axis)
+    row = Row(case.seed, case.shape.name, case.scenario, case.arm, case.law, fingers=case.fingers)
+    world = World(
+        case.shape,
+        seed=case.seed,
+        scenario=case.scenario,
+        arm=case.arm,
+        fingers=case.fingers,
+        images=case.images,
+        axis=_axis(case.shape, gripper(case.fingers)),
+    )
     run = _Run(world, case, row, watch)
     try:
         _approach(run)
@@ -129,12 +137,14 @@ def _approach(run: _Run) -> None:
     if result.contacts is None:
         refused = result.view is not None
         row.outcome, row.reason = ("refused" if refused else "failed"), result.reason or "no grasp"
-        row.confirmed = pairs_that_close(run.case.shape, world.setting.part.size) == 0 if refused else None
+        closing = pairs_that_close if run.case.fingers == 2 else triples_that_close
+        row.confirmed = closing(run.case.shape, world.setting.part.size) == 0 if refused else None
         return
     _start(run, result.contacts, tips)
     assert result.view is not None  # contacts lie on an outline
     looking = Looking(tracker, result.view, ignore, hand, tips)
-    goal = Goal.fingertips(tips, opening, beyond_m=-ABOVE)
+    apart = float(np.linalg.norm(np.diff(world.hand.tips(opening)[:2], axis=0)))
+    goal = Goal.fingertips(tips, apart, beyond_m=-ABOVE)
     servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))
     while not servo.over:
         began = clock.perf_counter()
@@ -208,7 +218,7 @@ def _closing(run: _Run, result: TrackResult, command: Command) -> None:
     seen = apply_homography(world.outline_to_image(), run.truth)
     row.contact_error_px = float(np.hypot(*(result.contacts - seen).T).max())
     row.aside_mm = 1e3 * float(np.hypot(*local.mean(axis=0)[:2]))
-    row.turned_deg = math.degrees(turn_between(local[:, :2], np.array([[-1.0, 0.0], [1.0, 0.0]])))
+    row.turned_deg = math.degrees(turn_between(local[:, :2], world.hand.tips(1.0)[:, :2]))
 
 
 def _nominal(law: Law) -> NominalCamera | None:
@@ -221,12 +231,13 @@ def _nominal(law: Law) -> NominalCamera | None:
     return NominalCamera(NOMINAL_FOCAL, mounting, distance=2.0 * math.hypot(NOMINAL_ASIDE, NOMINAL_HEIGHT))
 
 
-def _axis(shape: Shape) -> float | None:
-    """rad, the closing direction of the best grasp on the true outline; None where there is none."""
+def _axis(shape: Shape, hand: Gripper) -> float | None:
+    """rad, where x of the hand points in the best grasp on the true outline; None where there is none."""
     scale = 150.0
     outline = View([Contour(finer(r, 0.02) * scale, hole=k > 0) for k, r in enumerate(shape.polygons)])
-    found = [g for g in synthesize(outline, 2, FRICTION, hand=hand_for(0.065)) if not g.spread]
+    found, _ = closing_grasps(outline, hand.fingers, hand_for(0.065))
     if not found:
         return None
-    way = found[0].contacts[1] - found[0].contacts[0]
-    return math.atan2(way[1], way[0])
+    contacts = found[0].contacts
+    way = contacts[-1] - (contacts[0] if hand.fingers == 2 else contacts.mean(axis=0))
+    return math.atan2(way[1], way[0]) - hand.azimuths[-1]

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Literal
 
@@ -282,26 +281,27 @@ class World:
             self._step(along)
 
     def _feel(self, along: Floats) -> None:
-        """Straight down in the hand's frame until the tips press on the table; an arm gives way until both do."""
+        """Straight down in the hand's frame until the tips press on the table; an arm gives way until all do."""
         twist, limit = along.copy(), self.time() + FEEL / TOUCH_SPEED
         twist[2] = TOUCH_SPEED
         while self.time() < limit and self.finger_forces().sum() < TOUCH_N:
             self._step(twist)
-        if self.arm == "arm" and self.hand.fingers == 2:
+        if self.arm == "arm":
             self._level(along)
         twist[2] = -0.01
         for _ in range(round(0.0006 / 0.01 / model.TIMESTEP)):
             self._step(twist)
 
     def _level(self, along: Floats) -> None:
-        """Turn about y toward the finger that is still in the air, pressing on, until both press."""
-        twist, limit = along.copy(), self.time() + 0.5
+        """Turn toward the fingers that press less, pressing on, until all press."""
+        twist, limit, tips = along.copy(), self.time() + 0.5, self.hand.tips(1.0)
         while self.time() < limit:
-            left, right = self.finger_forces().tolist()  # at x below and above 0
-            if min(left, right) > 0.2 * TOUCH_N:
+            forces = self.finger_forces()
+            if forces.min() > 0.2 * TOUCH_N:
                 return
+            lower = (forces.mean() - forces) @ tips[:, :2]  # the side that has to come down
             twist[2] = 0.01
-            twist[4] = math.copysign(YIELD, right - left)
+            twist[3:5] = np.array([lower[1], -lower[0]]) * (YIELD / max(1e-9, float(np.hypot(*lower))))
             self._step(twist)
 
     def _shut(self, along: Floats) -> None:
