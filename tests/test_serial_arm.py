@@ -173,7 +173,9 @@ def test_no_limit_is_exceeded_whatever_is_asked_for(seed: int) -> None:
 
     def watch() -> None:
         assert (np.abs(world.data.qpos[world._qpos]) <= serial.RANGE + 1e-3).all()
-        assert (np.abs(world.data.qvel[world._dofs]) <= 1.02 * serial.SPEED + 1e-3).all()
+        assert (np.abs(world.data.ctrl[:6]) <= serial.SPEED + 1e-9).all()
+        # what drives of limited torque make of that where all joints swing at once
+        assert (np.abs(world.data.qvel[world._dofs]) <= 1.05 * serial.SPEED).all()
         assert (np.abs(world.data.actuator_force[:6]) <= serial.TORQUE + 1e-9).all()
 
     world.watch = watch

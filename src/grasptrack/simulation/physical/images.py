@@ -28,7 +28,7 @@ BYSTANDER = Camera(WIDTH, HEIGHT, focal=HEIGHT / 2.0 / np.tan(np.radians(20.0)))
 """Of the one who stands beside; 40 degrees high."""
 _BESIDE = np.array([0.55, -0.74, 0.52])
 """m, from the point on the table below the hand."""
-FAR, RAISED = 1.8, 1.2
+FAR, RAISED = 2.1, 1.4
 """m beside an arm and above its middle, where the bystander stands, sees it whole, and no horizon."""
 
 

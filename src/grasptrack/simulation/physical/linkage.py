@@ -15,9 +15,9 @@ TWIST_LIMIT = (0.8, 2.5)
 """m/s and rad/s that the gantry's drives can do."""
 DRIVE_FORCE, DRIVE_FORCE_DOWN, DRIVE_TORQUE = 250.0, 80.0, 12.0
 """N, N and N m of the gantry at most: sideways, up and down, about its axis."""
-STIFFNESS: Floats = np.array([2000.0, 2000.0, 1000.0, 100.0, 100.0, 100.0])
+STIFFNESS: Floats = np.array([4000.0, 4000.0, 2000.0, 200.0, 200.0, 200.0])
 """(6,) N m s/rad of the arm's drives: torque for a rate that is off."""
-MASSES = (6.0, 7.0, 4.0, 1.0, 1.0, 1.0)
+MASSES = (10.0, 14.0, 7.0, 2.0, 2.0, 2.0)
 """kg of what each joint of the arm carries, without what comes after it."""
 
 _GANTRY = ("x", "y", "z", "yaw")

@@ -21,27 +21,27 @@ Floats = NDArray[np.float64]
 JOINTS = ("base", "shoulder", "elbow", "wrist_pitch", "wrist_yaw", "wrist_roll")
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "1 0 0", "0 0 1")
 """Of the joints in the base's frame when all are at 0: the arm stretched along x, the hand down."""
-UPPER, FORE = 0.70, 0.65
+UPPER, FORE = 0.85, 0.75
 """m from shoulder to elbow and from there to the wrist's centre."""
 WRIST: Floats = np.array([0.0, 0.034, -0.44])
 """(3,) m, the wrist's centre in the frame of the hand: behind its palm."""
-COLUMN, FLANGE = 0.35, 0.105
+COLUMN, FLANGE = 0.4, 0.105
 """m of the column above the shoulder, and from the wrist's centre to where the hand begins."""
-RADII = (0.075, 0.055, 0.045, 0.035)
+RADII = (0.085, 0.065, 0.05, 0.035)
 """m of column, upper arm, forearm and flange."""
-RANGE: Floats = np.radians([180.0, 180.0, 160.0, 360.0, 100.0, 360.0])
-"""(6,) rad either way."""
-SPEED: Floats = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
+RANGE: Floats = np.radians([180.0, 180.0, 160.0, 360.0, 80.0, 360.0])
+"""(6,) rad either way; the wrist's yaw stops before it is singular."""
+SPEED: Floats = np.radians([120.0, 120.0, 150.0, 210.0, 210.0, 210.0])
 """(6,) rad/s at most."""
-TORQUE: Floats = np.array([330.0, 330.0, 150.0, 56.0, 56.0, 56.0])
+TORQUE: Floats = np.array([700.0, 700.0, 350.0, 100.0, 100.0, 100.0])
 """(6,) N m at most."""
 REST: Floats = np.array([0.0, -0.5, 1.6, -1.1, 0.0, 0.0])
 """(6,) rad, elbow up and hand down: of all ways to reach a pose the nearest to this is taken."""
 HIGH = 1.0
 """m of the shoulder above the table: with the elbow up no link is lower than the hand's camera, which looks down."""
-ASIDE = 0.75
+ASIDE = 0.95
 """m of the base beside a part that rests, on the side to which the hand's back is turned."""
-AHEAD, BESIDE = 0.75, 0.45
+AHEAD, BESIDE = 1.15, 0.45
 """m of the base down a belt and beside it: most of the reach is then before the part, and no place below the base."""
 
 ZERO: Floats = frames.about_z(-math.pi / 2.0) @ frames.DOWN
