@@ -36,6 +36,8 @@ KNOWN = 0.1
 """How well the size of the part is known beforehand, which is what the hand's limits are told by."""
 PATIENCE = 25
 """Images in which to look for the part before giving up."""
+SHORT_S = 0.5
+"""s of an arm at its limits, from which on a failure says so."""
 NOMINAL_FOCAL, NOMINAL_HEIGHT, NOMINAL_ASIDE, NOMINAL_LEAN = 600.0, 0.275, 0.07, math.radians(6.0)
 """px, m, m and rad of the camera that the nominal laws believe in: the middle of what is drawn."""
 
@@ -108,6 +110,8 @@ def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
         _approach(run)
     except GraspTrackError as error:
         row.outcome, row.reason = "failed", f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if row.outcome == "failed" and world.short_s > SHORT_S:
+        row.reason += f"; for {world.short_s:.1f} s the arm could not go as told"
     if math.isnan(row.time_s):
         row.time_s = world.time()
     if run.loop_ms:

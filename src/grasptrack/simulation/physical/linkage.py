@@ -88,12 +88,12 @@ def _serial(setting: Setting, grey: str) -> tuple[str, str, str]:
     ends = (np.array([0.0, 0.0, serial.COLUMN]), upper, fore, None, None, np.array([0.0, 0.0, -serial.FLANGE]))
     radii = iter(serial.RADII)
     opened = ""
-    for name, axis, place, end, mass, most in zip(
-        serial.JOINTS, serial.AXES, places, ends, MASSES, serial.RANGE, strict=True
+    for name, axis, place, end, mass, low, high in zip(
+        serial.JOINTS, serial.AXES, places, ends, MASSES, serial.LOWEST, serial.HIGHEST, strict=True
     ):
         opened += f'<body name="{name}" pos="{_numbers(place)}"' + (f' quat="{turned}"' if name == "base" else "")
         opened += f' gravcomp="1"><joint name="{name}" type="hinge" axis="{axis}" armature=".05"'
-        opened += f' range="{-most:.9g} {most:.9g}"/>'
+        opened += f' range="{low:.9g} {high:.9g}"/>'
         if end is None:
             opened += f'<inertial pos="0 0 0" mass="{mass}" diaginertia=".002 .002 .002"/>'
         else:

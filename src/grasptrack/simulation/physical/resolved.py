@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.simulation.physical.serial import RANGE, SPEED
+from grasptrack.simulation.physical.serial import HIGHEST, LOWEST, SPEED
 
 Floats = NDArray[np.float64]
 
 LENGTH = 0.3
 """m to a rad: how much a turn counts beside a way."""
-NEAR, DAMPING = 0.06, 0.06
+NEAR, DAMPING = 0.04, 0.04
 """Least singular value below which rates are damped, and the damping where it is 0."""
 BRAKE_S = 0.1
 """s: a joint comes no nearer to its limit than it could go in this time at its present rate."""
@@ -34,6 +34,6 @@ def joint_rates(jacobian: Floats, twist: Floats, joints: Floats) -> Floats:
     U, s, Vt = np.linalg.svd(weight[:, None] * jacobian)
     damped = DAMPING**2 * max(0.0, 1.0 - (float(s[-1]) / NEAR) ** 2)
     rates = Vt.T @ (s / (s**2 + damped) * (U.T @ (weight * twist)))
-    room = np.maximum(0.0, RANGE - np.sign(rates) * joints) / BRAKE_S
+    room = np.maximum(0.0, np.where(rates > 0.0, HIGHEST - joints, joints - LOWEST)) / BRAKE_S
     share = np.minimum(SPEED, room) / np.maximum(np.abs(rates), 1e-12)
     return np.asarray(rates * min(1.0, float(share.min())), dtype=np.float64)

@@ -29,8 +29,9 @@ COLUMN, FLANGE = 0.4, 0.105
 """m of the column above the shoulder, and from the wrist's centre to where the hand begins."""
 RADII = (0.085, 0.065, 0.05, 0.035)
 """m of column, upper arm, forearm and flange."""
-RANGE: Floats = np.radians([180.0, 180.0, 160.0, 360.0, 80.0, 360.0])
-"""(6,) rad either way; the wrist's yaw stops before it is singular."""
+LOWEST: Floats = np.radians([-180.0, -180.0, 12.0, -360.0, -80.0, -360.0])
+HIGHEST: Floats = np.radians([180.0, 180.0, 160.0, 360.0, 80.0, 360.0])
+"""(6,) rad: the elbow stays up and stops before the arm is stretched, the wrist's yaw before it is singular."""
 SPEED: Floats = np.radians([120.0, 120.0, 150.0, 210.0, 210.0, 210.0])
 """(6,) rad/s at most."""
 TORQUE: Floats = np.array([700.0, 700.0, 350.0, 100.0, 100.0, 100.0])
@@ -112,7 +113,7 @@ def start(hand: Floats) -> Floats:
     Raises:
         InputError: out of reach.
     """
-    ways = [q for q in inverse(hand) if (np.abs(q) < RANGE).all()]
+    ways = [q for q in inverse(hand) if ((q > LOWEST) & (q < HIGHEST)).all()]
     if not ways:
         far = float(np.linalg.norm(hand[:3, :3] @ WRIST + hand[:3, 3]))
         raise InputError(

@@ -57,6 +57,7 @@ class World:
     Attributes:
         watch: called once in every control period, also while the hand closes and lifts; None.
         failure: after a lift that failed, how.
+        short_s: s in which an arm did not make nine tenths of the twist, at the end of its reach or of its joints' speed.
 
     Raises:
         InputError: MuJoCo or offscreen OpenGL is missing, unknown names, or a start out of the arm's reach.
@@ -90,6 +91,7 @@ class World:
         self._ctrl = np.zeros(6)
         self._last = np.zeros(6)
         self.failure = ""
+        self.short_s = 0.0
         self.watch: Callable[[], None] | None = None
         self._steps = 0
 
@@ -252,6 +254,8 @@ class World:
         J = np.vstack([R.T @ each[:, self._dofs] for each in self._jacobian])
         if self.arm == "arm":
             rates = joint_rates(J, self._ctrl, d.qpos[self._qpos])
+            left = np.linalg.norm(J @ rates - self._ctrl)
+            self.short_s += model.TIMESTEP if left > 0.1 * np.linalg.norm(self._ctrl) else 0.0
         else:
             rates = np.linalg.lstsq(J, self._ctrl, rcond=1e-6)[0]
         d.ctrl[: len(self._dofs)] = rates
