@@ -51,7 +51,7 @@ def servo(
     Examples:
       grasptrack servo
       grasptrack servo --shape bracket --scenario belt --seed 7
-      grasptrack servo --shape disc --fingers 3 --arm arm
+      grasptrack servo --shape guitar --fingers 3 --arm arm
       grasptrack servo --trials 200 --scenario blackout --seed 1 --output blackout
       grasptrack servo --trials 200 --law textbook --silhouettes shapes
     """
