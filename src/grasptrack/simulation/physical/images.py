@@ -28,8 +28,8 @@ BYSTANDER = Camera(WIDTH, HEIGHT, focal=HEIGHT / 2.0 / np.tan(np.radians(20.0)))
 """Of the one who stands beside; 40 degrees high."""
 _BESIDE = np.array([0.55, -0.74, 0.52])
 """m, from the point on the table below the hand."""
-FAR, RAISED = 2.1, 1.4
-"""m beside an arm and above its middle, where the bystander stands, sees it whole, and no horizon."""
+FAR, RAISED, ELBOW = 2.2, 1.4, 0.2
+"""m beside an arm and above its middle, where the bystander stands and sees no horizon, and how far above that it looks."""
 
 
 class Images(Protocol):
@@ -85,7 +85,7 @@ def bystander_pose(world: World) -> Floats:
         reach = rods[0][1] - below
         across = np.array([-reach[1], reach[0], 0.0]) / max(float(np.hypot(*reach[:2])), 1e-9)
         z = -(FAR * across + np.array([0.0, 0.0, RAISED]))
-        at = below + 0.5 * reach - z
+        at = below + 0.5 * reach + np.array([0.0, 0.0, ELBOW]) - z
     z = z / np.linalg.norm(z)
     x = np.cross(z, np.array([0.0, 0.0, 1.0]))
     x = x / np.linalg.norm(x)

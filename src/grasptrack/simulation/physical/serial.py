@@ -25,7 +25,7 @@ UPPER, FORE = 0.85, 0.75
 """m from shoulder to elbow and from there to the wrist's centre."""
 WRIST: Floats = np.array([0.0, 0.034, -0.44])
 """(3,) m, the wrist's centre in the frame of the hand: behind its palm."""
-COLUMN, FLANGE = 0.4, 0.105
+COLUMN, FLANGE = 1.5, 0.105
 """m of the column above the shoulder, and from the wrist's centre to where the hand begins."""
 RADII = (0.085, 0.065, 0.05, 0.035)
 """m of column, upper arm, forearm and flange."""
