@@ -37,6 +37,7 @@ def needs_mujoco() -> None:
         (["--arm", "leg"], "--arm is one of gantry, arm"),
         (["--law", "none"], "--law is one of online, nominal, textbook"),
         (["--images", "oil"], "--images is one of auto, mujoco, planar"),
+        (["--fingers", "4"], "the hand has 2 or 3 fingers, not 4"),
         (["--trials", "0"], "--trials"),
         (["--workers", "2"], "--workers and --scheduler are for --trials"),
         (["--shape", "disc", "--silhouettes", "x"], "give one of them"),
@@ -80,6 +81,19 @@ def test_one_approach_writes_video_plots_and_a_verdict(tmp_path: Path) -> None:
     assert verdict["believed"] is not False
     assert (tmp_path / "approach.mp4").stat().st_size > 10_000
     assert (tmp_path / "approach.png").stat().st_size > 10_000
+
+
+def test_three_fingers_close_on_what_faces_them_and_refuse_what_does_not(tmp_path: Path) -> None:
+    needs_mujoco()
+    found = {}
+    for shape in ("guitar", "square"):
+        given = ["--shape", shape, "--fingers", "3", "--seed", "7", "--images", "planar", "--no-video", "-q"]
+        assert main(["servo", *given, "--output", str(tmp_path)]) == 0
+        found[shape] = json.loads((tmp_path / "approach.json").read_text())["verdict"]
+    assert found["guitar"]["fingers"] == 3
+    assert found["guitar"]["outcome"] == "lifted", found["guitar"]["reason"]
+    assert found["guitar"]["believed"] and abs(found["guitar"]["turned_deg"]) < 10.0
+    assert found["square"]["outcome"] == "refused" and found["square"]["confirmed"]
 
 
 def test_trials_are_the_same_for_the_same_seed_but_for_the_clock(tmp_path: Path) -> None:

@@ -134,10 +134,13 @@ def test_a_hand_that_closes_beside_the_part_holds_nothing_and_says_so() -> None:
     assert not lift_by_truth(world, beside)
 
 
-def test_three_fingers_close_on_a_disc() -> None:
+@pytest.mark.parametrize("arm", ["gantry", "arm"])
+def test_three_fingers_led_by_the_truth_lift_a_disc(arm: str) -> None:
     shape = SHAPES["disc"]()
-    world = World(shape, seed=4, fingers=3, images="planar")
-    assert lift_by_truth(world, across(shape, world.setting.part.size))
+    world = World(shape, seed=4, fingers=3, arm=arm, images="planar")  # type: ignore[arg-type]
+    angles = 0.4 + np.arange(3) * 2.0 * math.pi / 3.0
+    radius = float(np.hypot(*shape.outer.T).mean()) * world.setting.part.size
+    assert lift_by_truth(world, radius * np.column_stack([np.cos(angles), np.sin(angles)])), world.failure
 
 
 # --- what is seen ---------------------------------------------------------------------------------
@@ -188,7 +191,7 @@ def test_the_fingertips_are_where_the_hand_is_drawn_and_the_mask_covers_it() -> 
 def test_brute_force_finds_pairs_on_what_can_be_taken_and_none_on_what_is_too_wide() -> None:
     assert pairs_that_close(SHAPES["rectangle"](), 0.06) > 0
     assert pairs_that_close(SHAPES["disc"](), 0.2) == 0
-    assert _axis(SHAPES["rectangle"]()) is not None
+    assert _axis(SHAPES["rectangle"](), gripper(2)) is not None
 
 
 def test_bad_input_is_told_in_one_line() -> None:

@@ -24,6 +24,9 @@ def servo(
     ] = None,
     scenario: Annotated[str, typer.Option(metavar="NAME", help="static, pushed, belt or blackout.")] = "static",
     arm: Annotated[str, typer.Option(metavar="NAME", help="gantry (4 DoF) or arm (6 DoF).")] = "gantry",
+    fingers: Annotated[
+        int, typer.Option(metavar="K", help="Of the hand: 2, or 3 a third of a turn apart on one drive.")
+    ] = 2,
     law: Annotated[str, typer.Option(metavar="NAME", help="online, nominal or textbook.")] = "online",
     trials: Annotated[int | None, typer.Option(metavar="N", min=1, help="Run so many at random, on all cores.")] = None,
     images: Annotated[
@@ -48,6 +51,7 @@ def servo(
     Examples:
       grasptrack servo
       grasptrack servo --shape bracket --scenario belt --seed 7
+      grasptrack servo --shape guitar --fingers 3 --arm arm
       grasptrack servo --trials 200 --scenario blackout --seed 1 --output blackout
       grasptrack servo --trials 200 --law textbook --silhouettes shapes
     """
@@ -57,8 +61,8 @@ def servo(
         raise InputError("--workers and --scheduler are for --trials")
     if shape is not None and silhouettes is not None:
         raise InputError("--shape and --silhouettes both say which part: give one of them")
-    check(scenario=scenario, arm=arm, law=law, images=images or "auto")
-    asked: dict[str, Any] = {"scenario": scenario, "arm": arm, "law": law, "seed": seed}
+    check(scenario=scenario, arm=arm, law=law, images=images or "auto", fingers=fingers)
+    asked: dict[str, Any] = {"scenario": scenario, "arm": arm, "fingers": fingers, "law": law, "seed": seed}
     shapes = _shapes(shape, silhouettes)
     if trials is None:
         _one(shapes, asked, images or "auto", output, not no_video, quiet)
@@ -92,7 +96,7 @@ def _one(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, vi
     rows = [["outcome", row.outcome], *([["reason", row.reason]] if row.reason else []), *_figures(row)]
     files = [*(["approach.mp4"] if video else []), "approach.png", "approach.json"]
     show_rows(
-        f"{row.shape}, {row.scenario}, {row.arm}, {row.law} law, seed {row.seed}",
+        f"{row.shape}, {row.scenario}, {row.arm}, {row.fingers} fingers, {row.law} law, seed {row.seed}",
         (("", "left"), ("", "left")),
         rows,
         [f"{output}: {', '.join(files)}"],
@@ -152,6 +156,6 @@ def _show(found: Trials, asked: dict[str, Any], output: Path) -> None:
         f"servo {middle['servo_ms']} ms, with the tracker {middle['loop_ms']} ms",
         f"{output}: trials.csv, trials.json" + (", failures/" if figures["failed"] or figures["refused"] else ""),
     ]
-    what = f"{asked['scenario']}, {asked['arm']}, {asked['law']} law"
+    what = f"{asked['scenario']}, {asked['arm']}, {asked['fingers']} fingers, {asked['law']} law"
     title = f"{figures['trials']} trials over {figures['shapes']} shapes, {what}"
     show_rows(title, (("", "left"), ("trials", "right"), ("", "left")), rows, notes)

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from grasptrack.errors import InputError
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical.engine import engine
+from grasptrack.simulation.physical.gripper import gripper
 from grasptrack.simulation.physical.setting import ARMS, SCENARIOS, Arm, Scenario
 
 Law = Literal["online", "nominal", "textbook"]
@@ -17,7 +18,7 @@ LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
 IMAGES = ("auto", "mujoco", "planar")
 
 
-def check(*, scenario: str, arm: str, law: str, images: str) -> None:
+def check(*, scenario: str, arm: str, law: str, images: str, fingers: int = 2) -> None:
     """See that names are known and MuJoCo is there.
 
     Raises:
@@ -31,6 +32,7 @@ def check(*, scenario: str, arm: str, law: str, images: str) -> None:
     ):
         if value not in known:
             raise InputError(f'{option} is one of {", ".join(known)}, not "{value}"', option=option, value=value)
+    gripper(fingers)
     engine()
 
 
@@ -45,6 +47,7 @@ class Case:
         law: of the servo.
         images: who draws them.
         pictures: return a picture of the end of a trial that fails.
+        fingers: of the hand, 2 or 3.
     """
 
     shape: Shape
@@ -54,11 +57,13 @@ class Case:
     law: Law = "online"
     images: Literal["auto", "mujoco", "planar"] = "planar"
     pictures: bool = True
+    fingers: Literal[2, 3] = 2
 
     @property
     def name(self) -> str:
         """Of the trial, and of its files."""
-        return f"{self.shape.name}-{self.scenario}-{self.arm}-{self.law}-{self.seed}"
+        hand = "" if self.fingers == 2 else f"-{self.fingers}-fingers"
+        return f"{self.shape.name}-{self.scenario}-{self.arm}{hand}-{self.law}-{self.seed}"
 
 
 @dataclass
@@ -69,7 +74,7 @@ class Row:
         seed, shape, scenario, arm, law: of the case.
         outcome: "lifted", "refused" (no grasp was found on the shape), or "failed".
         reason: empty when lifted.
-        confirmed: of a refusal: all pairs of the true outline's points were tried, and none closes.
+        confirmed: of a refusal: all pairs, or triples, of the true outline's points were tried, and none closes.
         time_s: until the hand closed, or the trial ended, in the world's time.
         images: that were looked at.
         error_px: farthest contact from its goal as the servo saw it in the last image before closing.
@@ -85,6 +90,7 @@ class Row:
         servo_ms, loop_ms: medians of a step of the servo, and of tracker and servo together.
         loop_p99_ms: 99th percentile of the latter.
         look_ms: median of the looks at the whole image in which a grasp was chosen; the loop's times are without them.
+        fingers: of the case.
     """
 
     seed: int
@@ -111,6 +117,7 @@ class Row:
     loop_ms: float = math.nan
     loop_p99_ms: float = math.nan
     look_ms: float = math.nan
+    fingers: int = 2
 
     def values(self) -> dict[str, Any]:
         """By the names of the columns."""

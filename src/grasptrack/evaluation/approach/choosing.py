@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.contour import View
+from grasptrack.evaluation.approach.radial import radial_grasps
+from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand, Length
 from grasptrack.result import TrackResult
 from grasptrack.simulation.physical.gripper import MAX_OPENING, PAD_THICKNESS, PAD_WIDTH
@@ -21,6 +24,9 @@ FRICTION = 0.5
 """Coefficient for which grasps are chosen; that of the pads is higher."""
 SIDEWAYS = 0.006
 """m that a finger stands back from its contact before it closes: as far as it may be off, and then some."""
+EVEN = 0.001
+"""m by which the third of three contacts may be off its place. Fingers that move alike shove a part by two thirds of that until
+all touch: no more than the hand may be beside the grasp anyway."""
 NEARLY_AS_GOOD = 0.7
 """Share of the best quality that a grasp needs to be preferred for asking less of a turn."""
 
@@ -55,23 +61,55 @@ def first_look(
     seen = looking.update(image, time)
     if seen.view is None:
         return looking, seen
-    found = [g for g in synthesize(seen.view, fingers, FRICTION, hand=hand) if not g.spread]
+    found, why = closing_grasps(seen.view, fingers, hand)
     if not found:
-        reason = seen.reason or "no stable grasp: only inside holes, where closing fingers cannot push"
+        reason = why or seen.reason or "no stable grasp: only inside holes, where closing fingers cannot push"
         return looking, TrackResult(frame=0, time=time, status="searching", reason=reason, view=seen.view)
     good = [g for g in found if g.quality >= NEARLY_AS_GOOD * found[0].quality]
-    chosen = min(good, key=lambda g: turn_between(g.contacts, tips)) if fingers == 2 else good[0]
+    chosen = min(good, key=lambda g: turn_between(g.contacts, tips))
     tracker = GraspTracker(grasp=chosen.contacts, strategy=strategy, ignore=ignore, friction=FRICTION)
     return tracker, tracker.update(image, time)
 
 
+def closing_grasps(view: View, fingers: int, hand: Hand) -> tuple[list[Grasp], str]:
+    """Grasps that the hand closes on from outside, best first, and why there is none; empty where synthesis says so itself.
+
+    Args:
+        view: the outline.
+        fingers: 2, or 3 that are a third of a turn apart on one drive.
+        hand: its limits, as `hand_for` tells them.
+    """
+    if fingers == 2:
+        return [g for g in synthesize(view, fingers, FRICTION, hand=hand) if not g.spread], ""
+    found = radial_grasps(view, hand, FRICTION, EVEN / PAD_WIDTH)
+    return found.grasps, found.reason
+
+
 def turn_between(contacts: Floats, tips: Floats) -> float:
-    """rad, 0 to pi/2, between two contacts' line and that of two fingertips that can change places."""
-    (ax, ay), (bx, by) = contacts[1] - contacts[0], tips[1] - tips[0]
-    angle = math.atan2(ay, ax) - math.atan2(by, bx)
-    return abs((angle + math.pi / 2.0) % math.pi - math.pi / 2.0)
+    """rad, the least turn from fingertips to contacts, both evenly round their middles, where fingers can change places."""
+    (ax, ay), (bx, by) = contacts[-1] - _from(contacts), tips[-1] - _from(tips)
+    angle, half = math.atan2(ay, ax) - math.atan2(by, bx), math.pi / len(tips)
+    return abs((angle + half) % (2.0 * half) - half)
 
 
 def width_in_m(contacts: Floats, tips: Floats, opening: float) -> float:
-    """m between contacts that are seen at the depth of the fingertips, by their distance and the fingertips' in the image."""
-    return float(opening * np.hypot(*(contacts[1] - contacts[0])) / np.hypot(*(tips[1] - tips[0])))
+    """m that the hand is open where it touches contacts that are seen at the depth of the fingertips.
+
+    Args:
+        contacts: (k, 2) px.
+        tips: (k, 2) px of the fingertips.
+        opening: m of the hand as the tips are seen: their distance, of three twice that from their middle.
+    """
+    return float(opening * _across(contacts) / _across(tips))
+
+
+def _from(points: Floats) -> Floats:
+    """Where the direction to the last point counts from: the other one, or the middle of three."""
+    return points[0] if len(points) == 2 else np.asarray(points.mean(axis=0))
+
+
+def _across(points: Floats) -> float:
+    """The distance of two points; of three twice the mean one from their middle."""
+    if len(points) == 2:
+        return float(np.hypot(*(points[1] - points[0])))
+    return 2.0 * float(np.hypot(*(points - points.mean(axis=0)).T).mean())

@@ -36,7 +36,7 @@ def pairs_that_close(shape: Shape, size: float, friction: float = FRICTION) -> i
         friction: Coulomb coefficient.
     """
     rings = [ring * size for ring in shape.polygons]
-    points, normals, rough = _pads(rings)
+    points, normals, rough = pads(rings)
     ok = rough <= ROUGH
     points, normals = points[ok], normals[ok]
     across = points[None] - points[:, None]
@@ -48,14 +48,14 @@ def pairs_that_close(shape: Shape, size: float, friction: float = FRICTION) -> i
     back = -np.einsum("nmi,mi->nm", way, normals)
     close = (into > cone) & (back > cone) & (length <= MAX_OPENING - 2.0 * SIDEWAYS) & (length > 0.0)
     first, second = np.nonzero(np.triu(close, 1))
-    material, corner = _picture(rings)
+    material, corner = picture(rings)
     return sum(
-        _room(material, corner, points[i], -way[i, j]) and _room(material, corner, points[j], way[i, j])
+        room(material, corner, points[i], -way[i, j]) and room(material, corner, points[j], way[i, j])
         for i, j in zip(first.tolist(), second.tolist(), strict=True)
     )
 
 
-def _pads(rings: list[Floats]) -> tuple[Floats, Floats, Floats]:
+def pads(rings: list[Floats]) -> tuple[Floats, Floats, Floats]:
     """Points (n, 2), normals into the material (n, 2), and roughness (n,) of the outline within a pad's width."""
     lengths = [float(np.hypot(*(np.roll(r, -1, axis=0) - r).T).sum()) for r in rings]
     step = sum(lengths) / POINTS
@@ -83,7 +83,7 @@ def _even(ring: Floats, count: int) -> Floats:
     return np.column_stack([np.interp(at, run, closed[:, i]) for i in (0, 1)])
 
 
-def _picture(rings: list[Floats]) -> tuple[NDArray[np.bool_], Floats]:
+def picture(rings: list[Floats]) -> tuple[NDArray[np.bool_], Floats]:
     """The material, pixel by pixel, and where its first pixel lies in m."""
     low = rings[0].min(axis=0) - 0.03
     size = np.ceil((rings[0].max(axis=0) + 0.03 - low) / FINE).astype(int)
@@ -92,7 +92,7 @@ def _picture(rings: list[Floats]) -> tuple[NDArray[np.bool_], Floats]:
     return drawn > 0, low
 
 
-def _room(material: NDArray[np.bool_], corner: Floats, contact: Floats, outward: Floats) -> bool:
+def room(material: NDArray[np.bool_], corner: Floats, contact: Floats, outward: Floats) -> bool:
     """Whether a finger fits beside a contact, from its pad's face, less what a pad may overlap, to behind its clearance."""
     across = np.array([-outward[1], outward[0]])
     deep = np.arange(RIDGE * PAD_WIDTH, PAD_THICKNESS + SIDEWAYS, 2.0 * FINE)

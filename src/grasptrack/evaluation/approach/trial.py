@@ -9,25 +9,24 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import Contour, View
 from grasptrack.errors import GraspTrackError
 from grasptrack.evaluation.approach.case import Case, Law, Row
-from grasptrack.evaluation.approach.choosing import FRICTION, first_look, hand_for, turn_between, width_in_m
+from grasptrack.evaluation.approach.choosing import closing_grasps, first_look, hand_for, turn_between, width_in_m
 from grasptrack.evaluation.approach.looking import Looking
 from grasptrack.evaluation.approach.refusal import pairs_that_close
-from grasptrack.projective import apply_homography
+from grasptrack.evaluation.approach.refusal_radial import triples_that_close
+from grasptrack.evaluation.approach.truth import on_part, tell
 from grasptrack.result import TrackResult
 from grasptrack.servo import Command, Goal, GraspServo, NominalCamera
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical import World
+from grasptrack.simulation.physical.gripper import Gripper, gripper
 from grasptrack.simulation.physical.setting import Setting
 from grasptrack.simulation.render import finer
-from grasptrack.synthesis import synthesize
-from grasptrack.verdict import RIGHT, RIGHT_PX
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +39,8 @@ PATIENCE = 25
 LOOK_PERIODS = 6
 """Control periods that pass while the whole image is looked at for a grasp. The hand goes on as it was told last; the images
 that come meanwhile are gone through afterwards."""
+SHORT_S = 0.5
+"""s of an arm at its limits, from which on a failure says so."""
 NOMINAL_FOCAL, NOMINAL_HEIGHT, NOMINAL_ASIDE, NOMINAL_LEAN = 600.0, 0.275, 0.07, math.radians(6.0)
 """px, m, m and rad of the camera that the nominal laws believe in: the middle of what is drawn."""
 
@@ -98,14 +99,23 @@ def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
     Returns:
         What became of it, and a PNG of the end where it failed and pictures are asked for; else empty.
     """
-    row = Row(case.seed, case.shape.name, case.scenario, case.arm, case.law)
-    axis = _axis(case.shape)
-    world = World(case.shape, seed=case.seed, scenario=case.scenario, arm=case.arm, images=case.images, axis=axis)
+    row = Row(case.seed, case.shape.name, case.scenario, case.arm, case.law, fingers=case.fingers)
+    world = World(
+        case.shape,
+        seed=case.seed,
+        scenario=case.scenario,
+        arm=case.arm,
+        fingers=case.fingers,
+        images=case.images,
+        axis=_axis(case.shape, gripper(case.fingers)),
+    )
     run = _Run(world, case, row, watch)
     try:
         _approach(run)
     except GraspTrackError as error:
         row.outcome, row.reason = "failed", f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if row.outcome == "failed" and world.short_s > SHORT_S:
+        row.reason += f"; for {world.short_s:.1f} s the arm could not go as told"
     if math.isnan(row.time_s):
         row.time_s = world.time()
     if run.loop_ms:
@@ -139,12 +149,14 @@ def _approach(run: _Run) -> None:
     if result.contacts is None:
         refused = result.view is not None
         row.outcome, row.reason = ("refused" if refused else "failed"), result.reason or "no grasp"
-        row.confirmed = pairs_that_close(run.case.shape, world.setting.part.size) == 0 if refused else None
+        closing = pairs_that_close if run.case.fingers == 2 else triples_that_close
+        row.confirmed = closing(run.case.shape, world.setting.part.size) == 0 if refused else None
         return
     _start(run, result.contacts, tips)
     assert result.view is not None  # contacts lie on an outline
     looking = Looking(tracker, result.view, ignore, hand, tips)
-    goal = Goal.fingertips(tips, opening, beyond_m=-ABOVE)
+    apart = float(np.linalg.norm(np.diff(world.hand.tips(opening)[:2], axis=0)))
+    goal = Goal.fingertips(tips, apart, beyond_m=-ABOVE)
     servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))
     twist = np.zeros(6)
     _meanwhile(run, looking, twist)
@@ -158,7 +170,8 @@ def _approach(run: _Run) -> None:
             run.look_ms.append(1e3 * (tracked - began))
             if looking.again > row.again:
                 row.again = looking.again
-                run.truth = _on_part(world, result.contacts)
+                assert result.contacts is not None  # they were chosen in this image
+                run.truth = on_part(world, result.contacts)
             image, result = _meanwhile(run, looking, twist)
         decided = clock.perf_counter()
         command = servo.update(result, time=world.time(), pose=world.pose())
@@ -170,7 +183,10 @@ def _approach(run: _Run) -> None:
         twist = command.twist
         run.tell(Step("approach", world.time(), image, result, command))
         if command.close:
-            _closing(run, result, command)
+            row.time_s, row.error_px = world.time(), command.error_px
+            row.believed = bool(result.status == "tracked" and result.contacts is not None)
+            if run.truth is not None and result.contacts is not None:
+                tell(row, world, run.truth, result.contacts)
         world.move(twist)
         if command.close:
             width = width_in_m(result.contacts, tips, opening) if result.contacts is not None else None
@@ -202,7 +218,7 @@ def _meanwhile(run: _Run, looking: Looking, twist: Floats) -> tuple[NDArray[np.u
 def _start(run: _Run, contacts: Floats, tips: Floats) -> None:
     """How far off the view is at the start, and where the chosen contacts truly are."""
     world, row = run.world, run.row
-    run.truth = _on_part(world, contacts)
+    run.truth = on_part(world, contacts)
     row.start_turn_deg = math.degrees(turn_between(contacts, tips))
     off = (contacts.mean(axis=0) - tips.mean(axis=0)) / np.array(
         [world.setting.camera.width, world.setting.camera.height]
@@ -211,56 +227,11 @@ def _start(run: _Run, contacts: Floats, tips: Floats) -> None:
     row.start_away = _depth(world.setting)
 
 
-def _on_part(world: World, contacts: Floats | None) -> Floats | None:
-    """Where contacts (k, 2) px truly lie on the part's upper face now, in m."""
-    return None if contacts is None else apply_homography(np.linalg.inv(world.outline_to_image()), contacts)
-
-
 def _depth(setting: Setting) -> float:
     """Distance of the part at the start along the optical axis, as a multiple of that of the fingertips."""
     to_camera = np.linalg.inv(setting.hand @ setting.mount)
     tips = np.linalg.inv(setting.mount)[2, 3]
     return float((to_camera @ setting.place[:, 3])[2] / tips)
-
-
-def _closing(run: _Run, result: TrackResult, command: Command) -> None:
-    """What is true when the hand begins to close."""
-    world, row = run.world, run.row
-    row.time_s, row.error_px = world.time(), command.error_px
-    row.believed = bool(result.status == "tracked" and result.contacts is not None)
-    if run.truth is None or result.contacts is None:
-        return
-    part, hand = world.part_pose(), world.pose()
-    thick = world.setting.part.thickness
-    places = np.array([part[:3, :3] @ np.array([x, -y, thick]) + part[:3, 3] for x, y in run.truth])
-    local = (places - hand[:3, 3]) @ hand[:3, :3]
-    seen = apply_homography(world.outline_to_image(), run.truth)
-    row.contact_error_px = float(np.hypot(*(result.contacts - seen).T).max())
-    row.right = max(row.contact_error_px, _off_outline(world, seen)) <= _tolerance(world)
-    row.aside_mm = 1e3 * float(np.hypot(*local.mean(axis=0)[:2]))
-    row.turned_deg = math.degrees(turn_between(local[:, :2], np.array([[-1.0, 0.0], [1.0, 0.0]])))
-
-
-def _outline(world: World) -> list[Floats]:
-    """Rings (n, 2) px of the part's true outline in the image now."""
-    size = world.setting.part.size
-    return [apply_homography(world.outline_to_image(), ring * size) for ring in world.shape.polygons]
-
-
-def _off_outline(world: World, points: Floats) -> float:
-    """px, the farthest of some points (k, 2) from the part's true outline."""
-    rings = [ring.astype(np.float32) for ring in _outline(world)]
-    off = [min(abs(cv2.pointPolygonTest(ring, (x, y), True)) for ring in rings) for x, y in points.tolist()]
-    return float(max(off))
-
-
-def _tolerance(world: World) -> float:
-    """px within which contacts are right."""
-    rings = _outline(world)
-    area = abs(float(cv2.contourArea(rings[0].astype(np.float32)))) - sum(
-        abs(float(cv2.contourArea(ring.astype(np.float32)))) for ring in rings[1:]
-    )
-    return max(RIGHT_PX, RIGHT * math.sqrt(max(area, 0.0)))
 
 
 def _nominal(law: Law) -> NominalCamera | None:
@@ -273,12 +244,13 @@ def _nominal(law: Law) -> NominalCamera | None:
     return NominalCamera(NOMINAL_FOCAL, mounting, distance=2.0 * math.hypot(NOMINAL_ASIDE, NOMINAL_HEIGHT))
 
 
-def _axis(shape: Shape) -> float | None:
-    """rad, the closing direction of the best grasp on the true outline; None where there is none."""
+def _axis(shape: Shape, hand: Gripper) -> float | None:
+    """rad, where x of the hand points in the best grasp on the true outline; None where there is none."""
     scale = 150.0
     outline = View([Contour(finer(r, 0.02) * scale, hole=k > 0) for k, r in enumerate(shape.polygons)])
-    found = [g for g in synthesize(outline, 2, FRICTION, hand=hand_for(0.065)) if not g.spread]
+    found, _ = closing_grasps(outline, hand.fingers, hand_for(0.065))
     if not found:
         return None
-    way = found[0].contacts[1] - found[0].contacts[0]
-    return math.atan2(way[1], way[0])
+    contacts = found[0].contacts
+    way = contacts[-1] - (contacts[0] if hand.fingers == 2 else contacts.mean(axis=0))
+    return math.atan2(way[1], way[0]) - hand.azimuths[-1]

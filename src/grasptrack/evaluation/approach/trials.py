@@ -38,6 +38,7 @@ def draw_cases(
     arm: Arm,
     law: Law,
     images: Literal["auto", "mujoco", "planar"] = "planar",
+    fingers: Literal[2, 3] = 2,
 ) -> list[Case]:
     """Trials with shapes in an order that the seed decides, each as often as the others, give or take one.
 
@@ -45,13 +46,16 @@ def draw_cases(
         shapes: to draw from.
         count: of trials.
         seed: of everything; trial k is the same for every law.
-        scenario, arm, law, images: as in `Case`.
+        scenario, arm, law, images, fingers: as in `Case`.
     """
     rng = np.random.default_rng((seed, 73))
     order: list[int] = []
     while len(order) < count:
         order += rng.permutation(len(shapes)).tolist()
-    return [Case(shapes[i], 100_000 * seed + k, scenario, arm, law, images) for k, i in enumerate(order[:count])]
+    return [
+        Case(shapes[i], 100_000 * seed + k, scenario, arm, law, images, fingers=fingers)
+        for k, i in enumerate(order[:count])
+    ]
 
 
 @dataclass

@@ -21,31 +21,33 @@ def lift_by_truth(world: World, contacts: ArrayLike, *, timeout: float = 15.0) -
     """Align above true contacts, go down, close, lift; whether the part came up and stayed.
 
     Args:
-        world: of two fingers, at its start.
-        contacts: (2, 2) on the part's outline, in m, x right and y down.
+        world: at its start.
+        contacts: (k, 2) on the part's outline, in m, x right and y down; of three fingers evenly round their middle.
         timeout: s for the approach.
     """
-    pair = np.asarray(contacts, dtype=np.float64)
-    width = float(np.hypot(*(pair[1] - pair[0])))
+    grasp = np.asarray(contacts, dtype=np.float64)
+    width = 2.0 * float(np.hypot(*(grasp - grasp.mean(axis=0)).T).mean())
     end = world.time() + timeout
     for height, near in ((ABOVE, 0.003), (0.002, 0.0005)):
         while world.time() < end:
-            twist, far = _toward(world, pair, world.setting.part.thickness + height)
+            twist, far = _toward(world, grasp, world.setting.part.thickness + height)
             if far < near:
                 break
             world.move(twist)
     return world.close(width) and world.lift()
 
 
-def _toward(world: World, pair: Floats, height: float) -> tuple[Floats, float]:
+def _toward(world: World, grasp: Floats, height: float) -> tuple[Floats, float]:
     """The twist that leads to the goal, the table's own motion included, and how far that is in m (10 cm to a rad)."""
     part, hand = world.part_pose(), world.pose()
-    a, b = (part[:3, :3] @ np.array([x, -y, 0.0]) + part[:3, 3] for x, y in pair)
-    middle = 0.5 * (a + b)
+    places = np.array([part[:3, :3] @ np.array([x, -y, 0.0]) + part[:3, 3] for x, y in grasp])
+    middle = places.mean(axis=0)
+    last = places[-1] - middle
     middle[2] = height
-    way = math.atan2(b[1] - a[1], b[0] - a[0])
-    now = math.atan2(hand[1, 0], hand[0, 0])
-    way += math.pi * round((now - way) / math.pi)  # half a turn brings two equal fingers to the same place
+    # azimuths are from x toward y of the hand, and its z is down
+    way = math.atan2(last[1], last[0]) + world.hand.azimuths[-1]
+    now, alike = math.atan2(hand[1, 0], hand[0, 0]), 2.0 * math.pi / world.hand.fingers
+    way += alike * round((now - way) / alike)  # equal fingers change places
     R = frames.about_z(way) @ frames.DOWN
     turn = _rotation_vector(hand[:3, :3].T @ R)
     shift = hand[:3, :3].T @ (middle - hand[:3, 3])

@@ -28,6 +28,8 @@ BYSTANDER = Camera(WIDTH, HEIGHT, focal=HEIGHT / 2.0 / np.tan(np.radians(20.0)))
 """Of the one who stands beside; 40 degrees high."""
 _BESIDE = np.array([0.55, -0.74, 0.52])
 """m, from the point on the table below the hand."""
+FAR, RAISED, ELBOW = 2.2, 1.4, 0.2
+"""m beside an arm and above its middle, where the bystander stands and sees no horizon, and how far above that it looks."""
 
 
 class Images(Protocol):
@@ -76,9 +78,14 @@ def frame_number(world: World) -> int:
 
 
 def bystander_pose(world: World) -> Floats:
-    """(4, 4) of the bystander's camera: it goes along with the hand and looks at what is below it."""
-    below = np.array([*world.pose()[:2, 3], 0.0])
+    """(4, 4) of the bystander's camera: it goes along with the hand and looks below it; at an arm from farther off."""
+    below, rods = np.array([*world.pose()[:2, 3], 0.0]), world.links()
     at, z = below + _BESIDE, -(_BESIDE - np.array([0.0, 0.0, 0.12]))
+    if rods:
+        reach = rods[0][1] - below
+        across = np.array([-reach[1], reach[0], 0.0]) / max(float(np.hypot(*reach[:2])), 1e-9)
+        z = -(FAR * across + np.array([0.0, 0.0, RAISED]))
+        at = below + 0.5 * reach + np.array([0.0, 0.0, ELBOW]) - z
     z = z / np.linalg.norm(z)
     x = np.cross(z, np.array([0.0, 0.0, 1.0]))
     x = x / np.linalg.norm(x)

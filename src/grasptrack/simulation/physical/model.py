@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.simulation.physical import frames
+from grasptrack.simulation.physical import frames, linkage
 from grasptrack.simulation.physical.gripper import MAX_OPENING, Gripper
 from grasptrack.simulation.physical.setting import Arm, Setting
 
@@ -19,29 +19,18 @@ TIMESTEP = 0.002
 """s."""
 FRICTION = 0.8
 """Of the soft pads; that of the part on the table is 0.5."""
-TWIST_LIMIT = (0.8, 2.5)
-"""m/s and rad/s that the drives can do."""
-DRIVE_FORCE, DRIVE_FORCE_DOWN, DRIVE_TORQUE, GRIP = 250.0, 80.0, 12.0, 20.0
-"""N, N, N m and N at most: sideways, up and down, about an axis, and of a finger."""
+GRIP = 20.0
+"""N of a finger at most."""
 FOOT = 2e-4
 """m, radius of the points on which the part stands."""
 TABLE = 12.0
 """m, half of the table's side: as long as a belt may run."""
 
-_HINGES = {"gantry": ("yaw",), "arm": ("yaw", "pitch", "roll")}
-_AXES = {"yaw": "0 0 1", "pitch": "0 1 0", "roll": "1 0 0"}
-
-
-def joints(arm: Arm) -> tuple[str, ...]:
-    """Names of the arm's joints, from its base."""
-    return ("x", "y", "z", *_HINGES[arm])
-
 
 def xml(setting: Setting, hand: Gripper, arm: Arm, *, levels: Mapping[str, float], texture: str = "") -> str:
     """The model in MuJoCo's own language.
 
-    The gantry is three slides and a turn, the arm three slides and a wrist whose axes meet between the fingertips. All drives
-    control velocity. The part's convex pieces touch fingers only, and it stands on points of its convex hull, as a flat part
+    The part's convex pieces touch fingers only, and it stands on points of its convex hull, as a flat part
     does: that is what keeps the number of contacts small.
 
     Args:
@@ -78,11 +67,11 @@ def xml(setting: Setting, hand: Gripper, arm: Arm, *, levels: Mapping[str, float
  <geom name="table" type="box" pos="0 0 -.05" size="{TABLE} {TABLE} .05" mass="5000" conaffinity="12" friction=".5"
   material="table"/></body>
 {_part(setting)}
-{_arm(setting, hand, arm)}
+{_arm(setting, hand, arm, grey["hand"])}
 <body name="bystander" mocap="true"><camera name="bystander" fovy="40"/></body>
 </worldbody>
 <equality>{_coupled(hand)}</equality>
-<actuator>{_drives(hand, arm)}</actuator>
+<actuator>{linkage.drives(arm)}{_drive(hand)}</actuator>
 </mujoco>"""
 
 
@@ -111,17 +100,8 @@ def _part(setting: Setting) -> str:
 {pieces}{feet}</body>"""
 
 
-def _arm(setting: Setting, hand: Gripper, arm: Arm) -> str:
-    """Slides and hinges in a chain; their axes meet in the hand's origin, where the model is built with all joints at 0."""
-    open_, close = "", ""
-    for name, axis in zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True):
-        open_ += f'<body name="slide_{name}" gravcomp="1"><joint name="{name}" type="slide" axis="{axis}"/>'
-        open_ += '<inertial pos="0 0 0" mass=".3" diaginertia=".001 .001 .001"/>'
-        close += "</body>"
-    for name in _HINGES[arm]:
-        open_ += f'<body name="hinge_{name}" gravcomp="1"><joint name="{name}" type="hinge" axis="{_AXES[name]}"'
-        open_ += ' armature=".01"/><inertial pos="0 0 0" mass=".05" diaginertia=".0005 .0005 .0005"/>'
-        close += "</body>"
+def _arm(setting: Setting, hand: Gripper, arm: Arm, grey: str) -> str:
+    opened, placed, closed = linkage.chain(setting, arm, grey)
     camera, q = setting.mount, frames.quaternion(setting.mount[:3, :3] @ frames.DOWN)
     fovy = math.degrees(2.0 * math.atan(setting.camera.height / (2.0 * setting.camera.matrix[0, 0])))
     boxes = "".join(
@@ -129,9 +109,9 @@ def _arm(setting: Setting, hand: Gripper, arm: Arm) -> str:
         f' size="{_numbers(np.array(b.half))}" mass=".2"/>'
         for b in hand.fixed_boxes()
     )
-    return f"""{open_}<body name="hand" quat="0 1 0 0" gravcomp="1"><site name="tip" size=".001" group="5"/>
+    return f"""{opened}<body name="hand" {placed} gravcomp="1"><site name="tip" size=".001" group="5"/>
 {boxes}<camera name="hand" pos="{_numbers(camera[:3, 3])}" quat="{_numbers(q)}" fovy="{fovy:.9g}"/>
-{"".join(_finger(hand, i) for i in range(hand.fingers))}</body>{close}"""
+{"".join(_finger(hand, i) for i in range(hand.fingers))}</body>{closed}"""
 
 
 def _finger(hand: Gripper, finger: int) -> str:
@@ -155,17 +135,9 @@ def _coupled(hand: Gripper) -> str:
     )
 
 
-def _drives(hand: Gripper, arm: Arm) -> str:
-    linear, angular = TWIST_LIMIT
-    found = ""
-    for name in joints(arm):
-        slides = name in "xyz"
-        force = DRIVE_FORCE_DOWN if name == "z" else DRIVE_FORCE if slides else DRIVE_TORQUE
-        limit = linear if slides else angular
-        found += f'<velocity name="{name}" joint="{name}" kv="{400 if slides else 6}" ctrlrange="{-limit} {limit}"'
-        found += f' forcerange="{-force} {force}"/>'
+def _drive(hand: Gripper) -> str:
     force = GRIP * hand.fingers
-    return found + (
+    return (
         f'<position name="fingers" joint="finger0" kp="4000" kv="120" ctrlrange="0 {MAX_OPENING / 2.0 + 0.02}"'
         f' forcerange="{-force} {force}"/>'
     )

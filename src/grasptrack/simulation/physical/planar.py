@@ -34,6 +34,8 @@ Pixels = NDArray[np.uint8]
 BLUR = 0.7
 """px, of lens and pixel together."""
 _SUN = np.array([-0.35, -0.45, 0.82])
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+_CIRCLE: Floats = np.column_stack([np.cos(_ROUND), np.sin(_ROUND)])
 _FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 
 
@@ -84,12 +86,13 @@ class PlanarImages:
         """(480, 640, 3) BGR, of the one who stands beside."""
         at = bystander_pose(world)
         image = self._scene(world, self._views[1], BYSTANDER.matrix, at)
-        to_camera = frames.inverse(at) @ world.pose()
-        share, light = boxes_seen(
-            self._gripper.boxes(world.opening()), to_camera, BYSTANDER.matrix, self.levels["hand"]
-        )
-        image *= 1.0 - share[..., None]
-        image += light[..., None] * np.array([1.06, 1.0, 0.92], np.float32)
+        to_camera, K, level = frames.inverse(at), BYSTANDER.matrix, self.levels["hand"]
+        for share, light in (
+            rods_seen(world.links(), to_camera, K, level),  # the hand hangs below them
+            boxes_seen(self._gripper.boxes(world.opening()), to_camera @ world.pose(), K, level),
+        ):
+            image *= 1.0 - share[..., None]
+            image += light[..., None] * np.array([1.06, 1.0, 0.92], np.float32)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
     def _scene(self, world: World, view: Renderer, K: Floats, camera_pose: Floats) -> Floats32:
@@ -130,6 +133,29 @@ def boxes_seen(boxes: list[Floats], to_camera: Floats, K: Floats, level: float) 
         corners = np.rint(quad * 16.0).astype(np.int32)
         cv2.fillConvexPoly(share, corners, 255, cv2.LINE_AA, 4)
         cv2.fillConvexPoly(light, corners, int(min(255.0, max(1.0, level * lit))), cv2.LINE_AA, 4)
+    return _softened(share, light)
+
+
+def rods_seen(
+    rods: list[tuple[Floats, Floats, float]], to_camera: Floats, K: Floats, level: float
+) -> tuple[Floats32, Floats32]:
+    """As `boxes_seen`, of rods with round ends: both ends (3,) and the radius. Lit along the middle, as what is round is."""
+    share, light = np.zeros((HEIGHT, WIDTH), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)
+    seen = [(np.array([a, b]) @ to_camera[:3, :3].T + to_camera[:3, 3], radius) for a, b, radius in rods]
+    for ends, radius in sorted(seen, key=lambda rod: -float(rod[0][:, 2].mean())):
+        if ends[:, 2].min() < frames.NEAR:
+            continue
+        pixels = ends @ K.T
+        middles, wide = pixels[:, :2] / pixels[:, 2:], K[0, 0] * radius / ends[:, 2]
+        for part, lit in ((1.0, 0.75), (0.8, 0.9), (0.5, 1.05), (0.2, 1.15)):
+            around = middles[:, None] + part * wide[:, None, None] * _CIRCLE
+            hull = cv2.convexHull(np.rint(around.reshape(-1, 2) * 16.0).astype(np.int32))
+            cv2.fillConvexPoly(share, hull, 255, cv2.LINE_AA, 4)
+            cv2.fillConvexPoly(light, hull, int(min(255.0, max(1.0, level * lit))), cv2.LINE_AA, 4)
+    return _softened(share, light)
+
+
+def _softened(share: Pixels, light: Pixels) -> tuple[Floats32, Floats32]:
     soft = cv2.GaussianBlur(share.astype(np.float32) / np.float32(255.0), (0, 0), BLUR)
     glow = cv2.GaussianBlur(light.astype(np.float32), (0, 0), BLUR)
     return np.asarray(soft, dtype=np.float32), np.asarray(glow, dtype=np.float32)

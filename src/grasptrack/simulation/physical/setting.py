@@ -90,8 +90,8 @@ def draw(
         scenario: "static", "pushed" (somebody moves the part on the way), "belt" (the table moves), "blackout" (the view is
             blocked for half a second).
         arm: "gantry" starts upright, "arm" leans by up to 25 degrees.
-        axis: rad, x toward y in the plane of the outline: the closing direction from which the hand is turned by up to 45
-            degrees at the start; None draws one.
+        axis: rad, x toward y in the plane of the outline: where x of the hand points in a grasp, from which the hand is turned
+            by up to 45 degrees at the start, or fingers have changed places as well; None draws one.
 
     Raises:
         InputError: unknown names, or a part that cannot be shown whole.
@@ -115,7 +115,12 @@ def draw(
     for attempt in range(400):
         tilt = float(rng.uniform(0.0, TILT)) if arm == "arm" else 0.0
         # seen from above, x toward y of the outline is from x to -y of the world
-        spin = yaw - chosen + float(rng.uniform(-TURN, TURN)) + math.pi * int(rng.integers(2))
+        spin = (
+            yaw
+            - chosen
+            + float(rng.uniform(-TURN, TURN))
+            + 2.0 * math.pi / hand.fingers * int(rng.integers(hand.fingers))
+        )
         R = frames.about_z(spin) @ frames.lean(tilt, float(rng.uniform(-math.pi, math.pi))) @ frames.DOWN
         share = 1.0 - attempt / 800.0
         off = rng.uniform(-ASIDE, ASIDE, 2) * np.array([WIDTH, HEIGHT]) * share

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Literal
 
@@ -12,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.errors import InputError
 from grasptrack.simulation.outlines import Shape
-from grasptrack.simulation.physical import frames, model
+from grasptrack.simulation.physical import frames, linkage, model, serial
 from grasptrack.simulation.physical.drawing import images_of
 from grasptrack.simulation.physical.engine import engine
 from grasptrack.simulation.physical.gripper import MAX_OPENING, gripper
 from grasptrack.simulation.physical.images import Images
+from grasptrack.simulation.physical.resolved import joint_rates
 from grasptrack.simulation.physical.setting import BLACKOUT_S, Arm, Scenario, draw, hand_mask
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ class World:
         outline: the part, of area 1.
         seed: of everything.
         scenario: "static", "pushed", "belt" or "blackout"; see `setting.draw`.
-        arm: "gantry", which moves in x, y, z and turns, or "arm", which leans as well.
+        arm: "gantry", which moves in x, y, z and turns, or "arm", six hinges in a row.
         fingers: 2 or 3.
         images: "mujoco" draws the camera's images by MuJoCo, which needs offscreen OpenGL; "planar" by this package, which
             needs none and is several times as fast; "auto" by MuJoCo where it can.
@@ -57,9 +57,10 @@ class World:
     Attributes:
         watch: called once in every control period, also while the hand closes and lifts; None.
         failure: after a lift that failed, how.
+        short_s: s in which an arm did not make nine tenths of the twist, at the end of its reach or of its joints' speed.
 
     Raises:
-        InputError: MuJoCo or offscreen OpenGL is missing, or unknown names.
+        InputError: MuJoCo or offscreen OpenGL is missing, unknown names, or a start out of the arm's reach.
         ContourError: an outline that crosses itself.
     """
 
@@ -90,13 +91,14 @@ class World:
         self._ctrl = np.zeros(6)
         self._last = np.zeros(6)
         self.failure = ""
+        self.short_s = 0.0
         self.watch: Callable[[], None] | None = None
         self._steps = 0
 
     def _names(self) -> None:
         m = self.model
-        self._dofs = np.array([m.joint(name).dofadr[0] for name in model.joints(self.arm)])
-        self._qpos = np.array([m.joint(name).qposadr[0] for name in model.joints(self.arm)])
+        self._dofs = np.array([m.joint(name).dofadr[0] for name in linkage.joints(self.arm)])
+        self._qpos = np.array([m.joint(name).qposadr[0] for name in linkage.joints(self.arm)])
         self._belt = int(m.joint("belt").dofadr[0])
         self._part, self._part_dof = int(m.body("part").id), int(m.joint("part").dofadr[0])
         self._tip = int(m.site("tip").id)
@@ -108,14 +110,7 @@ class World:
 
     def _place(self) -> None:
         """The joints at which the hand is where the setting wants it."""
-        T = self.setting.hand
-        R = T[:3, :3] @ frames.DOWN  # what the hinges have to do
-        self.data.qpos[self._qpos[:3]] = T[:3, 3]
-        yaw = math.atan2(R[1, 0], R[0, 0])
-        if self.arm == "arm":
-            self.data.qpos[self._qpos[3:]] = (yaw, math.asin(-R[2, 0]), math.atan2(R[2, 1], R[2, 2]))
-        else:
-            self.data.qpos[self._qpos[3]] = yaw
+        self.data.qpos[self._qpos] = linkage.start(self.setting, self.arm)
         self.data.qvel[self._belt] = float(np.hypot(*self.setting.belt))
         self.data.qvel[self._part_dof : self._part_dof + 2] = self.setting.belt
         self._mj.mj_forward(self.model, self.data)
@@ -204,6 +199,14 @@ class World:
         self.failure = "" if min(heights) >= LIFTED else "slipped" if max(heights) > 0.004 else "stayed on the table"
         return min(heights) >= LIFTED
 
+    def links(self) -> list[tuple[Floats, Floats, float]]:
+        """The arm's links as rods in the world: both ends (3,) and the radius, m; none of a gantry."""
+        if self.arm == "gantry":
+            return []
+        at = linkage.base(self.setting)
+        rods = serial.links(self.data.qpos[self._qpos])
+        return [(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
+
     def bystander(self) -> Pixels:
         """(480, 640, 3) BGR image of a camera that stands beside and goes along."""
         return self._images.bystander(self)
@@ -249,7 +252,12 @@ class World:
         self._mj.mj_jacSite(m, d, *self._jacobian, self._tip)
         R = d.site_xmat[self._tip].reshape(3, 3)
         J = np.vstack([R.T @ each[:, self._dofs] for each in self._jacobian])
-        rates = np.linalg.lstsq(J, self._ctrl, rcond=1e-6)[0]
+        if self.arm == "arm":
+            rates = joint_rates(J, self._ctrl, d.qpos[self._qpos])
+            left = np.linalg.norm(J @ rates - self._ctrl)
+            self.short_s += model.TIMESTEP if left > 0.1 * np.linalg.norm(self._ctrl) else 0.0
+        else:
+            rates = np.linalg.lstsq(J, self._ctrl, rcond=1e-6)[0]
         d.ctrl[: len(self._dofs)] = rates
         d.qvel[self._belt] = float(np.hypot(*self.setting.belt))
         self._push()
@@ -277,26 +285,27 @@ class World:
             self._step(along)
 
     def _feel(self, along: Floats) -> None:
-        """Straight down in the hand's frame until the tips press on the table; an arm gives way until both do."""
+        """Straight down in the hand's frame until the tips press on the table; an arm gives way until all do."""
         twist, limit = along.copy(), self.time() + FEEL / TOUCH_SPEED
         twist[2] = TOUCH_SPEED
         while self.time() < limit and self.finger_forces().sum() < TOUCH_N:
             self._step(twist)
-        if self.arm == "arm" and self.hand.fingers == 2:
+        if self.arm == "arm":
             self._level(along)
         twist[2] = -0.01
         for _ in range(round(0.0006 / 0.01 / model.TIMESTEP)):
             self._step(twist)
 
     def _level(self, along: Floats) -> None:
-        """Turn about y toward the finger that is still in the air, pressing on, until both press."""
-        twist, limit = along.copy(), self.time() + 0.5
+        """Turn toward the fingers that press less, pressing on, until all press."""
+        twist, limit, tips = along.copy(), self.time() + 0.5, self.hand.tips(1.0)
         while self.time() < limit:
-            left, right = self.finger_forces().tolist()  # at x below and above 0
-            if min(left, right) > 0.2 * TOUCH_N:
+            forces = self.finger_forces()
+            if forces.min() > 0.2 * TOUCH_N:
                 return
+            lower = (forces.mean() - forces) @ tips[:, :2]  # the side that has to come down
             twist[2] = 0.01
-            twist[4] = math.copysign(YIELD, right - left)
+            twist[3:5] = np.array([lower[1], -lower[0]]) * (YIELD / max(1e-9, float(np.hypot(*lower))))
             self._step(twist)
 
     def _shut(self, along: Floats) -> None:
@@ -312,4 +321,5 @@ class World:
             self._step(along)
 
     def _holds(self) -> bool:
-        return self.opening() > 0.001 and bool((self.finger_forces() > 1.0).all())
+        """Two fingers that press hold something; of three, one may have come too late and find it held."""
+        return self.opening() > 0.001 and int((self.finger_forces() > 1.0).sum()) >= 2
