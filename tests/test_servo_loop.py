@@ -77,11 +77,11 @@ def test_it_converges_from_a_nominal_camera_that_is_not_quite_right(seed: int) -
 @pytest.mark.parametrize("dof", [4, 6])
 @pytest.mark.parametrize("seed", range(3))
 def test_another_grasp_needs_no_new_exploring(seed: int, dof: int) -> None:
-    bench = Bench(seed=seed, regrasp=2.8, dof=dof, belt=100.0)
+    bench = Bench(seed=seed, regrasp=2.0, dof=dof, belt=100.0)
     servo = bench.run(servo_for(bench))
     assert servo.state == "done" and within(bench), (servo.reason, bench.off())
     exploring = [t for t, c in enumerate(bench.commands) if "exploratory" in c.reason]
-    assert bench.grasp == 2 and max(exploring) * PERIOD < 2.8
+    assert bench.grasp == 2 and max(exploring) * PERIOD < 2.0
 
 
 def test_the_textbook_law_converges_with_the_camera_as_it_is() -> None:

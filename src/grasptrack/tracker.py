@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,8 @@ class GraspTracker:
         ignore: (H, W) nonzero where nothing belongs to the scene.
         resynthesize: choose a new grasp, with a new grasp_id, when the analysis refuses the present one.
         hand: opening and fingers that a synthesised grasp must suit; default fingers in proportion to the object.
+        choose: your own choice in the place of synthesis: given the object's outline in the first view, the grasps to try, the
+            best first, of so many fingers each.
         segmenter: your own segmentation, asked for a mask of every image that comes without one.
         camera: its calibration. Images are made straight before anything is looked at. Everything that goes in and comes
             out stays in px of the images as they are, but for the homography, which is in ideal px.
@@ -60,7 +63,7 @@ class GraspTracker:
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
         GraspError: contacts that are none, or fewer than two fingers.
-        InputError: friction not positive, or both a pixel and a box.
+        InputError: friction not positive, both a pixel and a box, or both a grasp and a choice.
     """
 
     def __init__(
@@ -75,6 +78,7 @@ class GraspTracker:
         ignore: NDArray[Any] | None = None,
         resynthesize: bool = False,
         hand: Hand | None = None,
+        choose: Callable[[View], Sequence[Grasp]] | None = None,
         segmenter: Segmenter | None = None,
         camera: Camera | None = None,
     ) -> None:
@@ -94,8 +98,10 @@ class GraspTracker:
         self.fingers, self.strategy, self.friction = fingers, strategy, friction
         if object_at is not None and box is not None:
             raise InputError("a pixel and a box both say which object is meant: give one of them")
+        if grasp is not None and choose is not None:
+            raise InputError("a grasp and a choice of one both say which grasp is meant: give one of them")
         self._object_at, self._box, self._ignore, self._resynthesize = object_at, box, ignore, resynthesize
-        self._hand, self._segmenter, self._camera = hand, segmenter, camera
+        self._hand, self._choose, self._segmenter, self._camera = hand, choose, segmenter, camera
         self._lens: Undistortion | None = None
         self._frame = -1
         self._grasp_id = 0
@@ -151,6 +157,13 @@ class GraspTracker:
         grey = self._observer.choose(candidate)
         if self._given is not None:
             grasps = [self._given.snapped(candidate.view)]
+        elif self._choose is not None:
+            grasps = list(self._choose(candidate.view))
+            if not grasps:
+                reason = "no stable grasp: the choice that was given made none"
+                return {"status": "searching", "reason": reason, "view": candidate.view}
+            if any(len(grasp) != self.fingers for grasp in grasps):
+                raise GraspError(f"a grasp of {self.fingers} contacts is to be chosen", fingers=self.fingers)
         else:
             beside = [c.view for c in apart([candidate, *found])[1:]]
             grasps, reason = choice.grasps(

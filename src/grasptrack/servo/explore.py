@@ -32,7 +32,7 @@ class Exploration:
 
     way: float = 0.008
     turn: float = 0.05
-    seconds: float = 0.4
+    seconds: float = 0.24
 
     def __post_init__(self) -> None:
         if not (self.way > 0.0 and self.turn > 0.0 and self.seconds > 0.0):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -56,23 +57,23 @@ def first_look(
         tips: (k, 2) px of the fingertips.
         strategy: of the tracker.
     """
-    fingers = len(tips)
-    looking = GraspTracker(fingers=fingers, ignore=ignore, hand=hand, friction=FRICTION)
-    seen = looking.update(image, time)
-    if seen.view is None:
-        return looking, seen
-    found, why = closing_grasps(seen.view, fingers, hand)
-    if not found:
-        reason = why or seen.reason or "no stable grasp: only inside holes, where closing fingers cannot push"
-        return looking, TrackResult(frame=0, time=time, status="searching", reason=reason, view=seen.view)
-    good = [g for g in found if g.quality >= NEARLY_AS_GOOD * found[0].quality]
-    chosen = min(good, key=lambda g: turn_between(g.contacts, tips))
-    tracker = GraspTracker(grasp=chosen.contacts, strategy=strategy, ignore=ignore, friction=FRICTION)
-    return tracker, tracker.update(image, time)
+    fingers, told = len(tips), ""
+
+    def choose(view: View) -> list[Grasp]:
+        nonlocal told
+        found, told = closing_grasps(view, fingers, hand)
+        good = [g for g in found if g.quality >= NEARLY_AS_GOOD * found[0].quality]
+        return sorted(good, key=lambda g: turn_between(g.contacts, tips))
+
+    tracker = GraspTracker(fingers=fingers, strategy=strategy, ignore=ignore, friction=FRICTION, choose=choose)
+    result = tracker.update(image, time)
+    if result.contacts is None and result.view is not None and told:
+        result = replace(result, reason=told)
+    return tracker, result
 
 
 def closing_grasps(view: View, fingers: int, hand: Hand) -> tuple[list[Grasp], str]:
-    """Grasps that the hand closes on from outside, best first, and why there is none; empty where synthesis says so itself.
+    """Grasps that the hand closes on from outside, best first, and why there is none.
 
     Args:
         view: the outline.
@@ -80,7 +81,10 @@ def closing_grasps(view: View, fingers: int, hand: Hand) -> tuple[list[Grasp], s
         hand: its limits, as `hand_for` tells them.
     """
     if fingers == 2:
-        return [g for g in synthesize(view, fingers, FRICTION, hand=hand) if not g.spread], ""
+        ranked = synthesize(view, fingers, FRICTION, hand=hand)
+        squeezing: list[Grasp] = [g for g in ranked if not g.spread]
+        only = "no stable grasp: only inside holes, where closing fingers cannot push"
+        return squeezing, "" if squeezing else only if ranked else f"no stable grasp: {ranked.reason}"
     found = radial_grasps(view, hand, FRICTION, EVEN / PAD_WIDTH)
     return found.grasps, found.reason
 

@@ -25,7 +25,7 @@ from grasptrack.tracker import GraspTracker
 
 Floats = NDArray[np.float64]
 
-WINDOW, LEAST = 12, 0.5
+WINDOW, LEAST = 8, 0.5
 """Images, and the share of them in which the grasp has to be found, or it is looked for anew."""
 OTHERWISE = 2
 """Of so many grasps chosen anew, one is followed by its outline alone: what a faint surface shows may mislead."""

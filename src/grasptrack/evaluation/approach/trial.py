@@ -36,7 +36,7 @@ KNOWN = 0.1
 """How well the size of the part is known beforehand, which is what the hand's limits are told by."""
 PATIENCE = 25
 """Images in which to look for the part before giving up."""
-LOOK_PERIODS = 6
+LOOK_PERIODS = 3
 """Control periods that pass while the whole image is looked at for a grasp. The hand goes on as it was told last; the images
 that come meanwhile are gone through afterwards."""
 SHORT_S = 0.5
