@@ -294,3 +294,20 @@ def test_times_and_numbers_of_contacts_are_checked() -> None:
         servo.update(bench.result(), time=0.0, pose=bench.hand)
     with pytest.raises(gt.InputError, match="contacts"):
         servo.update(Bench(seed=0, fingers=3).result(), time=0.1, pose=bench.hand)
+
+
+def test_a_hand_that_touches_before_it_closes_has_failed() -> None:
+    bench = Bench(seed=1)
+    servo = servo_for(bench)
+    while servo.state != "closing":
+        other = copy.deepcopy(servo)
+        other.touched()
+        assert other.over and "touched" in other.reason
+        command = other.update(bench.result(), time=bench.time + 0.01, pose=bench.hand)
+        assert command.state == "failed" and not command.close
+        bench.move(servo.update(bench.result(), time=bench.time, pose=bench.hand).twist)
+    servo.touched()
+    assert servo.state == "closing"  # fingers that close touch what they close on
+    servo.closed(True)
+    servo.touched()
+    assert servo.state == "done"

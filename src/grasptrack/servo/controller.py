@@ -114,6 +114,11 @@ class GraspServo:
         if self.state == "closing":
             self.state, self.reason = ("done", "something is held") if held else ("failed", "closed on nothing")
 
+    def touched(self) -> None:
+        """Tell that the hand felt something before it was to close: what is known of the distance is wrong, and it fails."""
+        if not self.over and self.state != "closing":
+            self.state, self.reason = "failed", "the hand touched something on its way"
+
     def update(self, result: TrackResult, *, time: float, pose: ArrayLike) -> Command:
         """One step of control.
 

@@ -193,6 +193,8 @@ def _approach(run: _Run) -> None:
             world.watch = run.later("close")
             held = world.close(width)
             servo.closed(held)
+        elif world.touches():
+            servo.touched()
     if servo.state != "done":
         row.reason = f"servo: {servo.reason}" if row.believed is None else servo.reason
         return

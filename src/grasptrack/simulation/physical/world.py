@@ -33,6 +33,8 @@ BESIDE = 0.006
 """m that each finger stands back from its contact when the hand goes down to close."""
 YIELD = 0.25
 """rad/s of an arm's hand that gives way to the table."""
+FELT_N = 5.0
+"""N on the pads that no hand overlooks."""
 TOUCH_N = 2.0
 """N at the tips at which the hand has touched."""
 FEEL = 0.03
@@ -151,6 +153,10 @@ class World:
     def ignore(self) -> Pixels:
         """(480, 640) 255 where the open hand is in its own camera's way, marked generously."""
         return hand_mask(self.setting.camera, self.setting.mount, self.hand, self.opening(), grow=5)
+
+    def touches(self) -> bool:
+        """Whether the pads press on anything, as the drives feel it."""
+        return bool(self.finger_forces().sum() >= FELT_N)
 
     def move(self, twist: ArrayLike) -> None:
         """Move the hand for one control period.
