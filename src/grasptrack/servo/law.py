@@ -56,14 +56,18 @@ def twist_for(
         jacobian: (m, 6), of the features by the hand's twist.
         covariance: (m, m) of the features.
         dof: 4 (x, y, z, turn about z) or 6.
-        length: m by which velocities compare with turns.
+        length: m by which velocities across the approach compare with turns: of small grasps small.
         gain: the gain.
         damping: mu, relative to a Jacobian of size 1.
     """
     axes, m = list(AXES[dof]), len(error)
-    unit = np.array([length if a < 3 else 1.0 for a in axes])
+    depth = max(
+        length, 1.0 / max(abs(float(jacobian[2, 2])), 1e-9)
+    )  # m by which the third feature, l*/l, changes by one
+    unit = np.array([length if a < 2 else depth if a == 2 else 1.0 for a in axes])
     sides = np.column_stack([jacobian[:, axes] * unit, error])
-    doubt = covariance / FAITH**2
+    faith = FAITH * np.maximum(1.0, np.abs(error))
+    doubt = covariance / np.outer(faith, faith)
     doubt.flat[:: m + 1] += 1.0
     products = sides[:, :-1].T @ np.linalg.solve(doubt, sides)  # J'W J, and J'W e
     A = products[:, :-1]
@@ -74,4 +78,4 @@ def twist_for(
 
 
 FAITH = 0.05
-"""A feature that is known to this standard deviation weighs half."""
+"""A feature that is known to this standard deviation, or to this share of its error, weighs half."""
