@@ -29,7 +29,7 @@ ACCELERATION = (5.0, 20.0)
 PUSH_S = 0.3
 CLOSING_SPEED, TOUCH_SPEED = 0.12, 0.06
 """m/s of a finger, and of the hand feeling for the table."""
-BESIDE = 0.006
+BESIDE = 0.004
 """m that each finger stands back from its contact when the hand goes down to close."""
 YIELD = 0.25
 """rad/s of an arm's hand that gives way to the table."""
