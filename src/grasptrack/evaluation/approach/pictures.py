@@ -49,9 +49,20 @@ def side_by_side(world: World, step: Step) -> Pixels:
     return np.vstack([np.hstack([left, right]), _line(step, 2 * left.shape[1])])
 
 
-def ending(world: World, step: Step, row: Row) -> bytes:
-    """A PNG of the end of a trial, with its outcome and the reason."""
+def _view(step: Step) -> Pixels:
+    """The hand's view at a step, with what the tracker said."""
+    assert step.image is not None and step.result is not None
+    view = draw_overlay(as_bgr(step.image), step.result)
+    put_text(view, f"{step.time:.2f} s", view.shape[1] - 70, 21, 15, INK_RGB)
+    return view
+
+
+def ending(world: World, step: Step, row: Row, seen: Step | None = None, missed: Step | None = None) -> bytes:
+    """A PNG of the end of a trial, with its outcome and the reason; where the grasp was lost, above it the hand's view when it
+    was seen last and in the image after."""
     picture = side_by_side(world, step)
+    if seen is not None and missed is not None:
+        picture = np.vstack([np.hstack([_view(seen), _view(missed)]), picture])
     head = np.full((_LINE, picture.shape[1], 3), bgr(PANEL_RGB), np.uint8)
     text = f"{row.shape}, {row.scenario}, seed {row.seed}: {row.outcome} after {row.time_s:.1f} s. {row.reason}"
     put_text(head, ellipsised(text, head.shape[1] - 20, 15), 10, 21, 15, INK_RGB)

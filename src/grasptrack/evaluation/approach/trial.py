@@ -77,6 +77,8 @@ class _Run:
     loop_ms: list[float] = field(default_factory=list)
     look_ms: list[float] = field(default_factory=list)
     truth: Floats | None = None  # the chosen contacts on the part, m
+    seen: Step | None = None  # the last in which the grasp was seen, ...
+    missed: Step | None = None  # ... and the first after it
 
     def later(self, stage: str) -> Callable[[], None]:
         """What tells of steps without images of the loop's own."""
@@ -85,6 +87,11 @@ class _Run:
 
     def tell(self, step: Step) -> None:
         self.step = step
+        if step.image is not None and step.result is not None:
+            if step.result.contacts is not None:
+                self.seen, self.missed = step, None
+            else:
+                self.missed = self.missed or step
         if self.watch is not None:
             self.watch(self.world, step)
 
@@ -127,7 +134,7 @@ def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
         return row, b""
     from grasptrack.evaluation.approach.pictures import ending
 
-    return row, ending(world, run.step, row)
+    return row, ending(world, run.step, row, run.seen, run.missed)
 
 
 def _approach(run: _Run) -> None:
