@@ -48,6 +48,8 @@ class Motion:
         self._adrift = 0  # frames without a pose that the ground did not bridge
         self._coasting = False
         self._still = True
+        self._speed = 0.0, 0.0  # px a frame of the centre, as last seen
+        self._since = 0  # frames since the pose was learned
 
     def begin(self, time: float | None) -> None:
         """The reference image, taken at a time in s."""
@@ -75,6 +77,12 @@ class Motion:
         if not 0.0 < times <= LONGEST * (CARRIED + 1):
             return None
         return normalised(power(self._step, times, self._place()) @ self._pose)
+
+    @property
+    def drift(self) -> tuple[float, float]:
+        """(x, y) px that the centre has gone from the last pose until the image at hand, if it went on as it did."""
+        times = self._since + 1.0
+        return self._speed[0] * times, self._speed[1] * times
 
     @property
     def last(self) -> Floats:
@@ -110,6 +118,7 @@ class Motion:
     def found(self, H: Floats) -> None:
         """Learn the pose (3, 3) of this frame."""
         turned = abs(wrapped(self.angle(H) - self.angle(self._pose))) / (self.missed + 1)
+        self._learn_speed(H)
         self._turning = max(turned, FADING * self._turning)
         self._step = H @ np.linalg.inv(self._pose) if self.missed == 0 else np.eye(3)
         self._still = self.missed > 0
@@ -122,6 +131,8 @@ class Motion:
 
     def coast(self, H: Floats) -> None:
         """The pose (3, 3) that the object must have if it moved on with the ground, in a frame that does not show it."""
+        if self._since == 0:  # else the ground was out of sight as well, and what it shows may be another stretch of it
+            self._learn_speed(H)
         self._pose = normalised(H)
         self._step = np.eye(3)
         self._still = self._coasting = True
@@ -131,7 +142,15 @@ class Motion:
         self.missed += 1
         if not self._coasting:
             self._adrift += 1
+        if not self._coasting or self._since:
+            self._since += 1
         self._coasting = False
+
+    def _learn_speed(self, H: Floats) -> None:
+        """From the pose that was learned last to this one (3, 3)."""
+        (x, y), (u, v) = self._place(), applied(H, *self._centre)
+        self._speed = (u - x) / (self._since + 1.0), (v - y) / (self._since + 1.0)
+        self._since = 0
 
 
 def power(H: Floats, exponent: float, place: tuple[float, float]) -> Floats:

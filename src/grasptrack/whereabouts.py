@@ -32,6 +32,10 @@ SWELL = 1.05
 """What it may have grown, or shrunk, more in every frame without it, ..."""
 KNOWN = 8
 """... of which there are so many at most until its size, and its tilt, are no longer known."""
+WANDERED = 0.2
+"""Share of sqrt(area) from which on an object that moves may have left its place to an equal while it was not seen, ..."""
+SURELY, ON_ITS_WAY = 2, 0.25
+"""... but for so many frames in which it went on as before, within this share of the way."""
 BEND = 1.12
 """A step in tilt: ratio of the two magnifications relative to what is expected. A cover's edge can stand in for a side."""
 EMPTY = 0.5
@@ -130,6 +134,8 @@ class Whereabouts:
             forgotten = motion.missed >= KNOWN and self._place(grey, expected, levels, besides=H) == "empty"
             if _bend(H, expected, self._reference.centre) > BEND and not forgotten:
                 return "the outline is tilted by more than it can have been since the last image"
+            if self.equals and self._wandered(H):  # whatever the ground shows: a row of equals looks alike all round
+                return "it moved, and another object with its outline may have come to its place unseen: ambiguous"
             return ""
         if self.equals:
             return "another object with this outline was seen: ambiguous"
@@ -165,6 +171,16 @@ class Whereabouts:
         if not nearby and self._place(grey, self.motion.predict(), levels) in ("empty", "outside"):
             self.gone = True
         self.motion.lost()
+
+    def _wandered(self, H: Floats) -> bool:
+        """Whether the object, at the speed at which it was lost, may have gone so far that a pose (3, 3) may be an equal's."""
+        motion, centre = self.motion, self._reference.centre
+        way = motion.drift
+        far = math.hypot(*way)
+        if not motion.missed or far <= WANDERED * self._reference.size * math.sqrt(_growth(motion.last, centre)):
+            return False
+        (x, y), (u, v) = _carried(H, centre), _carried(motion.last, centre)
+        return motion.missed > SURELY or math.hypot(x - u - way[0], y - v - way[1]) > ON_ITS_WAY * far
 
     def _shift(self, H: Floats) -> tuple[float, float]:
         """Of the centre relative to the expected one: in sqrt(area), and in px."""
