@@ -17,7 +17,7 @@ def belt(moved: float, space: float, seed: int) -> np.ndarray:
     """Plates `space` px apart that have moved by so many px, on an even ground with noise."""
     large = np.full((480 * FINER, 640 * FINER), 170, np.uint8)
     for k in range(-3, 5):
-        corners = PLATE + (100.0 + moved + k * space, 200.0)
+        corners = PLATE + np.array([100.0 + moved + k * space, 200.0])
         cv2.fillPoly(large, [np.rint(corners * FINER).astype(np.int32)], 60)
     image = cv2.GaussianBlur(cv2.resize(large, (640, 480), interpolation=cv2.INTER_AREA), (0, 0), 0.8)
     return np.clip(image + np.random.default_rng(seed).normal(0, 1.2, image.shape), 0, 255).astype(np.uint8)
