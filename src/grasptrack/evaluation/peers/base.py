@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
 import cv2
@@ -37,7 +38,7 @@ class Found(NamedTuple):
     confidence: float
 
 
-class Peer:
+class Peer(ABC):
     """A method that is given the grasp in the first image; subclasses say how it begins and how it follows.
 
     Args:
@@ -54,21 +55,21 @@ class Peer:
         self._frame = -1
         self._begun = ""  # why it could not begin
 
+    @abstractmethod
     def begin(self, image: Grey) -> None:
         """Learn what is needed from the first image (H, W).
 
         Raises:
             LostError: nothing to follow in it.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def follow(self, image: Grey) -> Found:
         """The grasp in a later image (H, W).
 
         Raises:
             LostError: with the reason.
         """
-        raise NotImplementedError
 
     def update(self, image: NDArray[Any], time: float | None) -> TrackResult:
         """See `grasptrack.evaluation.method:Method`."""
