@@ -51,6 +51,8 @@ SOON, SELDOM = 3, 4
 """In so many frames after a loss surfaces are looked at about where the object was, and then in every so manyth: they cost."""
 SAME = 0.02
 """Share of sqrt(area) by which poses differ that are one."""
+TWO_OBJECTS = 5.0
+"""px from which on two poses are two objects'."""
 COVERED, LATELY = 0.06, 3
 """Of the outline, so much under a cover makes it likelier that it is the cover which seems to cut or to add to the object
 elsewhere, if that was believed within so many frames."""
@@ -168,6 +170,8 @@ class Belief:
             unseen = registration.fusion.trust.on_ground and not fused.used[GROUND]
             refusal = "another shape was seen here of late, and the ground round it does not show now" if unseen else ""
         rivals = hypothesis.rivals
+        if not refusal and registration is not None:
+            whereabouts.equals |= any(self._stands(grey, other, H) for other in whereabouts.on_its_way(H))
         doubt = "" if refusal else self._search.doubt(H, grey, lambda: still or self._settled(grey, carried, rivals))
         if rivals and not refusal and not doubt and not self._settled(grey, carried, rivals):
             doubt = "found again, but its outline fits itself in more than one way: ambiguous"
@@ -177,6 +181,18 @@ class Belief:
         if fused is None:
             return Believed(carried, H, support)
         return Believed(carried, H, support, risk(explained, any(fused.used[1:])))
+
+    def _stands(self, grey: Grey, other: Floats, H: Floats) -> bool:
+        """Whether something with the object's outline stands at another pose (3, 3) than this one."""
+        registration, centre = self._reference.registration, np.array([self._reference.centre])
+        assert registration is not None
+        try:
+            other = registration.on_edges(grey, other, FAR, MOST_SCATTER)
+            share = self._reference.samples.support(grey, other, self._reference.grasp.contacts).share
+            apart = np.hypot(*(apply_homography(other, centre) - apply_homography(H, centre))[0])
+        except (TransferError, ConditioningError):
+            return False
+        return share >= MIN_SHARE_AGAIN and bool(apart > TWO_OBJECTS)
 
     def _judged(self, grey: Grey, H: Floats, support: Support, fused: Fused) -> tuple[Support, float]:
         """The evidence with both sides of the outline looked at: a cover does not speak against it, a notch or a tab does.

@@ -172,12 +172,26 @@ class Whereabouts:
             self.gone = True
         self.motion.lost()
 
+    def on_its_way(self, H: Floats) -> list[Floats]:
+        """(3, 3) each, where the object may be as well as at a pose, when it was not seen for a while: where it was last, and
+        where it would be had it gone on. If something like it stands there, nobody knows which is meant."""
+        if self.equals or not self._far():
+            return []
+        last, way, centre = self.motion.last, self.motion.drift, self._reference.centre
+        further = np.array([[1.0, 0.0, way[0]], [0.0, 1.0, way[1]], [0.0, 0.0, 1.0]]) @ last
+        return [other for other in (last, further) if _apart(other, H, centre) > 0.5 * math.hypot(*way)]
+
+    def _far(self) -> bool:
+        """Whether the object, at the speed at which it was lost, may have left its place since."""
+        size = self._reference.size * math.sqrt(_growth(self.motion.last, self._reference.centre))
+        return self.motion.missed > 0 and math.hypot(*self.motion.drift) > WANDERED * size
+
     def _wandered(self, H: Floats) -> bool:
-        """Whether the object, at the speed at which it was lost, may have gone so far that a pose (3, 3) may be an equal's."""
+        """Whether the object may have gone so far that a pose (3, 3) may be an equal's."""
         motion, centre = self.motion, self._reference.centre
         way = motion.drift
         far = math.hypot(*way)
-        if not motion.missed or far <= WANDERED * self._reference.size * math.sqrt(_growth(motion.last, centre)):
+        if not self._far():
             return False
         (x, y), (u, v) = _carried(H, centre), _carried(motion.last, centre)
         return motion.missed > SURELY or math.hypot(x - u - way[0], y - v - way[1]) > ON_ITS_WAY * far
@@ -246,6 +260,12 @@ class Whereabouts:
             return np.full(len(interior.places), levels[0]), np.full(len(interior.places), levels[0] != levels[1])
         own = interior.levels * (levels[1] / max(samples.ground, 1.0))
         return own, np.abs(own - levels[1]) >= FAINT
+
+
+def _apart(H: Floats, other: Floats, centre: tuple[float, float]) -> float:
+    """px between the places of a point under two poses (3, 3)."""
+    (x, y), (u, v) = _carried(H, centre), _carried(other, centre)
+    return math.hypot(x - u, y - v)
 
 
 def _growth(H: Floats, centre: tuple[float, float]) -> float:
