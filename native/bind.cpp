@@ -19,6 +19,7 @@
 #include "bind_grasp.hpp"
 #include "bind_images.hpp"
 #include "bind_match.hpp"
+#include "bind_pose.hpp"
 #include "bind_servo.hpp"
 #include "contact.hpp"
 #include "curvature.hpp"
@@ -329,4 +330,5 @@ NB_MODULE(_native, m) {
     bind_match(m);
     bind_grasp(m);
     bind_servo(m);
+    bind_pose(m);
 }

@@ -16,6 +16,7 @@ try:
         raise ImportError
     # The compiled functions themselves, not wrappers: a call costs a third of a microsecond.
     from grasptrack._native import (
+        PoseTarget,
         advance_state,
         align_outlines,
         arc_length,
@@ -57,6 +58,7 @@ try:
         point_at,
         projective_step,
         rank_grasps,
+        reference_edges,
         refine_contacts,
         register_outline,
         resample,
@@ -137,6 +139,7 @@ except ImportError as error:
 
 __all__ = [
     "BACKEND",
+    "PoseTarget",
     "advance_state",
     "align_outlines",
     "arc_length",
@@ -178,6 +181,7 @@ __all__ = [
     "point_at",
     "projective_step",
     "rank_grasps",
+    "reference_edges",
     "refine_contacts",
     "register_outline",
     "resample",

@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pose estimator in Python: a target made once, then a solution for each hypothesis of each image.
+
+#include "bind_pose.hpp"
+
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "pose/solver.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace grasptrack {
+
+namespace {
+
+using Doubles = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+using Bytes = nb::ndarray<const std::uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+std::size_t count(const Doubles &array) {
+    std::size_t size = 1;
+    for (std::size_t i = 0; i < array.ndim(); ++i) size *= array.shape(i);
+    return size;
+}
+
+template <std::size_t N> std::array<double, N> fixed(const Doubles &array, const char *name) {
+    if (count(array) != N) throw std::invalid_argument(std::string(name) + " needs " + std::to_string(N) + " numbers");
+    std::array<double, N> out;
+    std::copy(array.data(), array.data() + N, out.begin());
+    return out;
+}
+
+std::vector<double> values(const Doubles &array) { return {array.data(), array.data() + count(array)}; }
+
+std::vector<pose::Point> places(const Doubles &array, const char *name) {
+    if (array.ndim() != 2 || array.shape(1) != 2) throw std::invalid_argument(std::string(name) + " are of shape (N, 2)");
+    std::vector<pose::Point> out(array.shape(0));
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] = {array.data()[2 * i], array.data()[2 * i + 1]};
+    return out;
+}
+
+pose::Pyramid pyramid_of(const std::vector<Bytes> &levels) {
+    if (levels.empty()) throw std::invalid_argument("a pyramid has at least one level");
+    pose::Pyramid out;
+    for (const Bytes &level : levels)
+        out.push_back({level.data(), static_cast<std::ptrdiff_t>(level.shape(0)), static_cast<std::ptrdiff_t>(level.shape(1))});
+    return out;
+}
+
+nb::object array_of(const double *data, std::initializer_list<std::size_t> shape) {
+    std::size_t size = 1;
+    for (std::size_t n : shape) size *= n;
+    auto *kept = new double[std::max<std::size_t>(size, 1)];
+    std::copy(data, data + size, kept);
+    nb::capsule owner(kept, [](void *p) noexcept { delete[] static_cast<double *>(p); });
+    return nb::cast(nb::ndarray<nb::numpy, double>(kept, shape.size(), shape.begin(), owner));
+}
+nb::object array_of(const std::vector<double> &v) { return array_of(v.data(), {v.size()}); }
+
+pose::PatchSet cut_patches(const pose::Pyramid &pyramid, const pose::Homography &G, const std::vector<pose::Point> &centres,
+                           double stride) {
+    pose::PatchSet set{stride, {}};
+    for (const pose::Point &c : centres) {
+        pose::Patch patch;
+        if (pose::cut_patch(pyramid, G, c.x, c.y, stride, patch)) set.patches.push_back(patch);
+    }
+    return set;
+}
+
+pose::Numbers numbers_of(const nb::dict &given) {
+    const auto number = [&given](const char *name) {
+        if (!given.contains(name)) throw std::invalid_argument(std::string("the number ") + name + " is missing");
+        return nb::cast<double>(given[name]);
+    };
+    pose::Numbers n{};
+    n.miss = number("edge_missed");
+    n.same_sign = number("same_sign");
+    n.edge_floor = number("edge_floor");
+    n.other_spread = number("other_spread");
+    n.share_object = number("share_object");
+    n.share_occluded = number("share_occluded");
+    n.share_other = number("share_other");
+    n.stretch = number("stretch");
+    n.texture_floor = number("texture_floor");
+    n.texture_independent = number("texture_independent");
+    n.texture_freedom = number("texture_freedom");
+    n.prior_freedom = number("prior_freedom");
+    n.perspective = number("perspective");
+    n.pinhole_sd = number("pinhole_sd");
+    n.pinhole_freedom = number("pinhole_freedom");
+    n.sample_distance = number("sample_distance");
+    n.blur_share = number("blur_share");
+    n.wide = number("wide");
+    return n;
+}
+
+// What Python calls PoseTarget: the target, and the numbers that it is looked at with.
+struct PoseTarget {
+    pose::Target target;
+    pose::Numbers numbers;
+
+    PoseTarget(const nb::dict &given, const Doubles &A, const Doubles &centre, double radius, double noise, const Doubles &points,
+               const Doubles &normals, const Doubles &contrast, const Doubles &inner, const Doubles &surface,
+               const Doubles &surface_value, const Doubles &contacts)
+        : numbers(numbers_of(given)) {
+        target.A = fixed<9>(A, "A");
+        const auto c = fixed<2>(centre, "the centre");
+        target.cx = c[0];
+        target.cy = c[1];
+        target.radius = radius;
+        target.noise = noise;
+        target.points = places(points, "points");
+        target.normals = places(normals, "normals");
+        target.contrast = values(contrast);
+        target.inner = values(inner);
+        target.surface = places(surface, "surface samples");
+        target.surface_value = values(surface_value);
+        target.contacts = places(contacts, "contacts");
+        const std::size_t n = target.points.size();
+        if (target.normals.size() != n || target.contrast.size() != n || target.inner.size() != n * pose::inner_pixels ||
+            target.surface_value.size() != target.surface.size())
+            throw std::invalid_argument("points, normals, contrasts and inner sides need the same length");
+        for (std::size_t i = 0; i < n; ++i) {
+            const auto J = target.jacobian(target.points[i].x, target.points[i].y);
+            pose::Vector<8> row;
+            for (std::size_t k = 0; k < 8; ++k) row[k] = target.normals[i].x * J[0][k] + target.normals[i].y * J[1][k];
+            target.rows.push_back(row);
+        }
+    }
+
+    // Patches of the reference image, fine to coarse in the order of calls; how many were whole in view.
+    std::size_t add_texture(const std::vector<Bytes> &levels, const Doubles &centres, double stride) {
+        target.texture.push_back(cut_patches(pyramid_of(levels), target.A, places(centres, "centres"), stride));
+        return target.texture.back().patches.size();
+    }
+
+    nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last, const Doubles &theta,
+                   const Doubles &theta_covariance, double thickness, double thickness_variance, double inner_spread,
+                   double reach) const {
+        const pose::Pyramid pyramid = pyramid_of(levels);
+        pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), fixed<3>(theta, "theta"),
+                          fixed<9>(theta_covariance, "theta_covariance"), thickness, thickness_variance, inner_spread, reach,
+                          static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height), {}};
+        pose::Solution s;
+        {
+            nb::gil_scoped_release free;
+            s = pose::Solver(target, pyramid, start, numbers).solve();
+        }
+        nb::dict out;
+        out["valid"] = s.valid;
+        out["G"] = array_of(s.G.data(), {3, 3});
+        out["P"] = array_of(s.P.data(), {8, 8});
+        out["thickness"] = s.thickness;
+        out["thickness_variance"] = s.thickness_variance;
+        out["gain"] = s.light.gain;
+        out["bias"] = s.light.bias;
+        out["edge_share"] = s.edge_share;
+        out["edge_sigma"] = s.edge_sigma;
+        out["look"] = s.look;
+        out["texture_used"] = s.texture_used;
+        out["texture_agreeing"] = s.texture_agreeing;
+        out["texture_spread"] = s.texture_spread;
+        out["correlation"] = array_of(s.correlation);
+        out["visible"] = array_of(s.visible);
+        out["occluded"] = array_of(s.occluded);
+        out["other"] = array_of(s.other);
+        out["log_odds"] = s.log_odds;
+        out["elsewhere"] = s.elsewhere;
+        return out;
+    }
+
+    // The last image's look at `centres` through `last`, laid on the next image from a start.
+    nb::dict follow(const std::vector<Bytes> &before, const Doubles &last, const std::vector<Bytes> &levels, const Doubles &start,
+                    const Doubles &P, const Doubles &centres, const Doubles &strides) const {
+        const pose::Pyramid old = pyramid_of(before), now = pyramid_of(levels);
+        const pose::Homography from = fixed<9>(last, "last"), to = fixed<9>(start, "start");
+        const pose::Matrix<8> prior = fixed<64>(P, "P");
+        const std::vector<pose::Point> at = places(centres, "centres");
+        pose::FlowFit fit;
+        {
+            nb::gil_scoped_release free;
+            std::vector<pose::PatchSet> looks;
+            for (double stride : values(strides)) looks.push_back(cut_patches(old, from, at, stride));
+            fit = pose::follow_look(target, looks, now, to, prior, target.noise,
+                                    {numbers.texture_floor, numbers.texture_independent, numbers.texture_freedom});
+        }
+        nb::dict out;
+        out["valid"] = fit.valid;
+        out["G"] = array_of(fit.G.data(), {3, 3});
+        out["P"] = array_of(fit.covariance.data(), {8, 8});
+        out["agreeing"] = fit.agreeing;
+        out["correlation"] = fit.correlation;
+        out["used"] = fit.used;
+        return out;
+    }
+
+    nb::object moved(const Doubles &G, const Doubles &d) const {
+        const auto out = target.moved(fixed<9>(G, "G"), fixed<8>(d, "d"));
+        return array_of(out.data(), {3, 3});
+    }
+
+    nb::tuple pinhole(const Doubles &G, const Doubles &theta, double width, double height) const {
+        const auto rows = pose::pinhole_rows(target, fixed<9>(G, "G"), fixed<3>(theta, "theta"), width, height);
+        return nb::make_tuple(array_of(rows.misfit.data(), {2}), array_of(rows.by_pose[0].data(), {2, 8}),
+                              array_of(rows.by_camera[0].data(), {2, 3}));
+    }
+};
+
+// Positions and signed steps of the strongest candidates: what the target is made from.
+nb::tuple reference_edges(const std::vector<Bytes> &levels, const Doubles &A, const Doubles &points, const Doubles &normals,
+                          double noise, int reach) {
+    const pose::Pyramid pyramid = pyramid_of(levels);
+    pose::Target target{};
+    target.A = fixed<9>(A, "A");
+    target.points = places(points, "points");
+    target.normals = places(normals, "normals");
+    const std::size_t n = target.points.size();
+    if (target.normals.size() != n) throw std::invalid_argument("each point needs its normal");
+    target.noise = noise;
+    target.inner.assign(n * pose::inner_pixels, 0.0);
+    double cx = 0, cy = 0;
+    for (const auto &p : target.points) cx += p.x / static_cast<double>(n), cy += p.y / static_cast<double>(n);
+    target.cx = cx;
+    target.cy = cy;
+    const pose::Seen seen = pose::look_through(pyramid, target.A, cx, cy, 1.0);
+    std::vector<double> offset(n, std::numeric_limits<double>::quiet_NaN()), step(n, 0.0), inner(n * pose::inner_pixels);
+    const int span = reach + 16;
+    std::vector<double> line(static_cast<std::size_t>(2 * span + 1));
+    for (std::size_t i = 0; i < n; ++i) {
+        pose::EdgeSample s;
+        if (!pose::profile(seen, target.points[i], target.normals[i], span, line.data())) continue;
+        pose::find_candidates(line.data(), span, reach, noise, 2, s);
+        double best = 0;
+        for (std::size_t c = 0; c < static_cast<std::size_t>(s.count); ++c) {
+            const double score = std::abs(s.step[c]) * std::exp(-s.offset[c] * s.offset[c] / 8);
+            if (std::abs(s.offset[c]) < 3.5 && score > best) best = score, offset[i] = s.offset[c], step[i] = s.step[c];
+        }
+        for (int k = 0; k < pose::inner_pixels; ++k)
+            inner[i * pose::inner_pixels + static_cast<std::size_t>(k)] = line[static_cast<std::size_t>(span + pose::inner_first + k)];
+    }
+    return nb::make_tuple(array_of(offset), array_of(step), array_of(inner.data(), {n, pose::inner_pixels}));
+}
+
+}  // namespace
+
+void bind_pose(nb::module_ &m) {
+    nb::class_<PoseTarget>(m, "PoseTarget")
+        .def(nb::init<const nb::dict &, const Doubles &, const Doubles &, double, double, const Doubles &, const Doubles &,
+                      const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &>(),
+             "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a, "surface"_a,
+             "surface_value"_a, "contacts"_a)
+        .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
+        .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "theta"_a, "theta_covariance"_a, "thickness"_a,
+             "thickness_variance"_a, "inner_spread"_a, "reach"_a)
+        .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
+        .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
+        .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
+    m.def("reference_edges", &reference_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a);
+}
+
+}  // namespace grasptrack

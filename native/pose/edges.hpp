@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: Apache-2.0
+// Edges along the outline's normals: several candidates a sample, each with how much it looks like the object's own.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "pyramid.hpp"
+#include "target.hpp"
+
+namespace grasptrack::pose {
+
+constexpr int most_candidates = 6;
+
+struct EdgeSample {
+    bool inside = false;
+    int count = 0;
+    std::array<double, most_candidates> offset{};      // work px along the outward normal
+    std::array<double, most_candidates> step{};        // signed, grey levels
+    std::array<double, most_candidates> difference{};  // mean square of the inner side's grey levels from the object's own
+};
+
+// Grey levels along p + k n, k = -span..span; NaN outside the image. False where the sample itself is outside.
+inline bool profile(const Seen &seen, Point p, Point n, int span, double *out) {
+    const Homography &h = seen.H;
+    const double x0 = h[0] * p.x + h[1] * p.y + h[2], x1 = h[0] * n.x + h[1] * n.y;
+    const double y0 = h[3] * p.x + h[4] * p.y + h[5], y1 = h[3] * n.x + h[4] * n.y;
+    const double w0 = h[6] * p.x + h[7] * p.y + h[8], w1 = h[6] * n.x + h[7] * n.y;
+    for (int k = -span; k <= span; ++k) {
+        const double s = 1.0 / (w0 + k * w1), x = (x0 + k * x1) * s, y = (y0 + k * y1) * s;
+        out[k + span] = seen.level->holds(x, y, 0.0) ? seen.level->at(x, y) : std::numeric_limits<double>::quiet_NaN();
+    }
+    return seen.level->holds(x0 / w0, y0 / w0, 3.0);
+}
+
+// Extrema of (mean of `half` px outside - mean of `half` px inside) within `reach`. A wide filter does not displace a
+// sharp edge, and finds the middle of a blurred one.
+inline void find_candidates(const double *values, int span, int reach, double noise, int half, EdgeSample &out) {
+    const int count = 2 * span + 1;
+    std::vector<double> sum(static_cast<std::size_t>(count) + 1), t(static_cast<std::size_t>(count), 0.0), g(t);
+    bool cut = false;
+    for (int k = 0; k < count; ++k) {
+        const bool known = values[k] == values[k];
+        cut = cut || !known;
+        sum[static_cast<std::size_t>(k) + 1] = sum[static_cast<std::size_t>(k)] + (known ? values[k] : 0.0);
+    }
+    const auto S = [&](int k) { return sum[static_cast<std::size_t>(k)]; };
+    for (int k = half; k + half < count; ++k) {
+        double value = (S(k + half + 1) - S(k + 1) - S(k) + S(k - half)) / half;
+        if (cut)
+            for (int j = k - half; j <= k + half; ++j)
+                if (values[j] != values[j]) value = 0.0;
+        t[static_cast<std::size_t>(k)] = value;
+    }
+    for (std::size_t k = 1; k + 1 < t.size(); ++k) g[k] = 0.5 * t[k] + 0.25 * (t[k - 1] + t[k + 1]);
+    const double least = 2.5 * noise * std::sqrt(2.0 / half);
+    out.count = 0;
+    for (int k = std::max(2, span - reach); k <= std::min(count - 3, span + reach); ++k) {
+        const auto q = static_cast<std::size_t>(k);
+        const double a = std::abs(g[q]), before = std::abs(g[q - 1]), after = std::abs(g[q + 1]);
+        if (!(a > least && a >= before && a > after && g[q - 1] * g[q] >= 0 && g[q + 1] * g[q] >= 0)) continue;
+        const double bend = before - 2 * a + after;
+        const double offset = k - span + (bend != 0 ? 0.5 * (before - after) / bend : 0.0);
+        int at = out.count;
+        if (at == most_candidates) {
+            at = 0;
+            for (int j = 1; j < most_candidates; ++j)
+                if (std::abs(out.step[static_cast<std::size_t>(j)]) < std::abs(out.step[static_cast<std::size_t>(at)])) at = j;
+            if (std::abs(out.step[static_cast<std::size_t>(at)]) >= a) continue;
+        } else {
+            ++out.count;
+        }
+        out.offset[static_cast<std::size_t>(at)] = offset;
+        out.step[static_cast<std::size_t>(at)] = g[q];
+    }
+}
+
+struct Light {
+    double gain = 1, bias = 0;
+};
+
+// Robust gain and bias of the object's surface, reference to current.
+inline Light surface_light(const Target &target, const Pyramid &pyramid, const Homography &G) {
+    std::vector<double> x, y;
+    for (std::size_t i = 0; i < target.surface.size(); ++i) {
+        const Point p = target.surface[i], q = carried(G, p.x, p.y);
+        if (!pyramid[0].holds(q.x, q.y, 1.0)) continue;
+        x.push_back(target.surface_value[i]);
+        y.push_back(pyramid[0].at(q.x, q.y));
+    }
+    Light light;
+    const std::size_t n = x.size();
+    if (n < 30) return light;
+    const auto spread = [n](const std::vector<double> &v) {
+        double m = 0, s = 0;
+        for (double a : v) m += a;
+        m /= static_cast<double>(n);
+        for (double a : v) s += (a - m) * (a - m);
+        return std::sqrt(s / static_cast<double>(n));
+    };
+    constexpr double flat = 5.0, soft = 25.0;  // grey levels
+    const double sx = spread(x);
+    if (sx > flat) light.gain = std::clamp(spread(y) / sx, 0.4, 2.5);
+    std::vector<double> rest(n), sorted(n), weight(n);
+    for (int round = 0; round < 3; ++round) {
+        for (std::size_t i = 0; i < n; ++i) rest[i] = y[i] - light.gain * x[i];
+        sorted = rest;
+        std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(n / 2), sorted.end());
+        light.bias = sorted[n / 2];
+        if (!(sx > flat)) continue;
+        double sw = 0, mx = 0, my = 0;
+        for (std::size_t i = 0; i < n; ++i) {
+            const double q = 1 + (rest[i] - light.bias) * (rest[i] - light.bias) / (soft * soft);
+            weight[i] = 1 / (q * q);
+            sw += weight[i];
+            mx += weight[i] * x[i];
+            my += weight[i] * y[i];
+        }
+        mx /= sw;
+        my /= sw;
+        double cross = 0, own = 1e-6;
+        for (std::size_t i = 0; i < n; ++i) {
+            cross += weight[i] * (x[i] - mx) * (y[i] - my);
+            own += weight[i] * (x[i] - mx) * (x[i] - mx);
+        }
+        light.gain = std::clamp(cross / own, 0.3, 3.0);
+        light.bias = my - light.gain * mx;
+    }
+    return light;
+}
+
+struct EdgeView {
+    int reach = 0;
+    double density = 0;  // clutter: candidates for each work px of a normal
+    std::vector<EdgeSample> samples;
+};
+
+// All candidates of all samples of an image seen through G. `half`: px on each side of an edge that are averaged.
+inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, const Homography &G, int reach,
+                              const std::vector<int> &half, Light light, int most_span) {
+    EdgeView view;
+    view.reach = reach;
+    const std::size_t n = target.points.size();
+    view.samples.resize(n);
+    const int span = std::min(most_span, reach + 16);
+    std::vector<double> values(static_cast<std::size_t>(2 * span + 1));
+    int inside = 0, found = 0;
+    const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
+    for (std::size_t i = 0; i < n; ++i) {
+        EdgeSample &s = view.samples[i];
+        s.inside = profile(seen, target.points[i], target.normals[i], span, values.data());
+        if (!s.inside) continue;
+        ++inside;
+        find_candidates(values.data(), span, reach, target.noise, half[i], s);
+        found += s.count;
+        const double *inner = &target.inner[i * inner_pixels];
+        for (int c = 0; c < s.count; ++c) {
+            double sum = 0;
+            const int at = static_cast<int>(std::lround(s.offset[static_cast<std::size_t>(c)]));
+            for (int k = 0; k < inner_pixels; ++k) {
+                const int q = std::clamp(at + inner_first + k + span - (half[i] - 2), 0, 2 * span);
+                const double difference = values[static_cast<std::size_t>(q)] - (light.gain * inner[k] + light.bias);
+                if (difference == difference) sum += difference * difference;
+            }
+            s.difference[static_cast<std::size_t>(c)] = sum / inner_pixels;
+        }
+    }
+    view.density = std::max(0.02, static_cast<double>(found) / std::max(1, inside) / (2 * reach + 1));
+    return view;
+}
+
+struct EdgeNumbers {
+    double miss;            // an edge that is there is not found
+    double same_sign;       // its contrast keeps its sign
+    double floor;           // work px, model error of an edge
+    double inner_spread;    // grey levels, of the object's own inner side from what it was
+    double other_spread;    // of anything else
+};
+
+struct EdgeLikelihoods {
+    std::vector<double> object, other;  // for each sample: its edge here, or an edge of the object elsewhere; clutter is 1
+    std::vector<double> upper, lower;   // probability that the upper, or the lower face's edge was seen
+    std::vector<double> upper_offset, lower_offset;
+};
+
+inline double bell(double x, double variance) {
+    return std::exp(-0.5 * x * x / variance) / std::sqrt(2 * 3.14159265358979 * variance);
+}
+
+// `shift`: where each sample's edge is expected; `low`, `low_variance`: how far out the lower face's lies.
+inline EdgeLikelihoods edge_likelihoods(const Target &target, const EdgeView &view, const std::vector<double> &shift,
+                                        const std::vector<double> &low, const std::vector<double> &low_variance,
+                                        const Matrix<8> &P, const EdgeNumbers &numbers) {
+    const std::size_t n = target.points.size();
+    EdgeLikelihoods out;
+    for (auto *v : {&out.object, &out.other}) v->assign(n, 1.0);
+    for (auto *v : {&out.upper, &out.lower, &out.upper_offset, &out.lower_offset}) v->assign(n, 0.0);
+    const double s = numbers.inner_spread, sc = numbers.other_spread;
+    const double found = 1 - numbers.miss;
+    for (std::size_t i = 0; i < n; ++i) {
+        const EdgeSample &e = view.samples[i];
+        if (!e.inside) continue;
+        const double variance = numbers.floor * numbers.floor + quadratic<8>(P, target.rows[i].data());
+        const double wide = variance + low_variance[i];
+        const bool two = std::abs(low[i]) + std::sqrt(low_variance[i]) > 0.5;
+        double up = 0, down = 0, up_at = 0, down_at = 0, anywhere = 0;
+        for (int c = 0; c < e.count; ++c) {
+            const auto q = static_cast<std::size_t>(c);
+            const double looks =
+                std::exp(std::clamp(1.5 * std::log(sc / s) - 0.75 * e.difference[q] * (1 / (s * s) - 1 / (sc * sc)), -8.0, 8.0));
+            const bool same = (e.step[q] > 0) == (target.contrast[i] > 0);
+            const double A = 2 * looks * (same ? numbers.same_sign : 1 - numbers.same_sign) / view.density;
+            const double N = bell(e.offset[q] - shift[i], variance) * (two ? 0.5 : 1.0) * A;
+            up += N;
+            up_at += N * e.offset[q];
+            if (two) {
+                const double L = 0.5 * bell(e.offset[q] - shift[i] - low[i], wide) * A;
+                down += L;
+                down_at += L * e.offset[q];
+            }
+            anywhere += A / (2 * view.reach + 1);
+        }
+        out.object[i] = numbers.miss + found * (up + down);
+        out.other[i] = numbers.miss + found * anywhere;
+        out.upper[i] = found * up / out.object[i];
+        out.lower[i] = found * down / out.object[i];
+        out.upper_offset[i] = up > 0 ? up_at / up : 0.0;
+        out.lower_offset[i] = down > 0 ? down_at / down : 0.0;
+    }
+    return out;
+}
+
+}  // namespace grasptrack::pose

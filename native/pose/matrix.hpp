@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// Small dense matrices of fixed size: what Gauss-Newton on a pose needs, and no more.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+namespace grasptrack::pose {
+
+template <std::size_t N> using Vector = std::array<double, N>;
+template <std::size_t N> using Matrix = std::array<double, N * N>;  // row by row
+using Homography = Matrix<3>;
+
+template <std::size_t N> Matrix<N> diagonal(double value) {
+    Matrix<N> out{};
+    for (std::size_t i = 0; i < N; ++i) out[i * N + i] = value;
+    return out;
+}
+
+template <std::size_t N> Vector<N> times(const Matrix<N> &a, const Vector<N> &x) {
+    Vector<N> out{};
+    for (std::size_t i = 0; i < N; ++i)
+        for (std::size_t j = 0; j < N; ++j) out[i] += a[i * N + j] * x[j];
+    return out;
+}
+
+template <std::size_t N> Matrix<N> times(const Matrix<N> &a, const Matrix<N> &b) {
+    Matrix<N> out{};
+    for (std::size_t i = 0; i < N; ++i)
+        for (std::size_t k = 0; k < N; ++k)
+            for (std::size_t j = 0; j < N; ++j) out[i * N + j] += a[i * N + k] * b[k * N + j];
+    return out;
+}
+
+template <std::size_t N> double quadratic(const Matrix<N> &a, const double *x) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < N; ++i) {
+        double row = 0.0;
+        for (std::size_t j = 0; j < N; ++j) row += a[i * N + j] * x[j];
+        sum += row * x[i];
+    }
+    return sum;
+}
+
+// a += weight x x^T
+template <std::size_t N> void add_outer(Matrix<N> &a, const double *x, double weight) {
+    for (std::size_t i = 0; i < N; ++i) {
+        const double w = weight * x[i];
+        for (std::size_t j = 0; j < N; ++j) a[i * N + j] += w * x[j];
+    }
+}
+
+// The inverse of a symmetric positive definite matrix by Cholesky; false where it is not one.
+template <std::size_t N> bool invert(const Matrix<N> &a, Matrix<N> &out) {
+    Matrix<N> lower{};
+    for (std::size_t i = 0; i < N; ++i)
+        for (std::size_t j = 0; j <= i; ++j) {
+            double sum = a[i * N + j];
+            for (std::size_t k = 0; k < j; ++k) sum -= lower[i * N + k] * lower[j * N + k];
+            if (i == j) {
+                if (!(sum > 0.0) || !std::isfinite(sum)) return false;
+                lower[i * N + i] = std::sqrt(sum);
+            } else {
+                lower[i * N + j] = sum / lower[j * N + j];
+            }
+        }
+    Matrix<N> inverse{};  // of the lower triangle
+    for (std::size_t i = 0; i < N; ++i) {
+        inverse[i * N + i] = 1.0 / lower[i * N + i];
+        for (std::size_t j = 0; j < i; ++j) {
+            double sum = 0.0;
+            for (std::size_t k = j; k < i; ++k) sum -= lower[i * N + k] * inverse[k * N + j];
+            inverse[i * N + j] = sum / lower[i * N + i];
+        }
+    }
+    for (std::size_t i = 0; i < N; ++i)
+        for (std::size_t j = 0; j <= i; ++j) {
+            double sum = 0.0;
+            for (std::size_t k = i; k < N; ++k) sum += inverse[k * N + i] * inverse[k * N + j];
+            out[i * N + j] = out[j * N + i] = sum;
+        }
+    return true;
+}
+
+inline bool invert_homography(const Homography &h, Homography &out) {
+    const double a = h[4] * h[8] - h[5] * h[7], b = h[5] * h[6] - h[3] * h[8], c = h[3] * h[7] - h[4] * h[6];
+    const double det = h[0] * a + h[1] * b + h[2] * c;
+    if (!(std::abs(det) > 1e-300) || !std::isfinite(det)) return false;
+    const double s = 1.0 / det;
+    out = {a * s, (h[2] * h[7] - h[1] * h[8]) * s, (h[1] * h[5] - h[2] * h[4]) * s,
+           b * s, (h[0] * h[8] - h[2] * h[6]) * s, (h[2] * h[3] - h[0] * h[5]) * s,
+           c * s, (h[1] * h[6] - h[0] * h[7]) * s, (h[0] * h[4] - h[1] * h[3]) * s};
+    return true;
+}
+
+struct Point {
+    double x, y;
+};
+
+// Eq. (2).
+inline Point carried(const Homography &h, double x, double y) {
+    const double w = 1.0 / (h[6] * x + h[7] * y + h[8]);
+    return {(h[0] * x + h[1] * y + h[2]) * w, (h[3] * x + h[4] * y + h[5]) * w};
+}
+
+// The four derivatives of eq. (2) at a point: dx'/dx, dx'/dy, dy'/dx, dy'/dy.
+inline std::array<double, 4> derivatives(const Homography &h, double x, double y) {
+    const double w = 1.0 / (h[6] * x + h[7] * y + h[8]);
+    const double u = (h[0] * x + h[1] * y + h[2]) * w, v = (h[3] * x + h[4] * y + h[5]) * w;
+    return {(h[0] - h[6] * u) * w, (h[1] - h[7] * u) * w, (h[3] - h[6] * v) * w, (h[4] - h[7] * v) * w};
+}
+
+}  // namespace grasptrack::pose

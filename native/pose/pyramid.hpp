@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// A grey image and its halves, looked at through a homography.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "matrix.hpp"
+
+namespace grasptrack::pose {
+
+struct Level {
+    const std::uint8_t *data;
+    std::ptrdiff_t height, width;
+
+    bool holds(double x, double y, double margin) const {
+        return x >= margin && y >= margin && x < static_cast<double>(width) - 1.0 - margin &&
+               y < static_cast<double>(height) - 1.0 - margin;
+    }
+    // Bilinear; the point must lie inside.
+    double at(double x, double y) const {
+        const auto a = static_cast<std::ptrdiff_t>(x), b = static_cast<std::ptrdiff_t>(y);
+        const double fx = x - static_cast<double>(a), fy = y - static_cast<double>(b);
+        const std::uint8_t *p = data + b * width + a;
+        const double top = p[0] + fx * (p[1] - p[0]);
+        const double bottom = p[width] + fx * (p[width + 1] - p[width]);
+        return top + fy * (bottom - top);
+    }
+};
+
+using Pyramid = std::vector<Level>;
+
+struct Seen {  // a level, and the homography that leads to its pixels
+    const Level *level;
+    Homography H;
+};
+
+// The level on which steps of `stride` in the plane that H carries to the image are nearest to a pixel, and never much
+// more: px are averaged over, not skipped. `x`, `y`: where the step is measured.
+inline Seen look_through(const Pyramid &pyramid, const Homography &H, double x, double y, double stride) {
+    const auto d = derivatives(H, x, y);
+    double step = stride * std::sqrt(std::abs(d[0] * d[3] - d[1] * d[2]));
+    std::size_t k = 0;
+    Homography h = H;
+    while (step > 1.5 && k + 1 < pyramid.size()) {
+        step *= 0.5;
+        ++k;
+        for (int i = 0; i < 6; ++i) h[static_cast<std::size_t>(i)] *= 0.5;
+    }
+    return {&pyramid[k], h};
+}
+
+}  // namespace grasptrack::pose

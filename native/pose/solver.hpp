@@ -1,0 +1,516 @@
+// SPDX-License-Identifier: Apache-2.0
+// One hypothesis of the pose, made exact: Gauss-Newton on edges, texture, thickness and what a pinhole allows, with a
+// prior of heavy tails; and the evidence for it. The NumPy definition is grasptrack.kernels.reference_pose.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "camera.hpp"
+#include "chain.hpp"
+#include "edges.hpp"
+#include "texture.hpp"
+
+namespace grasptrack::pose {
+
+struct Numbers {
+    double miss, same_sign, edge_floor, other_spread;
+    double share_object, share_occluded, share_other, stretch;
+    double texture_floor, texture_independent, texture_freedom, texture_spread;
+    double prior_freedom, perspective, pinhole_sd, pinhole_freedom;
+    double sample_distance;  // work px of the outline that carry one independent measurement
+    double blur_share;       // of the speed along the normal: half width of the edge filter
+    double wide;             // of the size: how far round the answer edges are looked for
+};
+
+struct Start {
+    Homography G;
+    Matrix<8> P;
+    Homography last;           // the pose in the frame before, for the speed
+    Vector<3> theta;
+    Matrix<3> theta_covariance;
+    double thickness, thickness_variance;  // work px, work px^2
+    double inner_spread;       // grey levels
+    double reach;              // work px; 0: from the covariance
+    double width, height;      // px of the image
+    std::vector<double> trust;  // probability of each fine patch to be the object's own
+};
+
+struct Solution {
+    bool valid = false;
+    Homography G{};
+    Matrix<8> P{};
+    double thickness = 0, thickness_variance = 0;
+    Light light;
+    double edge_share = 0, edge_sigma = 0, look = 0;  // look: median grey difference of the inner side where the edge is seen
+    int texture_used = 0;
+    double texture_agreeing = 0, texture_spread = 0;
+    std::vector<double> correlation;  // of each fine patch; NaN outside the image
+    std::vector<double> visible;      // of each sample: probability that the object's own edge was seen there
+    std::vector<double> occluded, other;
+    double log_odds = 0;     // of the outline: this object, partly occluded, against no such object
+    double elsewhere = 0;    // share of the outline whose edge lies elsewhere
+};
+
+class Solver {
+  public:
+    Solver(const Target &target, const Pyramid &pyramid, const Start &start, const Numbers &numbers)
+        : target_(target), pyramid_(pyramid), start_(start), numbers_(numbers) {
+        const std::size_t n = target.points.size();
+        power_ = 0;
+        if (n > 0) power_ = std::min(1.0, spacing() / numbers.sample_distance);
+    }
+
+    Solution solve() {
+        Solution out;
+        if (!invert<8>(start_.P, prior_)) return out;
+        Homography G = start_.G;
+        if (!texture_alone(G)) return out;
+        Matrix<8> P = start_.P;
+        const bool edges = target_.points.size() >= 30;
+        double h = start_.thickness, vh = start_.thickness_variance;
+        int reach = start_.reach > 0 ? static_cast<int>(start_.reach) : 0;
+        EdgeLikelihoods likelihoods;
+        std::vector<double> low, low_variance;
+        constexpr int rounds = 4;
+        for (int round = 0; round < rounds; ++round) {
+            Matrix<8> A;
+            Vector<8> b;
+            if (!system(G, A, b)) return out;
+            TextureFit texture = texture_rows(G, A, b, out);
+            for (std::size_t k = 0; k < 64; ++k) A[k] += texture.information[k];
+            for (std::size_t k = 0; k < 8; ++k) b[k] += texture.gradient[k];
+            if (!invert<8>(A, P)) return out;
+            Vector<8> d = times<8>(P, b);
+            out.light = surface_light(target_, pyramid_, G);
+            if (edges) {
+                if (reach == 0 || round == 0) {
+                    const int own = reach_of(P, 2.5, 3.0);
+                    reach = round == 0 && start_.reach > 0 ? static_cast<int>(start_.reach) : own;
+                }
+                const std::vector<int> half = half_widths(G);
+                view_ = measure_edges(target_, pyramid_, G, reach, half, out.light, 46);
+                if (!fit_edges(G, A, b, d, P, h, vh, likelihoods, low, low_variance, out)) return out;
+            }
+            double moved = 0;
+            for (double &value : d) value = std::clamp(value, -target_.radius, target_.radius);
+            for (const Point &p : target_.contacts) {
+                const auto J = target_.jacobian(p.x, p.y);
+                for (const auto &row : J) {
+                    double sum = 0;
+                    for (std::size_t k = 0; k < 8; ++k) sum += row[k] * d[k];
+                    moved = std::max(moved, std::abs(sum));
+                }
+            }
+            G = target_.moved(G, d);
+            if (!finite(G)) return out;
+            if (edges) reach = std::clamp(static_cast<int>(reach_of(P, 3.0, 3.0) + moved), 4, 30);
+            if (moved < 0.02 && round > 0) break;
+        }
+        out.G = G;
+        out.P = P;
+        out.thickness = h;
+        out.thickness_variance = vh;
+        out.valid = true;
+        judge(out, edges, h, vh);
+        return out;
+    }
+
+  private:
+    double spacing() const {  // mean distance of neighbouring samples
+        double sum = 0;
+        const std::size_t n = target_.points.size();
+        if (n < 2) return 1.0;
+        std::vector<double> gaps(n);
+        for (std::size_t i = 0; i < n; ++i) {
+            const Point a = target_.points[i], b = target_.points[(i + 1) % n];
+            gaps[i] = std::hypot(a.x - b.x, a.y - b.y);
+        }
+        std::nth_element(gaps.begin(), gaps.begin() + static_cast<std::ptrdiff_t>(n / 2), gaps.end());
+        sum = gaps[n / 2];
+        return sum;
+    }
+
+    static bool finite(const Homography &G) {
+        for (double v : G)
+            if (!std::isfinite(v)) return false;
+        return true;
+    }
+
+    // Prior, bounded perspective and pinhole as normal equations about the pose G.
+    bool system(const Homography &G, Matrix<8> &A, Vector<8> &b) const {
+        Vector<8> d;
+        if (!target_.difference(start_.G, G, d)) return false;
+        const double distance = quadratic<8>(prior_, d.data());
+        const double heavy = (numbers_.prior_freedom + 8) / (numbers_.prior_freedom + std::max(8.0, distance));
+        A = prior_;
+        for (double &value : A) value *= heavy;
+        b = times<8>(A, d);
+        for (double &value : b) value = -value;
+        // perspective terms against the first view, in work px at the half size
+        const double r = target_.radius;
+        const double g = G[6] * r, hh = G[7] * r, w = G[6] * target_.cx + G[7] * target_.cy + G[8];
+        const double z[2] = {-g / w * r, -hh / w * r};
+        const double i = 1.0 / (numbers_.perspective * r * numbers_.perspective * r);
+        for (std::size_t k = 0; k < 2; ++k) {
+            A[(6 + k) * 8 + 6 + k] += i;
+            b[6 + k] -= i * z[k];
+        }
+        const PinholeRows pin = pinhole_rows(target_, G, start_.theta, start_.width, start_.height);
+        if (pin.valid) {
+            // covariance of the misfit: what is not known of the camera, and how far real ones are from the model
+            double c[4];
+            for (std::size_t p = 0; p < 2; ++p)
+                for (std::size_t q = 0; q < 2; ++q) {
+                    double sum = p == q ? numbers_.pinhole_sd * numbers_.pinhole_sd : 0.0;
+                    for (std::size_t m = 0; m < 3; ++m)
+                        for (std::size_t k = 0; k < 3; ++k)
+                            sum += pin.by_camera[p][m] * start_.theta_covariance[m * 3 + k] * pin.by_camera[q][k];
+                    c[p * 2 + q] = sum;
+                }
+            const double det = c[0] * c[3] - c[1] * c[2];
+            double W[4] = {c[3] / det, -c[1] / det, -c[2] / det, c[0] / det};
+            const double e0 = pin.misfit[0], e1 = pin.misfit[1];
+            const double m2 = e0 * (W[0] * e0 + W[1] * e1) + e1 * (W[2] * e0 + W[3] * e1);
+            const double weight = (numbers_.pinhole_freedom + 2) / (numbers_.pinhole_freedom + std::max(2.0, m2));
+            for (double &value : W) value *= weight;
+            for (std::size_t a = 0; a < 8; ++a) {
+                const double k0 = W[0] * pin.by_pose[0][a] + W[2] * pin.by_pose[1][a];
+                const double k1 = W[1] * pin.by_pose[0][a] + W[3] * pin.by_pose[1][a];
+                for (std::size_t q = 0; q < 8; ++q) A[a * 8 + q] += k0 * pin.by_pose[0][q] + k1 * pin.by_pose[1][q];
+                b[a] -= k0 * e0 + k1 * e1;
+            }
+        }
+        return true;
+    }
+
+    TextureNumbers texture_numbers() const {
+        return {numbers_.texture_floor, numbers_.texture_independent, numbers_.texture_freedom};
+    }
+
+    std::vector<PatchMatch> match_all(const PatchSet &set, const Homography &G) const {
+        std::vector<PatchMatch> matches(set.patches.size());
+        for (std::size_t i = 0; i < matches.size(); ++i)
+            matches[i] = match_patch(pyramid_, G, set.patches[i], set.stride, target_.noise, numbers_.texture_floor * set.stride);
+        return matches;
+    }
+
+    // Coarse to fine on the texture, before edges are looked at: their candidates are many, its valley is wide.
+    bool texture_alone(Homography &G) const {
+        double far = 0;  // work px within which the pose is known
+        for (const Point &p : target_.contacts) {
+            const auto J = target_.jacobian(p.x, p.y);
+            for (const auto &row : J) far = std::max(far, std::sqrt(quadratic<8>(start_.P, row.data())));
+        }
+        for (std::size_t level = target_.texture.size(); level-- > 0;) {
+            const PatchSet &set = target_.texture[level];
+            if (set.patches.size() < 4 || (level > 0 && far < set.stride)) continue;
+            for (int round = 0; round < 3; ++round) {
+                const TextureFit fit_and = [&] {
+                    Matrix<8> A;
+                    Vector<8> b;
+                    if (!system(G, A, b)) return TextureFit{};
+                    return fit_patches(target_, set, match_all(set, G), A, b, texture_numbers());
+                }();
+                if (!telling(fit_and, set)) break;
+                Matrix<8> A, P;
+                Vector<8> b;
+                if (!system(G, A, b)) return false;
+                for (std::size_t k = 0; k < 64; ++k) A[k] += fit_and.information[k];
+                for (std::size_t k = 0; k < 8; ++k) b[k] += fit_and.gradient[k];
+                if (!invert<8>(A, P)) return false;
+                const Vector<8> d = times<8>(P, b);
+                G = target_.moved(G, d);
+                if (!finite(G)) return false;
+                double most = 0;
+                for (double value : d) most = std::max(most, std::abs(value));
+                if (most < 0.1 * set.stride) break;
+            }
+        }
+        return true;
+    }
+
+    bool telling(const TextureFit &fit, const PatchSet &set) const {
+        return fit.used >= 4 && fit.agreeing * static_cast<double>(set.patches.size()) >= 4;
+    }
+
+    TextureFit texture_rows(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Solution &out) const {
+        TextureFit none;
+        if (target_.texture.empty()) return none;
+        const PatchSet &set = target_.texture.front();
+        if (set.patches.size() < 4) return none;
+        const std::vector<PatchMatch> matches = match_all(set, G);
+        TextureFit fit = fit_patches(target_, set, matches, A, b, texture_numbers());
+        out.texture_used = fit.used;
+        out.texture_agreeing = fit.agreeing;
+        out.texture_spread = fit.spread;
+        return telling(fit, set) ? fit : none;
+    }
+
+    int reach_of(const Matrix<8> &P, double times_sd, double more) const {
+        double most = 0;
+        for (const auto &row : target_.rows) most = std::max(most, quadratic<8>(P, row.data()));
+        return std::clamp(static_cast<int>(times_sd * std::sqrt(most) + more), 4, 30);
+    }
+
+    // An edge is as wide as what moves across it while it is exposed.
+    std::vector<int> half_widths(const Homography &G) const {
+        const std::size_t n = target_.points.size();
+        std::vector<int> half(n, 2);
+        Homography inverse;
+        if (!invert_homography(G, inverse)) return half;
+        const Homography back = times<3>(inverse, start_.last);
+        for (std::size_t i = 0; i < n; ++i) {
+            const Point p = target_.points[i], m = target_.normals[i], q = carried(back, p.x, p.y);
+            const double speed = std::abs((q.x - p.x) * m.x + (q.y - p.y) * m.y);
+            half[i] = static_cast<int>(std::clamp(2 + numbers_.blur_share * speed, 2.0, 12.0));
+        }
+        return half;
+    }
+
+    States shares() const { return {numbers_.share_object, numbers_.share_occluded, numbers_.share_other}; }
+    double stay() const { return std::exp(-1.0 / (numbers_.stretch * static_cast<double>(target_.points.size()))); }
+    EdgeNumbers edge_numbers() const {
+        return {numbers_.miss, numbers_.same_sign, numbers_.edge_floor, start_.inner_spread, numbers_.other_spread};
+    }
+
+    // Edges and thickness, by expectation and maximisation: which candidate, then the pose, then again.
+    bool fit_edges(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h,
+                   double &vh, EdgeLikelihoods &likelihoods, std::vector<double> &low, std::vector<double> &low_variance,
+                   Solution &out) {
+        const std::size_t n = target_.points.size();
+        const std::vector<double> parallax = lower_face(G);
+        const double h0 = start_.thickness, v0 = start_.thickness_variance;
+        std::vector<double> shift(n), weight(n), rest(n), sorted;
+        low.resize(n);
+        low_variance.resize(n);
+        std::vector<double> seen_up(n), seen_low(n);
+        Matrix<8> scatter{};
+        for (int round = 0; round < 4; ++round) {
+            for (std::size_t i = 0; i < n; ++i) {
+                shift[i] = 0;
+                for (std::size_t k = 0; k < 8; ++k) shift[i] += target_.rows[i][k] * d[k];
+                low[i] = parallax[i] * h;
+                low_variance[i] = parallax[i] * parallax[i] * vh;
+            }
+            likelihoods = edge_likelihoods(target_, view_, shift, low, low_variance, P, edge_numbers());
+            const Chain chain = stretches(likelihoods.object, likelihoods.other, power_, shares(), stay(), true);
+            sorted.clear();
+            for (std::size_t i = 0; i < n; ++i) {
+                const double own = chain.posterior[i][0];
+                seen_up[i] = likelihoods.upper[i] * own;
+                seen_low[i] = likelihoods.lower[i] * own;
+                const double up = likelihoods.upper_offset[i] - shift[i];
+                const double down = likelihoods.lower_offset[i] - shift[i] - low[i];
+                rest[i] = seen_up[i] > seen_low[i] ? up : down;
+                if (seen_up[i] + seen_low[i] > 0.5) sorted.push_back(std::abs(rest[i]));
+            }
+            double variance = 4.0;
+            if (sorted.size() > 10) {
+                std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
+                const double mad = 1.4826 * sorted[sorted.size() / 2];
+                variance = numbers_.edge_floor * numbers_.edge_floor + mad * mad;
+            }
+            Matrix<9> A9{};
+            Vector<9> b9{};
+            for (std::size_t a = 0; a < 8; ++a) {
+                for (std::size_t c = 0; c < 8; ++c) A9[a * 9 + c] = A[a * 8 + c];
+                b9[a] = b[a];
+            }
+            A9[80] = 1.0 / v0;
+            b9[8] = h0 / v0;
+            for (std::size_t i = 0; i < n; ++i) {
+                const double up = likelihoods.upper_offset[i] - shift[i];
+                const double down = likelihoods.lower_offset[i] - shift[i] - low[i];
+                const double wu = seen_up[i] / variance * power_ / (1 + up * up / (9 * variance));
+                const double wl = seen_low[i] / variance * power_ / (1 + down * down / (9 * variance));
+                weight[i] = wu + wl;
+                const Vector<8> &J = target_.rows[i];
+                double row[9];
+                for (std::size_t k = 0; k < 8; ++k) row[k] = J[k];
+                row[8] = 0;
+                if (wu > 1e-9) {
+                    for (std::size_t a = 0; a < 8; ++a) {
+                        const double w = wu * row[a];
+                        for (std::size_t c = 0; c < 8; ++c) A9[a * 9 + c] += w * row[c];
+                        b9[a] += w * likelihoods.upper_offset[i];
+                    }
+                }
+                if (wl > 1e-9) {
+                    row[8] = parallax[i];
+                    add_outer<9>(A9, row, wl);
+                    for (std::size_t a = 0; a < 9; ++a) b9[a] += wl * row[a] * likelihoods.lower_offset[i];
+                }
+            }
+            Matrix<9> P9;
+            if (!invert<9>(A9, P9)) return false;
+            const Vector<9> x = times<9>(P9, b9);
+            for (std::size_t a = 0; a < 8; ++a) {
+                d[a] = x[a];
+                for (std::size_t c = 0; c < 8; ++c) P[a * 8 + c] = P9[a * 9 + c];
+            }
+            h = std::max(0.0, x[8]);
+            vh = P9[80];
+            out.edge_sigma = std::sqrt(variance);
+        }
+        // correlated residuals: Newey and West along the outline
+        std::vector<Vector<8>> scores(n);
+        double share = 0;
+        sorted.clear();
+        for (std::size_t i = 0; i < n; ++i) {
+            double residual = seen_up[i] > seen_low[i] ? likelihoods.upper_offset[i] : likelihoods.lower_offset[i] - parallax[i] * h;
+            for (std::size_t k = 0; k < 8; ++k) residual -= target_.rows[i][k] * d[k];
+            for (std::size_t k = 0; k < 8; ++k) scores[i][k] = weight[i] * residual * target_.rows[i][k];
+            share += seen_up[i] + seen_low[i];
+            if (seen_up[i] + seen_low[i] > 0.5) {
+                double least = 1e9;
+                for (int c = 0; c < view_.samples[i].count; ++c)
+                    least = std::min(least, view_.samples[i].difference[static_cast<std::size_t>(c)]);
+                sorted.push_back(std::sqrt(least));
+            }
+        }
+        out.edge_share = share / static_cast<double>(n);
+        out.look = 0;
+        if (sorted.size() > 20) {
+            std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
+            out.look = sorted[sorted.size() / 2];
+        }
+        const std::size_t lags = std::max<std::size_t>(3, static_cast<std::size_t>(0.06 * static_cast<double>(n)));
+        for (std::size_t i = 0; i < n; ++i) {
+            // window sum of the neighbours' scores, triangular
+            Vector<8> sum{};
+            for (std::size_t q = 1; q < lags; ++q) {
+                const double w = 1.0 - static_cast<double>(q) / static_cast<double>(lags);
+                const Vector<8> &other = scores[(i + n - q) % n];
+                for (std::size_t k = 0; k < 8; ++k) sum[k] += w * other[k];
+            }
+            for (std::size_t a = 0; a < 8; ++a)
+                for (std::size_t c = 0; c < 8; ++c)
+                    scatter[a * 8 + c] += scores[i][a] * scores[i][c] + scores[i][a] * sum[c] + sum[a] * scores[i][c];
+        }
+        const Matrix<8> more = times<8>(times<8>(P, scatter), P);
+        for (std::size_t k = 0; k < 64; ++k) P[k] += more[k];
+        for (std::size_t a = 0; a < 8; ++a)
+            for (std::size_t c = 0; c < a; ++c) P[a * 8 + c] = P[c * 8 + a] = 0.5 * (P[a * 8 + c] + P[c * 8 + a]);
+        return true;
+    }
+
+    std::vector<double> lower_face(const Homography &G) const {
+        const Pinhole camera(target_, start_.theta, start_.width, start_.height);
+        std::vector<double> now = camera.lower_face(target_, G);
+        const std::vector<double> &first = first_sides(camera);
+        for (std::size_t i = 0; i < now.size(); ++i) now[i] -= first[i];  // sides that the first view showed count the other way
+        return now;
+    }
+
+    const std::vector<double> &first_sides(const Pinhole &camera) const {
+        if (first_sides_.empty()) first_sides_ = camera.lower_face(target_, target_.A);
+        return first_sides_;
+    }
+
+    // The evidence at the answer, edges looked for much farther away than the answer's own uncertainty.
+    void judge(Solution &out, bool edges, double h, double vh) {
+        const std::size_t n = target_.points.size();
+        out.visible.assign(n, 0.0);
+        out.occluded.assign(n, 0.0);
+        out.other.assign(n, 0.0);
+        if (edges) {
+            const int reach = static_cast<int>(numbers_.wide * 2 * target_.radius);
+            view_ = measure_edges(target_, pyramid_, out.G, reach, half_widths(out.G), out.light, 46);
+            const std::vector<double> parallax = lower_face(out.G), none(n, 0.0);
+            std::vector<double> low(n), variance(n);
+            for (std::size_t i = 0; i < n; ++i) {
+                low[i] = parallax[i] * h;
+                variance[i] = parallax[i] * parallax[i] * vh;
+            }
+            const EdgeLikelihoods found = edge_likelihoods(target_, view_, none, low, variance, out.P, edge_numbers());
+            const Chain here = stretches(found.object, found.other, power_, shares(), stay(), true);
+            const std::vector<double> nothing(n, 1.0);
+            States share = shares();
+            share[2] += share[0];
+            share[0] = 1e-12;
+            const double total = share[0] + share[1] + share[2];
+            for (double &value : share) value /= total;
+            const Chain without = stretches(nothing, found.other, power_, share, stay(), false);
+            out.log_odds = here.log_likelihood - without.log_likelihood;
+            double elsewhere = 0;
+            for (std::size_t i = 0; i < n; ++i) {
+                out.visible[i] = here.posterior[i][0] * (found.upper[i] + found.lower[i]);
+                out.occluded[i] = here.posterior[i][1];
+                elsewhere += out.other[i] = here.posterior[i][2];
+            }
+            out.elsewhere = elsewhere / static_cast<double>(n);
+        }
+        if (!target_.texture.empty()) {
+            const PatchSet &set = target_.texture.front();
+            for (const PatchMatch &m : match_all(set, out.G))
+                out.correlation.push_back(m.inside ? m.correlation : std::numeric_limits<double>::quiet_NaN());
+        }
+    }
+
+    const Target &target_;
+    const Pyramid &pyramid_;
+    const Start &start_;
+    const Numbers &numbers_;
+    double power_;
+    Matrix<8> prior_{};
+    EdgeView view_;
+    mutable std::vector<double> first_sides_;
+};
+
+// A look laid on the next image: patches of the last one, coarse to fine, from a given start. For predictions.
+struct FlowFit {
+    bool valid = false;
+    Homography G{};
+    Matrix<8> covariance{};
+    double agreeing = 0, correlation = 0;
+    int used = 0;
+};
+
+inline FlowFit follow_look(const Target &target, const std::vector<PatchSet> &looks, const Pyramid &pyramid, const Homography &start,
+                           const Matrix<8> &prior_covariance, double noise, const TextureNumbers &numbers) {
+    FlowFit out;
+    Matrix<8> prior;
+    if (!invert<8>(prior_covariance, prior)) return out;
+    Homography G = start;
+    for (std::size_t level = looks.size(); level-- > 0;) {
+        const PatchSet &set = looks[level];
+        if (set.patches.size() < 6) continue;
+        for (int round = 0; round < (level + 1 == looks.size() ? 5 : 3); ++round) {
+            Vector<8> d;
+            if (!target.difference(start, G, d)) return out;
+            Matrix<8> A = prior;
+            Vector<8> b = times<8>(A, d);
+            for (double &value : b) value = -value;
+            std::vector<PatchMatch> matches(set.patches.size());
+            double sum = 0;
+            for (std::size_t i = 0; i < matches.size(); ++i) {
+                matches[i] = match_patch(pyramid, G, set.patches[i], set.stride, noise, numbers.floor * set.stride);
+                sum += matches[i].correlation;
+            }
+            const TextureFit fit = fit_patches(target, set, matches, A, b, numbers);
+            if (fit.used < 6) return out;
+            for (std::size_t k = 0; k < 64; ++k) A[k] += fit.information[k];
+            for (std::size_t k = 0; k < 8; ++k) b[k] += fit.gradient[k];
+            Matrix<8> P;
+            if (!invert<8>(A, P)) return out;
+            const Vector<8> step = times<8>(P, b);
+            G = target.moved(G, step);
+            for (double value : G)
+                if (!std::isfinite(value)) return out;
+            out.covariance = P;
+            out.used = fit.used;
+            out.agreeing = fit.agreeing;
+            out.correlation = sum / static_cast<double>(matches.size());
+            double most = 0;
+            for (double value : step) most = std::max(most, std::abs(value));
+            if (most < 0.05 * set.stride) break;
+        }
+    }
+    out.valid = out.used > 0;
+    out.G = G;
+    return out;
+}
+
+}  // namespace grasptrack::pose

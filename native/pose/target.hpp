@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// What was chosen in the reference view: samples of the outline, patches of texture, samples of the surface.
+// All positions are in work px: the reference view cut out and, where it is large, reduced. See tracking/target.py.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "matrix.hpp"
+
+namespace grasptrack::pose {
+
+constexpr int patch_side = 7;
+constexpr int patch_pixels = patch_side * patch_side;
+constexpr int inner_pixels = 6;   // of an edge's inner side, from 7 to 2 px inside
+constexpr int inner_first = -7;
+
+struct Patch {
+    double x, y;                                   // centre
+    std::array<float, patch_pixels> value, gx, gy;  // less their means; gradients per work px
+    double axx, axy, ayy;                          // sums of products of the gradients
+    double variance;                               // sum of squares of the values
+};
+
+struct PatchSet {
+    double stride;  // work px between two pixels
+    std::vector<Patch> patches;
+};
+
+struct Target {
+    Homography A;              // work px -> reference image
+    double cx, cy, radius;     // normalised coordinates: (x - cx) / radius
+    double noise;              // grey levels, of the camera
+    std::vector<Point> points, normals;  // outline samples and their outward normals
+    std::vector<double> contrast;        // signed step, grey levels, at each
+    std::vector<double> inner;           // (n, inner_pixels) grey levels inside each
+    std::vector<Vector<8>> rows;         // d(offset along the normal) / d(pose)
+    std::vector<PatchSet> texture;       // fine to coarse
+    std::vector<Point> surface;          // where the surface's gain and bias are measured
+    std::vector<double> surface_value;
+    std::vector<Point> contacts;
+
+    // Derivatives of a point's place by the pose's error d: two rows of 8.
+    std::array<Vector<8>, 2> jacobian(double x, double y) const {
+        const double u = (x - cx) / radius, v = (y - cy) / radius;
+        return {Vector<8>{1, 0, u, v, 0, 0, u * u, u * v}, Vector<8>{0, 1, 0, 0, u, v, u * v, v * v}};
+    }
+
+    // G exp(d): the pose moved by an error of d work px at the half size.
+    Homography moved(const Homography &G, const Vector<8> &d) const {
+        const double r = radius;
+        const double a = 1 + d[2] / r, b = d[3] / r, c = d[4] / r, e = 1 + d[5] / r;
+        const double tx = d[0] / r, ty = d[1] / r, g = -d[6] / r, h = -d[7] / r;
+        // T^-1 D T, with T = [[1/r, 0, -cx/r], [0, 1/r, -cy/r], [0, 0, 1]]
+        const Homography T{1 / r, 0, -cx / r, 0, 1 / r, -cy / r, 0, 0, 1}, back{r, 0, cx, 0, r, cy, 0, 0, 1};
+        const Homography D{a, b, tx, c, e, ty, g, h, 1};
+        Homography out = times<3>(times<3>(G, back), times<3>(D, T));
+        const double s = 1.0 / out[8];
+        for (double &value : out) value *= s;
+        return out;
+    }
+
+    // The d with moved(G0, d) = G, false where there is none.
+    bool difference(const Homography &G0, const Homography &G, Vector<8> &d) const {
+        Homography inverse;
+        if (!invert_homography(G0, inverse)) return false;
+        const double r = radius;
+        const Homography T{1 / r, 0, -cx / r, 0, 1 / r, -cy / r, 0, 0, 1}, back{r, 0, cx, 0, r, cy, 0, 0, 1};
+        const Homography D = times<3>(times<3>(T, times<3>(inverse, G)), back);
+        if (!(std::abs(D[8]) > 1e-12)) return false;
+        const double s = 1.0 / D[8];
+        d = {r * D[2] * s, r * D[5] * s, r * (D[0] * s - 1), r * D[1] * s,
+             r * D[3] * s, r * (D[4] * s - 1), -r * D[6] * s, -r * D[7] * s};
+        for (double value : d)
+            if (!std::isfinite(value)) return false;
+        return true;
+    }
+};
+
+}  // namespace grasptrack::pose

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+// Texture: small patches of one look laid on another, each saying by how much the pose is off, and how surely.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "pyramid.hpp"
+#include "target.hpp"
+
+namespace grasptrack::pose {
+
+// A patch of an image seen through G; false where it is not whole in view.
+inline bool cut_patch(const Pyramid &pyramid, const Homography &G, double x, double y, double stride, Patch &out) {
+    const Seen seen = look_through(pyramid, G, x, y, stride);
+    const Point c = carried(seen.H, x, y);
+    const auto d = derivatives(seen.H, x, y);
+    constexpr int half = patch_side / 2 + 1, side = patch_side + 2;
+    const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
+    for (int s = -1; s <= 1; s += 2)
+        for (int t = -1; t <= 1; t += 2)
+            if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return false;
+    double value[side][side];
+    for (int j = 0; j < side; ++j)
+        for (int i = 0; i < side; ++i)
+            value[j][i] = seen.level->at(c.x + (i - half) * ux + (j - half) * vx, c.y + (i - half) * uy + (j - half) * vy);
+    out.x = x;
+    out.y = y;
+    double mean = 0, mx = 0, my = 0;
+    for (int j = 0; j < patch_side; ++j)
+        for (int i = 0; i < patch_side; ++i) {
+            const auto k = static_cast<std::size_t>(j * patch_side + i);
+            const double v = value[j + 1][i + 1];
+            const double gx = (value[j + 1][i + 2] - value[j + 1][i]) / (2 * stride);
+            const double gy = (value[j + 2][i + 1] - value[j][i + 1]) / (2 * stride);
+            out.value[k] = static_cast<float>(v);
+            out.gx[k] = static_cast<float>(gx);
+            out.gy[k] = static_cast<float>(gy);
+            mean += v;
+            mx += gx;
+            my += gy;
+        }
+    mean /= patch_pixels;
+    mx /= patch_pixels;
+    my /= patch_pixels;
+    out.axx = out.axy = out.ayy = out.variance = 0;
+    for (std::size_t k = 0; k < patch_pixels; ++k) {
+        out.value[k] -= static_cast<float>(mean);
+        out.gx[k] -= static_cast<float>(mx);
+        out.gy[k] -= static_cast<float>(my);
+        const double v = out.value[k], gx = out.gx[k], gy = out.gy[k];
+        out.variance += v * v;
+        out.axx += gx * gx;
+        out.axy += gx * gy;
+        out.ayy += gy * gy;
+    }
+    return true;
+}
+
+struct PatchMatch {
+    bool inside = false;
+    double correlation = 0;       // with the camera's noise in the denominator
+    double dx = 0, dy = 0;        // work px, by which the pose is off there
+    double wxx = 0, wxy = 0, wyy = 0;  // information about it, per work px^2
+};
+
+struct TextureNumbers {
+    double floor;       // work px, model error of a patch
+    double independent;  // patches that carry one independent measurement
+    double freedom;     // of the t distribution of their errors
+};
+
+// One patch on an image seen through G.
+inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double noise,
+                              double floor) {
+    PatchMatch out;
+    const Seen seen = look_through(pyramid, G, patch.x, patch.y, stride);
+    const Point c = carried(seen.H, patch.x, patch.y);
+    const auto d = derivatives(seen.H, patch.x, patch.y);
+    constexpr int half = patch_side / 2;
+    const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
+    for (int s = -1; s <= 1; s += 2)
+        for (int t = -1; t <= 1; t += 2)
+            if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return out;
+    double value[patch_pixels], mean = 0;
+    int k = 0;
+    for (int j = -half; j <= half; ++j) {
+        double x = c.x - half * ux + j * vx, y = c.y - half * uy + j * vy;
+        for (int i = 0; i < patch_side; ++i, ++k, x += ux, y += uy) mean += value[k] = seen.level->at(x, y);
+    }
+    mean /= patch_pixels;
+    double own = 0, cross = 0, ex = 0, ey = 0;
+    for (int i = 0; i < patch_pixels; ++i) {
+        const double v = value[i] - mean;
+        const auto q = static_cast<std::size_t>(i);
+        own += v * v;
+        cross += v * patch.value[q];
+        ex += v * patch.gx[q];
+        ey += v * patch.gy[q];
+        value[i] = v;
+    }
+    out.inside = true;
+    const double grain = patch_pixels * noise * noise;
+    out.correlation = cross / std::sqrt((own + grain) * (patch.variance + grain));
+    const double gain = std::clamp(std::sqrt(std::max(own - grain, 0.0) / std::max(patch.variance, 1e-9)), 0.2, 5.0);
+    double tx = 0, ty = 0;
+    for (std::size_t i = 0; i < patch_pixels; ++i) {
+        tx += static_cast<double>(patch.value[i]) * patch.gx[i];
+        ty += static_cast<double>(patch.value[i]) * patch.gy[i];
+    }
+    ex -= gain * tx;
+    ey -= gain * ty;
+    // gradients of noise tell nothing: damped by its share
+    const double damp = grain / (2 * stride * stride) * 0.5;
+    const double axx = patch.axx + damp, ayy = patch.ayy + damp, axy = patch.axy;
+    const double det = axx * ayy - axy * axy;
+    if (!(det > 1e-12)) return out;
+    const double ixx = ayy / det, ixy = -axy / det, iyy = axx / det;
+    out.dx = -(ixx * ex + ixy * ey) / gain;
+    out.dy = -(ixy * ex + iyy * ey) / gain;
+    const double longest = 2.5 * stride, length = std::hypot(out.dx, out.dy);
+    if (length > longest) {
+        out.dx *= longest / length;
+        out.dy *= longest / length;
+    }
+    const double rest = own - 2 * gain * cross + gain * gain * patch.variance - (ex * (ixx * ex + ixy * ey) + ey * (ixy * ex + iyy * ey));
+    const double s2 = (std::max(rest, 0.0) / (patch_pixels - 4) + noise * noise) / (gain * gain);
+    const double cxx = s2 * ixx + floor * floor, cxy = s2 * ixy, cyy = s2 * iyy + floor * floor;
+    const double q = cxx * cyy - cxy * cxy;
+    out.wxx = cyy / q;
+    out.wxy = -cxy / q;
+    out.wyy = cxx / q;
+    return out;
+}
+
+struct TextureFit {
+    Matrix<8> information{};
+    Vector<8> gradient{};  // information times the error d
+    int used = 0;          // patches in view
+    double agreeing = 0;   // share of all patches that agree with the fit
+    double spread = 0;     // median error, in predicted standard deviations
+    std::vector<double> weight;
+};
+
+// Robust normal equations of patches about their own best fit together with a prior (information, gradient).
+inline TextureFit fit_patches(const Target &target, const PatchSet &set, const std::vector<PatchMatch> &matches,
+                              const Matrix<8> &prior, const Vector<8> &prior_gradient, const TextureNumbers &numbers) {
+    TextureFit fit;
+    const std::size_t n = matches.size();
+    std::vector<std::array<Vector<8>, 2>> rows(n);
+    fit.weight.assign(n, 0.0);
+    for (std::size_t i = 0; i < n; ++i)
+        if (matches[i].inside) {
+            rows[i] = target.jacobian(set.patches[i].x, set.patches[i].y);
+            fit.weight[i] = 1.0;
+            ++fit.used;
+        }
+    if (fit.used < 4) return fit;
+    std::vector<double> distance(n), sorted;
+    double scale = 1.0;
+    for (int round = 0; round < 4; ++round) {
+        Matrix<8> N{};
+        Vector<8> b{};
+        for (std::size_t i = 0; i < n; ++i) {
+            const double w = fit.weight[i] / (scale * numbers.independent);
+            if (!(w > 0)) continue;
+            const PatchMatch &m = matches[i];
+            const auto &J = rows[i];
+            const double yx = m.wxx * m.dx + m.wxy * m.dy, yy = m.wxy * m.dx + m.wyy * m.dy;
+            for (std::size_t a = 0; a < 8; ++a) {
+                const double kx = w * (J[0][a] * m.wxx + J[1][a] * m.wxy), ky = w * (J[0][a] * m.wxy + J[1][a] * m.wyy);
+                for (std::size_t c = a; c < 8; ++c) N[a * 8 + c] += kx * J[0][c] + ky * J[1][c];
+                b[a] += w * (J[0][a] * yx + J[1][a] * yy);
+            }
+        }
+        for (std::size_t a = 0; a < 8; ++a)
+            for (std::size_t c = 0; c < a; ++c) N[a * 8 + c] = N[c * 8 + a];
+        fit.information = N;
+        fit.gradient = b;
+        if (round == 3) break;
+        Matrix<8> total = N, P;
+        Vector<8> g = b;
+        for (std::size_t k = 0; k < 64; ++k) total[k] += prior[k];
+        for (std::size_t k = 0; k < 8; ++k) g[k] += prior_gradient[k];
+        if (!invert<8>(total, P)) return TextureFit{};
+        const Vector<8> d = times<8>(P, g);
+        sorted.clear();
+        for (std::size_t i = 0; i < n; ++i) {
+            if (!matches[i].inside) continue;
+            const PatchMatch &m = matches[i];
+            double ex = m.dx, ey = m.dy;
+            for (std::size_t a = 0; a < 8; ++a) {
+                ex -= rows[i][0][a] * d[a];
+                ey -= rows[i][1][a] * d[a];
+            }
+            distance[i] = m.wxx * ex * ex + 2 * m.wxy * ex * ey + m.wyy * ey * ey;
+            sorted.push_back(distance[i]);
+        }
+        std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
+        scale = std::max(1.0, sorted[sorted.size() / 2] / 1.386);  // the median of chi-squared with 2 degrees
+        double agreeing = 0;
+        for (std::size_t i = 0; i < n; ++i) {
+            if (!matches[i].inside) continue;
+            const double m2 = distance[i] / scale;
+            fit.weight[i] = (numbers.freedom + 2) / (numbers.freedom + m2);
+            agreeing += m2 < 9.0 && matches[i].correlation > 0.5;
+        }
+        fit.agreeing = agreeing / static_cast<double>(n);
+        fit.spread = std::sqrt(scale);
+    }
+    return fit;
+}
+
+}  // namespace grasptrack::pose

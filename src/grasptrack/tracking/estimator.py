@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One hypothesis of the pose made exact, with its covariance and the evidence for it (`kernels.PoseTarget.solve`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.projective import apply_homography
+from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.target import Grey, Target
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Where the object may be.
+
+    Attributes:
+        origin: what proposed it, see `ORIGINS` of hypotheses and redetection.
+        G: (3, 3) work px -> px.
+        P: (8, 8) covariance of its error, work px^2.
+        reach: work px within which edges are looked for; 0: by the covariance.
+    """
+
+    origin: str
+    G: Floats
+    P: Floats
+    reach: float = 0.0
+
+
+@dataclass(frozen=True)
+class PoseEstimate:
+    """A hypothesis made exact.
+
+    Attributes:
+        origin: of the hypothesis.
+        G, P: pose and covariance.
+        contacts: (k, 2) px.
+        covariance: (k, 2, 2) px^2 of them, by the model alone.
+        area: px^2 of the outline in the image.
+        thickness, thickness_variance: work px, work px^2.
+        edge_share: of the outline's samples whose edge was found; edge_sigma: work px, of their residuals.
+        look: grey levels by which the inner side differs from the first view's, median.
+        correlation: of each fine patch; NaN outside the image.
+        texture_agreeing: share of the patches that agree with the pose; texture_spread: their errors in predicted sd.
+        visible, occluded, other: of each sample of the outline, probabilities.
+        log_odds: of the outline, this object against none.
+        elsewhere: share of the outline whose edge lies elsewhere.
+        again: a second solution, from farther away.
+    """
+
+    origin: str
+    G: Floats
+    P: Floats
+    contacts: Floats
+    covariance: Floats
+    area: float
+    thickness: float
+    thickness_variance: float
+    edge_share: float
+    edge_sigma: float
+    look: float
+    correlation: Floats
+    texture_agreeing: float
+    texture_spread: float
+    visible: Floats
+    occluded: Floats
+    other: Floats
+    log_odds: float
+    elsewhere: float
+    again: bool = False
+
+
+def estimate_pose(
+    target: Target, state: TrackState, levels: list[Grey], hypothesis: Hypothesis, *, again: bool = False
+) -> PoseEstimate | None:
+    """The pose near a hypothesis that image, prior and camera model agree on; None where there is none."""
+    if not is_sane(target, hypothesis.G):
+        return None
+    found = target.handle.solve(
+        levels,
+        hypothesis.G,
+        hypothesis.P,
+        state.G,
+        state.theta,
+        state.theta_covariance,
+        state.thickness,
+        state.thickness_variance,
+        state.inner_spread,
+        hypothesis.reach,
+    )
+    if not found["valid"] or not is_sane(target, found["G"]):
+        return None
+    G, P = found["G"], found["P"]
+    contacts, covariance = contact_covariances(target, G, P)
+    return PoseEstimate(
+        hypothesis.origin,
+        G,
+        P,
+        contacts,
+        covariance,
+        abs(signed_area(apply_homography(G, target.outline))),
+        found["thickness"],
+        found["thickness_variance"],
+        found["edge_share"],
+        found["edge_sigma"],
+        found["look"],
+        found["correlation"],
+        found["texture_agreeing"],
+        found["texture_spread"],
+        found["visible"],
+        found["occluded"],
+        found["other"],
+        found["log_odds"],
+        found["elsewhere"],
+        again,
+    )
+
+
+def renamed(estimate: PoseEstimate, origin: str) -> PoseEstimate:
+    """The same from elsewhere."""
+    return replace(estimate, origin=origin)
+
+
+def contact_covariances(target: Target, G: Floats, P: Floats) -> tuple[Floats, Floats]:
+    """(k, 2) px contacts and (k, 2, 2) px^2 covariances of a pose."""
+    w = target.work_contacts
+    J = pose_jacobian(target, w)
+    lam = w @ G[2, :2] + G[2, 2]
+    at = (w @ G[:2, :2].T + G[:2, 2]) / lam[:, None]
+    M = (G[None, :2, :2] - at[:, :, None] * G[None, 2:3, :2]) / lam[:, None, None]
+    K = M @ J
+    return at, K @ P @ K.transpose(0, 2, 1)
+
+
+def pose_jacobian(target: Target, points: Floats) -> Floats:
+    """(n, 2, 8) derivatives of the places of work points (n, 2) by the pose's error."""
+    radius = target.size / 2.0
+    u, v = ((points - target.outline.mean(axis=0)) / radius).T
+    one, zero = np.ones_like(u), np.zeros_like(u)
+    return np.stack(
+        [
+            np.stack([one, zero, u, v, zero, zero, u * u, u * v], axis=1),
+            np.stack([zero, one, zero, zero, u, v, u * v, v * v], axis=1),
+        ],
+        axis=1,
+    )
+
+
+def signed_area(points: Floats) -> float:
+    """px^2 of a polygon (N, 2)."""
+    x, y = points.T
+    return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+
+
+SMALLEST, LARGEST = 0.02, 30.0
+"""Areas relative to the first view's between which an object is looked for: seven times as far, five times as near."""
+
+
+def is_sane(target: Target, G: Floats) -> bool:
+    """Whether G is a view of the plane's front that keeps the object in front of the camera, at a size to be seen."""
+    if not np.isfinite(G).all():
+        return False
+    lam = target.outline @ G[2, :2] + G[2, 2]
+    if not (lam > 1e-6).all():
+        return False
+    area = signed_area((target.outline @ G[:2, :2].T + G[:2, 2]) / lam[:, None])
+    return SMALLEST < area / target.area < LARGEST

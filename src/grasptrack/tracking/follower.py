@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Follows one target through images: hypotheses, estimates, decision, and what is learned from them (Fig. 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.contour import View
+from grasptrack.tracking.camera import learn_camera, learn_thickness
+from grasptrack.tracking.decision import Decision, decide
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
+from grasptrack.tracking.hypotheses import predict
+from grasptrack.tracking.numbers import NUMBERS, Numbers
+from grasptrack.tracking.redetection import Keypoints, search
+from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
+from grasptrack.tracking.target import Grey, make_target, pyramid
+
+Floats = NDArray[np.float64]
+
+
+class Follower:
+    """One target, from its first image on.
+
+    Args:
+        grey: (H, W) the first image.
+        view: the object's outline in it.
+        contacts: (k, 2) px in it.
+        time: s, or None.
+        numbers: the core's.
+    """
+
+    def __init__(
+        self, grey: Grey, view: View, contacts: Floats, time: float | None = None, numbers: Numbers = NUMBERS
+    ) -> None:
+        levels = pyramid(grey)
+        self.numbers = numbers
+        self.target = make_target(levels, view, contacts, numbers)
+        self.state: TrackState = initial_state(self.target, levels, numbers)
+        self.state.time = time
+        self.keypoints = Keypoints(self.target, grey)
+
+    def update(self, grey: Grey, time: float | None = None) -> Decision | None:
+        """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
+        state, target, numbers = self.state, self.target, self.numbers
+        levels = pyramid(grey)
+        presence = float(np.clip(state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard))
+        predictions = predict(target, state, levels, self._steps(time), numbers)
+        estimates = self._estimates(levels, predictions.first)
+        decision = decide(target, estimates, presence, numbers)
+        if decision is None or not decision.accepted:
+            more = predictions.second + search(target, state.located, self.keypoints, levels)
+            for hypothesis in more:
+                estimates += self._estimates(levels, [hypothesis])
+            decision = decide(target, estimates, presence, numbers)
+        self._learn(levels, decision)
+        return decision
+
+    def _estimates(self, levels: list[Grey], hypotheses: list[Hypothesis]) -> list[PoseEstimate]:
+        """Each hypothesis made exact; a second time from farther away where much of the outline lies elsewhere."""
+        found = []
+        for hypothesis in hypotheses:
+            estimate = estimate_pose(self.target, self.state, levels, hypothesis)
+            if estimate is None:
+                continue
+            if estimate.elsewhere > self.numbers.elsewhere:
+                farther = Hypothesis(
+                    hypothesis.origin,
+                    estimate.G,
+                    estimate.P + process_noise(self.target.size, self.numbers),
+                    self.numbers.wide * self.target.size,
+                )
+                other = estimate_pose(self.target, self.state, levels, farther, again=True)
+                if other is not None and _better(other, estimate, self.numbers):
+                    estimate = other
+            found.append(estimate)
+        return found
+
+    def _steps(self, time: float | None) -> float:
+        """Time since the last image in usual intervals, 1 where times are not told."""
+        state = self.state
+        if time is None or state.time is None or time <= state.time:
+            return 1.0
+        passed = time - state.time
+        state.interval = passed if state.interval is None else min(state.interval, passed)
+        state.time = time
+        return passed / state.interval
+
+    def _learn(self, levels: list[Grey], decision: Decision | None) -> None:
+        state, numbers = self.state, self.numbers
+        if decision is None:
+            state.lost += 1
+            state.presence = min(state.presence, 0.5)
+            state.last = Look(levels, state.G)
+            return
+        e = decision.estimate
+        state.G_before = state.G
+        state.last = Look(levels, e.G)
+        state.P = e.P
+        state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
+        if not decision.accepted:
+            state.lost += 1
+            return
+        state.lost = 0
+        state.located = state.last
+        learn_camera(self.target, state, e, numbers)
+        learn_thickness(state, e, numbers)
+        if e.look > 0.0:
+            state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
+
+
+def _better(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
+    from grasptrack.tracking.decision import texture_evidence
+
+    return one.log_odds + texture_evidence(one, numbers) > other.log_odds + texture_evidence(other, numbers)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every number that the core needs and that is neither physics nor numerical tolerance, in one table, to be fitted to data."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The core's free numbers.
+
+    Lengths in work px: px of the reference view, reduced so that the object's sqrt(area) is at most `work_size`.
+
+    Attributes:
+        work_size: px, see above.
+        edge_missed: probability that an edge that is there is not found.
+        same_sign: probability that an edge's contrast keeps its sign.
+        edge_floor: work px, error of an edge that the model does not explain.
+        other_spread: grey levels, by which what lies inside somebody else's edge differs from what lies inside the object's.
+        share_object, share_occluded, share_other: prior shares of the outline.
+        stretch: mean length of an occluded stretch, as a share of the outline.
+        sample_distance: work px of the outline that carry one independent measurement.
+        blur_share: half the width of the edge filter, as a share of the speed along the normal per frame.
+        wide: how far round the answer edges are looked for, as a share of sqrt(area).
+        elsewhere: share of the outline found elsewhere that asks for a second solution.
+        texture_floor: pixels of a patch's own level, error that the model does not explain.
+        texture_independent: patches that carry one independent measurement.
+        texture_freedom: degrees of freedom of the t distribution of a patch's error.
+        texture_contrast: gradients of a patch over those of noise alone, for it to be texture.
+        texture_occluded: probability that a patch is covered, changed or glaring.
+        match_spread, chance_spread: of a patch's correlation, from 1 where it is the same, from 0 where it is not.
+        patch_share: patches that count as one in the odds.
+        prior_freedom: degrees of freedom of the prior of the pose: predictions can be plainly wrong.
+        drift, stretch_rate, tilt_rate: process noise a frame of position, shape and perspective, as shares of sqrt(area).
+        predicted: share of that noise that remains when texture predicts the motion.
+        perspective: perspective terms stay below about this share of the half size.
+        focal_sd: of the log of the focal length about one image width.
+        normal_sd: rad, of the first view's normal about frontal.
+        pinhole_sd: how far real cameras are from a pinhole, of the pose's two invariants.
+        pinhole_freedom: degrees of freedom of the t distribution of that.
+        camera_keep: share of a frame's information about camera and thickness that is new.
+        thickness_sd: prior, as a share of sqrt(area).
+        hazard: probability a frame that what was the object is it no longer.
+        far: prior of a place that no continuity predicts.
+        redetected: least prior that it is in view.
+        temper: of log-likelihoods: samples and patches are less independent than counted.
+        inflate: of the standard deviations: what the model still does not know.
+        risk: accepted probability that an answer is wrong.
+        tolerance, tolerance_px: an answer is wrong if a contact is off by more than this share of sqrt(area) and so many px.
+    """
+
+    work_size: float = 300.0
+    edge_missed: float = 0.10
+    same_sign: float = 0.90
+    edge_floor: float = 0.15
+    other_spread: float = 45.0
+    share_object: float = 0.90
+    share_occluded: float = 0.08
+    share_other: float = 0.02
+    stretch: float = 0.15
+    sample_distance: float = 8.0
+    blur_share: float = 0.45
+    wide: float = 0.08
+    elsewhere: float = 0.08
+    texture_floor: float = 0.1
+    texture_independent: float = 2.0
+    texture_freedom: float = 4.0
+    texture_contrast: float = 3.0
+    texture_occluded: float = 0.15
+    match_spread: float = 0.18
+    chance_spread: float = 0.33
+    patch_share: float = 3.0
+    prior_freedom: float = 4.0
+    drift: float = 0.06
+    stretch_rate: float = 0.03
+    tilt_rate: float = 0.01
+    predicted: float = 0.15
+    perspective: float = 0.30
+    focal_sd: float = 0.4
+    normal_sd: float = 0.5
+    pinhole_sd: float = 0.015
+    pinhole_freedom: float = 4.0
+    camera_keep: float = 0.1
+    thickness_sd: float = 0.04
+    hazard: float = 2e-3
+    far: float = 0.05
+    redetected: float = 0.02
+    temper: float = 0.25
+    inflate: float = 1.5
+    risk: float = 1e-3
+    tolerance: float = 0.04
+    tolerance_px: float = 3.0
+
+    def table(self) -> dict[str, float]:
+        """By name, as the kernel takes them."""
+        return asdict(self)
+
+
+NUMBERS = Numbers()

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All that changes from frame to frame, and nothing else does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.target import Grey, Target
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Look:
+    """An image in which the object was located, or looked for.
+
+    Attributes:
+        levels: the image and its halves.
+        G: (3, 3) work px -> px.
+    """
+
+    levels: list[Grey]
+    G: Floats
+
+
+@dataclass
+class TrackState:
+    """Where the object is, what is known of camera and part, and how sure that is.
+
+    Attributes:
+        last: the last image, with the best pose found in it.
+        G_before: (3, 3) pose one image earlier; None where it is not known.
+        P: (8, 8) covariance of the pose's error, work px^2 at the half size.
+        presence: probability that the object is there.
+        theta, theta_covariance: (3,), (3, 3) log of the focal length over the image's width, first normal.
+        thickness, thickness_variance: work px, work px^2.
+        inner_spread: grey levels, see `Numbers.other_spread`.
+        located: the last image in which the object was located.
+        lost: images since.
+        time, interval: s, of the last image; a usual time between images.
+        reliable: of each fine patch: whether it agreed when last seen.
+        gone: since the object was located, its place was seen without it, or left the image.
+        lookalike: something with its outline was seen elsewhere.
+    """
+
+    last: Look
+    G_before: Floats | None
+    P: Floats
+    presence: float
+    theta: Floats
+    theta_covariance: Floats
+    thickness: float
+    thickness_variance: float
+    inner_spread: float
+    located: Look
+    lost: int = 0
+    time: float | None = None
+    interval: float | None = None
+    reliable: NDArray[np.bool_] | None = None
+    gone: bool = False
+    lookalike: bool = False
+    reasons: list[str] = field(default_factory=list)
+
+    @property
+    def G(self) -> Floats:
+        """(3, 3) the last pose."""
+        return self.last.G
+
+
+FIRST_SPREAD = 12.0
+"""Grey levels; measured from the first image on."""
+
+
+def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> TrackState:
+    """The state in the first image, where the pose is known by definition."""
+    look = Look(levels, target.A)
+    return TrackState(
+        last=look,
+        G_before=None,
+        P=np.eye(8) * 0.05**2,
+        presence=1.0 - 1e-6,
+        theta=np.zeros(3),
+        theta_covariance=np.diag([numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]) ** 2,
+        thickness=0.0,
+        thickness_variance=(numbers.thickness_sd * target.size) ** 2,
+        inner_spread=FIRST_SPREAD,
+        located=look,
+    )
+
+
+def process_noise(size: float, numbers: Numbers) -> Floats:
+    """(8, 8) what a frame may change of the pose when nothing predicts it; `size` in work px."""
+    shares = [numbers.drift] * 2 + [numbers.stretch_rate] * 4 + [numbers.tilt_rate] * 2
+    return np.diag((np.array(shares) * size) ** 2)

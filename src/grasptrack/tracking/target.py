@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was chosen in the first view: outline, texture and contacts, as the estimator looks for them. Never changes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import View
+from grasptrack.projective import apply_homography
+from grasptrack.tracking.numbers import Numbers
+
+Floats = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+PATCH = 7
+"""Side of a patch of texture, pixels."""
+SPACING = 3.0
+"""Work px between samples of the outline, ..."""
+SAMPLES = 400
+"""... of which there are so many at most."""
+PATCHES = 120
+"""Patches of texture on the finest level at most; a quarter of that on each coarser one."""
+CORNERS = 80
+"""Places at which a look is laid on the next image, at most."""
+SURFACE = 400
+"""Samples of the surface, for its gain and bias."""
+
+
+def pyramid(grey: Grey) -> list[Grey]:
+    """The image and its halves, down to some 30 px."""
+    levels = [np.ascontiguousarray(grey)]
+    while min(levels[-1].shape) >= 60:
+        levels.append(cv2.pyrDown(levels[-1]))
+    return levels
+
+
+def camera_noise(grey: Grey) -> float:
+    """Grey levels, of the difference of a pixel from the median round it; at least that of 8 bits."""
+    rest = cv2.absdiff(grey, cv2.medianBlur(grey, 3))
+    return 1.5 + 1.4826 * float(np.median(rest))
+
+
+@dataclass(frozen=True)
+class Target:
+    """The object and the grasp in the first view.
+
+    Attributes:
+        view: its outline in px of the first image.
+        contacts: (k, 2) px of the first image.
+        area: px^2 in the first image.
+        A: (3, 3) work px -> px of the first image.
+        size: sqrt(area) in work px.
+        work_contacts: (k, 2) work px.
+        outline: (N, 2) work px, of the outer contour, for drawing and overlap.
+        corners: (n, 2) work px, places at which motion from image to image is measured.
+        strides: work px between the pixels of a patch, fine to coarse.
+        patches: (n, 2) work px, of the finest texture.
+        edge_count: samples of the outline with an edge.
+        inner_limit: see `Numbers`.
+        handle: the same for the kernel.
+    """
+
+    view: View
+    contacts: Floats
+    area: float
+    A: Floats
+    size: float
+    work_contacts: Floats
+    outline: Floats
+    points: Floats
+    normals: Floats
+    corners: Floats
+    corner_strides: Floats
+    patches: Floats
+    edge_share: float
+    noise: float
+    numbers: Numbers
+    handle: Any = field(repr=False)
+
+    def carried(self, G: Floats) -> Floats:
+        """(k, 2) px, the contacts in an image that shows the target through G."""
+        return apply_homography(G, self.work_contacts)
+
+    def homography(self, G: Floats) -> Floats:
+        """(3, 3) H_current_reference of a pose G."""
+        H = G @ np.linalg.inv(self.A)
+        return np.asarray(H / H[2, 2], dtype=np.float64)
+
+    def pose(self, H: Floats) -> Floats:
+        """The G of a homography H_current_reference."""
+        G = H @ self.A
+        return np.asarray(G / G[2, 2], dtype=np.float64)
+
+
+def make_target(levels: list[Grey], view: View, contacts: Floats, numbers: Numbers) -> Target:
+    """A target from the first image's pyramid, the object's outline and contacts in it, px."""
+    outer = view.outer.points
+    area = view.outer.area
+    length = math.sqrt(area)
+    s = min(1.0, numbers.work_size / length)
+    margin = 0.2 * length + 12.0 / s
+    low, high = outer.min(axis=0) - margin, outer.max(axis=0) + margin
+    width, height = (int(v) for v in np.ceil((high - low) * s))
+    A = np.array([[1.0 / s, 0.0, low[0]], [0.0, 1.0 / s, low[1]], [0.0, 0.0, 1.0]])
+    image = _rectified(levels, A, (width, height))
+    noise = camera_noise(image)
+    work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
+    points, normals = _samples(work)
+    offset, contrast, inner = kernels.reference_edges(levels, A, points, normals, noise, 4)
+    found = np.isfinite(offset)
+    share = float(found.mean()) if len(found) else 0.0
+    points, normals = points[found] + offset[found, None] * normals[found], normals[found]
+    # again at the edges themselves: sub-pixel positions from the same phase as all later ones
+    if len(points):
+        offset, contrast, inner = kernels.reference_edges(levels, A, points, normals, noise, 4)
+        found = np.isfinite(offset) & (np.abs(offset) < 1.0) & np.isfinite(inner).all(axis=1)
+        points, normals = points[found] + offset[found, None] * normals[found], normals[found]
+        contrast, inner = contrast[found], inner[found]
+    outline = work[0][0]
+    mask = np.zeros((height, width), np.uint8)
+    cv2.fillPoly(mask, [np.round(p).astype(np.int32) for p, _, _ in work], 255)
+    size = length * s
+    centre, radius = outline.mean(axis=0), size / 2.0
+    surface = _surface(mask)
+    work_contacts = (contacts - low) * s
+    target = kernels.PoseTarget(
+        numbers.table(),
+        A,
+        np.ascontiguousarray(centre),
+        radius,
+        noise,
+        np.ascontiguousarray(points),
+        np.ascontiguousarray(normals),
+        np.ascontiguousarray(contrast),
+        np.ascontiguousarray(inner),
+        surface,
+        image[surface[:, 1].astype(int), surface[:, 0].astype(int)].astype(np.float64),
+        np.ascontiguousarray(work_contacts),
+    )
+    patches = np.zeros((0, 2))
+    stride, reduced, count = 1, image, PATCHES
+    while stride == 1 or stride <= size / 16.0:
+        inside = cv2.erode(mask, np.ones((9, 9), np.uint8), iterations=1)
+        inside = cv2.erode(inside, np.ones((PATCH * stride, PATCH * stride), np.uint8), borderValue=0)
+        centres = _textured(reduced, inside, stride, noise / stride, numbers.texture_contrast, count)
+        target.add_texture(levels, centres, float(stride))
+        if stride == 1:
+            patches = centres
+        reduced, stride, count = cv2.pyrDown(reduced), 2 * stride, max(30, count // 2)
+    grown = cv2.dilate(mask, np.ones((9, 9), np.uint8))
+    half = cv2.pyrDown(image)
+    corners = _textured(half, grown, 2, noise / 2.0, numbers.texture_contrast, CORNERS)
+    strides = [float(1 << k) for k in range(1, 5) if k == 1 or (1 << k) <= size / 16.0]
+    return Target(
+        view,
+        contacts,
+        area,
+        A,
+        size,
+        work_contacts,
+        outline,
+        points,
+        normals,
+        corners,
+        np.array(strides),
+        patches,
+        share,
+        noise,
+        numbers,
+        target,
+    )
+
+
+def _rectified(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
+    level, G = 0, A
+    while G[0, 0] > 1.6 and level + 1 < len(levels):
+        level, G = level + 1, np.diag([0.5, 0.5, 1.0]) @ G
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpPerspective(levels[level], G, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
+    """Points and outward normals, evenly along all contours; none where the border cuts the object."""
+    lengths = [float(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum()) for p, _, _ in contours]
+    spacing = max(SPACING, sum(lengths) / SAMPLES)
+    spacing = min(spacing, sum(lengths) / 60.0)
+    points, normals = [], []
+    for (p, _, clipped), length in zip(contours, lengths, strict=True):
+        if length < 8 * spacing:
+            continue
+        closed = np.vstack([p, p[:1]])
+        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
+
+        def at(t: Floats, arc: Floats = arc, closed: Floats = closed) -> Floats:
+            t = t % arc[-1]
+            return np.column_stack([np.interp(t, arc, closed[:, 0]), np.interp(t, arc, closed[:, 1])])
+
+        t = np.linspace(0.0, arc[-1], max(8, round(length / spacing)), endpoint=False)
+        chord = at(t + SPACING) - at(t - SPACING)
+        chord /= np.hypot(*chord.T)[:, None] + 1e-9
+        keep = np.ones(len(t), dtype=bool)
+        if clipped is not None:
+            nearest = np.clip(np.searchsorted(arc, t), 0, len(p) - 1)
+            keep = ~clipped[nearest]
+        points.append(at(t)[keep])
+        normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
+    if not points:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    return np.vstack(points), np.vstack(normals)
+
+
+def _surface(mask: Grey) -> Floats:
+    inside = np.argwhere(cv2.erode(mask, np.ones((7, 7), np.uint8)) > 0)[:, ::-1]
+    step = max(1, len(inside) // SURFACE)
+    # a stride that does not run down the columns
+    order = np.random.default_rng(0).permutation(len(inside))[: len(inside) // step] if step > 1 else np.arange(len(inside))
+    return np.ascontiguousarray(inside[order][:SURFACE].astype(np.float64)).reshape(-1, 2)
+
+
+def _textured(image: Grey, mask: Grey, stride: int, noise: float, contrast: float, most: int) -> Floats:
+    """(n, 2) work px: middles of patches that tell how they moved; `image` is reduced by `stride`, `mask` is not."""
+    gradients = [cv2.Sobel(image, cv2.CV_32F, i, 1 - i, ksize=1) * 0.5 for i in (1, 0)]
+    box = (PATCH, PATCH)
+    xx, xy, yy = (
+        cv2.boxFilter(a * b, -1, box, normalize=False)
+        for a, b in ((gradients[0], gradients[0]), (gradients[0], gradients[1]), (gradients[1], gradients[1]))
+    )
+    root = np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
+    least, largest = 0.5 * (xx + yy) - root, 0.5 * (xx + yy) + root
+    own = 0.5 * PATCH * PATCH * noise * noise  # of noise alone
+    height, width = image.shape
+    allowed = mask[::stride, ::stride][:height, :width] > 0
+    score = np.where(allowed[:height, :width], least + 0.1 * largest, 0.0)
+    tells = (least > contrast * own) | (largest > 4.0 * contrast * own)
+    score = np.where(tells, score, 0.0)
+    rows, columns = -(-height // PATCH), -(-width // PATCH)
+    padded = np.zeros((rows * PATCH, columns * PATCH), np.float32)
+    padded[:height, :width] = score
+    cells = padded.reshape(rows, PATCH, columns, PATCH).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
+    best = cells.argmax(axis=1)
+    value = cells[np.arange(len(cells)), best]
+    order = np.argsort(-value)[:most]
+    order = order[value[order] > 0]
+    y = (order // columns) * PATCH + best[order] // PATCH
+    x = (order % columns) * PATCH + best[order] % PATCH
+    return np.ascontiguousarray(np.column_stack([x, y]).astype(np.float64) * stride)
