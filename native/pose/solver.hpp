@@ -189,11 +189,16 @@ class Solver {
         return {numbers_.texture_floor, numbers_.texture_independent, numbers_.texture_freedom};
     }
 
-    std::vector<PatchMatch> match_all(const PatchSet &set, const Homography &G) const {
-        std::vector<PatchMatch> matches(set.patches.size());
-        for (std::size_t i = 0; i < matches.size(); ++i)
-            matches[i] = match_patch(pyramid_, G, set.patches[i], set.stride, target_.noise, numbers_.texture_floor * set.stride);
-        return matches;
+    // All patches of the levels from `first` to `end`.
+    std::vector<PatchRow> match_all(std::size_t first, std::size_t end, const Homography &G) const {
+        std::vector<PatchRow> rows;
+        for (std::size_t level = first; level < std::min(end, target_.texture.size()); ++level) {
+            const PatchSet &set = target_.texture[level];
+            for (const Patch &patch : set.patches)
+                rows.push_back({patch.x, patch.y,
+                                match_patch(pyramid_, G, patch, set.stride, target_.noise, numbers_.texture_floor * set.stride)});
+        }
+        return rows;
     }
 
     // Coarse to fine on the texture, before edges are looked at: their candidates are many, its valley is wide.
@@ -211,9 +216,9 @@ class Solver {
                     Matrix<8> A;
                     Vector<8> b;
                     if (!system(G, A, b)) return TextureFit{};
-                    return fit_patches(target_, set, match_all(set, G), A, b, texture_numbers());
+                    return fit_patches(target_, match_all(level, level + 1, G), A, b, texture_numbers());
                 }();
-                if (!telling(fit_and, set)) break;
+                if (!telling(fit_and, set.patches.size())) break;
                 Matrix<8> A, P;
                 Vector<8> b;
                 if (!system(G, A, b)) return false;
@@ -231,21 +236,20 @@ class Solver {
         return true;
     }
 
-    bool telling(const TextureFit &fit, const PatchSet &set) const {
-        return fit.used >= 4 && fit.agreeing * static_cast<double>(set.patches.size()) >= 4;
+    static bool telling(const TextureFit &fit, std::size_t count) {
+        return fit.used >= 4 && fit.agreeing * static_cast<double>(count) >= 4;
     }
 
     TextureFit texture_rows(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Solution &out) const {
         TextureFit none;
-        if (target_.texture.empty()) return none;
-        const PatchSet &set = target_.texture.front();
-        if (set.patches.size() < 4) return none;
-        const std::vector<PatchMatch> matches = match_all(set, G);
-        TextureFit fit = fit_patches(target_, set, matches, A, b, texture_numbers());
+        // coarser levels tell where blur has taken the fine one
+        const std::vector<PatchRow> matches = match_all(0, 3, G);
+        if (matches.size() < 4) return none;
+        TextureFit fit = fit_patches(target_, matches, A, b, texture_numbers());
         out.texture_used = fit.used;
         out.texture_agreeing = fit.agreeing;
         out.texture_spread = fit.spread;
-        return telling(fit, set) ? fit : none;
+        return telling(fit, matches.size()) ? fit : none;
     }
 
     int reach_of(const Matrix<8> &P, double times_sd, double more) const {
@@ -442,11 +446,8 @@ class Solver {
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
         }
-        if (!target_.texture.empty()) {
-            const PatchSet &set = target_.texture.front();
-            for (const PatchMatch &m : match_all(set, out.G))
-                out.correlation.push_back(m.inside ? m.correlation : std::numeric_limits<double>::quiet_NaN());
-        }
+        for (const PatchRow &row : match_all(0, 1, out.G))
+            out.correlation.push_back(row.match.inside ? row.match.correlation : std::numeric_limits<double>::quiet_NaN());
     }
 
     const Target &target_;
@@ -483,13 +484,13 @@ inline FlowFit follow_look(const Target &target, const std::vector<PatchSet> &lo
             Matrix<8> A = prior;
             Vector<8> b = times<8>(A, d);
             for (double &value : b) value = -value;
-            std::vector<PatchMatch> matches(set.patches.size());
+            std::vector<PatchRow> matches;
             double sum = 0;
-            for (std::size_t i = 0; i < matches.size(); ++i) {
-                matches[i] = match_patch(pyramid, G, set.patches[i], set.stride, noise, numbers.floor * set.stride);
-                sum += matches[i].correlation;
+            for (const Patch &patch : set.patches) {
+                matches.push_back({patch.x, patch.y, match_patch(pyramid, G, patch, set.stride, noise, numbers.floor * set.stride)});
+                sum += matches.back().match.correlation;
             }
-            const TextureFit fit = fit_patches(target, set, matches, A, b, numbers);
+            const TextureFit fit = fit_patches(target, matches, A, b, numbers);
             if (fit.used < 6) return out;
             for (std::size_t k = 0; k < 64; ++k) A[k] += fit.information[k];
             for (std::size_t k = 0; k < 8; ++k) b[k] += fit.gradient[k];

@@ -143,16 +143,22 @@ struct TextureFit {
     std::vector<double> weight;
 };
 
+// A patch, on the level that it belongs to, with what it says.
+struct PatchRow {
+    double x, y;
+    PatchMatch match;
+};
+
 // Robust normal equations of patches about their own best fit together with a prior (information, gradient).
-inline TextureFit fit_patches(const Target &target, const PatchSet &set, const std::vector<PatchMatch> &matches,
-                              const Matrix<8> &prior, const Vector<8> &prior_gradient, const TextureNumbers &numbers) {
+inline TextureFit fit_patches(const Target &target, const std::vector<PatchRow> &patches, const Matrix<8> &prior,
+                              const Vector<8> &prior_gradient, const TextureNumbers &numbers) {
     TextureFit fit;
-    const std::size_t n = matches.size();
+    const std::size_t n = patches.size();
     std::vector<std::array<Vector<8>, 2>> rows(n);
     fit.weight.assign(n, 0.0);
     for (std::size_t i = 0; i < n; ++i)
-        if (matches[i].inside) {
-            rows[i] = target.jacobian(set.patches[i].x, set.patches[i].y);
+        if (patches[i].match.inside) {
+            rows[i] = target.jacobian(patches[i].x, patches[i].y);
             fit.weight[i] = 1.0;
             ++fit.used;
         }
@@ -165,7 +171,7 @@ inline TextureFit fit_patches(const Target &target, const PatchSet &set, const s
         for (std::size_t i = 0; i < n; ++i) {
             const double w = fit.weight[i] / (scale * numbers.independent);
             if (!(w > 0)) continue;
-            const PatchMatch &m = matches[i];
+            const PatchMatch &m = patches[i].match;
             const auto &J = rows[i];
             const double yx = m.wxx * m.dx + m.wxy * m.dy, yy = m.wxy * m.dx + m.wyy * m.dy;
             for (std::size_t a = 0; a < 8; ++a) {
@@ -187,8 +193,8 @@ inline TextureFit fit_patches(const Target &target, const PatchSet &set, const s
         const Vector<8> d = times<8>(P, g);
         sorted.clear();
         for (std::size_t i = 0; i < n; ++i) {
-            if (!matches[i].inside) continue;
-            const PatchMatch &m = matches[i];
+            const PatchMatch &m = patches[i].match;
+            if (!m.inside) continue;
             double ex = m.dx, ey = m.dy;
             for (std::size_t a = 0; a < 8; ++a) {
                 ex -= rows[i][0][a] * d[a];
@@ -201,10 +207,10 @@ inline TextureFit fit_patches(const Target &target, const PatchSet &set, const s
         scale = std::max(1.0, sorted[sorted.size() / 2] / 1.386);  // the median of chi-squared with 2 degrees
         double agreeing = 0;
         for (std::size_t i = 0; i < n; ++i) {
-            if (!matches[i].inside) continue;
+            if (!patches[i].match.inside) continue;
             const double m2 = distance[i] / scale;
             fit.weight[i] = (numbers.freedom + 2) / (numbers.freedom + m2);
-            agreeing += m2 < 9.0 && matches[i].correlation > 0.5;
+            agreeing += m2 < 9.0 && patches[i].match.correlation > 0.5;
         }
         fit.agreeing = agreeing / static_cast<double>(n);
         fit.spread = std::sqrt(scale);

@@ -246,8 +246,17 @@ def _textured(image: Grey, mask: Grey, stride: int, noise: float, contrast: floa
     cells = padded.reshape(rows, PATCH, columns, PATCH).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
     best = cells.argmax(axis=1)
     value = cells[np.arange(len(cells)), best]
-    order = np.argsort(-value)[:most]
-    order = order[value[order] > 0]
-    y = (order // columns) * PATCH + best[order] // PATCH
-    x = (order % columns) * PATCH + best[order] % PATCH
+    found = np.flatnonzero(value > 0)
+    y = (found // columns) * PATCH + best[found] // PATCH
+    x = (found % columns) * PATCH + best[found] % PATCH
+    # the best of every region first, then the second best: what lies close together tells the same
+    side = max(PATCH, math.sqrt(float(allowed.sum()) / most))
+    region = (y // side).astype(int) * (width + 1) + (x // side).astype(int)
+    order = np.lexsort((-value[found], region))
+    first = np.r_[True, np.diff(region[order]) != 0] if len(order) else np.zeros(0, bool)
+    start = np.maximum.accumulate(np.where(first, np.arange(len(order)), 0)) if len(order) else np.zeros(0, int)
+    rank = np.empty(len(order), int)
+    rank[order] = np.arange(len(order)) - start
+    chosen = np.lexsort((-value[found], rank))[:most]
+    x, y = x[chosen], y[chosen]
     return np.ascontiguousarray(np.column_stack([x, y]).astype(np.float64) * stride)
