@@ -28,6 +28,9 @@ Workers = Annotated[int | None, typer.Option(metavar="N", help="Processes; one f
 Address = Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster's scheduler.")]
 ManyFingers = Annotated[int, typer.Option(metavar="K", help="Fingers of the grasps that are chosen, 2 or 3.")]
 
+MOST_NAMED = 10
+"""Sequences without results that are named one by one."""
+
 evaluate = typer.Typer(
     help="Measure every method: on scenes with known truth, on real videos, or as the paper did.",
     rich_markup_mode=None,
@@ -105,6 +108,14 @@ def real(
     peers: Peers = False,
     fingers: ManyFingers = 2,
     friction: options.Friction = 0.5,
+    given: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHAT",
+            help="Of each object, from scenes.csv: pixel, quad or nothing; pixel if there is that table.",
+            show_default=False,
+        ),
+    ] = None,
     workers: Workers = None,
     scheduler: Address = None,
     quiet: options.Quiet = False,
@@ -114,16 +125,24 @@ def real(
     A table has the columns frame, h11 ... h33: H maps pixels of frame 0 to pixels of the frame. The grasp is chosen in
     the first frame and given to all methods. Writes what `grasptrack evaluate scenes` writes.
 
+    scenes.csv in DIR says which object is meant: name of the video, object (a pixel of it, x,y, in the first frame that
+    its table lists) and quad (its corners in frame 0 of the table). That frame is then the first. The pixel is told to
+    the tracker; or the quad, on two sides of which the contacts are put; or nothing. A video in which another object
+    is taken is left out, and named.
+
     \b
     Examples:
       grasptrack evaluate real videos
+      grasptrack evaluate real videos --given quad --methods auto,klt
       grasptrack evaluate real videos --peers --output real-with-peers
     """
     from grasptrack.evaluation import suites
+    from grasptrack.evaluation.objects import GIVEN
     from grasptrack.evaluation.schedule import scheduler as schedule
 
     asked: dict[str, Any] = {
         "folder": str(folder.resolve()),
+        "given": options.one_of("--given", given, GIVEN),
         "methods": suites.methods(options.names(methods), peers=peers),
         "fingers": options.two_or_three(fingers),
         "friction": options.positive_friction(friction),
@@ -153,9 +172,9 @@ def _run(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: b
     if quiet:
         return
     heads, rows = closing_table(output)
-    notes = [f"{name} left out: {reason}" for name, reason in list(filled.failed.items())[:5]]
-    if len(filled.failed) > 5:
-        notes.append(f"and {len(filled.failed) - 5} more, named in {output / 'evaluation.json'}")
+    notes = [f"{name} left out: {reason}" for name, reason in list(filled.failed.items())[:MOST_NAMED]]
+    if len(filled.failed) > MOST_NAMED:
+        notes.append(f"and {len(filled.failed) - MOST_NAMED} more, named in {output / 'evaluation.json'}")
     if filled.resumed:
         notes.append(f"gone on with an interrupted run, in which {filled.resumed} sequences were done")
     notes.append(str(report))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -75,6 +76,17 @@ def strategy_choice(name: str) -> str:
 def names(text: str | None) -> tuple[str, ...]:
     """Names from "a,b"; none from None."""
     return () if text is None else tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def one_of(option: str, text: str | None, choices: Sequence[str]) -> str | None:
+    """A word from a few; None where none was given.
+
+    Raises:
+        InputError: another word.
+    """
+    if text is not None and text not in choices:
+        raise InputError(f'{option} is {", ".join(choices[:-1])} or {choices[-1]}, not "{text}"', text=text)
+    return text
 
 
 def two_or_three(fingers: int) -> int:

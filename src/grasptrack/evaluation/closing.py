@@ -25,13 +25,30 @@ HEADS = (
 )
 
 
+VIDEO_HEADS = (
+    ("video", "left"),
+    ("method", "left"),
+    ("frames\nwhole", "right"),
+    ("located %\nof these", "right"),
+    ("wrong\nframes", "right"),
+    ("error px\nmedian", "right"),
+    ("\n95 %", "right"),
+    ("ms\nmedian", "right"),
+)
+
+
 def closing_table(folder: Path) -> tuple[Sequence[tuple[str, str]], list[list[str]]]:
-    """Heads with their alignment, and a row for each method over all cases.
+    """Heads with their alignment, and a row for each method over all cases; of videos also one for each method and video.
 
     Raises:
         InputError: the run cannot be read.
     """
-    return HEADS, [[row.method, *_cells(row)] for row in summarise(read_run(folder)).overall]
+    run = read_run(folder)
+    summary = summarise(run)
+    if run.kind == "real":
+        rows = sorted(summary.by_level, key=lambda row: summary.levels.index(row.level))
+        return VIDEO_HEADS, [_of_video(row) for row in (*rows, *summary.overall)]
+    return HEADS, [[row.method, *_cells(row)] for row in summary.overall]
 
 
 def to_markdown(summary: Summary) -> str:
@@ -58,6 +75,19 @@ def _cells(row: Row) -> list[str]:
         *(_number(v) for v in (m.median_px, m.p95_px, m.rms_px)),
         *(_number(v, 1) for v in (m.median_ms, m.p99_ms)),
         str(m.frames),
+    ]
+
+
+def _of_video(row: Row) -> list[str]:
+    m = row.measures
+    return [
+        row.level,
+        row.method,
+        str(m.frames_whole),
+        _share(m.located_whole),
+        str(m.false_accepts),
+        *(_number(v) for v in (m.median_px, m.p95_px)),
+        _number(m.median_ms, 1),
     ]
 
 

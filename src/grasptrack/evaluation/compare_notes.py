@@ -75,8 +75,11 @@ def _same_frames(one: EvaluationRun, other: EvaluationRun, methods: Sequence[str
     for method in methods:
         first, second = one.scores[name].get(method), other.scores[name].get(method)
         if first is not None and second is not None:
-            told = [[(f.frame, f.present, f.visible) for f in run] for run in (first, second)]
+            told = [[(f.frame, f.present) for f in run] for run in (first, second)]
+            seen, visible = (np.array([f.visible for f in run]) for run in (first, second))
             before, now = (np.array([f.area for f in run]) for run in (first, second))
-            if told[0] != told[1] or not np.allclose(before, now, rtol=1e-6, equal_nan=True):
+            if told[0] != told[1] or not np.array_equal(seen, visible, equal_nan=True):
+                return False
+            if not np.allclose(before, now, rtol=1e-6, equal_nan=True):
                 return False
     return True

@@ -43,6 +43,15 @@ TERMS: dict[str, Term] = {
             "count",
         ),
         Term(
+            "frames_whole",
+            "whole",
+            "frames",
+            "Frames with the whole object in view. A real video without the object's quadrilateral does not tell: there it "
+            "is all frames with a truth.",
+            "",
+            "count",
+        ),
+        Term(
             "located",
             "located",
             "%",

@@ -43,6 +43,7 @@ class Measures:
         recovery_frames: mean number of frames from the object's return to whole view until contacts are given rightly.
         recoveries, returns: how often they were given before it was hidden again, and how often it returned.
         median_ms, p99_ms: latency.
+        frames_whole: frames with the whole object in view.
     """
 
     frames: int
@@ -63,6 +64,7 @@ class Measures:
     returns: int
     median_ms: float
     p99_ms: float
+    frames_whole: int
 
 
 def measure(runs: Iterable[Sequence[FrameScore]]) -> Measures:
@@ -99,6 +101,7 @@ def measure(runs: Iterable[Sequence[FrameScore]]) -> Measures:
         returns=len(waits),
         median_ms=_percentile(times, 50),
         p99_ms=_percentile(times, 99),
+        frames_whole=len(whole),
     )
 
 

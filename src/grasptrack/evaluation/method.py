@@ -24,11 +24,13 @@ class Start:
         outline: polygons of the object in the first image in px, outer first, then holes; () where it is not known.
             A method that needs to know which pixels are the object's may use it: more than a user could tell it.
         size: width and height of the images in px.
+        object_at: (x, y) px of the object in the first image, where the user pointed at it.
     """
 
     contacts: Floats
     outline: tuple[Floats, ...]
     size: tuple[int, int]
+    object_at: tuple[float, float] | None = None
 
 
 class Method(Protocol):

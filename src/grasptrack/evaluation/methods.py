@@ -19,10 +19,10 @@ OURS = ("auto", "rrp", "grasp-line", "homography")
 
 
 class Tracker:
-    """The tracker itself, told of the contacts as `--grasp` would tell it.
+    """The tracker itself, told of the contacts as `--grasp` would tell it, and of a pixel of the object as `--object`.
 
     Args:
-        start: the contacts and the images' size.
+        start: the contacts, and the pixel if there is one.
         strategy: of the tracker.
     """
 
@@ -31,7 +31,7 @@ class Tracker:
         self._frame = -1
         self._tracker: GraspTracker | None = None
         try:
-            self._tracker = GraspTracker(strategy=strategy, grasp=start.contacts)
+            self._tracker = GraspTracker(strategy=strategy, grasp=start.contacts, object_at=start.object_at)
         except StrategyError as error:
             self._refused = str(error)
 

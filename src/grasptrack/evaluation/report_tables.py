@@ -13,7 +13,15 @@ from grasptrack.view.report.markup import fixed
 from grasptrack.view.report.parts import Tone
 
 ANSWERS = (
-    *("frames", "located_whole", "located_partly", "tracked_visible", "false_accepts", "false_given_gone"),
+    *(
+        "frames",
+        "frames_whole",
+        "located_whole",
+        "located_partly",
+        "tracked_visible",
+        "false_accepts",
+        "false_given_gone",
+    ),
     *("false_bound", "risk_area", "recoveries", "returns", "recovery_frames"),
 )
 """Columns of the table that says how often there were contacts, and how often wrong ones."""

@@ -30,8 +30,9 @@ LIMITS: dict[str, tuple[str, ...]] = {
     "real": (
         "The truth is a table of homographies that were measured in the same videos. It has errors of its own, of "
         "tenths of a px; errors below them mean nothing.",
-        "A homography says where a flat object is, not whether it is covered: frames count as whole in view, and "
-        "answers that are missing in a covered frame count as missing.",
+        "A homography says where a flat object is, not whether it is covered: frames count as whole in view unless the "
+        "object's quadrilateral is known and reaches out of the image, and answers that are missing in a covered frame "
+        "count as missing.",
         "Frames without a reference homography are looked at, but not measured.",
         "A few videos are a few lights, cameras and objects. They show that it works there, not how often it works.",
         "The bound on the rate of wrong answers treats the frames of a video as independent, which they are not.",

@@ -42,7 +42,7 @@ class FrameScore:
         opening: px between the true places of the first two contacts.
         area: px^2 of the object in this frame.
         present: whether the object is there at all.
-        visible: share of its outline that can be seen, 0 to 1.
+        visible: share of its outline that can be seen, 0 to 1; NaN where no truth is known.
         seen: whether the true places of all contacts can be seen.
         confidence: of the result.
         latency_ms: of the update.
@@ -146,7 +146,7 @@ class Score:
             opening,
             area,
             truth is None or truth.present,
-            1.0 if truth is None else truth.visible,
+            math.nan if truth is None else truth.visible,
             seen,
             result.confidence,
         )

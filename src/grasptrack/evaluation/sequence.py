@@ -37,19 +37,22 @@ class Shown(NamedTuple):
     truth: Truth | None
 
 
-def follow(frames: Iterable[Shown], methods: Mapping[str, Maker], start: Start) -> dict[str, list[FrameScore]]:
+def follow(
+    frames: Iterable[Shown], methods: Mapping[str, Maker], start: Start, first: int = 0
+) -> dict[str, list[FrameScore]]:
     """Show every frame to every method, and score what they say.
 
     Args:
         frames: in order; the contacts of `start` are in the first one.
         methods: makers by name.
         start: what each method is told beforehand.
+        first: number of the first of the frames.
 
     Returns:
         Scored frames by method. A latency is that of the whole update, in ms.
     """
     running = {name: (make(start), Score(name, given=start.contacts)) for name, make in methods.items()}
-    for index, shown in enumerate(frames):
+    for index, shown in enumerate(frames, first):
         for method, score in running.values():
             began = clock.perf_counter()
             result = method.update(shown.image, shown.time)

@@ -18,7 +18,8 @@ from grasptrack.evaluation import peers as others
 from grasptrack.evaluation.fill import Job, case_file
 from grasptrack.evaluation.homographies import read_homographies
 from grasptrack.evaluation.methods import OURS, makers
-from grasptrack.evaluation.real import RealCase, run_video, videos_of
+from grasptrack.evaluation.objects import Given
+from grasptrack.evaluation.real import RealCase, first_frame, run_video, videos_of
 from grasptrack.evaluation.records import read_records
 from grasptrack.evaluation.report import Shown
 from grasptrack.evaluation.scenes import SceneCase, run_case, suite
@@ -133,22 +134,33 @@ def scene_suite(
     return Work("scenes", jobs, run_case, look)
 
 
-def real_suite(*, folder: str, methods: Sequence[str], fingers: int, friction: float) -> Work:
+def real_suite(
+    *, folder: str, methods: Sequence[str], fingers: int, friction: float, given: Given | None = None
+) -> Work:
     """Every video of a folder that has a table of homographies.
 
+    Args:
+        folder: of the videos.
+        methods: names.
+        fingers, friction: of the grasps that are chosen.
+        given: what is told of each object, see `real:videos_of`.
+
     Raises:
-        InputError: no folder, or no such video in it.
+        InputError: no folder, no such video in it, or a grasp of three fingers to be put on two sides.
     """
-    cases = {case.name: case for case in videos_of(Path(folder), fingers, friction)}
+    if given == "quad" and fingers != 2:
+        raise InputError(f"a quadrilateral gives 2 contacts, not {fingers}", fingers=fingers)
+    cases = {case.name: case for case in videos_of(Path(folder), fingers, friction, given)}
     jobs = [
-        Job(name, _length(case), {"video": case.video.name}, (case, tuple(methods))) for name, case in cases.items()
+        Job(name, _length(case), {"video": case.video.name, "given": case.given}, (case, tuple(methods)))
+        for name, case in cases.items()
     ]
 
     def look(name: str, frame: int) -> Seen:
-        H = read_homographies(cases[name].table).get(frame)
         with open_source(cases[name].video) as source:
             image = next(f.image for f in source if f.index == frame)
-        return image, (), None if H is None else Truth.of_homography(H)
+        truths = cases[name].truths((image.shape[1], image.shape[0]))
+        return image, truths.outline(frame), truths.of(frame)
 
     return Work("real", jobs, run_video, look)
 
@@ -165,5 +177,8 @@ def _about(case: SceneCase) -> dict[str, Any]:
 
 
 def _length(case: RealCase) -> int:
+    """Frames that are looked at; 0 where that is not known, or there is no such video."""
+    if not case.table.is_file():
+        return 0
     with open_source(case.video) as source:
-        return source.count or 0
+        return max(0, (source.count or 0) - first_frame(read_homographies(case.table), case.known))
