@@ -18,10 +18,17 @@ Floats = NDArray[np.float64]
 
 KEYS = 24
 """Times at which the place of a wandering occluder is sought; between them it moves evenly."""
+SLOW = 2.5
+"""Table units by which a wandering occluder goes in or out during the whole sequence, at most."""
 BEHIND = 6.0
 """Table units that an occluder reaches behind its front: out of view."""
 LONGEST_HIDDEN = 0.3
 """Share of the outline that a parallel bar may hide; where no side allows that, the one that hides least is taken."""
+
+
+def _length(shape: Shape) -> float:
+    """Length of all its polygons together."""
+    return float(sum(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum() for p in shape.polygons))
 
 
 def _mitten(rng: np.random.Generator) -> Floats:
@@ -76,13 +83,16 @@ def irregular_over(
             low, high = (middle, high) if hidden(int(i), middle) < wanted[i] else (low, middle)
         depths.append(low)
     depth = np.interp(np.arange(frames), keys, depths)
+    for i in range(frames):
+        while hidden(i, depth[i]) > share:
+            depth[i] -= 0.01
+    apart = np.abs(np.arange(frames)[:, None] - np.arange(frames))
+    depth = (depth + SLOW / frames * apart).min(axis=1)  # nowhere farther in than allowed, and never faster
     start, rest = 0.05 * frames, 0.25 * frames
     come = np.clip((rest - np.arange(frames)) / max(1e-9, rest - start), 0.0, 1.0)
     depth -= come * come * (3.0 - 2.0 * come) * (view + shape.radius())
     way = np.full((frames, 2), np.nan)
     for i in range(max(1, math.ceil(start)), frames):
-        while hidden(i, depth[i]) > share:
-            depth[i] -= 0.01
         way[i] = placed(i, depth[i])[1]
     colour = SKINS[int(rng.integers(len(SKINS)))]
     return Drifting(ring, way, turn=side + math.pi, colour=colour, relief=0.3)
@@ -111,12 +121,14 @@ def parallel_bar(
     sides = np.roll(hull, -1, axis=0) - hull
     lengths = np.hypot(sides[:, 0], sides[:, 1])
     points = shape.samples(600)
-    longest = np.argsort(-lengths, kind="stable")[:6]
+    longest = np.argsort(-lengths, kind="stable")[:8]
     normals = np.column_stack([sides[:, 1], -sides[:, 0]])[longest] / lengths[longest, None]
     normals *= np.sign((normals * hull[longest]).sum(axis=1))[:, None]  # out of the hull, whose inside has the origin
     edge = (normals * hull[longest]).sum(axis=1)
-    hides = np.array([(points @ n > e - depths[1]).mean() for n, e in zip(normals, edge, strict=True)])
-    allowed = np.flatnonzero(hides <= LONGEST_HIDDEN)
+    inside = edge[:, None] - normals @ points.T
+    along = (inside < 0.01).sum(axis=1) * _length(shape) / len(points)
+    hides = (inside < depths[1]).mean(axis=1)
+    allowed = np.flatnonzero((hides <= LONGEST_HIDDEN) & (along > 0.7 * lengths[longest]))  # no side spans a recess
     k = int(rng.choice(allowed[:3])) if len(allowed) else int(np.argmin(hides))
     out, across = normals[k], np.array([-normals[k][1], normals[k][0]])
     width, half = float(rng.uniform(0.3, 0.6)), view + 0.8

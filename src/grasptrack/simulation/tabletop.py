@@ -152,8 +152,8 @@ def _outside(s: Setting, path: Path, direction: float, turn: float) -> tuple[flo
 
 @lru_cache(maxsize=4 * PATTERNS)
 def _print(kind: str, pattern: int, level: float) -> Texture:
-    make = surfaces.printed if kind == "words" else surfaces.pictured
-    return make(pattern, colour=(level, level, level), contrast=1.8).grey
+    make, contrast = (surfaces.printed, 240.0 / level) if kind == "words" else (surfaces.pictured, 1.0)
+    return make(pattern, colour=(level, level, level), contrast=contrast).grey
 
 
 def _drawn_print(s: Setting, kind: str, pattern: int) -> Texture:
