@@ -24,7 +24,7 @@ def flat(level: int) -> Texture:
 def bare(shape: Shape, disturbance: str, seed: int = 2) -> Scene:
     """The scene of a disturbance without texture, noise and light: what is left are its edges."""
     scene = DISTURBANCES[disturbance].scene(shape, 40, seed, surface=flat(PART), table=flat(TABLE))
-    even = {"noise": 0.0, "vignette": 0.0, "gradient": (0.0, 0.0), "drift": 0.0, "jumps": (), "shadow": None}
+    even = {"noise": 0.0, "vignette": 0.0, "gradient": (0.0, 0.0), "drift": 0.0, "jumps": (), "shadow": None, "jpeg": 0}
     return Scene(
         shape,
         scene.path,
@@ -34,6 +34,7 @@ def bare(shape: Shape, disturbance: str, seed: int = 2) -> Scene:
         conditions=replace(scene.conditions, **even),
         covers=scene.covers,
         guests=[replace(guest, surface=None) for guest in scene.guests],
+        distractors=[replace(item, surface=flat(TABLE) if item.flat else None) for item in scene.distractors],
         thickness=scene.thickness,
     )
 
@@ -47,9 +48,9 @@ def outline_of(scene: Scene, index: int) -> tuple[np.ndarray, ...]:
     return tuple(apply_homography(scene._plane_to_image[index], p) for p in guest.shape.polygons)
 
 
-@pytest.mark.parametrize("name", [n for n in DISTURBANCES if n != "thick"])
+@pytest.mark.parametrize("name", [n for n in DISTURBANCES if n not in ("thick", "thick-6")])
 def test_edges_lie_on_the_stated_outline(name: str) -> None:
-    soft = name in ("blur", "motion-blur")
+    soft = name in ("blur", "motion-blur", "shake")
     found = []
     for shape in ("notched-plate", "bean"):
         scene = bare(SHAPES[shape](), name)
@@ -61,6 +62,8 @@ def test_edges_lie_on_the_stated_outline(name: str) -> None:
     assert len(off) > 1000
     if name == "motion-blur":  # what turns or speeds up while it is exposed is not seen where it is in the middle of it
         assert abs(off.mean()) < 2 * LIMIT and off.std() < 0.06
+    elif name == "shake":  # a hand turns back within an exposure
+        assert abs(off.mean()) < 5 * LIMIT and off.std() < 0.5
     else:
         assert abs(off.mean()) < LIMIT and off.std() < 0.02
 

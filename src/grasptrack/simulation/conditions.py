@@ -73,6 +73,51 @@ class Shadow:
 
 
 @dataclass(frozen=True)
+class Glare:
+    """A reflected lamp: a bright spot that wanders over the image and saturates the sensor.
+
+    Attributes:
+        start: the first frame in which it shines; it grows for some frames.
+        middle: px, about which it wanders.
+        reach: px, of its wandering to every side.
+        radius: px, of the spot that is saturated whatever lies there; softness is added around it.
+        softness: px, standard deviation of its edge.
+        waves: slow waves of its path over `count` frames.
+        count: of frames.
+        seed: of its path and outline.
+    """
+
+    start: int
+    middle: tuple[float, float]
+    reach: tuple[float, float]
+    radius: float
+    softness: float = 4.0
+    waves: float = 1.0
+    count: int = 100
+    seed: int = 0
+
+    def ring(self, index: int) -> Floats | None:
+        """(N, 2) px around what is saturated in a frame; None before it shines."""
+        if index < self.start:
+            return None
+        phase = np.random.default_rng((self.seed, 32)).uniform(0.0, 2.0 * math.pi, 5)
+        u = 2.0 * math.pi * self.waves * index / max(1, self.count)
+        across = 0.75 * math.sin(u + phase[0]) + 0.25 * math.sin(2.3 * u + phase[1])
+        down = 0.75 * math.cos(u + phase[0]) + 0.25 * math.sin(1.7 * u + phase[2])
+        centre = np.array(self.middle) + np.array(self.reach) * np.array([across, down])
+        grown = self.radius * min(1.0, (index - self.start + 1) / GROWING)
+        a = np.arange(72) * (2.0 * math.pi / 72)
+        radius = grown * (1.0 + 0.15 * np.sin(2 * a + phase[3]) + 0.06 * np.sin(3 * a + phase[4]))
+        return np.asarray(centre + radius[:, None] * np.column_stack([np.cos(a), np.sin(a)]), dtype=np.float64)
+
+
+GROWING = 4
+"""Frames in which a glare grows to its size."""
+DAZZLE = 520.0
+"""Grey levels that a glare adds in its middle: half of it, at the edge of its ring, saturates black as well."""
+
+
+@dataclass(frozen=True)
 class Conditions:
     """What lens, light and sensor do to the image.
 
@@ -85,6 +130,10 @@ class Conditions:
         jumps: (frame, gain): from that frame on the light is `gain` times what it was at first.
         shadow: one that crosses the image.
         exposure: share of the time from one frame to the next during which the sensor takes light: motion blur.
+        readout: share of that time from the first row's exposure to that of the last: a rolling shutter. 0 exposes all
+            rows at once. The frame's own time is that of the middle row.
+        glare: a saturated reflection.
+        jpeg: quality, 1 to 100, of the compression that the image comes through last; 0 is none.
         pooled: take the noise from a field that is drawn once, at random places of it: as good to the eye, and several
             times as fast.
     """
@@ -97,6 +146,9 @@ class Conditions:
     jumps: tuple[tuple[int, float], ...] = ()
     shadow: Shadow | None = None
     exposure: float = 0.0
+    readout: float = 0.0
+    glare: Glare | None = None
+    jpeg: int = 0
     pooled: bool = False
 
     def gain(self, index: int, count: int, phase: float) -> float:

@@ -16,6 +16,7 @@ from grasptrack.simulation.paths import Path, tilting_path
 
 Floats = NDArray[np.float64]
 
+PARTS_OF_A_PATH = ("target", "distance", "roll", "tilt", "azimuth")
 MARGIN = 10.0
 """px between a part that is to stay in view and the border."""
 
@@ -69,6 +70,52 @@ def course(
     return path
 
 
+def at_rest(path: Path) -> Path:
+    """A camera that stays where a path begins."""
+    return replace(path, **{k: np.repeat(getattr(path, k)[:1], len(path), axis=0) for k in PARTS_OF_A_PATH})
+
+
+def shaken(shape: Shape, path: Path, camera: Camera, *, speed: float, seed: int) -> Path:
+    """The same path with the tremor of a hand: irregular, its direction another every few frames, from rest on.
+
+    Args:
+        shape: the part; the camera keeps so far away that it stays in view.
+        path: without tremor.
+        camera: whose image the part stays in.
+        speed: px a frame, largest motion of the part's middle that the tremor adds.
+        seed: of the tremor.
+    """
+    rng, frames = np.random.default_rng((seed, 71)), len(path)
+    white = rng.standard_normal((frames + 24, 3))
+    near, wide = (np.exp(-0.5 * (np.arange(-12, 13) / sigma) ** 2) for sigma in (0.9, 2.5))
+    band = near / near.sum() - wide / wide.sum()
+    tremor = np.column_stack([np.convolve(white[:, k], band, mode="valid") for k in range(3)])
+    tremor = (tremor - tremor[0]) * np.clip(np.arange(frames) / 4.0, 0.0, 1.0)[:, None] ** 2
+    most = float(np.hypot(*np.diff(tremor[:, :2], axis=0).T).max(initial=0.0))
+    units = speed / float(camera.matrix[0, 0]) * path.distance / max(most, 1e-12)
+    moved = replace(path, target=path.target + units[:, None] * tremor[:, :2], roll=path.roll + 0.012 * tremor[:, 2])
+    for _ in range(60):
+        if in_view(shape, moved, camera):
+            break
+        moved = replace(moved, distance=1.02 * moved.distance)
+    return moved
+
+
+def receding(path: Path, *, factor: float, shift: tuple[float, float], times: tuple[float, float]) -> Path:
+    """The same path, but the camera draws back and aside, so that it sees more of the table.
+
+    Args:
+        path: as it was.
+        factor: of the distance at last.
+        shift: table units by which it looks aside at last.
+        times: frames at which it sets out and has arrived.
+    """
+    ramp = np.clip((np.arange(len(path)) - times[0]) / max(1e-9, times[1] - times[0]), 0.0, 1.0)
+    ramp = ramp * ramp * (3.0 - 2.0 * ramp)
+    distance = path.distance * (1.0 + (factor - 1.0) * ramp)
+    return replace(path, distance=distance, target=path.target + ramp[:, None] * np.array(shift))
+
+
 def apply_all(homographies: Floats, points: Floats) -> Floats:
     """(F, N, 2) points (N, 2) through each of (F, 3, 3) homographies."""
     return np.array([apply_homography(H, points) for H in homographies])
@@ -76,7 +123,7 @@ def apply_all(homographies: Floats, points: Floats) -> Floats:
 
 def _seen(shape: Shape, path: Path, camera: Camera, count: int) -> Floats:
     """(F, count, 2) px of points of the outline, every other frame."""
-    every = replace(path, **{k: getattr(path, k)[::2] for k in ("target", "distance", "roll", "tilt", "azimuth")})
+    every = replace(path, **{k: getattr(path, k)[::2] for k in PARTS_OF_A_PATH})
     return camera.distort(apply_all(every.table_to_image(camera), shape.samples(count)))
 
 

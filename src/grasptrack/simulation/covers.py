@@ -115,5 +115,44 @@ class Laid:
         return ring if seen else None
 
 
+@dataclass(frozen=True)
+class Drifting:
+    """Something in the part's plane that moves over it as it is told, frame by frame.
+
+    Attributes:
+        ring: (N, 2) its outline, table units.
+        way: (F, 2) table units by which it is shifted in each frame; NaN where it is not there.
+        turn: (F,) rad, by which it is turned about its own origin before that; None is not at all.
+        colour: BGR.
+        relief: how much darker its rim is than its middle.
+    """
+
+    ring: Floats
+    way: Floats
+    turn: Floats | None = None
+    colour: Colour = (140, 165, 205)
+    relief: float = 0.0
+
+    def placed(self, index: int) -> Floats | None:
+        """(N, 2) table units where it is in a frame; None where it is not there."""
+        if np.isnan(self.way[index, 0]):
+            return None
+        ring = self.ring
+        if self.turn is not None:
+            c, s = math.cos(self.turn[index]), math.sin(self.turn[index])
+            ring = ring @ np.array([[c, s], [-s, c]])
+        return np.asarray(ring + self.way[index], dtype=np.float64)
+
+    def polygon(self, index: int, H: Floats, camera: Camera) -> Floats | None:
+        """(N, 2) px where it is in a frame; None where it is not in view."""
+        ring = self.placed(index)
+        if ring is None:
+            return None
+        ring = camera.distort(apply_homography(H, ring))
+        low, high = ring.min(axis=0), ring.max(axis=0)
+        seen = np.all(high >= 0.0) and np.all(low <= np.array([camera.width - 1, camera.height - 1]))
+        return ring if seen else None
+
+
 def _eased(u: float) -> float:
     return u * u * (3.0 - 2.0 * u)

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from grasptrack.errors import InputError
-from grasptrack.simulation import happenings
+from grasptrack.simulation import happenings, tabletop
 from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.conditions import Conditions
 from grasptrack.simulation.looks import Look, look
@@ -21,7 +21,7 @@ from grasptrack.simulation.setting import Parts, Setting
 from grasptrack.simulation.texture import Texture
 from grasptrack.simulation.twins import mirror_symmetric
 
-Group = Literal["motion", "image", "cover", "identity", "model"]
+Group = Literal["motion", "image", "background", "cover", "identity", "model"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class Disturbance:
     Attributes:
         name: as in tables and on the command line.
         about: one plain line.
-        group: "motion", "image", "cover", "identity", or "model" for what breaks the model of a flat part and a pinhole.
+        group: "motion", "image", "background", "cover", "identity", or "model" for what breaks the model of a flat part
+            and a pinhole.
         make: from the setting to the arguments of the scene.
     """
 
@@ -81,6 +82,7 @@ class Disturbance:
             height=height,
             start=float(rng.uniform(-0.5, 0.5)),
             level=float(own.grey.image.mean()),
+            table_level=float((drawn.table if table is None else table).grey.image.mean()),
         )
         base = {
             "blur": float(rng.uniform(0.65, 0.95)),
@@ -90,11 +92,12 @@ class Disturbance:
         }
         parts = self.make(setting)
         light = {**base, **parts.pop("light", {})}
+        lies, skin = parts.pop("table", drawn.table), parts.pop("surface", own)
         options = {"camera": Camera(width, height), **parts}
         return Scene(
             shape,
-            table=table if table is not None else drawn.table,
-            surface=own,
+            table=lies if table is None else table,
+            surface=skin if surface is None else surface,
             conditions=Conditions(pooled=True, **light),
             colour=colour,
             seed=int(rng.integers(1 << 31)),
@@ -135,6 +138,31 @@ DISTURBANCES: dict[str, Disturbance] = {
         Disturbance("mirror", "Its mirror image lies in its place for a while.", "identity", happenings.mirror),
         Disturbance("lens", "The lens distorts, as a wide one does.", "model", happenings.lens),
         Disturbance("thick", "A part 2 to 15 % of its size thick: sides show under tilt.", "model", happenings.thick),
+        Disturbance("still", "Nothing moves at all: there is noise, and nothing else.", "motion", happenings.still),
+        Disturbance("print", "A part with printed markings tilts, up to 28 degrees.", "motion", tabletop.printed),
+        Disturbance("highlight", "A saturated highlight wanders over part and table.", "image", happenings.highlight),
+        Disturbance("shake", "A shaking hand: up to 15 px a frame, exposed for 80 % of it.", "image", happenings.shake),
+        Disturbance("jpeg", "Noise of 8 grey levels, then JPEG of quality 30.", "image", happenings.jpeg),
+        Disturbance("gravel", "The table is gravel whose contrast is like the part's.", "background", tabletop.gravel),
+        Disturbance("sheet", "The part lies on a sheet of paper hardly larger than it.", "background", tabletop.sheet),
+        Disturbance("crowd", "Other parts lie beside it, some nearly touching.", "background", tabletop.crowd),
+        Disturbance(
+            "cover", "Something like a hand stays over up to 30 % of the outline, and moves.", "cover", happenings.cover
+        ),
+        Disturbance(
+            "bar-parallel", "A bar's edge rests parallel to a side, 3 to 12 px inside it.", "cover", happenings.bar_parallel
+        ),
+        Disturbance("equals", "One to three equal parts lie beside it.", "identity", tabletop.equals),
+        Disturbance(
+            "equal-enters", "An equal part comes into view, the first is partly covered.", "identity", tabletop.equal_enters
+        ),
+        Disturbance(
+            "print-exchange", "The same outline with another print lies in its place.", "identity", tabletop.print_exchange
+        ),
+        Disturbance(
+            "rolling-shutter", "Rows are exposed one after another, up to 14 px a frame.", "model", happenings.rolling_shutter
+        ),
+        Disturbance("thick-6", "A part 2 to 6 % of its size thick, tilted up to 20 degrees.", "model", happenings.thick_6),
     )
 }  # fmt: skip
 """Every disturbance by its name."""

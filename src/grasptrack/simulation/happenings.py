@@ -6,10 +6,11 @@ from __future__ import annotations
 import math
 
 from grasptrack.simulation.camera import Camera
-from grasptrack.simulation.conditions import Shadow
-from grasptrack.simulation.courses import astray
+from grasptrack.simulation.conditions import Glare, Shadow
+from grasptrack.simulation.courses import astray, at_rest, shaken
 from grasptrack.simulation.hand import bar_over, hand_over
 from grasptrack.simulation.looks import another_surface
+from grasptrack.simulation.occluders import irregular_over, parallel_bar
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.scene import Guest
 from grasptrack.simulation.setting import Parts, Setting
@@ -17,6 +18,8 @@ from grasptrack.simulation.shapes import SHAPES
 from grasptrack.simulation.texture import Texture
 from grasptrack.simulation.twins import best_fit, mirrored, near_twin
 
+ADDED = ("half-disc", "slotted-disc", "pencil", "bottle")
+"""Built-in shapes that came after `exchange`: it does not draw from them, so that its scenes stay as they were."""
 OTHER = 0.12
 """sqrt(area) by which a part that takes the object's place differs from it at least."""
 
@@ -60,6 +63,11 @@ def clip(s: Setting) -> Parts:
     path, camera = s.course(speed=2.5, reach=0.25), Camera(s.width, s.height)
     out, there, back, home = s.at(0.12, 0.42, 0.65, 0.92)
     return {"path": astray(s.shape, path, camera, direction=side, share=share, times=(out, there, back, home))}
+
+
+def still(s: Setting) -> Parts:
+    """A camera on a stand, in even light."""
+    return {"path": at_rest(s.course()), "light": {"drift": 0.0}}
 
 
 # --- image ---------------------------------------------------------------------------------------
@@ -112,6 +120,36 @@ def motion_blur(s: Setting) -> Parts:
     return {"path": path, "light": {"exposure": float(s.rng.uniform(0.4, 0.7))}}
 
 
+def highlight(s: Setting) -> Parts:
+    """A spot 0.3 to 0.6 sqrt(area) wide, from frame 3 on."""
+    path = s.course()
+    unit = float(Camera(s.width, s.height).matrix[0, 0] / path.distance[0])
+    reach = unit * (0.75 * s.shape.radius() + 0.15)
+    glare = Glare(
+        start=3,
+        middle=(0.5 * (s.width - 1.0), 0.5 * (s.height - 1.0)),
+        reach=(min(reach, 0.5 * s.width), min(reach, 0.5 * s.height)),
+        radius=0.5 * unit * float(s.rng.uniform(0.3, 0.6)),
+        softness=float(s.rng.uniform(2.0, 8.0)) * s.width / 640.0,
+        waves=float(s.rng.uniform(0.8, 1.4)),
+        count=s.frames,
+        seed=int(s.rng.integers(1 << 20)),
+    )
+    return {"path": path, "light": {"glare": glare}}
+
+
+def shake(s: Setting) -> Parts:
+    """A long exposure in a hand that trembles."""
+    camera, speed = Camera(s.width, s.height), 13.0 * s.width / 640.0
+    path = shaken(s.shape, s.course(speed=2.0), camera, speed=speed, seed=s.seed)
+    return {"path": path, "light": {"exposure": 0.8}}
+
+
+def jpeg(s: Setting) -> Parts:
+    """A cheap camera's stream."""
+    return {"path": s.course(), "light": {"noise": 8.0, "jpeg": 30}}
+
+
 # --- covers --------------------------------------------------------------------------------------
 
 
@@ -145,6 +183,23 @@ def hand(s: Setting) -> Parts:
     return {"path": path, "covers": (hand,)}
 
 
+def cover(s: Setting) -> Parts:
+    """An irregular occluder that stays."""
+    path = s.course()
+    return {"path": path, "covers": (irregular_over(s.shape, s.frames, s.rng, share=0.3, view=s.view(path)),)}
+
+
+def bar_parallel(s: Setting) -> Parts:
+    """A bar along one side."""
+    path = s.course()
+    unit = float(Camera(s.width, s.height).matrix[0, 0] / path.distance[0])
+    px = s.width / 640.0 / unit
+    level = float(s.rng.uniform(30.0, 210.0))
+    colour = (level * 0.97, level, level * 1.01)
+    over = parallel_bar(s.shape, s.frames, s.rng, depths=(3.0 * px, 12.0 * px), view=s.view(path), colour=colour)
+    return {"path": path, "covers": (over,)}
+
+
 def _four(at: tuple[float, ...]) -> tuple[float, float, float, float]:
     a, b, c, d = at
     return a, b, c, d
@@ -160,7 +215,7 @@ def _guest(s: Setting, shape: Shape, surface: Texture | None = None) -> Parts:
 
 def exchange(s: Setting) -> Parts:
     """Another part, of another outline and another pattern."""
-    names = [str(name) for name in s.rng.permutation(list(SHAPES))]
+    names = [str(name) for name in s.rng.permutation([name for name in SHAPES if name not in ADDED])]
     for name in names:
         other = SHAPES[name]()
         if best_fit(other, s.shape).distance > OTHER and other.radius() < 1.3 * max(1.0, s.shape.radius()):
@@ -193,3 +248,15 @@ def thick(s: Setting) -> Parts:
     thickness = float(s.rng.uniform(0.02, 0.15))
     path = s.course(tilt=math.radians(25.0))
     return {"path": path, "thickness": thickness, "shade": float(s.rng.choice([0.55, 0.7, 1.2]))}
+
+
+def thick_6(s: Setting) -> Parts:
+    """As most flat parts are."""
+    thickness, path = float(s.rng.uniform(0.02, 0.06)), s.course(tilt=math.radians(20.0))
+    return {"path": path, "thickness": thickness, "shade": float(s.rng.choice([0.55, 0.7, 1.2]))}
+
+
+def rolling_shutter(s: Setting) -> Parts:
+    """A quick camera whose sensor is read out in 60 to 90 % of the time from frame to frame."""
+    path = s.course(speed=14.0, spin=2.5, reach=0.7, cycles=max(1.6, s.frames / 28.0))
+    return {"path": path, "light": {"readout": float(s.rng.uniform(0.6, 0.9))}}

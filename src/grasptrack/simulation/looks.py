@@ -50,7 +50,7 @@ def look(name: str, seed: int) -> Look:
     levels = (low, low + contrast) if rng.uniform() < 0.5 else (low + contrast, low)
     table = str(rng.choice(list(TABLES)))
     return Look(
-        table=_levelled(_turned(_table(table, int(rng.integers(PATTERNS))), int(rng.integers(8))), levels[0], rng),
+        table=levelled(_turned(_table(table, int(rng.integers(PATTERNS))), int(rng.integers(8))), levels[0], rng),
         surface=another_surface(levels[1], rng),
         table_level=levels[0],
         surface_level=levels[1],
@@ -60,7 +60,7 @@ def look(name: str, seed: int) -> Look:
 def another_surface(level: float, rng: np.random.Generator) -> Texture:
     """A surface of some kind at a mean grey level: that of another part of the same make."""
     kind, pattern = str(rng.choice(list(SURFACES))), int(rng.integers(PATTERNS))
-    return _levelled(_turned(_surface(kind, pattern, level < 110.0), int(rng.integers(8))), level, rng)
+    return levelled(_turned(_surface(kind, pattern, level < 110.0), int(rng.integers(8))), level, rng)
 
 
 @lru_cache(maxsize=32)
@@ -81,7 +81,7 @@ def _turned(texture: Texture, way: int) -> Texture:
     return Texture(np.ascontiguousarray(image[:, ::-1] if way >= 4 else image), texture.extent, texture.middle)
 
 
-def _levelled(texture: Texture, level: float, rng: np.random.Generator) -> Texture:
+def levelled(texture: Texture, level: float, rng: np.random.Generator) -> Texture:
     """The grey pattern with another mean, faintly tinted: B, G and R differ, their grey is the level."""
     gain = level / float(texture.image.mean())
     tint = 1.0 + rng.uniform(-0.12, 0.12, 2)

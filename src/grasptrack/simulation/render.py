@@ -12,16 +12,19 @@ from numpy.typing import NDArray
 
 from grasptrack.projective import apply_homography
 from grasptrack.simulation.camera import Camera
-from grasptrack.simulation.conditions import SHARP, Conditions, Shadow, pooled_noise
+from grasptrack.simulation.conditions import DAZZLE, SHARP, Conditions, Shadow, pooled_noise
 from grasptrack.simulation.coverage import coverage
 from grasptrack.simulation.covers import Cover
 from grasptrack.simulation.outlines import Shape
+from grasptrack.simulation.shutter import RollingShutter
 from grasptrack.simulation.sides import side_faces
 from grasptrack.simulation.texture import Texture
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Box = tuple[int, int, int, int]
+Projection = Floats | RollingShutter
+"""From a plane to ideal px: a homography (3, 3), or one for each row."""
 
 TO_GREY = np.array([0.114, 0.587, 0.299], np.float32)
 FINE = 0.02
@@ -70,11 +73,13 @@ class Renderer:
     def _seen(self, texture: Texture) -> Texture:
         return texture.coloured if self.colour else texture.grey
 
-    def outline(self, H: Floats, shape: Shape | None = None) -> tuple[Floats, ...]:
+    def outline(self, H: Projection, shape: Shape | None = None) -> tuple[Floats, ...]:
         """The polygons in px of the part, or of another shape, under H, from its plane to ideal px."""
         polygons = (self.shape if shape is None else shape).polygons
-        if self.camera.distorted:
+        if self.camera.distorted or isinstance(H, RollingShutter):
             polygons = tuple(finer(p, FINE) for p in polygons)
+        if isinstance(H, RollingShutter):
+            return tuple(H.project(p, self.camera) for p in polygons)
         return tuple(self.camera.distort(apply_homography(H, p)) for p in polygons)
 
     def light(self, H: Floats, slide: Floats | None = None) -> Floats32:
@@ -88,7 +93,7 @@ class Renderer:
         self.lay(image, H)
         return image
 
-    def ground(self, H: Floats, slide: Floats | None = None) -> Floats32:
+    def ground(self, H: Projection, slide: Floats | None = None) -> Floats32:
         """The table alone; arguments as for `light`."""
         moved = np.eye(3)
         if slide is not None:
@@ -98,11 +103,11 @@ class Renderer:
     def lay(
         self,
         image: Floats32,
-        H: Floats,
+        H: Projection,
         *,
         shape: Shape | None = None,
         surface: Texture | None = None,
-        foot: Floats | None = None,
+        foot: Projection | None = None,
         shade: float = 0.6,
     ) -> None:
         """Draws the part over the image, in place.
@@ -161,10 +166,20 @@ class Renderer:
         if light is not None:
             image *= light[..., None] if self.colour else light
 
+    def dazzle(self, image: Floats32, ring: Floats, softness: float) -> None:
+        """Adds the light of a glare, in place: as much as saturates within the ring, less and less around it."""
+        corners = (ring.min(axis=0) - 4.0 * softness, ring.max(axis=0) + 4.0 * softness)
+        x0, y0 = np.clip(np.floor(corners[0]), 0, self.size).astype(int).tolist()
+        x1, y1 = np.clip(np.ceil(corners[1]), 0, self.size).astype(int).tolist()
+        if x1 <= x0 or y1 <= y0:
+            return
+        field = coverage([ring - np.array([x0, y0])], x1 - x0, y1 - y0, max(0.4, softness)) * np.float32(DAZZLE)
+        image[y0:y1, x0:x1] += field[..., None] if self.colour else field
+
     def expose(
         self, image: Floats32, rng: np.random.Generator, conditions: Conditions, *, gain: float = 1.0
     ) -> NDArray[np.uint8]:
-        """8 bit from grey levels: uneven light, gain, noise."""
+        """8 bit from grey levels: uneven light, gain, noise, compression."""
         uneven = conditions.vignette > 0.0 or conditions.gradient != (0.0, 0.0)
         if uneven:
             if self._fall is None or self._fall[0] != conditions:
@@ -181,14 +196,19 @@ class Renderer:
         elif conditions.noise > 0.0:
             image += np.float32(conditions.noise) * rng.standard_normal(image.shape, dtype=np.float32)
         np.maximum(image, 0.0, out=image)
-        return np.asarray(cv2.convertScaleAbs(image), dtype=np.uint8)
+        taken = np.asarray(cv2.convertScaleAbs(image), dtype=np.uint8)
+        return _compressed(taken, conditions.jpeg) if conditions.jpeg > 0 else taken
 
-    def _warp(self, texture: Texture, H: Floats, box: Box | None = None) -> Floats32:
+    def _warp(self, texture: Texture, H: Projection, box: Box | None = None) -> Floats32:
         """The texture's picture under H, in the whole image or in a box of it."""
         x0, y0, x1, y1 = box if box is not None else (0, 0, *self.size)
         to_box = np.array([[1.0, 0.0, -x0], [0.0, 1.0, -y0], [0.0, 0.0, 1.0]])
         to_image = H @ texture.to_table
-        if self._rays is None:
+        if isinstance(to_image, RollingShutter):
+            rays = None if self._rays is None else self._rays[y0:y1, x0:x1]
+            x, y = to_image.back_map(x0, y0, x1, y1, rays)
+            warped = cv2.remap(texture.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        elif self._rays is None:
             warped = cv2.warpPerspective(
                 texture.image,
                 to_box @ to_image,
@@ -198,8 +218,8 @@ class Renderer:
             )
         else:
             at = cv2.perspectiveTransform(self._rays[y0:y1, x0:x1], np.linalg.inv(to_image))
-            x, y = cv2.split(at)
-            warped = cv2.remap(texture.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+            x_y = cv2.split(at)
+            warped = cv2.remap(texture.image, x_y[0], x_y[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
         if self.blur > SHARP:
             warped = cv2.GaussianBlur(warped, (0, 0), math.sqrt(self.blur**2 - 0.5), borderType=cv2.BORDER_REFLECT_101)
         return np.asarray(warped, dtype=np.float32)
@@ -227,6 +247,13 @@ class Renderer:
         if box is not None:
             x0, y0, x1, y1 = box
             self._blend(below, box, self._coverage(polygons, box), above[y0:y1, x0:x1])
+
+
+def _compressed(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """What is left of an image after JPEG compression."""
+    done, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    assert done
+    return np.asarray(cv2.imdecode(code, cv2.IMREAD_UNCHANGED), dtype=np.uint8)
 
 
 def finer(polygon: Floats, step: float) -> Floats:

@@ -14,10 +14,12 @@ from grasptrack.projective import apply_homography
 from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.conditions import Conditions
 from grasptrack.simulation.covers import Cover
+from grasptrack.simulation.distractors import Distractor
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.paths import Path
-from grasptrack.simulation.render import Floats32, Renderer
+from grasptrack.simulation.render import Floats32, Projection, Renderer
 from grasptrack.simulation.shapes import bracket
+from grasptrack.simulation.shutter import KNOTS, RollingShutter
 from grasptrack.simulation.surfaces import brushed
 from grasptrack.simulation.tables import wood
 from grasptrack.simulation.texture import Texture
@@ -60,6 +62,7 @@ class Scene:
         conditions: lens, light and sensor.
         covers: what comes in front of the part.
         guests: what takes the object's place, and when.
+        distractors: what else lies on the table, in the order in which it is drawn, all before the part.
         slide: (2,) table units a frame by which the table moves under the part, as a belt does.
         thickness: table units, of the part; the contacts and the outline are those of its upper face.
         shade: brightness of a thick part's sides, as a share of the mean of its upper face.
@@ -80,6 +83,7 @@ class Scene:
         conditions: Conditions | None = None,
         covers: Sequence[Cover] = (),
         guests: Sequence[Guest] = (),
+        distractors: Sequence[Distractor] = (),
         slide: tuple[float, float] = (0.0, 0.0),
         thickness: float = 0.0,
         shade: float = 0.6,
@@ -94,6 +98,7 @@ class Scene:
         self.conditions = conditions if conditions is not None else Conditions()
         self.covers = tuple(covers)
         self.guests = tuple(guests)
+        self.distractors = tuple(distractors)
         self.thickness = thickness
         self.fps = fps
         self.count = len(path)
@@ -136,11 +141,16 @@ class Scene:
         if not 0 <= index < self.count:
             raise IndexError(f"frame {index} of {self.count}")
         view, rng = self._renderer, np.random.default_rng((self.seed, 17, index))
-        H, guest = self._plane_to_image[index], self.guest(index)
+        H, guest, glare = self._plane_to_image[index], self.guest(index), self.conditions.glare
+        shutter = self._shutter(index)
         image = self._light(index)
         if self.conditions.shadow is not None:
             view.shade(image, self.conditions.shadow, index)
         covers = []
+        spot = glare.ring(index) if glare is not None else None
+        if glare is not None and spot is not None:
+            view.dazzle(image, spot, glare.softness)
+            covers.append(spot)
         for cover in self.covers:
             polygon = cover.polygon(index, H, self.camera)
             if polygon is not None:
@@ -154,40 +164,72 @@ class Scene:
             image=view.expose(image, rng, self.conditions, gain=gain),
             name=f"{self.name}, frame {index}",
             H_current_reference=self.homography(index),
-            outline=view.outline(H) if guest is None else (),
+            outline=view.outline(H if shutter is None else shutter) if guest is None else (),
             covers=tuple(covers),
             present=guest is None,
             camera=self.camera,
+            shutters=None if shutter is None else (self._shutter(0) or shutter, shutter),
         )
+
+    def _shutter(self, index: int, offset: float = 0.0, *, table: bool = False) -> RollingShutter | None:
+        """From the plane of the contacts, or the table, to a frame, `offset` frames later; None without a readout."""
+        readout = self.conditions.readout
+        if readout <= 0.0:
+            return None
+        poses = self.path.between(index, offset + readout * np.linspace(-0.5, 0.5, KNOTS))
+        return RollingShutter(poses.table_to_image(self.camera, 0.0 if table else self.thickness), self.camera.height)
 
     def _light(self, index: int) -> Floats32:
         """What falls on the sensor while it is exposed: the mean of the images from its beginning to its end."""
         exposure = self.conditions.exposure
         if exposure <= 0.0:
-            return self._instant(index, self.path, index, float(index))
+            return self._instant(index, self.path.pose(index), 0.0)
         ends = self.path.between(index, [-0.5 * exposure, 0.5 * exposure]).table_to_image(self.camera)
         start, end = (apply_homography(H, self.shape.outer) for H in ends)
         way = float(np.hypot(*(end - start).T).max())
         count = int(np.clip(math.ceil(way / (RIPPLE * self.conditions.blur)), 1, MAX_EXPOSURES))
         offsets = ((np.arange(count) + 0.5) / count - 0.5) * exposure
         poses = self.path.between(index, offsets)
-        total = self._instant(index, poses, 0, index + offsets[0])
+        total = self._instant(index, poses.pose(0), offsets[0])
         for k in range(1, count):
-            total += self._instant(index, poses, k, index + offsets[k])
+            total += self._instant(index, poses.pose(k), offsets[k])
         total *= np.float32(1.0 / count)
         return total
 
-    def _instant(self, index: int, path: Path, at: int, time: float) -> Floats32:
-        """Table and part as entry `at` of a path sees them, with what lies there in frame `index`."""
-        view, guest = self._renderer, self.guest(index)
-        table = path.pose(at).table_to_image(self.camera)[0]
-        image = view.ground(table, self._slide * time)
+    def _instant(self, index: int, pose: Path, offset: float) -> Floats32:
+        """Table and part as the camera sees them from a pose, `offset` frames after the middle of frame `index`."""
+        view, guest, time = self._renderer, self.guest(index), index + offset
+        table: Projection = pose.table_to_image(self.camera)[0]
+        rolling, slide = self._shutter(index, offset, table=True), self._slide * time
+        if rolling is None:
+            image = view.ground(table, slide)
+        else:
+            table = rolling
+            late = np.linspace(-0.5, 0.5, KNOTS) * self.conditions.readout
+            moved = np.tile(np.eye(3), (KNOTS, 1, 1))
+            moved[:, :2, 2] = slide + late[:, None] * self._slide
+            image = view.ground(rolling @ moved)
+        thick = self.thickness > 0.0
+        plane: Projection = table
+        if thick:
+            raised = self._shutter(index, offset)
+            plane = pose.table_to_image(self.camera, self.thickness)[0] if raised is None else raised
+        for item in self.distractors:
+            place = item.place(time)
+            tall = thick and not item.flat
+            view.lay(
+                image,
+                (plane if tall else table) @ place,
+                shape=item.shape,
+                surface=item.surface,
+                foot=table @ place if tall else None,
+                shade=self._shade,
+            )
         if guest is not None and guest.shape is None:
             return image
-        thick = self.thickness > 0.0
         view.lay(
             image,
-            path.pose(at).table_to_image(self.camera, self.thickness)[0] if thick else table,
+            plane,
             shape=guest.shape if guest is not None else None,
             surface=guest.surface if guest is not None else None,
             foot=table if thick else None,

@@ -28,6 +28,7 @@ class Setting:
         width, height: px of the image.
         start: rad, of the part in the first image.
         level: mean grey level of the part.
+        table_level: mean grey level of the table.
     """
 
     shape: Shape
@@ -39,6 +40,7 @@ class Setting:
     height: int
     start: float
     level: float
+    table_level: float = 150.0
 
     def course(self, camera: Camera | None = None, **options: Any) -> Path:
         """A gentle path with some tilt, its options as in `courses.course`; speeds are those of a 640 px wide image."""
@@ -66,4 +68,5 @@ class Setting:
 
 
 Parts = dict[str, Any]
-"""Arguments of a `Scene` that a disturbance sets; `light` are changes of its conditions."""
+"""Arguments of a `Scene` that a disturbance sets; `light` are changes of its conditions. A `table` or a `surface` gives way
+to the user's own."""

@@ -14,11 +14,13 @@ from grasptrack.simulation.shapes_plates import (
     disc,
     gasket,
     gear,
+    half_disc,
     hex_nut,
     hinge,
     notched_plate,
     puzzle_piece,
     rectangle,
+    slotted_disc,
     spanner,
     square,
     star,
@@ -29,12 +31,14 @@ from grasptrack.simulation.shapes_plates import (
 )
 from grasptrack.simulation.shapes_smooth import bean, crescent, egg, ellipse, guitar, leaf, s_blob
 from grasptrack.simulation.shapes_tools import (
+    bottle,
     bottle_opener,
     fork,
     hammer_head,
     hook,
     key,
     knife,
+    pencil,
     ring_wrench,
     spoon,
 )
@@ -76,5 +80,9 @@ SHAPES: dict[str, Callable[[], Shape]] = {
     "crescent": crescent,
     "leaf": leaf,
     "guitar": guitar,
+    "half-disc": half_disc,
+    "slotted-disc": slotted_disc,
+    "pencil": pencil,
+    "bottle": bottle,
 }
 """Every shape by its name."""

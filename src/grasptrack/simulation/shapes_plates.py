@@ -159,3 +159,15 @@ def puzzle_piece() -> Shape:
             u, v = x - 0.5, y - 0.5
             ring.append((c * u - s * v, s * u + c * v))
     return Shape.of("puzzle-piece", ring)
+
+
+def half_disc() -> Shape:
+    """A half disc, a D: one round and one straight side, which a family of homographies nearly maps to itself."""
+    return Shape.of("half-disc", arc(0.0, 0.0, 1.0, 0, 180))
+
+
+def slotted_disc() -> Shape:
+    """A disc with a slot from its rim to the middle: round but for one place that fixes its turn."""
+    half = math.degrees(math.asin(0.11))
+    slot = [(0.11, 0.0), (-0.11, 0.0)]
+    return Shape.of("slotted-disc", np.concatenate([arc(0.0, 0.0, 1.0, 90 + half, 450 - half), slot]))

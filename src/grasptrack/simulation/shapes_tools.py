@@ -93,3 +93,17 @@ def hammer_head() -> Shape:
     radii = [0.06, 0.05, 0.04, 0.06, 0.1, 0.3, 0.05, 0.05, 0.3, 0.1, 0.06, 0.04, 0.05, 0.06]
     eye = circle(0.0, 0.0, 1.0, 60) * [0.22, 0.15] + [-0.05, 0.0]
     return Shape.of("hammer-head", rounded(ring, radii), [eye])
+
+
+def pencil() -> Shape:
+    """A sharpened pencil: twelve times as long as wide, a blunt tip at one end, a rubber with round corners at the other."""
+    ring = [(-6.0, -0.5), (-6.0, 0.5), (4.5, 0.5), (6.0, 0.07), (6.0, -0.07), (4.5, -0.5)]
+    return Shape.of("pencil", rounded(ring, [0.15, 0.15, 0.3, 0.05, 0.05, 0.3]))
+
+
+def bottle() -> Shape:
+    """A bottle seen from the side: a body, sloping shoulders, a neck, the rim of its cap."""
+    side = [(-1.5, 0.55), (0.55, 0.55), (1.05, 0.2), (1.5, 0.2), (1.5, 0.25), (1.78, 0.25)]
+    radii = [0.1, 0.3, 0.25, 0.02, 0.02, 0.04]
+    ring = [(x, -y) for x, y in reversed(side)]
+    return Shape.of("bottle", rounded([*side, *ring], [*radii, *reversed(radii)]))

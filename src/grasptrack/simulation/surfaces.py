@@ -96,5 +96,31 @@ def printed(
     return Texture(tint(np.asarray(relief, np.float32), colour), extent)
 
 
+def pictured(
+    seed: int = 0,
+    *,
+    size: int = 640,
+    extent: float = 1.6,
+    colour: Colour = (110, 104, 98),
+    contrast: float = 1.0,
+) -> Texture:
+    """A picture in print: patches of many shades with soft and sharp borders, as a photo has them, and fine detail."""
+    rng = np.random.default_rng((seed, 23))
+    relief = 0.25 * noise_field(rng, size, 70, 70)
+    for _ in range(40):
+        middle, half = rng.uniform(0.0, size, 2), rng.uniform(0.03, 0.16, 2) * size
+        box = (tuple(middle.tolist()), tuple((2.0 * half).tolist()), float(rng.uniform(0.0, 180.0)))
+        patch = np.zeros((size, size), np.float32)
+        if rng.uniform() < 0.6:
+            cv2.ellipse(patch, box, 1.0, -1, cv2.LINE_8)
+        else:
+            cv2.fillPoly(patch, [np.rint(cv2.boxPoints(box)).astype(np.int32)], 1.0)
+        soft = float(rng.choice([1.0, 1.0, 6.0]))
+        share = np.asarray(cv2.GaussianBlur(patch, (0, 0), soft), np.float32) * np.float32(rng.uniform(0.5, 1.0))
+        relief += share * (np.float32(rng.uniform(-0.7, 0.7)) + 0.15 * noise_field(rng, size, 8, 8) - relief)
+    relief += 0.04 * noise_field(rng, size, 1.5, 1.5)
+    return Texture(tint(np.asarray(1.0 + 0.8 * contrast * (relief - relief.mean()), np.float32), colour), extent)
+
+
 SURFACES: dict[str, Callable[..., Texture]] = {"brushed": brushed, "blank": blank, "printed": printed}
 """Every kind of surface by its name; each takes a seed, `colour` and `contrast`."""

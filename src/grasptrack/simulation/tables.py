@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import cv2
@@ -85,6 +86,39 @@ def gravel(
         at = (8 * int(middle[i, 0]), 8 * int(middle[i, 1]))
         cv2.ellipse(relief, at, axes, float(turn[i]), 0, 360, float(shade[i]), -1, cv2.LINE_8, 3)
     relief = np.asarray(cv2.GaussianBlur(relief, (0, 0), 0.9), np.float32) + 0.02 * noise_field(rng, size, 1.0, 1.0)
+    return Texture(tint(1.0 + contrast * (relief - relief.mean()), colour), extent)
+
+
+def pebbles(
+    seed: int = 0,
+    *,
+    size: int = 1440,
+    extent: float = 3.0,
+    colour: Colour = (150, 156, 160),
+    contrast: float = 1.0,
+) -> Texture:
+    """Strong gravel: dense pebbles of 6 to 15 px where the object is some 175 px in size, as light and dark as parts are.
+
+    Args:
+        seed: of the pebbles.
+        size: px of the square picture.
+        extent: table units from its centre to its sides.
+        colour: mean BGR.
+        contrast: of the pebbles; 1 spreads their brightness by a third of the mean.
+    """
+    rng = np.random.default_rng((seed, 22))
+    unit = 0.5 * size / extent
+    least, most = 0.5 * 6.0 / 175.0 * unit, 0.5 * 15.0 / 175.0 * unit
+    relief = np.full((size, size), 0.6, np.float32)
+    count = int(2.5 * size * size / (math.pi * least * most))
+    middle, radius = rng.integers(0, 8 * size, (count, 2)), np.sort(rng.uniform(least, most, count))[::-1]
+    shade = 1.0 + 0.33 * np.clip(rng.standard_normal(count), -1.9, 1.9)
+    turn, flat = rng.uniform(0, 180, count), rng.uniform(0.65, 1, count)
+    for i in range(count):
+        axes = (round(8 * radius[i]), round(8 * radius[i] * flat[i]))
+        at = (int(middle[i, 0]), int(middle[i, 1]))
+        cv2.ellipse(relief, at, axes, float(turn[i]), 0, 360, float(shade[i]), -1, cv2.LINE_8, 3)
+    relief = np.asarray(cv2.GaussianBlur(relief, (0, 0), 1.0), np.float32) + 0.02 * noise_field(rng, size, 1.0, 1.0)
     return Texture(tint(1.0 + contrast * (relief - relief.mean()), colour), extent)
 
 

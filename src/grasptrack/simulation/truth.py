@@ -13,6 +13,7 @@ from grasptrack.projective import apply_homography
 from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.coverage import inside_polygons
 from grasptrack.simulation.outlines import polygon_moments
+from grasptrack.simulation.shutter import RollingShutter
 
 Floats = NDArray[np.float64]
 
@@ -31,12 +32,15 @@ class SceneFrame:
         image: (height, width) or (height, width, 3) 8 bit.
         name: for messages.
         H_current_reference: (3, 3) pixels of frame 0 to pixels of this frame, of the plane in which the contacts lie;
-            exact. Where the lens distorts, pixels of the ideal image: see `carry`.
+            exact. Where the lens distorts, pixels of the ideal image; where rows are exposed one after another, at the
+            time of the middle row: see `carry`.
         outline: polygons in px of the image, outer first, where the tracked object is, seen or not. Empty when it is
             not on the table.
-        covers: polygons in px of the image of what lies in front.
+        covers: polygons in px of the image of what hides the part: what lies in front, and saturated glare.
         present: the tracked object itself is on the table; not while it is exchanged for another or taken away.
         camera: its intrinsics, with the lens.
+        shutters: of a rolling shutter, from the plane of the contacts to frame 0 and to this frame; None where all rows
+            are exposed at once.
     """
 
     index: int
@@ -48,13 +52,21 @@ class SceneFrame:
     covers: tuple[Floats, ...] = ()
     present: bool = True
     camera: Camera = PINHOLE
+    shutters: tuple[RollingShutter, RollingShutter] | None = None
 
     def carry(self, points: ArrayLike) -> Floats:
-        """(k, 2) px of this frame, of points (k, 2) px of frame 0 in the plane of the contacts; exact."""
+        """(k, 2) px of this frame, of points (k, 2) px of frame 0 in the plane of the contacts; exact.
+
+        Under a rolling shutter both are where the image shows the point: at the time of its own row.
+        """
+        if self.shutters is not None:
+            return self._rolled(*self.shutters, points)
         return self._through(self.H_current_reference, points)
 
     def back(self, points: ArrayLike) -> Floats:
         """(k, 2) px of frame 0, of points (k, 2) px of this frame: the inverse of `carry`."""
+        if self.shutters is not None:
+            return self._rolled(*self.shutters[::-1], points)
         return self._through(np.asarray(np.linalg.inv(self.H_current_reference), dtype=np.float64), points)
 
     def contacts(self, reference: ArrayLike) -> Floats:
@@ -65,6 +77,10 @@ class SceneFrame:
         if not self.camera.distorted:
             return apply_homography(H, points)
         return self.camera.distort(apply_homography(H, self.camera.undistort(points)))
+
+    def _rolled(self, seen: RollingShutter, shown: RollingShutter, points: ArrayLike) -> Floats:
+        px = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        return shown.project(seen.back(px, self.camera), self.camera)
 
     def visible(self, points: ArrayLike) -> NDArray[np.bool_]:
         """(k,) which points (k, 2) px of this frame can be seen: in the image, not covered, and the object present."""
