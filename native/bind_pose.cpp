@@ -83,6 +83,7 @@ pose::Numbers numbers_of(const nb::dict &given) {
     n.miss = number("edge_missed");
     n.same_sign = number("same_sign");
     n.edge_floor = number("edge_floor");
+    n.edge_noise = number("edge_noise");
     n.other_spread = number("other_spread");
     n.share_object = number("share_object");
     n.share_occluded = number("share_occluded");
@@ -214,7 +215,7 @@ struct PoseTarget {
 };
 
 // Positions and signed steps of the strongest candidates: what the target is made from.
-nb::tuple reference_edges(const std::vector<Bytes> &levels, const Doubles &A, const Doubles &points, const Doubles &normals,
+nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, const Doubles &points, const Doubles &normals,
                           double noise, int reach) {
     const pose::Pyramid pyramid = pyramid_of(levels);
     pose::Target target{};
@@ -262,7 +263,7 @@ void bind_pose(nb::module_ &m) {
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
         .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
-    m.def("reference_edges", &reference_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a);
+    m.def("strongest_edges", &strongest_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a);
 }
 
 }  // namespace grasptrack

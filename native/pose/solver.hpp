@@ -15,7 +15,7 @@
 namespace grasptrack::pose {
 
 struct Numbers {
-    double miss, same_sign, edge_floor, other_spread;
+    double miss, same_sign, edge_floor, edge_noise, other_spread;
     double share_object, share_occluded, share_other, stretch;
     double texture_floor, texture_independent, texture_freedom, texture_spread;
     double prior_freedom, perspective, pinhole_sd, pinhole_freedom;
@@ -314,7 +314,7 @@ class Solver {
             if (sorted.size() > 10) {
                 std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
                 const double mad = 1.4826 * sorted[sorted.size() / 2];
-                variance = numbers_.edge_floor * numbers_.edge_floor + mad * mad;
+                variance = numbers_.edge_noise * numbers_.edge_noise + mad * mad;
             }
             Matrix<9> A9{};
             Vector<9> b9{};

@@ -16,7 +16,8 @@ class Numbers:
         work_size: px, see above.
         edge_missed: probability that an edge that is there is not found.
         same_sign: probability that an edge's contrast keeps its sign.
-        edge_floor: work px, error of an edge that the model does not explain.
+        edge_floor: work px, within which an edge counts as the expected one.
+        edge_noise: work px, least noise of an edge; more is measured.
         other_spread: grey levels, by which what lies inside somebody else's edge differs from what lies inside the object's.
         share_object, share_occluded, share_other: prior shares of the outline.
         stretch: mean length of an occluded stretch, as a share of the outline.
@@ -53,7 +54,8 @@ class Numbers:
     work_size: float = 300.0
     edge_missed: float = 0.10
     same_sign: float = 0.90
-    edge_floor: float = 0.15
+    edge_floor: float = 0.25
+    edge_noise: float = 0.05
     other_spread: float = 45.0
     share_object: float = 0.90
     share_occluded: float = 0.08

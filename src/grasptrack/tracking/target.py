@@ -113,13 +113,13 @@ def make_target(levels: list[Grey], view: View, contacts: Floats, numbers: Numbe
     noise = camera_noise(image)
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
     points, normals = _samples(work)
-    offset, contrast, inner = kernels.reference_edges(levels, A, points, normals, noise, 4)
+    offset, contrast, inner = kernels.strongest_edges(levels, A, points, normals, noise, 4)
     found = np.isfinite(offset)
     share = float(found.mean()) if len(found) else 0.0
     points, normals = points[found] + offset[found, None] * normals[found], normals[found]
     # again at the edges themselves: sub-pixel positions from the same phase as all later ones
     if len(points):
-        offset, contrast, inner = kernels.reference_edges(levels, A, points, normals, noise, 4)
+        offset, contrast, inner = kernels.strongest_edges(levels, A, points, normals, noise, 4)
         found = np.isfinite(offset) & (np.abs(offset) < 1.0) & np.isfinite(inner).all(axis=1)
         points, normals = points[found] + offset[found, None] * normals[found], normals[found]
         contrast, inner = contrast[found], inner[found]
