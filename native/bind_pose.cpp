@@ -99,6 +99,8 @@ pose::Numbers numbers_of(const nb::dict &given) {
     n.sample_distance = number("sample_distance");
     n.blur_share = number("blur_share");
     n.wide = number("wide");
+    n.cell_unlikely = number("cell_unlikely");
+    n.cell_power = number("cell_power");
     return n;
 }
 
@@ -109,7 +111,8 @@ struct PoseTarget {
 
     PoseTarget(const nb::dict &given, const Doubles &A, const Doubles &centre, double radius, double noise, const Doubles &points,
                const Doubles &normals, const Doubles &contrast, const Doubles &inner, const Doubles &surface,
-               const Doubles &surface_value, const Doubles &contacts)
+               const Doubles &surface_value, const Doubles &contacts, const Doubles &depth, const Doubles &inside,
+               const Doubles &outside)
         : numbers(numbers_of(given)) {
         target.A = fixed<9>(A, "A");
         const auto c = fixed<2>(centre, "the centre");
@@ -124,9 +127,13 @@ struct PoseTarget {
         target.surface = places(surface, "surface samples");
         target.surface_value = values(surface_value);
         target.contacts = places(contacts, "contacts");
+        target.depth = values(depth);
+        target.inside = values(inside);
+        target.outside = values(outside);
         const std::size_t n = target.points.size();
         if (target.normals.size() != n || target.contrast.size() != n || target.inner.size() != n * pose::inner_pixels ||
-            target.surface_value.size() != target.surface.size())
+            target.surface_value.size() != target.surface.size() || target.depth.size() != pose::region_cells ||
+            target.inside.size() != n * pose::region_cells || target.outside.size() != n * pose::region_cells)
             throw std::invalid_argument("points, normals, contrasts and inner sides need the same length");
         for (std::size_t i = 0; i < n; ++i) {
             const auto J = target.jacobian(target.points[i].x, target.points[i].y);
@@ -174,6 +181,8 @@ struct PoseTarget {
         out["other"] = array_of(s.other);
         out["log_odds"] = s.log_odds;
         out["elsewhere"] = s.elsewhere;
+        out["other_shape"] = s.other_shape;
+        out["differs"] = array_of(s.differs);
         return out;
     }
 
@@ -254,9 +263,10 @@ nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, co
 void bind_pose(nb::module_ &m) {
     nb::class_<PoseTarget>(m, "PoseTarget")
         .def(nb::init<const nb::dict &, const Doubles &, const Doubles &, double, double, const Doubles &, const Doubles &,
-                      const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &>(),
+                      const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &,
+                      const Doubles &>(),
              "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a, "surface"_a,
-             "surface_value"_a, "contacts"_a)
+             "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
         .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "theta"_a, "theta_covariance"_a, "thickness"_a,
              "thickness_variance"_a, "inner_spread"_a, "reach"_a)

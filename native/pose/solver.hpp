@@ -10,6 +10,7 @@
 #include "camera.hpp"
 #include "chain.hpp"
 #include "edges.hpp"
+#include "regions.hpp"
 #include "texture.hpp"
 
 namespace grasptrack::pose {
@@ -22,6 +23,7 @@ struct Numbers {
     double sample_distance;  // work px of the outline that carry one independent measurement
     double blur_share;       // of the speed along the normal: half width of the edge filter
     double wide;             // of the size: how far round the answer edges are looked for
+    double cell_unlikely, cell_power;
 };
 
 struct Start {
@@ -51,6 +53,8 @@ struct Solution {
     std::vector<double> occluded, other;
     double log_odds = 0;     // of the outline: this object, partly occluded, against no such object
     double elsewhere = 0;    // share of the outline whose edge lies elsewhere
+    double other_shape = 0;  // log-likelihood ratio of another shape
+    std::vector<double> differs;
 };
 
 class Solver {
@@ -445,6 +449,9 @@ class Solver {
                 elsewhere += out.other[i] = here.posterior[i][2];
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
+            out.other_shape = other_shape(target_, pyramid_, out.G, out.visible, out.light,
+                                          {start_.inner_spread, numbers_.cell_unlikely, numbers_.cell_power}, shares(), stay(), power_,
+                                          out.differs);
         }
         for (const PatchRow &row : match_all(0, 1, out.G))
             out.correlation.push_back(row.match.inside ? row.match.correlation : std::numeric_limits<double>::quiet_NaN());

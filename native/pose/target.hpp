@@ -16,6 +16,7 @@ constexpr int patch_side = 7;
 constexpr int patch_pixels = patch_side * patch_side;
 constexpr int inner_pixels = 6;   // of an edge's inner side, from 7 to 2 px inside
 constexpr int inner_first = -7;
+constexpr int region_cells = 4;   // on each side of the outline, up to the tolerance
 
 struct Patch {
     double x, y;                                   // centre
@@ -37,6 +38,9 @@ struct Target {
     std::vector<double> contrast;        // signed step, grey levels, at each
     std::vector<double> inner;           // (n, inner_pixels) grey levels inside each
     std::vector<Vector<8>> rows;         // d(offset along the normal) / d(pose)
+    std::vector<double> depth;           // (region_cells) work px from the outline
+    std::vector<double> inside;          // (n, region_cells) grey levels at these depths inside; NaN where that is no material
+    std::vector<double> outside;         // (n, region_cells) 1 where that depth outside is outside, else 0
     std::vector<PatchSet> texture;       // fine to coarse
     std::vector<Point> surface;          // where the surface's gain and bias are measured
     std::vector<double> surface_value;

@@ -50,6 +50,7 @@ class PoseEstimate:
         visible, occluded, other: of each sample of the outline, probabilities.
         log_odds: of the outline, this object against none.
         elsewhere: share of the outline whose edge lies elsewhere.
+        other_shape: log-likelihood ratio of another shape; differs: of each sample, probability that the shape differs there.
         again: a second solution, from farther away.
     """
 
@@ -72,6 +73,8 @@ class PoseEstimate:
     other: Floats
     log_odds: float
     elsewhere: float
+    other_shape: float
+    differs: Floats
     again: bool = False
 
 
@@ -117,6 +120,8 @@ def estimate_pose(
         found["other"],
         found["log_odds"],
         found["elsewhere"],
+        found["other_shape"],
+        found["differs"],
         again,
     )
 

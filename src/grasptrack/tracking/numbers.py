@@ -25,6 +25,8 @@ class Numbers:
         blur_share: half the width of the edge filter, as a share of the speed along the normal per frame.
         wide: how far round the answer edges are looked for, as a share of sqrt(area).
         elsewhere: share of the outline found elsewhere that asks for a second solution.
+        cell_unlikely: share of the cells beside the outline whose grey level nothing explains.
+        cell_power: how much of an independent measurement one of them is.
         texture_floor: pixels of a patch's own level, error that the model does not explain.
         texture_independent: patches that carry one independent measurement.
         texture_freedom: degrees of freedom of the t distribution of a patch's error.
@@ -65,6 +67,8 @@ class Numbers:
     blur_share: float = 0.45
     wide: float = 0.08
     elsewhere: float = 0.08
+    cell_unlikely: float = 0.05
+    cell_power: float = 0.25
     texture_floor: float = 0.1
     texture_independent: float = 2.0
     texture_freedom: float = 4.0

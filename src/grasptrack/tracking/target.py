@@ -143,6 +143,7 @@ def make_target(levels: list[Grey], view: View, contacts: Floats, numbers: Numbe
         surface,
         image[surface[:, 1].astype(int), surface[:, 0].astype(int)].astype(np.float64),
         np.ascontiguousarray(work_contacts),
+        *_regions(image, mask, points, normals, size, numbers),
     )
     patches = np.zeros((0, 2))
     stride, reduced, count = 1, image, PATCHES
@@ -214,6 +215,28 @@ def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
     if not points:
         return np.zeros((0, 2)), np.zeros((0, 2))
     return np.vstack(points), np.vstack(normals)
+
+
+CELLS = np.array([0.35, 0.6, 0.85, 1.1])
+"""Depths of the cells beside the outline, in tolerances: what differs by less than that does no harm."""
+
+
+def _regions(
+    image: Grey, mask: Grey, points: Floats, normals: Floats, size: float, numbers: Numbers
+) -> tuple[Floats, Floats, Floats]:
+    """(4,) depths in work px; (N, 4) grey levels that deep inside, NaN outside the material; (N, 4) whether that far out is outside."""
+    depth = np.maximum(CELLS * numbers.tolerance * size, [2.0, 3.0, 4.0, 5.0])
+    height, width = mask.shape
+
+    def cell(signed: Floats, values: Grey) -> Floats:
+        at = points[:, None] + signed[None, :, None] * normals[:, None]
+        x, y = (np.clip(np.round(at[..., k]).astype(int), 0, limit - 1) for k, limit in ((0, width), (1, height)))
+        return np.asarray(values[y, x], dtype=np.float64)
+
+    smooth = cv2.blur(image, (3, 3))
+    inside = np.where(cell(-depth, cv2.erode(mask, np.ones((3, 3), np.uint8))) > 0, cell(-depth, smooth), np.nan)
+    outside = (cell(depth, cv2.dilate(mask, np.ones((3, 3), np.uint8))) == 0).astype(np.float64)
+    return depth, np.ascontiguousarray(inside), np.ascontiguousarray(outside)
 
 
 def _surface(mask: Grey) -> Floats:
