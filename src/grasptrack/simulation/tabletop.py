@@ -108,8 +108,7 @@ def equal_enters(s: Setting) -> Parts:
         equal = Distractor(s.shape, turn=turn, shift=shift, away=away, times=(max(out, 1.0), there))
     else:
         shift = _outside(s, path, angle, turn)
-        aside = 0.5 * s.shape.radius()
-        path = receding(path, factor=1.5, shift=(aside * math.cos(angle), aside * math.sin(angle)), times=(out, there))
+        path = receding(path, factor=1.5, shift=(0.27 * shift[0], 0.27 * shift[1]), times=(out, there))
         equal = Distractor(s.shape, turn=turn, shift=shift)
     hand = hand_over(
         s.shape,
