@@ -175,7 +175,9 @@ struct PoseTarget {
         out["texture_used"] = s.texture_used;
         out["texture_agreeing"] = s.texture_agreeing;
         out["texture_spread"] = s.texture_spread;
-        out["correlation"] = array_of(s.correlation);
+        nb::list correlation;
+        for (const auto &level : s.correlation) correlation.append(array_of(level));
+        out["correlation"] = correlation;
         out["visible"] = array_of(s.visible);
         out["occluded"] = array_of(s.occluded);
         out["other"] = array_of(s.other);

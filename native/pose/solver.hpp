@@ -48,7 +48,7 @@ struct Solution {
     double edge_share = 0, edge_sigma = 0, look = 0;  // look: median grey difference of the inner side where the edge is seen
     int texture_used = 0;
     double texture_agreeing = 0, texture_spread = 0;
-    std::vector<double> correlation;  // of each fine patch; NaN outside the image
+    std::vector<std::vector<double>> correlation;  // of each patch of the three finest levels; NaN outside the image
     std::vector<double> visible;      // of each sample: probability that the object's own edge was seen there
     std::vector<double> occluded, other;
     double log_odds = 0;     // of the outline: this object, partly occluded, against no such object
@@ -453,8 +453,11 @@ class Solver {
                                           {start_.inner_spread, numbers_.cell_unlikely, numbers_.cell_power}, shares(), stay(), power_,
                                           out.differs);
         }
-        for (const PatchRow &row : match_all(0, 1, out.G))
-            out.correlation.push_back(row.match.inside ? row.match.correlation : std::numeric_limits<double>::quiet_NaN());
+        for (std::size_t level = 0; level < std::min<std::size_t>(3, target_.texture.size()); ++level) {
+            out.correlation.emplace_back();
+            for (const PatchRow &row : match_all(level, level + 1, out.G))
+                out.correlation.back().push_back(row.match.inside ? row.match.correlation : std::numeric_limits<double>::quiet_NaN());
+        }
     }
 
     const Target &target_;

@@ -7,11 +7,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.redetection import CONTINUOUS
+from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Target
+
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,7 @@ class Decision:
         sigma: px, of the worst contact.
         tolerance: px.
         accepted: by the risk that is allowed.
+        exchanged: probability that something else lies in its place.
     """
 
     estimate: PoseEstimate
@@ -33,6 +38,7 @@ class Decision:
     sigma: float
     tolerance: float
     accepted: bool
+    exchanged: float
 
 
 def tolerance(area: float, numbers: Numbers) -> float:
@@ -40,38 +46,79 @@ def tolerance(area: float, numbers: Numbers) -> float:
     return max(numbers.tolerance_px, numbers.tolerance * math.sqrt(area))
 
 
-def evidence(target: Target, estimate: PoseEstimate, numbers: Numbers) -> float:
-    """Log-likelihood ratio of an estimate: this object there, partly covered, against something else."""
+def evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
+    """Log-likelihood ratio of an estimate: this object there, partly covered, against nothing of its kind."""
     return numbers.temper * (texture_evidence(estimate, numbers) + estimate.log_odds)
 
 
 def texture_evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
-    """Log-likelihood ratio of the patches' correlations."""
-    r = estimate.correlation[np.isfinite(estimate.correlation)]
+    """Log-likelihood ratio of the patches' correlations, on the level that speaks most for the object: blur takes the fine ones."""
+    ratios = [_same_surface(r[np.isfinite(r)], numbers) for r in estimate.correlation]
+    return max(ratios, default=0.0)
+
+
+OCCLUDED = np.linspace(0.02, 0.98, 25)
+"""Shares of a surface that may be covered, changed or glaring, ..."""
+OCCLUDED_PRIOR = (1.0 - OCCLUDED) ** 2 / ((1.0 - OCCLUDED) ** 2).sum()
+"""... the less probable the more."""
+
+
+def _same_surface(r: Floats, numbers: Numbers) -> float:
+    """Log-likelihood ratio of correlations r (n,): of this surface, an unknown share of it covered, against another surface."""
     if not len(r):
         return 0.0
     root = math.sqrt(2.0 * math.pi)
     same = np.exp(-0.5 * ((1.0 - r) / numbers.match_spread) ** 2) * 2.0 / (numbers.match_spread * root)
     chance = np.exp(-0.5 * (r / numbers.chance_spread) ** 2) / (numbers.chance_spread * root)
-    ratio = np.log((1.0 - numbers.texture_occluded) * same / chance + numbers.texture_occluded)
-    return float(ratio.sum()) / numbers.patch_share
+    mixed = np.log((1.0 - OCCLUDED[:, None]) * same / chance + OCCLUDED[:, None]).sum(axis=1) / numbers.patch_share
+    top = mixed.max()
+    return float(top + math.log((OCCLUDED_PRIOR * np.exp(mixed - top)).sum()))
 
 
-def decide(target: Target, estimates: list[PoseEstimate], presence: float, numbers: Numbers) -> Decision | None:
-    """The most probable estimate, against the others and against none of them; None where there is none.
+def exchanged(estimate: PoseEstimate, numbers: Numbers) -> float:
+    """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
+    odds = numbers.exchanged * math.exp(min(50.0, max(0.0, estimate.other_shape)))
+    if sum(len(r) for r in estimate.correlation):
+        odds += numbers.exchanged * math.exp(min(50.0, -min(0.0, texture_evidence(estimate, numbers))))
+    return odds / (1.0 + odds)
+
+
+def place_prior(target: Target, state: TrackState, estimate: PoseEstimate, expected: Floats, numbers: Numbers) -> float:
+    """Log of the prior of a pose's place: how far from where it is expected, for the time that nothing was seen of it.
 
     Args:
-        target: the object.
+        expected: (k, 2) px, the contacts where continuity has them.
+    """
+    size = math.sqrt(estimate.area)
+    scale = numbers.travel * size * (1.0 + state.lost)
+    away = float(np.hypot(*(estimate.contacts - expected).T).min())
+    nu = numbers.prior_freedom
+    return -0.5 * (nu + 2.0) * math.log1p((away / scale) ** 2 / nu)
+
+
+def decide(
+    target: Target, state: TrackState, estimates: list[PoseEstimate], expected: Floats, presence: float, numbers: Numbers
+) -> Decision | None:
+    """The most probable estimate, against the others and against none of them; None where there is none.
+
+    What looks just like the object may be something like it: evidence counts up to the odds of that, so that of two good
+    places the expected one is chosen.
+
+    Args:
+        target, state: of the object.
         estimates: of one image.
+        expected: (k, 2) px, the contacts where continuity has them.
         presence: prior probability that it is there.
         numbers: the core's.
     """
     if not estimates:
         return None
+    likeness = 0.5 if state.lookalike else numbers.lookalike
     scores = []
     for e in estimates:
-        prior = presence * (1.0 if e.origin in CONTINUOUS else numbers.far)
-        scores.append(evidence(target, e, numbers) + math.log(prior))
+        strength = evidence(e, numbers)
+        strength -= float(np.logaddexp(0.0, strength + math.log(likeness)))
+        scores.append(strength + math.log(presence) + place_prior(target, state, e, expected, numbers))
     best = int(np.argmax(scores))
     chosen = estimates[best]
     allowed = tolerance(chosen.area, numbers)
@@ -84,5 +131,6 @@ def decide(target: Target, estimates: list[PoseEstimate], presence: float, numbe
     p = own / (own + sum(math.exp(o - top) for o in others))
     variance = float(np.linalg.eigvalsh(chosen.covariance)[:, -1].max()) * numbers.inflate**2
     inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    off = 1.0 - p * inside
-    return Decision(chosen, off, p, math.sqrt(variance), allowed, off < numbers.risk)
+    other = exchanged(chosen, numbers)
+    off = 1.0 - p * inside * (1.0 - other)
+    return Decision(chosen, off, p, math.sqrt(variance), allowed, off < numbers.risk, other)

@@ -45,7 +45,7 @@ class PoseEstimate:
         thickness, thickness_variance: work px, work px^2.
         edge_share: of the outline's samples whose edge was found; edge_sigma: work px, of their residuals.
         look: grey levels by which the inner side differs from the first view's, median.
-        correlation: of each fine patch; NaN outside the image.
+        correlation: of each patch of the three finest levels; NaN outside the image.
         texture_agreeing: share of the patches that agree with the pose; texture_spread: their errors in predicted sd.
         visible, occluded, other: of each sample of the outline, probabilities.
         log_odds: of the outline, this object against none.
@@ -65,7 +65,7 @@ class PoseEstimate:
     edge_share: float
     edge_sigma: float
     look: float
-    correlation: Floats
+    correlation: list[Floats]
     texture_agreeing: float
     texture_spread: float
     visible: Floats

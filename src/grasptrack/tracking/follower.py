@@ -47,12 +47,13 @@ class Follower:
         presence = float(np.clip(state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard))
         predictions = predict(target, state, levels, self._steps(time), numbers)
         estimates = self._estimates(levels, predictions.first)
-        decision = decide(target, estimates, presence, numbers)
+        expected = target.carried(predictions.first[0].G)
+        decision = decide(target, state, estimates, expected, presence, numbers)
         if decision is None or not decision.accepted:
             more = predictions.second + search(target, state.located, self.keypoints, levels)
             for hypothesis in more:
                 estimates += self._estimates(levels, [hypothesis])
-            decision = decide(target, estimates, presence, numbers)
+            decision = decide(target, state, estimates, expected, presence, numbers)
         self._learn(levels, decision)
         return decision
 

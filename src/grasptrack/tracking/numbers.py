@@ -45,8 +45,10 @@ class Numbers:
         camera_keep: share of a frame's information about camera and thickness that is new.
         thickness_sd: prior, as a share of sqrt(area).
         hazard: probability a frame that what was the object is it no longer.
-        far: prior of a place that no continuity predicts.
         redetected: least prior that it is in view.
+        exchanged: probability that something else with nearly its outline, or nearly its surface, lies in its place.
+        lookalike: probability that something just like it is at a given other place, as long as none was seen.
+        travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
         temper: of log-likelihoods: samples and patches are less independent than counted.
         inflate: of the standard deviations: what the model still does not know.
         risk: accepted probability that an answer is wrong.
@@ -68,7 +70,7 @@ class Numbers:
     wide: float = 0.08
     elsewhere: float = 0.08
     cell_unlikely: float = 0.05
-    cell_power: float = 0.25
+    cell_power: float = 0.4
     texture_floor: float = 0.1
     texture_independent: float = 2.0
     texture_freedom: float = 4.0
@@ -90,8 +92,10 @@ class Numbers:
     camera_keep: float = 0.1
     thickness_sd: float = 0.04
     hazard: float = 2e-3
-    far: float = 0.05
     redetected: float = 0.02
+    exchanged: float = 1e-4
+    lookalike: float = 1e-6
+    travel: float = 0.1
     temper: float = 0.25
     inflate: float = 1.5
     risk: float = 1e-3
