@@ -75,11 +75,17 @@ def _same_surface(r: Floats, numbers: Numbers) -> float:
     return float(top + math.log((OCCLUDED_PRIOR * np.exp(mixed - top)).sum()))
 
 
-def exchanged(estimate: PoseEstimate, numbers: Numbers) -> float:
+KNOWN = 0.5
+"""A patch that agreed in more than this share of the images is known to be the surface's own, and not noise or a reflection."""
+
+
+def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
     odds = numbers.exchanged * math.exp(min(50.0, max(0.0, estimate.other_shape)))
-    if sum(len(r) for r in estimate.correlation):
-        odds += numbers.exchanged * math.exp(min(50.0, -min(0.0, texture_evidence(estimate, numbers))))
+    known = [r[q > KNOWN] for r, q in zip(estimate.correlation, state.repeats, strict=False)]
+    ratios = [_same_surface(r[np.isfinite(r)], numbers) for r in known if len(r)]
+    if ratios:
+        odds += numbers.exchanged * math.exp(min(50.0, -min(0.0, max(ratios))))
     return odds / (1.0 + odds)
 
 
@@ -131,6 +137,6 @@ def decide(
     p = own / (own + sum(math.exp(o - top) for o in others))
     variance = float(np.linalg.eigvalsh(chosen.covariance)[:, -1].max()) * numbers.inflate**2
     inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    other = exchanged(chosen, numbers)
+    other = exchanged(state, chosen, numbers)
     off = 1.0 - p * inside * (1.0 - other)
     return Decision(chosen, off, p, math.sqrt(variance), allowed, off < numbers.risk, other)

@@ -106,8 +106,26 @@ class Follower:
         state.located = state.last
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
+        self._remember_patches(e)
         if e.look > 0.0:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
+
+
+    def _remember_patches(self, estimate: PoseEstimate) -> None:
+        """Which patches are the surface's own: those that are seen again and again."""
+        state = self.state
+        if not state.repeats:
+            state.repeats = [np.zeros(len(r)) for r in estimate.correlation]
+        state.repeated = min(state.repeated + 1, MEMORY)
+        for known, r in zip(state.repeats, estimate.correlation, strict=True):
+            seen = np.isfinite(r)
+            known[seen] += ((r[seen] > AGREES).astype(float) - known[seen]) / state.repeated
+
+
+MEMORY = 10
+"""Images over which it is remembered whether a patch agreed."""
+AGREES = 0.5
+"""Correlation from which on it did."""
 
 
 def _better(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:

@@ -88,7 +88,7 @@ class Numbers:
     focal_sd: float = 0.4
     normal_sd: float = 0.5
     pinhole_sd: float = 0.015
-    pinhole_freedom: float = 4.0
+    pinhole_freedom: float = 30.0
     camera_keep: float = 0.1
     thickness_sd: float = 0.04
     hazard: float = 2e-3

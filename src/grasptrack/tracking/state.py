@@ -42,7 +42,7 @@ class TrackState:
         located: the last image in which the object was located.
         lost: images since.
         time, interval: s, of the last image; a usual time between images.
-        reliable: of each fine patch: whether it agreed when last seen.
+        repeats: of each patch of the three finest levels: how often it agreed of late, 0 to 1, and frames that count.
         gone: since the object was located, its place was seen without it, or left the image.
         lookalike: something with its outline was seen elsewhere.
     """
@@ -60,7 +60,8 @@ class TrackState:
     lost: int = 0
     time: float | None = None
     interval: float | None = None
-    reliable: NDArray[np.bool_] | None = None
+    repeats: list[Floats] = field(default_factory=list)
+    repeated: int = 0
     gone: bool = False
     lookalike: bool = False
     reasons: list[str] = field(default_factory=list)
