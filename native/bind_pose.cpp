@@ -100,6 +100,7 @@ pose::Numbers numbers_of(const nb::dict &given) {
     n.blur_share = number("blur_share");
     n.wide = number("wide");
     n.cell_unlikely = number("cell_unlikely");
+    n.cell_far = number("cell_far");
     n.cell_power = number("cell_power");
     return n;
 }

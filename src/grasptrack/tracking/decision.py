@@ -81,11 +81,11 @@ KNOWN = 0.5
 
 def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
-    odds = numbers.exchanged * math.exp(min(50.0, max(0.0, estimate.other_shape)))
     known = [r[q > KNOWN] for r, q in zip(estimate.correlation, state.repeats, strict=False)]
     ratios = [_same_surface(r[np.isfinite(r)], numbers) for r in known if len(r)]
-    if ratios:
-        odds += numbers.exchanged * math.exp(min(50.0, -min(0.0, max(ratios))))
+    surface = max(ratios, default=0.0)
+    shape = max(0.0, estimate.other_shape) + max(-max(0.0, surface), math.log(numbers.same_surface))
+    odds = numbers.exchanged * (math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface)))
     return odds / (1.0 + odds)
 
 

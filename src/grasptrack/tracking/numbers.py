@@ -26,6 +26,7 @@ class Numbers:
         wide: how far round the answer edges are looked for, as a share of sqrt(area).
         elsewhere: share of the outline found elsewhere that asks for a second solution.
         cell_unlikely: share of the cells beside the outline whose grey level nothing explains.
+        cell_far: share of sqrt(area) along the outline within which its edge must be seen on both sides, to tell.
         cell_power: how much of an independent measurement one of them is.
         texture_floor: pixels of a patch's own level, error that the model does not explain.
         texture_independent: patches that carry one independent measurement.
@@ -47,6 +48,7 @@ class Numbers:
         hazard: probability a frame that what was the object is it no longer.
         redetected: least prior that it is in view.
         exchanged: probability that something else with nearly its outline, or nearly its surface, lies in its place.
+        same_surface: probability that something of another outline shows the object's own surface.
         lookalike: probability that something just like it is at a given other place, as long as none was seen.
         travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
         temper: of log-likelihoods: samples and patches are less independent than counted.
@@ -69,7 +71,8 @@ class Numbers:
     blur_share: float = 0.45
     wide: float = 0.08
     elsewhere: float = 0.08
-    cell_unlikely: float = 0.05
+    cell_unlikely: float = 0.01
+    cell_far: float = 0.3
     cell_power: float = 0.4
     texture_floor: float = 0.1
     texture_independent: float = 2.0
@@ -94,6 +97,7 @@ class Numbers:
     hazard: float = 2e-3
     redetected: float = 0.02
     exchanged: float = 1e-4
+    same_surface: float = 0.01
     lookalike: float = 1e-6
     travel: float = 0.1
     temper: float = 0.25

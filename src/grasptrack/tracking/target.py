@@ -221,7 +221,7 @@ def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
     return np.vstack(points), np.vstack(normals)
 
 
-CELLS = np.array([0.35, 0.6, 0.85, 1.1])
+CELLS = np.array([0.4, 0.8, 1.2, 1.6])
 """Depths of the cells beside the outline, in tolerances: what differs by less than that does no harm."""
 
 
