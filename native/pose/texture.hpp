@@ -111,26 +111,31 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
     }
     ex -= gain * tx;
     ey -= gain * ty;
-    // gradients of noise tell nothing: damped by its share
-    const double damp = grain / (2 * stride * stride) * 0.5;
-    const double axx = patch.axx + damp, ayy = patch.ayy + damp, axy = patch.axy;
-    const double det = axx * ayy - axy * axy;
-    if (!(det > 1e-12)) return out;
-    const double ixx = ayy / det, ixy = -axy / det, iyy = axx / det;
-    out.dx = -(ixx * ex + ixy * ey) / gain;
-    out.dy = -(ixy * ex + iyy * ey) / gain;
-    const double longest = 2.5 * stride, length = std::hypot(out.dx, out.dy);
-    if (length > longest) {
-        out.dx *= longest / length;
-        out.dy *= longest / length;
+    // Along each of the two axes of the patch's gradients: what noise alone gives of them tells nothing.
+    const double mean_axis = 0.5 * (patch.axx + patch.ayy);
+    const double root = std::hypot(0.5 * (patch.axx - patch.ayy), patch.axy);
+    const double angle = 0.5 * std::atan2(2 * patch.axy, patch.axx - patch.ayy);
+    const double cosine = std::cos(angle), sine = std::sin(angle);
+    const double alone = patch_pixels * noise * noise / (stride * stride * stride * stride);  // twice its mean
+    double rest = own - 2 * gain * cross + gain * gain * patch.variance;
+    double offset[2], information[2];
+    for (int axis = 0; axis < 2; ++axis) {
+        const double ux_ = axis == 0 ? cosine : -sine, uy_ = axis == 0 ? sine : cosine;
+        const double all = mean_axis + (axis == 0 ? root : -root), signal = all - alone;
+        const double e = ux_ * ex + uy_ * ey;
+        offset[axis] = information[axis] = 0;
+        if (!(signal > 0)) continue;
+        offset[axis] = std::clamp(-e / (all * gain), -2.5 * stride, 2.5 * stride);
+        information[axis] = gain * gain * signal;
+        rest -= e * e / all;
     }
-    const double rest = own - 2 * gain * cross + gain * gain * patch.variance - (ex * (ixx * ex + ixy * ey) + ey * (ixy * ex + iyy * ey));
-    const double s2 = (std::max(rest, 0.0) / (patch_pixels - 4) + noise * noise) / (gain * gain);
-    const double cxx = s2 * ixx + floor * floor, cxy = s2 * ixy, cyy = s2 * iyy + floor * floor;
-    const double q = cxx * cyy - cxy * cxy;
-    out.wxx = cyy / q;
-    out.wxy = -cxy / q;
-    out.wyy = cxx / q;
+    const double s2 = std::max(rest, 0.0) / (patch_pixels - 4) + noise * noise;
+    for (double &value : information) value = value > 0 ? 1.0 / (s2 / value + floor * floor) : 0.0;
+    out.dx = cosine * offset[0] - sine * offset[1];
+    out.dy = sine * offset[0] + cosine * offset[1];
+    out.wxx = cosine * cosine * information[0] + sine * sine * information[1];
+    out.wyy = sine * sine * information[0] + cosine * cosine * information[1];
+    out.wxy = cosine * sine * (information[0] - information[1]);
     return out;
 }
 
