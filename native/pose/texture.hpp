@@ -45,12 +45,22 @@ inline bool cut_patch(const Pyramid &pyramid, const Homography &G, double x, dou
     mx /= patch_pixels;
     my /= patch_pixels;
     out.axx = out.axy = out.ayy = out.variance = 0;
+    double tx = 0, ty = 0;
     for (std::size_t k = 0; k < patch_pixels; ++k) {
         out.value[k] -= static_cast<float>(mean);
-        out.gx[k] -= static_cast<float>(mx);
-        out.gy[k] -= static_cast<float>(my);
-        const double v = out.value[k], gx = out.gx[k], gy = out.gy[k];
+        const double v = out.value[k];
         out.variance += v * v;
+        tx += v * out.gx[k];
+        ty += v * out.gy[k];
+    }
+    // Bias and gain are free: only what a shift changes otherwise tells of it. (The tail of a blurred edge, shifted, is
+    // the same tail with another gain.)
+    const double s = out.variance > 0 ? 1 / out.variance : 0;
+    for (std::size_t k = 0; k < patch_pixels; ++k) {
+        const double v = out.value[k];
+        const double gx = out.gx[k] - mx - s * tx * v, gy = out.gy[k] - my - s * ty * v;
+        out.gx[k] = static_cast<float>(gx);
+        out.gy[k] = static_cast<float>(gy);
         out.axx += gx * gx;
         out.axy += gx * gy;
         out.ayy += gy * gy;
@@ -104,13 +114,6 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
     const double grain = patch_pixels * noise * noise;
     out.correlation = cross / std::sqrt((own + grain) * (patch.variance + grain));
     const double gain = std::clamp(std::sqrt(std::max(own - grain, 0.0) / std::max(patch.variance, 1e-9)), 0.2, 5.0);
-    double tx = 0, ty = 0;
-    for (std::size_t i = 0; i < patch_pixels; ++i) {
-        tx += static_cast<double>(patch.value[i]) * patch.gx[i];
-        ty += static_cast<double>(patch.value[i]) * patch.gy[i];
-    }
-    ex -= gain * tx;
-    ey -= gain * ty;
     // Along each of the two axes of the patch's gradients: what noise alone gives of them tells nothing.
     const double mean_axis = 0.5 * (patch.axx + patch.ayy);
     const double root = std::hypot(0.5 * (patch.axx - patch.ayy), patch.axy);
