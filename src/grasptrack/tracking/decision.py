@@ -52,9 +52,8 @@ def evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
 
 
 def texture_evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
-    """Log-likelihood ratio of the patches' correlations, on the level that speaks most for the object: blur takes the fine ones."""
-    ratios = [_same_surface(r[np.isfinite(r)], numbers) for r in estimate.correlation]
-    return max(ratios, default=0.0)
+    """Log-likelihood ratio of the patches' correlations on all levels: blur takes the fine ones, and leaves the coarse."""
+    return sum(_same_surface(r[np.isfinite(r)], numbers) for r in estimate.correlation)
 
 
 OCCLUDED = np.linspace(0.02, 0.98, 25)
@@ -82,8 +81,7 @@ KNOWN = 0.5
 def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
     known = [r[q > KNOWN] for r, q in zip(estimate.correlation, state.repeats, strict=False)]
-    ratios = [_same_surface(r[np.isfinite(r)], numbers) for r in known if len(r)]
-    surface = max(ratios, default=0.0)
+    surface = sum(_same_surface(r[np.isfinite(r)], numbers) for r in known)
     shape = max(0.0, estimate.other_shape) + max(-max(0.0, surface), math.log(numbers.same_surface))
     odds = numbers.exchanged * (math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface)))
     return odds / (1.0 + odds)
