@@ -32,7 +32,7 @@ std::size_t count(const Doubles &array) {
 
 template <std::size_t N> std::array<double, N> fixed(const Doubles &array, const char *name) {
     if (count(array) != N) throw std::invalid_argument(std::string(name) + " needs " + std::to_string(N) + " numbers");
-    std::array<double, N> out;
+    std::array<double, N> out{};
     std::copy(array.data(), array.data() + N, out.begin());
     return out;
 }
@@ -109,6 +109,11 @@ pose::Numbers numbers_of(const nb::dict &given) {
 struct PoseTarget {
     pose::Target target;
     pose::Numbers numbers;
+    struct Mask {
+        std::vector<std::uint8_t> data;
+        std::ptrdiff_t height, width;
+    };
+    std::vector<Mask> hidden;
 
     PoseTarget(const nb::dict &given, const Doubles &A, const Doubles &centre, double radius, double noise, const Doubles &points,
                const Doubles &normals, const Doubles &contrast, const Doubles &inner, const Doubles &surface,
@@ -144,16 +149,34 @@ struct PoseTarget {
         }
     }
 
+    // Pixels of every image, level by level, that show nothing of the scene: nonzero.
+    void hide(const std::vector<Bytes> &levels) {
+        hidden.clear();
+        for (const Bytes &level : levels)
+            hidden.push_back({{level.data(), level.data() + level.size()},
+                              static_cast<std::ptrdiff_t>(level.shape(0)), static_cast<std::ptrdiff_t>(level.shape(1))});
+    }
+
+    pose::Pyramid seen(const std::vector<Bytes> &levels) const {
+        pose::Pyramid out = pyramid_of(levels);
+        for (std::size_t k = 0; k < std::min(out.size(), hidden.size()); ++k) {
+            if (hidden[k].height != out[k].height || hidden[k].width != out[k].width)
+                throw std::invalid_argument("images and the mask of what is hidden need the same size");
+            out[k].hidden = hidden[k].data.data();
+        }
+        return out;
+    }
+
     // Patches of the reference image, fine to coarse in the order of calls; how many were whole in view.
     std::size_t add_texture(const std::vector<Bytes> &levels, const Doubles &centres, double stride) {
-        target.texture.push_back(cut_patches(pyramid_of(levels), target.A, places(centres, "centres"), stride));
+        target.texture.push_back(cut_patches(seen(levels), target.A, places(centres, "centres"), stride));
         return target.texture.back().patches.size();
     }
 
     nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last, const Doubles &theta,
                    const Doubles &theta_covariance, double thickness, double thickness_variance, double inner_spread,
                    double reach) const {
-        const pose::Pyramid pyramid = pyramid_of(levels);
+        const pose::Pyramid pyramid = seen(levels);
         pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), fixed<3>(theta, "theta"),
                           fixed<9>(theta_covariance, "theta_covariance"), thickness, thickness_variance, inner_spread, reach,
                           static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height), {}};
@@ -192,7 +215,7 @@ struct PoseTarget {
     // The last image's look at `centres` through `last`, laid on the next image from a start.
     nb::dict follow(const std::vector<Bytes> &before, const Doubles &last, const std::vector<Bytes> &levels, const Doubles &start,
                     const Doubles &P, const Doubles &centres, const Doubles &strides) const {
-        const pose::Pyramid old = pyramid_of(before), now = pyramid_of(levels);
+        const pose::Pyramid old = seen(before), now = seen(levels);
         const pose::Homography from = fixed<9>(last, "last"), to = fixed<9>(start, "start");
         const pose::Matrix<8> prior = fixed<64>(P, "P");
         const std::vector<pose::Point> at = places(centres, "centres");
@@ -270,6 +293,7 @@ void bind_pose(nb::module_ &m) {
                       const Doubles &>(),
              "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a, "surface"_a,
              "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
+        .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
         .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "theta"_a, "theta_covariance"_a, "thickness"_a,
              "thickness_variance"_a, "inner_spread"_a, "reach"_a)

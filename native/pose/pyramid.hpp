@@ -14,10 +14,13 @@ namespace grasptrack::pose {
 struct Level {
     const std::uint8_t *data;
     std::ptrdiff_t height, width;
+    const std::uint8_t *hidden = nullptr;  // nonzero where a pixel shows nothing of the scene
 
     bool holds(double x, double y, double margin) const {
-        return x >= margin && y >= margin && x < static_cast<double>(width) - 1.0 - margin &&
-               y < static_cast<double>(height) - 1.0 - margin;
+        if (!(x >= margin && y >= margin && x < static_cast<double>(width) - 1.0 - margin &&
+              y < static_cast<double>(height) - 1.0 - margin))
+            return false;
+        return !hidden || !hidden[static_cast<std::ptrdiff_t>(y + 0.5) * width + static_cast<std::ptrdiff_t>(x + 0.5)];
     }
     // Bilinear; the point must lie inside.
     double at(double x, double y) const {

@@ -18,8 +18,8 @@ inline bool cut_patch(const Pyramid &pyramid, const Homography &G, double x, dou
     const auto d = derivatives(seen.H, x, y);
     constexpr int half = patch_side / 2 + 1, side = patch_side + 2;
     const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
-    for (int s = -1; s <= 1; s += 2)
-        for (int t = -1; t <= 1; t += 2)
+    for (int s = -1; s <= 1; ++s)
+        for (int t = -1; t <= 1; ++t)
             if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return false;
     double value[side][side];
     for (int j = 0; j < side; ++j)
@@ -90,8 +90,8 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
     const auto d = derivatives(seen.H, patch.x, patch.y);
     constexpr int half = patch_side / 2;
     const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
-    for (int s = -1; s <= 1; s += 2)
-        for (int t = -1; t <= 1; t += 2)
+    for (int s = -1; s <= 1; ++s)
+        for (int t = -1; t <= 1; ++t)
             if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return out;
     double value[patch_pixels], mean = 0;
     int k = 0;

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,22 +23,44 @@ class Decision:
     """What is decided of one image.
 
     Attributes:
-        estimate: the best pose.
+        estimate: the best pose; None where there is none.
         probability_off: that a contact is off by more than the tolerance, or that it is another object.
         presence: that the object is there and the pose is its own, in the coarse.
         sigma: px, of the worst contact.
         tolerance: px.
-        accepted: by the risk that is allowed.
         exchanged: probability that something else lies in its place.
+        code: why it is not accepted, one of `CODES`; empty when it is.
+        figures: the numbers that go with the code, by name.
     """
 
-    estimate: PoseEstimate
-    probability_off: float
-    presence: float
-    sigma: float
-    tolerance: float
-    accepted: bool
-    exchanged: float
+    estimate: PoseEstimate | None
+    probability_off: float = 1.0
+    presence: float = 0.0
+    sigma: float = math.inf
+    tolerance: float = 0.0
+    exchanged: float = 0.0
+    code: str = "not-found"
+    figures: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the contacts may be given out."""
+        return not self.code
+
+
+CODES = {
+    "not-found": "no pose was found",
+    "out-of-view": "the place where it should be lies outside the image",
+    "hidden": "too little of it is seen",
+    "not-there": "its place shows something else, or nothing",
+    "other-place": "it fits elsewhere as well",
+    "uncertain": "a contact is not fixed by what is seen",
+    "other-shape": "the outline differs from the object's",
+    "other-surface": "the surface differs from the object's",
+    "ambiguous": "its outline fits itself in more than one way, and nothing tells them apart",
+    "lookalike": "something just like it was seen, and which of them this is cannot be told",
+}
+"""Reasons for which an answer is not given. `messages` makes sentences of them."""
 
 
 def tolerance(area: float, numbers: Numbers) -> float:
@@ -52,8 +74,8 @@ def evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
 
 
 def texture_evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
-    """Log-likelihood ratio of the patches' correlations on all levels: blur takes the fine ones, and leaves the coarse."""
-    return sum(_same_surface(r[np.isfinite(r)], numbers) for r in estimate.correlation)
+    """Log-likelihood ratio of the patches' correlations on the level that speaks most for it: blur takes the fine ones."""
+    return max((_same_surface(r[np.isfinite(r)], numbers) for r in estimate.correlation), default=0.0)
 
 
 OCCLUDED = np.linspace(0.02, 0.98, 25)
@@ -101,9 +123,14 @@ def place_prior(target: Target, state: TrackState, estimate: PoseEstimate, expec
 
 
 def decide(
-    target: Target, state: TrackState, estimates: list[PoseEstimate], expected: Floats, presence: float, numbers: Numbers
-) -> Decision | None:
-    """The most probable estimate, against the others and against none of them; None where there is none.
+    target: Target,
+    state: TrackState,
+    estimates: list[PoseEstimate],
+    expected: Floats,
+    presence: float,
+    numbers: Numbers,
+) -> Decision:
+    """The most probable estimate, against the others and against none of them.
 
     What looks just like the object may be something like it: evidence counts up to the odds of that, so that of two good
     places the expected one is chosen.
@@ -116,7 +143,7 @@ def decide(
         numbers: the core's.
     """
     if not estimates:
-        return None
+        return Decision(None)
     likeness = 0.5 if state.lookalike else numbers.lookalike
     scores = []
     for e in estimates:
@@ -137,4 +164,18 @@ def decide(
     inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
     other = exchanged(state, chosen, numbers)
     off = 1.0 - p * inside * (1.0 - other)
-    return Decision(chosen, off, p, math.sqrt(variance), allowed, off < numbers.risk, other)
+    code, figures = "", {}
+    if not off < numbers.risk:
+        figures = {"probability_off": off}
+        causes = {"presence": 1.0 - p, "uncertain": 1.0 - inside, "exchanged": other}
+        cause = max(causes, key=lambda name: causes[name])
+        if cause == "uncertain":
+            code, figures = "uncertain", {**figures, "sigma": math.sqrt(variance), "tolerance": allowed}
+        elif cause == "exchanged":
+            code = "other-shape" if chosen.other_shape > 0.0 else "other-surface"
+            figures["probability"] = other
+        else:
+            rival = max(others[1:], default=-math.inf)
+            code = "other-place" if rival > others[0] else "hidden" if chosen.occluded.mean() > 0.5 else "not-there"
+            figures |= {"presence": p, "edges": chosen.edge_share}
+    return Decision(chosen, off, p, math.sqrt(variance), allowed, other, code, figures)

@@ -27,20 +27,27 @@ class Follower:
         view: the object's outline in it.
         contacts: (k, 2) px in it.
         time: s, or None.
+        hidden: (H, W) nonzero where no image shows anything of the scene.
         numbers: the core's.
     """
 
     def __init__(
-        self, grey: Grey, view: View, contacts: Floats, time: float | None = None, numbers: Numbers = NUMBERS
+        self,
+        grey: Grey,
+        view: View,
+        contacts: Floats,
+        time: float | None = None,
+        hidden: Grey | None = None,
+        numbers: Numbers = NUMBERS,
     ) -> None:
         levels = pyramid(grey)
         self.numbers = numbers
-        self.target = make_target(levels, view, contacts, numbers)
+        self.target = make_target(levels, view, contacts, numbers, hidden)
         self.state: TrackState = initial_state(self.target, levels, numbers)
         self.state.time = time
         self.keypoints = Keypoints(self.target, grey)
 
-    def update(self, grey: Grey, time: float | None = None) -> Decision | None:
+    def update(self, grey: Grey, time: float | None = None) -> Decision:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
         state, target, numbers = self.state, self.target, self.numbers
         levels = pyramid(grey)
@@ -49,7 +56,7 @@ class Follower:
         estimates = self._estimates(levels, predictions.first)
         expected = target.carried(predictions.first[0].G)
         decision = decide(target, state, estimates, expected, presence, numbers)
-        if decision is None or not decision.accepted:
+        if not decision.accepted:
             more = predictions.second + search(target, state.located, self.keypoints, levels)
             for hypothesis in more:
                 estimates += self._estimates(levels, [hypothesis])
@@ -87,9 +94,9 @@ class Follower:
         state.time = time
         return passed / state.interval
 
-    def _learn(self, levels: list[Grey], decision: Decision | None) -> None:
+    def _learn(self, levels: list[Grey], decision: Decision) -> None:
         state, numbers = self.state, self.numbers
-        if decision is None:
+        if decision.estimate is None:
             state.lost += 1
             state.presence = min(state.presence, 0.5)
             state.last = Look(levels, state.G)
@@ -109,7 +116,6 @@ class Follower:
         self._remember_patches(e)
         if e.look > 0.0:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
-
 
     def _remember_patches(self, estimate: PoseEstimate) -> None:
         """Which patches are the surface's own: those that are seen again and again."""

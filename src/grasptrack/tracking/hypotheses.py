@@ -46,7 +46,9 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     if flow is not None:
         return Predictions([flow], rest)
     background = _background(target, state, levels)
-    first = [] if background is None else [Hypothesis("background", background, state.P + Q * (2 * numbers.predicted) ** 2)]
+    first = (
+        [] if background is None else [Hypothesis("background", background, state.P + Q * (2 * numbers.predicted) ** 2)]
+    )
     return Predictions(first + rest, [])
 
 
@@ -87,7 +89,9 @@ def _background(target: Target, state: TrackState, levels: list[Grey]) -> Floats
     inner = np.zeros(before.shape, np.uint8)
     cv2.fillPoly(inner, [np.round(outline).astype(np.int32)], 255)
     wide = int(min(151, 0.7 * size)) | 1
-    ring = cv2.subtract(cv2.dilate(inner, np.ones((wide, wide), np.uint8)), cv2.dilate(inner, np.ones((7, 7), np.uint8)))
+    ring = cv2.subtract(
+        cv2.dilate(inner, np.ones((wide, wide), np.uint8)), cv2.dilate(inner, np.ones((7, 7), np.uint8))
+    )
     points = cv2.goodFeaturesToTrack(before, 80, 0.02, 6, mask=ring)
     if points is None or len(points) < 12:
         return None

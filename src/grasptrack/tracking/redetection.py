@@ -39,7 +39,9 @@ class Keypoints:
         mask = np.zeros_like(grey)
         outline = target.view.outer.points
         cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 255)
-        self._points, self._descriptors = self._detector.detectAndCompute(grey, cv2.dilate(mask, np.ones((9, 9), np.uint8)))
+        self._points, self._descriptors = self._detector.detectAndCompute(
+            grey, cv2.dilate(mask, np.ones((9, 9), np.uint8))
+        )
 
     def find(self, grey: Grey) -> Floats | None:
         """(3, 3) a pose on which enough keypoints of an image (H, W) agree, or None."""

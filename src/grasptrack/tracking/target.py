@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
+from grasptrack.analysis import FINGER_WIDTH
 from grasptrack.contour import View
 from grasptrack.projective import apply_homography
 from grasptrack.tracking.numbers import Numbers
@@ -33,11 +34,23 @@ SURFACE = 400
 """Samples of the surface, for its gain and bias."""
 
 
+POSE_ENTRIES = ((0, 2, 1), (1, 2, 1), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1), (2, 0, -1), (2, 1, -1))
+"""Row, column and sign of each number of the pose's error in the matrix that it is, in half sizes about the middle."""
+
+
 def pyramid(grey: Grey) -> list[Grey]:
     """The image and its halves, down to some 30 px."""
     levels = [np.ascontiguousarray(grey)]
     while min(levels[-1].shape) >= 60:
         levels.append(cv2.pyrDown(levels[-1]))
+    return levels
+
+
+def hidden_levels(hidden: Grey) -> list[Grey]:
+    """The mask (H, W) of what is hidden for each level of a pyramid: nonzero where any pixel that was averaged is."""
+    levels = [cv2.dilate((hidden != 0).astype(np.uint8), np.ones((5, 5), np.uint8))]
+    while min(levels[-1].shape) >= 60:
+        levels.append((cv2.pyrDown(levels[-1] * 255) > 0).astype(np.uint8))
     return levels
 
 
@@ -92,6 +105,25 @@ class Target:
         """(k, 2) px, the contacts in an image that shows the target through G."""
         return apply_homography(G, self.work_contacts)
 
+    def seen(self, visible: Floats) -> Floats:
+        """(k,) 0 to 1: how much of the edge under each finger shows, of the samples' probabilities (N,) to be visible."""
+        away = np.hypot(*(self.points[:, None] - self.work_contacts[None]).transpose(2, 0, 1))
+        under = away <= 0.5 * FINGER_WIDTH * self.size
+        return np.asarray((under * visible[:, None]).sum(axis=0) / np.maximum(under.sum(axis=0), 1), dtype=np.float64)
+
+    def homography_covariance(self, G: Floats, P: Floats) -> Floats:
+        """(9, 9) of the entries of `homography(G)`, row by row, the last one being 1, by the pose's covariance P (8, 8)."""
+        r, (x, y) = self.size / 2.0, self.outline.mean(axis=0)
+        T = np.array([[1.0 / r, 0.0, -x / r], [0.0, 1.0 / r, -y / r], [0.0, 0.0, 1.0]])
+        E = np.zeros((8, 3, 3))
+        for k, (i, j, sign) in enumerate(POSE_ENTRIES):
+            E[k, i, j] = sign / r
+        moved = G @ np.linalg.inv(T) @ E @ T @ np.linalg.inv(self.A)
+        H = G @ np.linalg.inv(self.A)
+        scale = H[2, 2]
+        J = (moved / scale - (H / scale) * (moved[:, 2:, 2:] / scale)).reshape(8, 9).T
+        return np.asarray(J @ P @ J.T, dtype=np.float64)
+
     def homography(self, G: Floats) -> Floats:
         """(3, 3) H_current_reference of a pose G."""
         H = G @ np.linalg.inv(self.A)
@@ -103,8 +135,10 @@ class Target:
         return np.asarray(G / G[2, 2], dtype=np.float64)
 
 
-def make_target(levels: list[Grey], view: View, contacts: Floats, numbers: Numbers) -> Target:
-    """A target from the first image's pyramid, the object's outline and contacts in it, px."""
+def make_target(
+    levels: list[Grey], view: View, contacts: Floats, numbers: Numbers, hidden: Grey | None = None
+) -> Target:
+    """A target from the first image's pyramid, the object's outline and contacts in it, px, and the mask of what is hidden."""
     outer = view.outer.points
     area = view.outer.area
     length = math.sqrt(area)
@@ -149,6 +183,8 @@ def make_target(levels: list[Grey], view: View, contacts: Floats, numbers: Numbe
         np.ascontiguousarray(work_contacts),
         *_regions(image, mask, points, normals, size, numbers),
     )
+    if hidden is not None and hidden.any():
+        target.hide(hidden_levels(hidden))
     patches = np.zeros((0, 2))
     stride, reduced, count = 1, image, PATCHES
     while stride == 1 or stride <= size / 16.0:
@@ -188,7 +224,9 @@ def _rectified(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
     while G[0, 0] > 1.6 and level + 1 < len(levels):
         level, G = level + 1, np.diag([0.5, 0.5, 1.0]) @ G
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpPerspective(levels[level], G, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    return np.asarray(
+        cv2.warpPerspective(levels[level], G, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8
+    )
 
 
 def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
@@ -247,7 +285,9 @@ def _surface(mask: Grey) -> Floats:
     inside = np.argwhere(cv2.erode(mask, np.ones((7, 7), np.uint8)) > 0)[:, ::-1]
     step = max(1, len(inside) // SURFACE)
     # a stride that does not run down the columns
-    order = np.random.default_rng(0).permutation(len(inside))[: len(inside) // step] if step > 1 else np.arange(len(inside))
+    order = (
+        np.random.default_rng(0).permutation(len(inside))[: len(inside) // step] if step > 1 else np.arange(len(inside))
+    )
     return np.ascontiguousarray(inside[order][:SURFACE].astype(np.float64)).reshape(-1, 2)
 
 
