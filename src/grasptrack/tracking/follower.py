@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import View
 from grasptrack.tracking.camera import learn_camera, learn_thickness
-from grasptrack.tracking.decision import Decision, decide
+from grasptrack.tracking.decision import Decision, checked, decide
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.hypotheses import predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
@@ -17,6 +20,13 @@ from grasptrack.tracking.state import Look, TrackState, initial_state, process_n
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
 Floats = NDArray[np.float64]
+
+
+class Proposal(NamedTuple):
+    """What a strategy by itself makes of an image: the pose that it suggests, and (k, 2) px where it puts the contacts."""
+
+    hypothesis: Hypothesis
+    contacts: Floats
 
 
 class Follower:
@@ -51,7 +61,7 @@ class Follower:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
         state, target, numbers = self.state, self.target, self.numbers
         levels = pyramid(grey)
-        presence = float(np.clip(state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard))
+        presence = self._presence()
         predictions = predict(target, state, levels, self._steps(time), numbers)
         estimates = self._estimates(levels, predictions.first)
         expected = target.carried(predictions.first[0].G)
@@ -63,6 +73,55 @@ class Follower:
             decision = decide(target, state, estimates, expected, presence, numbers)
         self._learn(levels, decision)
         return decision
+
+    @property
+    def expected(self) -> Floats:
+        """(3, 3) the next image's pose if it moves on evenly; that of the last image in which it was located, after a loss."""
+        state = self.state
+        if state.lost:
+            return state.located.G
+        if state.G_before is None:
+            return state.G
+        G = state.G @ np.linalg.inv(state.G_before) @ state.G
+        return np.asarray(G / G[2, 2], dtype=np.float64)
+
+    def judge(
+        self, grey: Grey, time: float | None, batches: Iterable[Sequence[Proposal]]
+    ) -> tuple[Decision, Proposal | None]:
+        """As `update`, of what somebody else proposes: what is decided, and of which proposal.
+
+        Args:
+            grey, time: as for `update`.
+            batches: proposals, those of a batch being rivals; none is taken after the first batch of which one is accepted.
+        """
+        state, target, numbers = self.state, self.target, self.numbers
+        levels = pyramid(grey)
+        presence = self._presence()
+        self._steps(time)
+        expected = target.carried(self.expected)
+        estimates: list[PoseEstimate] = []
+        proposed: list[Proposal] = []
+        decision, chosen = Decision(None), None
+        for batch in batches:
+            for proposal in batch:
+                found = self._estimates(levels, [proposal.hypothesis])
+                estimates += found
+                proposed += [proposal] * len(found)
+            decision = decide(target, state, estimates, expected, presence, numbers)
+            for estimate, proposal in zip(estimates, proposed, strict=True):
+                if estimate is decision.estimate:
+                    chosen = proposal
+                    decision = checked(decision, proposal.contacts, numbers)
+                    break
+            if decision.accepted:
+                break
+        self._learn(levels, decision)
+        return decision, chosen
+
+    def _presence(self) -> float:
+        """Prior probability that the object is there."""
+        numbers = self.numbers
+        return float(np.clip(self.state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard))
 
     def _estimates(self, levels: list[Grey], hypotheses: list[Hypothesis]) -> list[PoseEstimate]:
         """Each hypothesis made exact; a second time from farther away where much of the outline lies elsewhere."""
