@@ -12,8 +12,8 @@ import pytest
 from grasptrack import GraspTracker
 from grasptrack.errors import GraspError, InputError, SourceError, StrategyError
 from grasptrack.projective import apply_homography
-from grasptrack.result import TrackResult
 from grasptrack.simulation import SHAPES, Shape, brushed, plain
+from grasptrack.tracking.result import TrackResult
 from grasptrack.verdict import CHANCE
 from stages import EVEN, HEIGHT, WIDTH, Run, photo, pose, regular
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from grasptrack.analysis import GraspAnalysis
 from grasptrack.observation.support import Support
-from grasptrack.result import Status
+from grasptrack.tracking.result import Status
 
 MIN_SHARE = 0.75
 """Of the outline inside the image, at least so much must show its edge where the transfer says it is."""

@@ -58,7 +58,6 @@ try:
         point_at,
         projective_step,
         rank_grasps,
-        strongest_edges,
         refine_contacts,
         register_outline,
         resample,
@@ -68,6 +67,7 @@ try:
         settle_edges,
         soft_threshold,
         step_state,
+        strongest_edges,
         trace_edges,
         weigh_edges,
     )
@@ -181,7 +181,6 @@ __all__ = [
     "point_at",
     "projective_step",
     "rank_grasps",
-    "strongest_edges",
     "refine_contacts",
     "register_outline",
     "resample",
@@ -191,6 +190,7 @@ __all__ = [
     "settle_edges",
     "soft_threshold",
     "step_state",
+    "strongest_edges",
     "trace_edges",
     "weigh_edges",
 ]

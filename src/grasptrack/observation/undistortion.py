@@ -15,8 +15,8 @@ from grasptrack.calibration import Camera
 from grasptrack.contour import Contour, View
 from grasptrack.errors import SourceError
 from grasptrack.observation.images import to_bgr, to_mask
-from grasptrack.result import TrackResult
 from grasptrack.synthesis.result import RankedGrasp
+from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]

@@ -14,7 +14,6 @@ from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Target
 
-
 Floats = NDArray[np.float64]
 
 
