@@ -13,7 +13,7 @@ from grasptrack.contour import View
 from grasptrack.tracking.camera import learn_camera, learn_thickness
 from grasptrack.tracking.decision import Decision, checked, decide
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
-from grasptrack.tracking.hypotheses import predict
+from grasptrack.tracking.hypotheses import moving_on, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import Keypoints, search
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
@@ -161,12 +161,17 @@ class Follower:
             state.last = Look(levels, state.G)
             return
         e = decision.estimate
+        if decision.accepted or decision.code == "uncertain":
+            self._learn_agility(e)
         state.G_before = state.G
         state.last = Look(levels, e.G)
         state.P = e.P
         state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
-        if not decision.accepted:
+        if decision.code == "uncertain":  # its motion is known nevertheless
+            state.lost = 0
+        elif not decision.accepted:
             state.lost += 1
+        if not decision.accepted:
             return
         state.lost = 0
         state.located = state.last
@@ -175,6 +180,17 @@ class Follower:
         self._remember_patches(e)
         if e.look > 0.0:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
+
+    def _learn_agility(self, estimate: PoseEstimate) -> None:
+        """How far even motion is off: the prior of the next pose."""
+        state, even = self.state, moving_on(self.state)
+        if even is None:
+            return
+        off = self.target.difference(even, estimate.G)
+        share = float(np.mean(off**2 / np.diag(process_noise(self.target.size, self.numbers))))
+        if np.isfinite(share):
+            state.moves += 1
+            state.agility = float(np.clip(state.agility + (share - state.agility) / min(state.moves, MEMORY), CALM, 1.0))
 
     def _remember_patches(self, estimate: PoseEstimate) -> None:
         """How much each patch usually looks as it did first: noise, reflections and blur make it less."""
@@ -188,6 +204,8 @@ class Follower:
 
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
+CALM = 0.01
+"""Share of the process noise that always remains."""
 FIRST = 2
 """... and images without any likeness that count before the first."""
 
