@@ -205,11 +205,16 @@ def decide(
     return Decision(chosen, off, p, math.sqrt(variance), allowed, other, code, figures)
 
 
+def farthest(contacts: Floats, others: Floats) -> float:
+    """px between contacts (k, 2) where they are farthest apart."""
+    return float(np.hypot(*(contacts - others).T).max())
+
+
 def checked(decision: Decision, contacts: Floats, numbers: Numbers) -> Decision:
     """The decision of a strategy's own contacts (k, 2) px, which are off by as much more as they differ from the estimate's."""
     if decision.estimate is None or not decision.accepted:
         return decision
-    distance = float(np.hypot(*(contacts - decision.estimate.contacts).T).max())
+    distance = farthest(contacts, decision.estimate.contacts)
     left = max(0.0, decision.tolerance - distance) / max(decision.sigma, 1e-3)
     inside = 1.0 - math.exp(-0.5 * left * left)
     off = 1.0 - decision.presence * inside * (1.0 - decision.exchanged)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack.contour import View
 from grasptrack.tracking.camera import learn_camera, learn_thickness
-from grasptrack.tracking.decision import Decision, checked, decide
+from grasptrack.tracking.decision import Decision, checked, decide, farthest
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.hypotheses import moving_on, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
@@ -76,19 +76,17 @@ class Follower:
 
     @property
     def expected(self) -> Floats:
-        """(3, 3) the next image's pose if it moves on evenly; that of the last image in which it was located, after a loss."""
+        """(3, 3) the next image's pose if it moves on evenly; where it was located last, after a loss."""
         state = self.state
-        if state.lost:
-            return state.located.G
-        if state.G_before is None:
-            return state.G
-        G = state.G @ np.linalg.inv(state.G_before) @ state.G
-        return np.asarray(G / G[2, 2], dtype=np.float64)
+        even = moving_on(state)
+        if even is not None:
+            return even
+        return state.located.G if state.lost else state.G
 
     def judge(
         self, grey: Grey, time: float | None, batches: Iterable[Sequence[Proposal]]
     ) -> tuple[Decision, Proposal | None]:
-        """As `update`, of what somebody else proposes: what is decided, and of which proposal.
+        """As `update`, of what a strategy proposes, against even motion and rest: the decision, and the proposal it is of.
 
         Args:
             grey, time: as for `update`.
@@ -97,26 +95,26 @@ class Follower:
         state, target, numbers = self.state, self.target, self.numbers
         levels = pyramid(grey)
         presence = self._presence()
-        self._steps(time)
+        P = state.P + process_noise(target.size, numbers) * max(1.0, self._steps(time))
         expected = target.carried(self.expected)
-        estimates: list[PoseEstimate] = []
-        proposed: list[Proposal] = []
-        decision, chosen = Decision(None), None
+        estimates = self._estimates(levels, [Hypothesis("at rest", state.located.G if state.lost else state.G, P)])
+        if moving_on(state) is not None:
+            estimates += self._estimates(levels, [Hypothesis("moving on", self.expected, P)])
+        found = answer = decide(target, state, estimates, expected, presence, numbers)
+        nearest, proposed = None, list[Proposal]()
         for batch in batches:
-            for proposal in batch:
-                found = self._estimates(levels, [proposal.hypothesis])
-                estimates += found
-                proposed += [proposal] * len(found)
-            decision = decide(target, state, estimates, expected, presence, numbers)
-            for estimate, proposal in zip(estimates, proposed, strict=True):
-                if estimate is decision.estimate:
-                    chosen = proposal
-                    decision = checked(decision, proposal.contacts, numbers)
-                    break
-            if decision.accepted:
+            proposed += batch
+            estimates += self._estimates(levels, [proposal.hypothesis for proposal in batch])
+            found = answer = decide(target, state, estimates, expected, presence, numbers)
+            if found.estimate is None or not proposed:
+                continue
+            contacts = found.estimate.contacts
+            nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
+            answer = checked(found, nearest.contacts, numbers)
+            if answer.accepted:
                 break
-        self._learn(levels, decision)
-        return decision, chosen
+        self._learn(levels, found)  # where the object is does not depend on what the strategy makes of it
+        return answer, nearest
 
     def _presence(self) -> float:
         """Prior probability that the object is there."""
@@ -190,7 +188,9 @@ class Follower:
         share = float(np.mean(off**2 / np.diag(process_noise(self.target.size, self.numbers))))
         if np.isfinite(share):
             state.moves += 1
-            state.agility = float(np.clip(state.agility + (share - state.agility) / min(state.moves, MEMORY), CALM, 1.0))
+            state.agility = float(
+                np.clip(state.agility + (share - state.agility) / min(state.moves, MEMORY), CALM, 1.0)
+            )
 
     def _remember_patches(self, estimate: PoseEstimate) -> None:
         """How much each patch usually looks as it did first: noise, reflections and blur make it less."""
@@ -213,4 +213,6 @@ FIRST = 2
 def _better(one: PoseEstimate, other: PoseEstimate, usual: list[Floats], numbers: Numbers) -> bool:
     from grasptrack.tracking.decision import texture_evidence
 
-    return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(other, usual, numbers)
+    return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(
+        other, usual, numbers
+    )
