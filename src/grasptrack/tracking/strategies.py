@@ -23,7 +23,7 @@ from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import Follower, Proposal
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason
-from grasptrack.tracking.state import process_noise
+from grasptrack.tracking.redetection import wide_prior
 from grasptrack.transfer import rrp, strategy_named
 from grasptrack.transfer.alignment import alignments, as_similarity
 
@@ -220,7 +220,7 @@ class Alone:
         """See Carrier."""
         tried: list[tuple[Proposal, Carried]] = []
         refused: list[str] = []
-        decision, chosen = self.follower.judge(grey, time, self._batches(grey, tried, refused))
+        decision, chosen = self.follower.judge(grey, time, lambda G: self._proposals(grey, G, tried, refused))
         carried = next((c for proposal, c in tried if proposal is chosen), None)
         if carried is None or not decision.accepted:
             self._missed += 1
@@ -230,13 +230,12 @@ class Alone:
         self._observer.believe(carried.view)
         return Moved(decision, *carried)
 
-    def _batches(
-        self, grey: Grey, tried: list[tuple[Proposal, Carried]], refused: list[str]
+    def _proposals(
+        self, grey: Grey, G: Floats, tried: list[tuple[Proposal, Carried]], refused: list[str]
     ) -> Iterator[list[Proposal]]:
-        """Transfers to contours near the expected one first, then to any that are alike; notes them, and why there is none."""
-        state, target = self.follower.state, self.follower.target
-        expected, missed = target.homography(self.follower.expected), self._missed
-        P = state.P + process_noise(target.size, self.follower.numbers)
+        """Transfers to contours near an expected pose first, then to any that are alike; notes them, and why there is none."""
+        target, missed = self.follower.target, self._missed
+        expected, P = target.homography(G), wide_prior(target)
 
         def batch(view: View | None, *priors: Floats | None) -> list[Proposal]:
             found = []
