@@ -8,12 +8,14 @@
 #include <limits>
 #include <vector>
 
+#include "order.hpp"
 #include "pyramid.hpp"
 #include "target.hpp"
 
 namespace grasptrack::pose {
 
 constexpr int most_candidates = 6;
+constexpr int farthest = 1000;  // work px within which edges are looked for, whatever is asked for
 
 struct EdgeSample {
     bool inside = false;
@@ -108,8 +110,7 @@ inline Light surface_light(const Target &target, const Pyramid &pyramid, const H
     for (int round = 0; round < 3; ++round) {
         for (std::size_t i = 0; i < n; ++i) rest[i] = y[i] - light.gain * x[i];
         sorted = rest;
-        std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(n / 2), sorted.end());
-        light.bias = sorted[n / 2];
+        light.bias = middle(sorted);
         if (!(sx > flat)) continue;
         double sw = 0, mx = 0, my = 0;
         for (std::size_t i = 0; i < n; ++i) {

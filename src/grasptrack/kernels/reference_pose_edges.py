@@ -190,7 +190,7 @@ def surface_light(target: Target, pyramid: Pyramid, G: Floats) -> Light:
         weight = 1.0 / (1.0 + (rest - bias) ** 2 / SOFT**2) ** 2
         total = weight.sum()
         mx, my = (weight * x).sum() / total, (weight * y).sum() / total
-        cross, own = (weight * (x - mx) * (y - my)).sum(), 1e-6 + (weight * (x - mx) ** 2).sum()
+        cross, own = (weight * (x - mx) * (y - my)).sum(), 1e-6 + (weight * (x - mx) * (x - mx)).sum()
         gain = float(np.clip(cross / own, 0.3, 3.0))
         bias = float(my - gain * mx)
     return Light(gain, bias)
