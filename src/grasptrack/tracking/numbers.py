@@ -20,6 +20,7 @@ class Numbers:
         edge_noise: work px, least noise of an edge; more is measured.
         other_spread: grey levels, by which what lies inside somebody else's edge differs from what lies inside the object's.
         share_object, share_occluded, share_other: prior shares of the outline.
+        cover_power: the more of the outline is covered the less probable: power of the share that is not.
         stretch: mean length of an occluded stretch, as a share of the outline.
         sample_distance: work px of the outline that carry one independent measurement.
         blur_share: half the width of the edge filter, as a share of the speed along the normal per frame.
@@ -51,6 +52,7 @@ class Numbers:
         same_surface: probability that something of another outline shows the object's own surface.
         lookalike: probability that something just like it is at a given other place, as long as none was seen.
         travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
+        turn: rad a frame that it may have turned unseen.
         temper: of log-likelihoods: samples and patches are less independent than counted.
         inflate: of the standard deviations: what the model still does not know.
         risk: accepted probability that an answer is wrong.
@@ -66,6 +68,7 @@ class Numbers:
     share_object: float = 0.90
     share_occluded: float = 0.08
     share_other: float = 0.02
+    cover_power: float = 2.0
     stretch: float = 0.15
     sample_distance: float = 8.0
     blur_share: float = 0.45
@@ -90,7 +93,7 @@ class Numbers:
     perspective: float = 0.30
     focal_sd: float = 0.4
     normal_sd: float = 0.5
-    pinhole_sd: float = 0.015
+    pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
     camera_keep: float = 0.1
     thickness_sd: float = 0.04
@@ -100,6 +103,7 @@ class Numbers:
     same_surface: float = 0.01
     lookalike: float = 1e-6
     travel: float = 0.1
+    turn: float = 0.1
     temper: float = 0.25
     inflate: float = 1.5
     risk: float = 1e-3
