@@ -6,7 +6,9 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/vector.h>
 
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -66,6 +68,7 @@ nb::object array_of(const std::vector<double> &v) { return array_of(v.data(), {v
 
 pose::PatchSet cut_patches(const pose::Pyramid &pyramid, const pose::Homography &G, const std::vector<pose::Point> &centres,
                            double stride) {
+    if (!(stride > 0) || !std::isfinite(stride)) throw std::invalid_argument("the stride is above 0");
     pose::PatchSet set{stride, {}};
     for (const pose::Point &c : centres) {
         pose::Patch patch;
@@ -120,6 +123,7 @@ struct PoseTarget {
                const Doubles &surface_value, const Doubles &contacts, const Doubles &depth, const Doubles &inside,
                const Doubles &outside)
         : numbers(numbers_of(given)) {
+        if (!(radius > 0) || !std::isfinite(radius)) throw std::invalid_argument("the radius is above 0");
         target.A = fixed<9>(A, "A");
         const auto c = fixed<2>(centre, "the centre");
         target.cx = c[0];
@@ -259,6 +263,7 @@ nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, co
     target.normals = places(normals, "normals");
     const std::size_t n = target.points.size();
     if (target.normals.size() != n) throw std::invalid_argument("each point needs its normal");
+    if (reach < 0 || reach > pose::farthest) throw std::invalid_argument("the reach is from 0 to 1000");
     target.noise = noise;
     target.inner.assign(n * pose::inner_pixels, 0.0);
     double cx = 0, cy = 0;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "target.hpp"
@@ -92,9 +93,9 @@ class Pinhole {
 
 struct PinholeRows {
     bool valid = false;
-    std::array<double, 2> misfit;
-    std::array<Vector<8>, 2> by_pose;
-    std::array<Vector<3>, 2> by_camera;
+    std::array<double, 2> misfit{std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
+    std::array<Vector<8>, 2> by_pose{};
+    std::array<Vector<3>, 2> by_camera{};
 };
 
 inline PinholeRows pinhole_rows(const Target &target, const Homography &G, const Vector<3> &theta, double width,

@@ -8,12 +8,14 @@
 #include <limits>
 #include <vector>
 
+#include "order.hpp"
 #include "pyramid.hpp"
 #include "target.hpp"
 
 namespace grasptrack::pose {
 
 constexpr int most_candidates = 6;
+constexpr int farthest = 1000;  // work px within which edges are looked for, whatever is asked for
 
 struct EdgeSample {
     bool inside = false;
@@ -136,8 +138,7 @@ inline Light surface_light(const Target &target, const Pyramid &pyramid, const H
     if (varied) fresh.gain = std::clamp(spread(y) / sx, 0.4, 2.5);
     std::vector<double> rest(n);
     for (std::size_t i = 0; i < n; ++i) rest[i] = y[i] - fresh.gain * x[i];
-    std::nth_element(rest.begin(), rest.begin() + static_cast<std::ptrdiff_t>(n / 2), rest.end());
-    fresh.bias = rest[n / 2];
+    fresh.bias = middle(rest);
     fresh = refined(fresh);
     const Light same = refined(before);
     return jump * explained(fresh) > explained(same) ? fresh : same;

@@ -44,12 +44,9 @@ inline Levels levels_near(std::size_t i, const std::vector<double> &visible, con
     }
     Levels out;
     if (levels.size() < 3 * region_cells) return out;
-    const auto middle = levels.begin() + static_cast<std::ptrdiff_t>(levels.size() / 2);
-    std::nth_element(levels.begin(), middle, levels.end());
-    out.level = *middle;
+    out.level = middle(levels);
     for (double &v : levels) v = std::abs(v - out.level);
-    std::nth_element(levels.begin(), middle, levels.end());
-    out.spread = 1.4826 * *middle + least;
+    out.spread = 1.4826 * middle(levels) + least;
     out.known = true;
     return out;
 }
@@ -100,7 +97,7 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
         const Point p = target.points[i], q = target.points[(i + 1) % n];
         length += std::min(std::hypot(p.x - q.x, p.y - q.y), target.radius);
     }
-    const int far = std::max(8, static_cast<int>(numbers.far * 2 * target.radius * static_cast<double>(n) / length));
+    const int far = whole(numbers.far * 2 * target.radius * static_cast<double>(n) / length, 8, std::max(8, static_cast<int>(n)));
     for (std::size_t i = 0; i < n; ++i) {
         if (visible[i] > 0.5 || bounded[i]) continue;
         const Levels back = levels_near(i, visible, beyond, far), shift = levels_near(i, visible, changed, far);

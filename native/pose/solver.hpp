@@ -74,7 +74,8 @@ class Solver {
         Matrix<8> P = start_.P;
         const bool edges = target_.points.size() >= 30;
         double h = start_.thickness, vh = start_.thickness_variance;
-        int reach = start_.reach > 0 ? static_cast<int>(start_.reach) : 0;
+        const int first = whole(start_.reach, 0, farthest);
+        int reach = first;
         EdgeLikelihoods likelihoods;
         std::vector<double> low, low_variance;
         constexpr int rounds = 4;
@@ -91,7 +92,7 @@ class Solver {
             if (edges) {
                 if (reach == 0 || round == 0) {
                     const int own = reach_of(P, 2.5, 3.0);
-                    reach = round == 0 && start_.reach > 0 ? static_cast<int>(start_.reach) : own;
+                    reach = round == 0 && start_.reach > 0 ? first : own;
                 }
                 const std::vector<int> half = half_widths(G);
                 view_ = measure_edges(target_, pyramid_, G, reach, half, out.light, 46);
@@ -109,7 +110,7 @@ class Solver {
             }
             G = target_.moved(G, d);
             if (!finite(G)) return out;
-            if (edges) reach = std::clamp(static_cast<int>(reach_of(P, 3.0, 3.0) + moved), 4, 30);
+            if (edges) reach = whole(reach_of(P, 3.0, 3.0) + moved, 4, 30);
             if (moved < 0.02 && round > 0) break;
         }
         out.G = G;
@@ -123,7 +124,6 @@ class Solver {
 
   private:
     double spacing() const {  // mean distance of neighbouring samples
-        double sum = 0;
         const std::size_t n = target_.points.size();
         if (n < 2) return 1.0;
         std::vector<double> gaps(n);
@@ -131,9 +131,7 @@ class Solver {
             const Point a = target_.points[i], b = target_.points[(i + 1) % n];
             gaps[i] = std::hypot(a.x - b.x, a.y - b.y);
         }
-        std::nth_element(gaps.begin(), gaps.begin() + static_cast<std::ptrdiff_t>(n / 2), gaps.end());
-        sum = gaps[n / 2];
-        return sum;
+        return middle(gaps);
     }
 
     static bool finite(const Homography &G) {
@@ -259,7 +257,7 @@ class Solver {
     int reach_of(const Matrix<8> &P, double times_sd, double more) const {
         double most = 0;
         for (const auto &row : target_.rows) most = std::max(most, quadratic<8>(P, row.data()));
-        return std::clamp(static_cast<int>(times_sd * std::sqrt(most) + more), 4, 30);
+        return whole(times_sd * std::sqrt(most) + more, 4, 30);
     }
 
     // An edge is as wide as what moves across it while it is exposed.
@@ -272,7 +270,7 @@ class Solver {
         for (std::size_t i = 0; i < n; ++i) {
             const Point p = target_.points[i], m = target_.normals[i], q = carried(back, p.x, p.y);
             const double speed = std::abs((q.x - p.x) * m.x + (q.y - p.y) * m.y);
-            half[i] = static_cast<int>(std::clamp(2 + numbers_.blur_share * speed, 2.0, 12.0));
+            half[i] = whole(2 + numbers_.blur_share * speed, 2, 12);
         }
         return half;
     }
@@ -316,8 +314,7 @@ class Solver {
             }
             double variance = 4.0;
             if (sorted.size() > 10) {
-                std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
-                const double mad = 1.4826 * sorted[sorted.size() / 2];
+                const double mad = 1.4826 * middle(sorted);
                 variance = numbers_.edge_noise * numbers_.edge_noise + mad * mad;
             }
             Matrix<9> A9{};
@@ -380,10 +377,7 @@ class Solver {
         }
         out.edge_share = share / static_cast<double>(n);
         out.look = 0;
-        if (sorted.size() > 20) {
-            std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
-            out.look = sorted[sorted.size() / 2];
-        }
+        if (sorted.size() > 20) out.look = middle(sorted);
         const std::size_t lags = std::max<std::size_t>(3, static_cast<std::size_t>(0.06 * static_cast<double>(n)));
         for (std::size_t i = 0; i < n; ++i) {
             // window sum of the neighbours' scores, triangular
@@ -424,7 +418,7 @@ class Solver {
         out.occluded.assign(n, 0.0);
         out.other.assign(n, 0.0);
         if (edges) {
-            const int reach = static_cast<int>(numbers_.wide * 2 * target_.radius);
+            const int reach = whole(numbers_.wide * 2 * target_.radius, 0, farthest);
             view_ = measure_edges(target_, pyramid_, out.G, reach, half_widths(out.G), out.light, 46);
             const std::vector<double> parallax = lower_face(out.G), none(n, 0.0);
             std::vector<double> low(n), variance(n);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "order.hpp"
 #include "pyramid.hpp"
 #include "target.hpp"
 
@@ -211,8 +212,7 @@ inline TextureFit fit_patches(const Target &target, const std::vector<PatchRow> 
             distance[i] = m.wxx * ex * ex + 2 * m.wxy * ex * ey + m.wyy * ey * ey;
             sorted.push_back(distance[i]);
         }
-        std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
-        scale = std::max(1.0, sorted[sorted.size() / 2] / 1.386);  // the median of chi-squared with 2 degrees
+        scale = std::max(1.0, middle(sorted) / 1.386);  // the median of chi-squared with 2 degrees
         double agreeing = 0;
         for (std::size_t i = 0; i < n; ++i) {
             if (!patches[i].match.inside) continue;

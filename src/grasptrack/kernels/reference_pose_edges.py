@@ -199,7 +199,7 @@ def _refined(light: Light, x: Floats, y: Floats, varied: bool) -> Light:
         weight = 1.0 / (1.0 + (y - light.gain * x - light.bias) ** 2 / SOFT**2) ** 2
         total = weight.sum()
         mx, my = (weight * x).sum() / total, (weight * y).sum() / total
-        cross, own = (weight * (x - mx) * (y - my)).sum(), 1e-6 + (weight * (x - mx) ** 2).sum()
+        cross, own = (weight * (x - mx) * (y - my)).sum(), 1e-6 + (weight * (x - mx) * (x - mx)).sum()
         gain = float(np.clip(cross / own, 0.3, 3.0)) if varied else light.gain
         light = Light(gain, float(my - gain * mx))
     return light
