@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An image that follows no other: hypotheses made exact and judged without continuity, and nothing learned from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.matching import Sampled, symmetries
+from grasptrack.projective import apply_homography
+from grasptrack.tracking.decision import Decision, decide, evidence, tolerance
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
+from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.state import Look, TrackState, process_noise
+from grasptrack.tracking.target import Grey, Target
+
+Floats = NDArray[np.float64]
+
+PRESENT = 0.5
+"""Prior probability that an image of which nothing is known shows the object."""
+LONG = 1_000_000
+"""Images after which an object may be anywhere."""
+ROUND_TURNS = 48
+"""Turns in which a surface is compared where the outline shows none."""
+
+
+def pose_hypothesis(target: Target, origin: str, H: Floats, numbers: Numbers) -> Hypothesis:
+    """The object may be where a homography H_current_reference (3, 3) puts it, give or take what a frame may change."""
+    return Hypothesis(origin, target.pose(H), process_noise(target.size, numbers))
+
+
+def single_estimate(
+    target: Target, state: TrackState, levels: list[Grey], hypothesis: Hypothesis, numbers: Numbers
+) -> PoseEstimate | None:
+    """One hypothesis made exact in an image of which no image before tells anything.
+
+    Texture that the two images share by chance pulls a loose pose away, a tight one may stay beside its edges: both are
+    tried, and the one for which there is more evidence is taken.
+
+    Args:
+        target, state: of the object.
+        levels: the image's pyramid.
+        hypothesis: where it may be.
+        numbers: the core's.
+    """
+
+    def solved(G: Floats, P: Floats, reach: float = 0.0) -> list[PoseEstimate]:
+        # between two images without a time nothing moved while it was exposed
+        still = replace(state, last=Look(levels, G))
+        found = estimate_pose(target, still, levels, Hypothesis(hypothesis.origin, G, P, reach), again=reach > 0.0)
+        return [] if found is None else [found]
+
+    found = [e for share in (1.0, numbers.predicted) for e in solved(hypothesis.G, hypothesis.P * share**2)]
+    for e in found[:]:
+        if e.elsewhere > numbers.elsewhere:
+            found += solved(e.G, e.P + process_noise(target.size, numbers), numbers.wide * target.size)
+    return max(found, key=lambda e: evidence(e, numbers), default=None)
+
+
+def decide_single(target: Target, state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Decision:
+    """The most probable of some estimates of one image, wherever it lies.
+
+    Estimates that explain the same pixels stand against each other by all the evidence there is: only elsewhere may lie
+    something just like the object.
+    """
+    anywhere = replace(state, lost=LONG)
+    told = -math.log(numbers.risk)
+    standing: list[PoseEstimate] = []
+    for e in sorted(estimates, key=lambda e: -evidence(e, numbers)):
+        over = [other for other in standing if _overlap(target, e, other)]
+        if all(evidence(other, numbers) - evidence(e, numbers) < told for other in over):
+            standing.append(e)
+    return decide(target, anywhere, standing, target.contacts, PRESENT, numbers)
+
+
+def turned_hypotheses(target: Target, estimate: PoseEstimate, turns: list[float], numbers: Numbers) -> list[Hypothesis]:
+    """The object as estimated, but turned about its own centre by each of some angles, rad."""
+    middle = target.outline.mean(axis=0)
+    there, back = np.eye(3), np.eye(3)
+    there[:2, 2], back[:2, 2] = middle, -middle
+    found = []
+    for turn in turns:
+        c, s = math.cos(turn), math.sin(turn)
+        G = estimate.G @ there @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ back
+        found.append(Hypothesis("turned", G / G[2, 2], process_noise(target.size, numbers)))
+    return found
+
+
+def turns_of(outline: Sampled) -> list[float]:
+    """rad, the turns in which something with this outline may lie as well: its symmetries, near ones too; many of a disc."""
+    own = symmetries(outline)
+    if own.continuous:
+        return [2.0 * math.pi * k / ROUND_TURNS for k in range(1, ROUND_TURNS)]
+    return [way.turn for way in (*own.turns, *own.near)]
+
+
+def _overlap(target: Target, one: PoseEstimate, other: PoseEstimate) -> bool:
+    """Whether two estimates lay the object's middle on each other."""
+    middle = target.outline.mean(axis=0)[None]
+    outline = apply_homography(other.G, target.outline).astype(np.float32)
+    x, y = apply_homography(one.G, middle)[0].tolist()
+    return cv2.pointPolygonTest(outline, (x, y), False) >= 0.0
+
+
+def same_place(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
+    """Whether two estimates put each contact at the same place, as exactly as is asked for."""
+    away = np.hypot(*(one.contacts - other.contacts).T)
+    return bool(away.max() <= tolerance(one.area, numbers))
+
+
+def largest_sigma(area: float, numbers: Numbers) -> float:
+    """px, the standard deviation by the model from which on a contact of an object of `area` px^2 is not believed."""
+    return tolerance(area, numbers) / (numbers.inflate * math.sqrt(-2.0 * math.log(numbers.risk)))
+
+
+def contacts_off(decision: Decision, contacts: Floats, numbers: Numbers) -> tuple[float, float]:
+    """By how much contacts that somebody else has carried are off.
+
+    Args:
+        decision: of the image, with an estimate.
+        contacts: (k, 2) px.
+        numbers: the core's.
+
+    Returns:
+        px from the estimate's, the largest; and the probability that one is off by more than the tolerance.
+    """
+    assert decision.estimate is not None
+    away = float(np.hypot(*(contacts - decision.estimate.contacts).T).max())
+    left = max(0.0, decision.tolerance - away)
+    inside = 1.0 - math.exp(-0.5 * (left / max(decision.sigma, 1e-3)) ** 2)
+    return away, 1.0 - decision.presence * inside * (1.0 - decision.exchanged)
