@@ -66,23 +66,24 @@ def test_the_other_turns_of_a_symmetric_part_are_told():
 
 def test_a_disc_is_refused_and_so_is_another_object():
     disc, key = SHAPES["disc"](), SHAPES["key"]()
-    both, H = scene(disc, 0.2, 0.3, 0.4)
-    view, grasp = reference(disc, H[0])
+    both, _ = scene(disc, 0.2, 0.3, 0.4)
+    image, view = printed(ellipse(60.0, 60.0), blots=0.0)
+    grasp = synthesize(view, 2, 0.5, top=1)[0]
     with pytest.raises(AmbiguousError, match="every turn"):
-        carry_to(grasp, view, both[0].image, both[1].image, 0.5)
+        carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, motion(0.4, 0.5), 2), 0.5)
     other, K = scene(key, 0.0, 0.0, 0.4)
     view, grasp = reference(key, K[0])
     with pytest.raises(TransferError, match="no object with this outline"):
         carry_to(grasp, view, other[0].image, both[1].image, 0.5)
 
 
-def printed(outline, seed=0, size=(360, 480)):
+def printed(outline, seed=0, size=(360, 480), blots=30.0):
     """A dark part with blots on it, on a light ground, and its outline."""
     image = drawn(outline, centres=(tuple(MIDDLE),), angle=0.0, noise=0.0, size=size).astype(float)
-    blots = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(size), (0, 0), 3.0)
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(size), (0, 0), 3.0)
     inside = np.zeros(size, np.uint8)
     cv2.fillPoly(inside, [np.rint(outline + MIDDLE).astype(np.int32)], 1)
-    image += 30.0 * blots / blots.std() * cv2.erode(inside, np.ones((13, 13), np.uint8))
+    image += blots * noise / noise.std() * cv2.erode(inside, np.ones((13, 13), np.uint8))
     ahead = np.roll(outline, -1, axis=0) - outline
     fine = np.concatenate(
         [a + np.linspace(0, 1, 60, endpoint=False)[:, None] * b for a, b in zip(outline, ahead, strict=True)]
@@ -135,3 +136,11 @@ def test_a_strategy_is_believed_only_where_the_image_puts_its_contacts():
             assert (outcome.reason == "") == (off < limit) or abs(off - limit) < 0.5
             refused, believed = refused + (off >= limit), believed + (off < limit)
     assert refused and believed  # the grasp line knows no tilt
+
+
+def test_an_ellipse_is_free_to_slide_unless_its_surface_holds_it():
+    for blots, status in ((0.0, "ambiguous"), (30.0, "matched")):
+        image, view = printed(ellipse(80.0, 50.0), blots=blots)
+        grasp, H = synthesize(view, 2, 0.5, top=1)[0], motion(0.4, 0.4)
+        pair = carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
+        assert pair.found.status == status

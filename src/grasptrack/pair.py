@@ -20,26 +20,29 @@ from grasptrack.contour import Contour, View
 from grasptrack.errors import AmbiguousError, GraspTrackError, ObservationError, TransferError
 from grasptrack.grasp import Grasp
 from grasptrack.matching import Judgement, Match, Sampled, judge, match, symmetries
+from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
 from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.channel import PLAIN
 from grasptrack.observation.images import Grey, to_bgr, to_mask
 from grasptrack.observation.segmentation import candidates, grow
 from grasptrack.observation.snake import Snake
 from grasptrack.projective import apply_homography, jacobian, normalised
-from grasptrack.tracking.decision import CODES, Decision
+from grasptrack.tracking.decision import CODES, Decision, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.redetection import Keypoints
 from grasptrack.tracking.single import (
     contacts_off,
     decide_single,
+    first_state,
     pose_hypothesis,
     same_place,
     single_estimate,
+    told_apart,
     turned_hypotheses,
     turns_of,
 )
-from grasptrack.tracking.state import initial_state, process_noise
+from grasptrack.tracking.state import process_noise
 from grasptrack.tracking.target import make_target, pyramid
 from grasptrack.transfer import STRATEGIES, Transfer, rrp, strategy_named
 
@@ -131,21 +134,25 @@ def carry_to(
         if not decision.accepted:
             raise problem from None
         return scene.pair(decision, Judgement("matched", None, [], ""), [])
-    chosen = _least_turned(told, outline)
-    alike = [chosen, *(m for m in (told.best, *told.others) if m is not None and m is not chosen)]
+    assert told.best is not None
+    alike = [told.best, *told.others]
     worse = [m for m in ways if not any(m is known for known in alike)]
     scene = _Scene(grasp, reference, before, colours, found, friction, hidden, object_at)
-    by_alike, by_worse = [scene.by_match(m) for m in alike], [scene.by_match(m) for m in worse]
-    decision = scene.decided([*by_alike, *by_worse, *scene.by_keypoints(twins)])
-    if decision.accepted:
-        return scene.pair(decision, Judgement("matched", told.best, [], ""), [])
-    # nothing but their turns tells those apart that fit alike
-    standing = [e for e in by_alike if e is not None]
-    others = [e for e in standing[1:] if not same_place(e, standing[0], NUMBERS)]
-    decision = scene.decided([*standing[:1], *by_worse])
-    H = scene.target.homography(decision.estimate.G) if decision.estimate is not None else chosen.homography
+    made = [(m, e) for m in alike if (e := scene.by_match(m)) is not None]
+    by_worse = [scene.by_match(m) for m in worse]
+    decision = scene.decided([*(e for _, e in made), *by_worse, *scene.by_keypoints(twins)])
+    if decision.accepted or not made:
+        return scene.pair(decision, scene.settled(decision, told), [], told.best.homography)
+    # nothing but their turns tells those apart for which there is as much evidence: the least that the surface allows
+    made = _by_turn(scene.undecided(made), outline)
+    decisions = [scene.decided([e, *by_worse]) for _, e in made]
+    chosen = next((i for i, each in enumerate(decisions) if each.accepted), 0)
+    own, decision = made[chosen][1], scene.decided([made[chosen][1], *by_worse])
+    others = [e for _, e in made if not same_place(e, own, NUMBERS)]
+    H = scene.target.homography(own.G)
     turns = [_turn(np.linalg.inv(H) @ scene.target.homography(e.G), outline.centre) for e in others]
-    return scene.pair(decision, told, [math.degrees(turn) for turn in turns], H)
+    left = told._replace(status="ambiguous" if turns else told.status)
+    return scene.pair(decision, left, [math.degrees(turn) for turn in turns], H)
 
 
 def _by_outline(
@@ -188,7 +195,7 @@ class _Scene:
         before, self._levels = pyramid(self._first), pyramid(self._second)
         same_size = hidden is not None and hidden.shape == self._first.shape
         self.target = make_target(before, reference, grasp.contacts, NUMBERS, hidden if same_size else None)
-        self._state = initial_state(self.target, before, NUMBERS)
+        self._state = first_state(self.target, before, NUMBERS)
         self._standing: list[PoseEstimate] = []
 
     def by_match(self, way: Match) -> PoseEstimate | None:
@@ -219,6 +226,20 @@ class _Scene:
         self._standing = [e for e in estimates if e is not None]
         return decide_single(self.target, self._state, self._standing, NUMBERS)
 
+    def settled(self, decision: Decision, told: Judgement) -> Judgement:
+        """What the outlines amount to once it is decided: where they slide along each other, only the surface tells."""
+        assert told.best is not None
+        estimate, best = decision.estimate, told.best
+        shown = 0.0 if estimate is None else texture_evidence(estimate, self._state.usual, NUMBERS)
+        slides = best.slack <= max(SLIDES * best.size, SLIDES_NOISE * best.residual)
+        if NUMBERS.temper * shown >= -math.log(NUMBERS.risk) or (told.others and not slides):
+            return Judgement("matched", best, [], "")
+        return told
+
+    def undecided(self, made: list[tuple[Match, PoseEstimate]]) -> list[tuple[Match, PoseEstimate]]:
+        """Those for which there is as much evidence as for the best, as far as can be told."""
+        return [(m, e) for m, e in made if not any(told_apart(self._state, other, e, NUMBERS) for _, other in made)]
+
     def pair(self, decision: Decision, told: Judgement, turns: list[float], H: Floats | None = None) -> Pair:
         """The grasp in both images.
 
@@ -226,11 +247,11 @@ class _Scene:
             decision: of the registration.
             told: of the outlines.
             turns: degrees.
-            H: (3, 3) from the first image to the second, where the strategies look; None: by the decision.
+            H: (3, 3) from the first image to the second, where the strategies look if there is no estimate.
         """
-        if H is None:
-            assert decision.estimate is not None
+        if decision.estimate is not None:
             H = self.target.homography(decision.estimate.G)
+        assert H is not None
         current = View([c.transformed(H) for c in self._view.contours]) if self._found is None else self._found.view
         outcomes = [self._registered(decision), *(self._by(name, H, current) for name in STRATEGIES)]
         return Pair(outcomes, current, turns, told)
@@ -312,12 +333,15 @@ def _shifted(contour: Contour, corner: Floats) -> Contour:
     return Contour(contour.points - corner, hole=contour.hole, strength=contour.strength, clipped=contour.clipped)
 
 
-def _least_turned(told: Judgement, outline: Sampled) -> Match:
-    """Of what fits alike and takes hardly more tilt than the least, the smallest turn."""
-    assert told.best is not None
-    best = told.best
-    alike = [m for m in (best, *told.others) if m.stretch <= HARDLY_MORE * best.stretch]
-    return min(alike, key=lambda m: abs(_turn(m.homography, outline.centre)))
+def _by_turn(made: list[tuple[Match, PoseEstimate]], outline: Sampled) -> list[tuple[Match, PoseEstimate]]:
+    """What takes hardly more tilt than the least first, the smallest turn first; then the rest."""
+    least = min(m.stretch for m, _ in made)
+
+    def order(each: tuple[Match, PoseEstimate]) -> tuple[bool, float]:
+        way = each[0]
+        return way.stretch > HARDLY_MORE * least, abs(_turn(way.homography, outline.centre))
+
+    return sorted(made, key=order)
 
 
 def _turn(H: Floats, at: Floats) -> float:

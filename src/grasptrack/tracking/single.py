@@ -6,16 +6,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.matching import Sampled, symmetries
-from grasptrack.projective import apply_homography
 from grasptrack.tracking.decision import Decision, decide, evidence, tolerance
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import Look, TrackState, process_noise
+from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
 from grasptrack.tracking.target import Grey, Target
 
 Floats = NDArray[np.float64]
@@ -26,6 +24,17 @@ LONG = 1_000_000
 """Images after which an object may be anywhere."""
 ROUND_TURNS = 48
 """Turns in which a surface is compared where the outline shows none."""
+
+
+def first_state(target: Target, levels: list[Grey], numbers: Numbers) -> TrackState:
+    """The state in the first image's pyramid, each patch of the surface expected to look alike as far as noise allows."""
+    state = initial_state(target, levels, numbers)
+    own = estimate_pose(target, state, levels, Hypothesis("first", target.A, state.P))
+    if own is None:
+        return state
+    # V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look
+    usual = [np.clip(2.0 * np.nan_to_num(r) - 1.0, 0.0, 1.0) for r in own.correlation]
+    return replace(state, usual=usual)
 
 
 def pose_hypothesis(target: Target, origin: str, H: Floats, numbers: Numbers) -> Hypothesis:
@@ -58,23 +67,18 @@ def single_estimate(
     for e in found[:]:
         if e.elsewhere > numbers.elsewhere:
             found += solved(e.G, e.P + process_noise(target.size, numbers), numbers.wide * target.size)
-    return max(found, key=lambda e: evidence(e, numbers), default=None)
+    return max(found, key=lambda e: evidence(e, state.usual, numbers), default=None)
 
 
 def decide_single(target: Target, state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Decision:
-    """The most probable of some estimates of one image, wherever it lies.
+    """The most probable of some estimates of one image, wherever it lies."""
+    return decide(target, replace(state, lost=LONG), estimates, target.contacts, PRESENT, numbers)
 
-    Estimates that explain the same pixels stand against each other by all the evidence there is: only elsewhere may lie
-    something just like the object.
-    """
-    anywhere = replace(state, lost=LONG)
-    told = -math.log(numbers.risk)
-    standing: list[PoseEstimate] = []
-    for e in sorted(estimates, key=lambda e: -evidence(e, numbers)):
-        over = [other for other in standing if _overlap(target, e, other)]
-        if all(evidence(other, numbers) - evidence(e, numbers) < told for other in over):
-            standing.append(e)
-    return decide(target, anywhere, standing, target.contacts, PRESENT, numbers)
+
+def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
+    """Whether the image has so much more evidence for one estimate than for another as is asked for."""
+    gained = evidence(one, state.usual, numbers) - evidence(other, state.usual, numbers)
+    return gained >= -math.log(numbers.risk)
 
 
 def turned_hypotheses(target: Target, estimate: PoseEstimate, turns: list[float], numbers: Numbers) -> list[Hypothesis]:
@@ -96,14 +100,6 @@ def turns_of(outline: Sampled) -> list[float]:
     if own.continuous:
         return [2.0 * math.pi * k / ROUND_TURNS for k in range(1, ROUND_TURNS)]
     return [way.turn for way in (*own.turns, *own.near)]
-
-
-def _overlap(target: Target, one: PoseEstimate, other: PoseEstimate) -> bool:
-    """Whether two estimates lay the object's middle on each other."""
-    middle = target.outline.mean(axis=0)[None]
-    outline = apply_homography(other.G, target.outline).astype(np.float32)
-    x, y = apply_homography(one.G, middle)[0].tolist()
-    return cv2.pointPolygonTest(outline, (x, y), False) >= 0.0
 
 
 def same_place(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
