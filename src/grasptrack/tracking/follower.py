@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import View
 from grasptrack.tracking.camera import learn_camera, learn_thickness
-from grasptrack.tracking.decision import Decision, decide
+from grasptrack.tracking.decision import SAME_PLACE, TURNED, Decision, decide, evidence, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
-from grasptrack.tracking.hypotheses import predict
+from grasptrack.tracking.hypotheses import Predictions, moving_on, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.redetection import Keypoints, search
+from grasptrack.tracking.redetection import Keypoints, search, shifted_looks, wide_prior
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
@@ -46,23 +48,53 @@ class Follower:
         self.state: TrackState = initial_state(self.target, levels, numbers)
         self.state.time = time
         self.keypoints = Keypoints(self.target, grey)
+        self.state.lookalike = self._equals(self.state.last)
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
         state, target, numbers = self.state, self.target, self.numbers
-        levels = pyramid(grey)
+        levels, steps = pyramid(grey), self._steps(time)
         presence = float(np.clip(state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard))
-        predictions = predict(target, state, levels, self._steps(time), numbers)
+        predictions = predict(target, state, levels, steps, numbers)
+        expected, unseen = self._expected(predictions, steps)
         estimates = self._estimates(levels, predictions.first)
-        expected = target.carried(predictions.first[0].G)
-        decision = decide(target, state, estimates, expected, presence, numbers)
+        decision = decide(state, estimates, expected, unseen, presence, numbers)
         if not decision.accepted:
-            more = predictions.second + search(target, state.located, self.keypoints, levels)
-            for hypothesis in more:
-                estimates += self._estimates(levels, [hypothesis])
-            decision = decide(target, state, estimates, expected, presence, numbers)
-        self._learn(levels, decision)
+            estimates += self._estimates(
+                levels, predictions.second + search(target, state.located, self.keypoints, levels)
+            )
+            decision = decide(state, estimates, expected, unseen, presence, numbers)
+        if decision.estimate is not None and decision.accepted and state.lost and target.turns:
+            turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
+            estimates += self._estimates(levels, turned)
+            decision = decide(state, estimates, expected, unseen, presence, numbers)
+        self._learn(levels, decision, predictions.ground, steps)
         return decision
+
+    def _expected(self, predictions: Predictions, steps: float) -> tuple[Floats, float]:
+        """(k, 2) px, the contacts where they are expected; and how long the object may have moved freely, in frames."""
+        state = self.state
+        if not state.lost:
+            return self.target.carried(predictions.first[0].G), max(1.0, steps)
+        if predictions.ground is not None and state.anchored:
+            return self.target.carried(predictions.ground), state.unseen + state.wander
+        return self.target.carried(state.expected), state.unseen + max(1.0, steps)
+
+    def _equals(self, look: Look) -> bool:
+        """Whether a look at the object shows something just like it elsewhere."""
+        state, numbers = self.state, self.numbers
+        own = estimate_pose(self.target, state, look.levels, Hypothesis("at rest", look.G, state.P))
+        if own is None:
+            return False
+        size = math.sqrt(own.area)
+        for G in shifted_looks(self.target, look, look.levels):
+            hypothesis = Hypothesis("shifted", G, wide_prior(self.target))
+            other = estimate_pose(self.target, state, look.levels, hypothesis)
+            if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
+                continue
+            if evidence(other, state.usual, numbers) > ALIKE * evidence(own, state.usual, numbers) > 0.0:
+                return True
+        return False
 
     def _estimates(self, levels: list[Grey], hypotheses: list[Hypothesis]) -> list[PoseEstimate]:
         """Each hypothesis made exact; a second time from farther away where much of the outline lies elsewhere."""
@@ -94,28 +126,65 @@ class Follower:
         state.time = time
         return passed / state.interval
 
-    def _learn(self, levels: list[Grey], decision: Decision) -> None:
-        state, numbers = self.state, self.numbers
-        if decision.estimate is None:
-            state.lost += 1
-            state.presence = min(state.presence, 0.5)
-            state.last = Look(levels, state.G)
+    def _learn(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
+        state, numbers, e = self.state, self.numbers, decision.estimate
+        if e is None or not (decision.accepted or decision.code == "uncertain"):
+            self._lose(levels, decision, ground, steps)
             return
-        e = decision.estimate
-        state.G_before = state.G
+        self._learn_motion(e, ground, steps)
         state.last = Look(levels, e.G)
         state.P = e.P
         state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
-        if not decision.accepted:
-            state.lost += 1
+        state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
+        if not decision.accepted:  # where it is, is known only roughly
             return
-        state.lost = 0
         state.located = state.last
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
         self._remember_patches(e)
         if e.look > 0.0:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
+
+    def _lose(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
+        """What remains known of an object that was not found."""
+        state, numbers, e = self.state, self.numbers, decision.estimate
+        if not state.lost:
+            state.lookalike = state.lookalike or self._equals(state.located)
+        state.lost += 1
+        state.velocity = None
+        state.anchored = state.anchored and ground is not None
+        if ground is not None and state.anchored:
+            state.expected = ground
+            state.last = Look(levels, ground)
+            state.unseen += state.wander
+        else:
+            state.unseen += max(1.0, steps)
+            state.last = Look(levels, state.G if e is None else e.G)
+        if e is None:
+            state.presence = min(state.presence, 0.5)
+        else:
+            state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
+            state.P = e.P
+
+    def _learn_motion(self, estimate: PoseEstimate, ground: Floats | None, steps: float) -> None:
+        """How it moves; how far even motion and rest on the ground are off."""
+        state, target, numbers = self.state, self.target, self.numbers
+        even = moving_on(target, state, steps)
+        if even is not None:
+            off = target.difference(even, estimate.G)
+            share = float(np.mean(off**2 / np.diag(process_noise(target.size, numbers))))
+            if np.isfinite(share):
+                state.moves += 1
+                rate = 1.0 / min(state.moves, MEMORY)
+                state.agility = float(np.clip(state.agility + (share - state.agility) * rate, CALM, 1.0))
+        if ground is not None and not state.lost:
+            away = estimate.contacts - target.carried(ground)
+            share = math.sqrt(float((away**2).sum(axis=1).mean()) / estimate.area) / numbers.travel
+            state.wanders += 1
+            rate = 1.0 / min(state.wanders, MEMORY)
+            state.wander = float(np.clip(state.wander + (share - state.wander) * rate, STILL, 1.0))
+        velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
+        state.velocity = velocity if not state.lost and np.isfinite(velocity).all() else None
 
     def _remember_patches(self, estimate: PoseEstimate) -> None:
         """How much each patch usually looks as it did first: noise, reflections and blur make it less."""
@@ -129,11 +198,17 @@ class Follower:
 
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
+STILL = 0.05
+"""Least wandering: what rests may be pushed."""
+ALIKE = 0.5
+"""Share of the evidence for the object that something has to show to be just like it."""
+CALM = 0.01
+"""Share of the process noise that always remains."""
 FIRST = 2
 """... and images without any likeness that count before the first."""
 
 
 def _better(one: PoseEstimate, other: PoseEstimate, usual: list[Floats], numbers: Numbers) -> bool:
-    from grasptrack.tracking.decision import texture_evidence
-
-    return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(other, usual, numbers)
+    return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(
+        other, usual, numbers
+    )
