@@ -40,7 +40,6 @@ from grasptrack.tracking.single import (
     single_estimate,
     told_apart,
     turned_hypotheses,
-    turns_of,
 )
 from grasptrack.tracking.state import process_noise
 from grasptrack.tracking.target import make_target, pyramid
@@ -125,12 +124,11 @@ def carry_to(
     before, colours = to_bgr(first), to_bgr(second)
     hidden = None if ignore is None else grow(to_mask(ignore, colours.shape[:2], "ignore mask"))
     outline = Sampled(reference)
-    twins = turns_of(outline)
     try:
         found, ways, told = _by_outline(colours, outline, object_at, hidden)
     except (ObservationError, TransferError) as problem:
         scene = _Scene(grasp, reference, before, colours, None, friction, hidden, object_at)
-        decision = scene.decided(scene.by_keypoints(twins))
+        decision = scene.decided(scene.by_keypoints())
         if not decision.accepted:
             raise problem from None
         return scene.pair(decision, Judgement("matched", None, [], ""), [])
@@ -140,7 +138,7 @@ def carry_to(
     scene = _Scene(grasp, reference, before, colours, found, friction, hidden, object_at)
     made = [(m, e) for m in alike if (e := scene.by_match(m)) is not None]
     by_worse = [scene.by_match(m) for m in worse]
-    decision = scene.decided([*(e for _, e in made), *by_worse, *scene.by_keypoints(twins)])
+    decision = scene.decided([*(e for _, e in made), *by_worse, *scene.by_keypoints()])
     if decision.accepted or not made:
         return scene.pair(decision, scene.settled(decision, told), [], told.best.homography)
     # nothing but their turns tells those apart for which there is as much evidence: the least that the surface allows
@@ -202,16 +200,16 @@ class _Scene:
         """One way in which the outlines lie on each other, made exact."""
         return self._exact(pose_hypothesis(self.target, "match", way.homography, NUMBERS))
 
-    def by_keypoints(self, twins: list[float]) -> list[PoseEstimate | None]:
-        """The pose on which keypoints of the surface agree, made exact, and so turned by `twins`, rad; nothing without, nor
-        where they agree on another object than was pointed at."""
+    def by_keypoints(self) -> list[PoseEstimate | None]:
+        """The pose on which keypoints of the surface agree, made exact, and the turns of it in which its outline fits as well;
+        nothing without, nor where they agree on another object than was pointed at."""
         G = Keypoints(self.target, self._first).find(self._levels[0])
         if G is None:
             return []
         own = self._exact(Hypothesis("keypoints", G, process_noise(self.target.size, NUMBERS)))
         if own is None or not self._meant(own):
             return []
-        return [own, *(self._exact(way) for way in turned_hypotheses(self.target, own, twins, NUMBERS))]
+        return [own, *(self._exact(way) for way in turned_hypotheses(self.target, own, NUMBERS))]
 
     def _meant(self, estimate: PoseEstimate) -> bool:
         """Whether an estimate covers the pixel of the object that was given, if any was."""

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.matching import Sampled, symmetries
-from grasptrack.tracking.decision import Decision, decide, evidence, tolerance
+from grasptrack.tracking.decision import TURNED, Decision, decide, evidence, tolerance
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
@@ -20,10 +19,8 @@ Floats = NDArray[np.float64]
 
 PRESENT = 0.5
 """Prior probability that an image of which nothing is known shows the object."""
-LONG = 1_000_000
+LONG = 1e6
 """Images after which an object may be anywhere."""
-ROUND_TURNS = 48
-"""Turns in which a surface is compared where the outline shows none."""
 
 
 def first_state(target: Target, levels: list[Grey], numbers: Numbers) -> TrackState:
@@ -72,7 +69,7 @@ def single_estimate(
 
 def decide_single(target: Target, state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Decision:
     """The most probable of some estimates of one image, wherever it lies."""
-    return decide(target, replace(state, lost=LONG), estimates, target.contacts, PRESENT, numbers)
+    return decide(state, estimates, target.contacts, LONG, PRESENT, numbers)
 
 
 def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
@@ -81,25 +78,10 @@ def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, number
     return gained >= -math.log(numbers.risk)
 
 
-def turned_hypotheses(target: Target, estimate: PoseEstimate, turns: list[float], numbers: Numbers) -> list[Hypothesis]:
-    """The object as estimated, but turned about its own centre by each of some angles, rad."""
-    middle = target.outline.mean(axis=0)
-    there, back = np.eye(3), np.eye(3)
-    there[:2, 2], back[:2, 2] = middle, -middle
-    found = []
-    for turn in turns:
-        c, s = math.cos(turn), math.sin(turn)
-        G = estimate.G @ there @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ back
-        found.append(Hypothesis("turned", G / G[2, 2], process_noise(target.size, numbers)))
-    return found
-
-
-def turns_of(outline: Sampled) -> list[float]:
-    """rad, the turns in which something with this outline may lie as well: its symmetries, near ones too; many of a disc."""
-    own = symmetries(outline)
-    if own.continuous:
-        return [2.0 * math.pi * k / ROUND_TURNS for k in range(1, ROUND_TURNS)]
-    return [way.turn for way in (*own.turns, *own.near)]
+def turned_hypotheses(target: Target, estimate: PoseEstimate, numbers: Numbers) -> list[Hypothesis]:
+    """The object as estimated, but for each of the turns in which its outline fits itself."""
+    P = process_noise(target.size, numbers)
+    return [Hypothesis(TURNED, estimate.G @ T, P) for T in target.turns]
 
 
 def same_place(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
