@@ -58,7 +58,6 @@ try:
         point_at,
         projective_step,
         rank_grasps,
-        strongest_edges,
         refine_contacts,
         register_outline,
         resample,
@@ -68,6 +67,7 @@ try:
         settle_edges,
         soft_threshold,
         step_state,
+        strongest_edges,
         trace_edges,
         weigh_edges,
     )
@@ -75,6 +75,7 @@ try:
     BACKEND = "native"
 except ImportError as error:
     from grasptrack.kernels.reference import (
+        PoseTarget,
         advance_state,
         align_outlines,
         arc_length,
@@ -125,6 +126,7 @@ except ImportError as error:
         settle_edges,
         soft_threshold,
         step_state,
+        strongest_edges,
         trace_edges,
         weigh_edges,
     )
@@ -181,7 +183,6 @@ __all__ = [
     "point_at",
     "projective_step",
     "rank_grasps",
-    "strongest_edges",
     "refine_contacts",
     "register_outline",
     "resample",
@@ -191,6 +192,7 @@ __all__ = [
     "settle_edges",
     "soft_threshold",
     "step_state",
+    "strongest_edges",
     "trace_edges",
     "weigh_edges",
 ]
