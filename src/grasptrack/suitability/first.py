@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import choice
-from grasptrack.errors import ObservationError, TransferError
+from grasptrack.errors import ObservationError
 from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand
 from grasptrack.observation.candidate import Candidate
@@ -17,7 +17,7 @@ from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.proposals import Box
 from grasptrack.observation.segmentation import apart, grow
-from grasptrack.reference import Reference
+from grasptrack.suitability.strategies import why_not
 
 
 class FirstView(NamedTuple):
@@ -26,22 +26,28 @@ class FirstView(NamedTuple):
     Attributes:
         candidate: the object.
         colours: (H, W) or BGR (H, W, 3): the image, or the softened mask in its place.
-        observer: that found the object and has been told that it is the one.
-        grey: (H, W) the image in the mixture of colours that shows it.
+        hidden: (H, W) nonzero where nothing belongs to the scene, or None.
+        grey: (H, W) the image in the mixture of colours that shows the object.
         others: what else lies in the image.
         grasp: on the object, or None.
-        reference: the grasp with all that the tracker keeps of this view; None without a grasp that can be carried.
-        reason: why there is none; else empty.
+        carried: the strategy can carry it.
+        reason: why there is none that it can; else empty.
     """
 
     candidate: Candidate
     colours: NDArray[np.uint8]
-    observer: Observer
+    hidden: Grey | None
     grey: Grey
     others: list[Candidate]
     grasp: Grasp | None
-    reference: Reference | None
+    carried: bool
     reason: str
+
+    @property
+    def held(self) -> Grasp:
+        """The grasp; without one, two places on the outline stand for its contacts."""
+        outer = self.candidate.view.outer
+        return self.grasp or Grasp(outer.points[[0, len(outer) // 2]])
 
 
 def first_view(
@@ -65,7 +71,8 @@ def first_view(
     """
     colours = to_bgr(image)
     shape = colours.shape[:2]
-    observer = Observer(None if ignore is None else grow(to_mask(ignore, shape, "ignore mask")))
+    hidden = None if ignore is None else grow(to_mask(ignore, shape, "ignore mask"))
+    observer = Observer(hidden)
     seen = colours if mask is None else as_scene(to_mask(mask, shape, "mask"))
     observer.look(seen)
     masked = mask is not None
@@ -80,14 +87,12 @@ def first_view(
         grasps, reason = choice.grasps(candidate.view, strategy, fingers, friction, hand, beside)
         reason = f"no stable grasp: {reason}"
     for i, grasp in enumerate(grasps):
-        try:
-            kept = Reference(grasp, candidate.view, grey, strategy, candidate.polarity, friction, observer.hidden)
-        except TransferError as error:
-            if i == 0:
-                reason = f"no grasp that {strategy} can carry: {error}"
-            continue
-        return FirstView(candidate, seen, observer, grey, others, grasp, kept, "")
-    return FirstView(candidate, seen, observer, grey, others, grasps[0] if grasps else None, None, reason)
+        refused = why_not(strategy, grasp, candidate.view, grey)
+        if not refused:
+            return FirstView(candidate, seen, hidden, grey, others, grasp, True, "")
+        if i == 0:
+            reason = f"no grasp that {strategy} can carry: {refused}"
+    return FirstView(candidate, seen, hidden, grey, others, grasps[0] if grasps else None, False, reason)
 
 
 def _others(

@@ -91,8 +91,8 @@ def same_place(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool
 
 
 def largest_sigma(area: float, numbers: Numbers) -> float:
-    """px, the standard deviation by the model from which on a contact of an object of `area` px^2 is not believed."""
-    return tolerance(area, numbers) / (numbers.inflate * math.sqrt(-2.0 * math.log(numbers.risk)))
+    """px, the standard deviation from which on a contact of an object of `area` px^2 is not believed."""
+    return tolerance(area, numbers) / math.sqrt(-2.0 * math.log(numbers.risk))
 
 
 def contacts_off(decision: Decision, contacts: Floats, numbers: Numbers) -> tuple[float, float]:
