@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from grasptrack.closing import CHANCE
 from grasptrack.kernels.reference_edges import WINDOW
 from grasptrack.suitability.edges import MIN_STRENGTH, RELATIVE_STRENGTH
 from grasptrack.suitability.motions import SLIDING, Motions
@@ -15,7 +16,6 @@ from grasptrack.suitability.settled import Settled
 from grasptrack.suitability.strategies import Usable, recommended
 from grasptrack.suitability.symmetry import Symmetry
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.verdict import CHANCE
 
 SMALL = NUMBERS.tolerance_px / NUMBERS.tolerance
 """px; of a smaller object, the tracker's tolerance in px is a larger share than its tolerance in sqrt(area)."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,7 @@ CODES = {
     "other-shape": "the outline differs from the object's",
     "other-surface": "the surface differs from the object's",
     "ambiguous": "its outline fits itself in more than one way, and nothing tells them apart",
+    "strategy-off": "the strategy puts a contact elsewhere than the outline and the surface do",
     "lookalike": "something just like it was seen, and which of them this is cannot be told",
 }
 """Reasons for which an answer is not given. `messages` makes sentences of them."""
@@ -206,3 +207,22 @@ def decide(
                 code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
     return Decision(chosen, off, p, math.sqrt(variance), allowed, other, code, figures)
+
+
+def farthest(contacts: Floats, others: Floats) -> float:
+    """px between contacts (k, 2) where they are farthest apart."""
+    return float(np.hypot(*(contacts - others).T).max())
+
+
+def checked(decision: Decision, contacts: Floats, numbers: Numbers) -> Decision:
+    """The decision of a strategy's own contacts (k, 2) px, which are off by as much more as they differ from the estimate's."""
+    if decision.estimate is None or not decision.accepted:
+        return decision
+    distance = farthest(contacts, decision.estimate.contacts)
+    left = max(0.0, decision.tolerance - distance) / max(decision.sigma, 1e-3)
+    inside = 1.0 - math.exp(-0.5 * left * left)
+    off = 1.0 - decision.presence * inside * (1.0 - decision.exchanged)
+    if off < numbers.risk:
+        return replace(decision, probability_off=off)
+    figures = {"probability_off": off, "distance": distance, "tolerance": decision.tolerance}
+    return replace(decision, probability_off=off, code="strategy-off", figures=figures)
