@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,18 +20,17 @@ from grasptrack.errors import AmbiguousError, GraspTrackError, ObservationError,
 from grasptrack.grasp import Grasp
 from grasptrack.matching import Judgement, Match, Sampled, judge, match, symmetries
 from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
-from grasptrack.observation.candidate import Candidate
+from grasptrack.observation.candidate import Candidate, holds
 from grasptrack.observation.channel import PLAIN
 from grasptrack.observation.images import Grey, to_bgr, to_mask
 from grasptrack.observation.segmentation import candidates, grow
-from grasptrack.observation.snake import Snake
 from grasptrack.projective import apply_homography, jacobian, normalised
-from grasptrack.tracking.decision import CODES, Decision, texture_evidence
+from grasptrack.tracking.decision import Decision, checked, farthest, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
+from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.redetection import Keypoints
 from grasptrack.tracking.single import (
-    contacts_off,
     decide_single,
     first_state,
     pose_hypothesis,
@@ -42,13 +40,12 @@ from grasptrack.tracking.single import (
     turned_hypotheses,
 )
 from grasptrack.tracking.state import process_noise
+from grasptrack.tracking.strategies import REGISTRATION, Carried, Silhouettes, Snakes
 from grasptrack.tracking.target import make_target, pyramid
-from grasptrack.transfer import STRATEGIES, Transfer, rrp, strategy_named
+from grasptrack.transfer import STRATEGIES
 
 Floats = NDArray[np.float64]
 
-REGISTRATION = "registration"
-"""The name of the outcome that needs no strategy of the paper."""
 LOOKED_AT = 6
 """Objects of the second image that are matched."""
 MARGIN, MARGIN_PX = 0.5, 48.0
@@ -213,8 +210,10 @@ class _Scene:
 
     def _meant(self, estimate: PoseEstimate) -> bool:
         """Whether an estimate covers the pixel of the object that was given, if any was."""
-        outline = apply_homography(estimate.G, self.target.outline).astype(np.float32)
-        return self._object_at is None or cv2.pointPolygonTest(outline, self._object_at, False) >= 0.0
+        if self._object_at is None:
+            return True
+        H = self.target.homography(estimate.G)
+        return holds(View([c.transformed(H) for c in self._view.contours]), *self._object_at)
 
     def _exact(self, hypothesis: Hypothesis) -> PoseEstimate | None:
         return single_estimate(self.target, self._state, self._levels, hypothesis, NUMBERS)
@@ -257,11 +256,11 @@ class _Scene:
     def _registered(self, decision: Decision) -> Outcome:
         estimate = decision.estimate
         if estimate is None:
-            return Outcome(REGISTRATION, None, None, None, math.nan, CODES[decision.code])
+            return Outcome(REGISTRATION, None, None, None, math.nan, _sentence(decision))
         H = self.target.homography(estimate.G)
         again = self._exact(pose_hypothesis(self.target, REGISTRATION, H, NUMBERS))
-        off = math.nan if again is None else float(np.hypot(*(again.contacts - estimate.contacts).T).max())
-        reason, analysis = CODES.get(decision.code, ""), None
+        off = math.nan if again is None else farthest(again.contacts, estimate.contacts)
+        reason, analysis = _sentence(decision), None
         try:
             analysis = analyze(self._grasp, self._view, self._friction, self._width, "reference")
         except GraspTrackError as problem:
@@ -274,17 +273,12 @@ class _Scene:
             moved = self._carried(name, H, current)
         except GraspTrackError as problem:
             return Outcome(name, None, None, None, math.nan, str(problem))
-        contacts, carried = moved.grasp.contacts, moved.homography
-        assert carried is not None
+        contacts, carried = moved.contacts, moved.homography
         own = self._exact(pose_hypothesis(self.target, name, carried, NUMBERS))
         estimates = [*self._standing, *([] if own is None else [own])]
-        decision = decide_single(self.target, self._state, estimates, NUMBERS)
-        if decision.estimate is None:
-            return Outcome(name, contacts, carried, None, math.nan, CODES[decision.code])
-        off, probability = contacts_off(decision, contacts, NUMBERS)
-        reason, analysis = CODES.get(decision.code, ""), None
-        if not reason and not probability < NUMBERS.risk:
-            reason = f"the image puts a contact {off:.1f} px from where the transfer does"
+        decision = checked(decide_single(self.target, self._state, estimates, NUMBERS), contacts, NUMBERS)
+        estimate, reason, analysis = decision.estimate, _sentence(decision), None
+        off = math.nan if estimate is None else farthest(contacts, estimate.contacts)
         try:
             back = Grasp.of(apply_homography(np.linalg.inv(carried), contacts))
             analysis = analyze(back, self._view, self._friction, self._width, "reference")
@@ -292,7 +286,7 @@ class _Scene:
             reason = reason or str(problem)
         return Outcome(name, contacts, carried, analysis, off, reason)
 
-    def _carried(self, name: str, H: Floats, current: View) -> Transfer:
+    def _carried(self, name: str, H: Floats, current: View) -> Carried:
         """A strategy's transfer, with a homography (3, 3) between the images.
 
         Raises:
@@ -303,19 +297,8 @@ class _Scene:
         back = np.array([[1.0, 0.0, -corner[0]], [0.0, 1.0, -corner[1]], [0.0, 0.0, 1.0]])
         grasp, view = Grasp(self._grasp.contacts - corner), View([_shifted(c, corner) for c in self._view.contours])
         prior = normalised(H @ np.linalg.inv(back))
-        if name == "rrp":
-            snake = Snake(view, piece, "similarity", contacts=grasp.contacts)
-            snake.reseed(prior)
-            fit = snake.update(self._second)
-            if not fit.ok:
-                raise TransferError(fit.reason)
-            moved = rrp.apply(rrp.describe(grasp, snake.template), snake.view(fit)).grasp
-            carried = Transfer(moved, fit.homography, fit.covariance_at(grasp.contacts), fit.residual)
-        else:
-            strategy = strategy_named(name)
-            carried = strategy.apply(strategy.describe(grasp, view), current, prior)
-        if carried.homography is None:
-            raise TransferError("the transfer has no homography to judge it by")
+        extractor = Snakes(grasp, view, piece) if name == "rrp" else Silhouettes(name, grasp, view)
+        carried = extractor.carry(self._second, current, prior)
         return carried._replace(homography=normalised(carried.homography @ back))
 
     def _cut(self) -> tuple[Floats, Grey]:
@@ -325,6 +308,11 @@ class _Scene:
         left, top = (max(0, int(v)) for v in (points.min(axis=0) - margin).tolist())
         right, bottom = (int(v) + 1 for v in (points.max(axis=0) + margin).tolist())
         return np.array([left, top], dtype=np.float64), np.ascontiguousarray(self._first[top:bottom, left:right])
+
+
+def _sentence(decision: Decision) -> str:
+    """Why an answer is not believed; empty when it is."""
+    return Reason(decision.code, decision.figures).sentence
 
 
 def _shifted(contour: Contour, corner: Floats) -> Contour:

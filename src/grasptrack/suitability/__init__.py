@@ -24,12 +24,13 @@ from grasptrack.suitability.relief import Relief, reliefs
 from grasptrack.suitability.restaged import Stage
 from grasptrack.suitability.result import Held, Looks, Reason, Suitability, Texture
 from grasptrack.suitability.settled import Settled, settled
-from grasptrack.suitability.strategies import AUTO, peaks_of, recommended, strategies_of
+from grasptrack.suitability.strategies import peaks_of, recommended, strategies_of
 from grasptrack.suitability.symmetry import Likeness, equals_of, symmetry_of
-from grasptrack.tracker import GraspTracker
-from grasptrack.tracking.decision import CODES
+from grasptrack.tracking.initialization import AUTO
+from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.single import largest_sigma
+from grasptrack.tracking.tracker import GraspTracker
 
 __all__ = ["Reason", "Suitability", "inspect"]
 
@@ -87,12 +88,12 @@ def inspect(
     whole = motions.models["homography"]
     limit = largest_sigma(view.outer.area, NUMBERS)
     stage = Stage(first.colours, first.candidate.channel, surface.noise)
-    rehearsal = rehearse(first, stage) if first.carried else None
+    rehearsal = None if first.carrier is None else rehearse(first, stage)
     fixed = None
-    if first.carried and strategy == AUTO:  # the others look at the outline alone
+    if first.carrier is not None and strategy == AUTO:  # the others look at the outline alone
         fixed = settled(first, stage, limit, whole.covariance, whole.observable)
     known = whole.covariance if fixed is None else fixed.covariances[0]
-    alone = _refusal(whole.observable, known, limit) if first.carried else ""
+    alone = "" if first.carrier is None else _refusal(whole.observable, known, limit)
     refusal = alone if fixed is None else _refusal(fixed.by != "nothing", fixed.covariance, limit)
     grip = None if first.grasp is None else _held(first.grasp, view, friction, limit, motions, fixed, rehearsal)
     usable = strategies_of(first.held, view, grey, alone, refusal)
@@ -125,7 +126,7 @@ def inspect(
 def _refusal(fixed: bool, covariance: Floats, limit: float) -> str:
     """Why contacts will not be believed that may be off by covariances (k, 2, 2) px^2; empty where they will."""
     sigma = math.sqrt(float(np.linalg.eigvalsh(covariance)[:, -1].max()))
-    return "" if fixed and sigma <= limit else f"{CODES['uncertain']} (standard deviation {sigma:.1f} px)"
+    return "" if fixed and sigma <= limit else Why("uncertain", {"sigma": sigma}).sentence
 
 
 def _frame(view: View) -> Frame:

@@ -11,8 +11,6 @@ import numpy as np
 from grasptrack.projective import apply_homography
 from grasptrack.suitability.first import FirstView
 from grasptrack.suitability.restaged import Stage, course
-from grasptrack.tracking.decision import CODES
-from grasptrack.tracking.follower import Follower
 
 STEPS = 6
 """Motions that are rehearsed."""
@@ -42,15 +40,15 @@ def rehearse(first: FirstView, stage: Stage, steps: int = STEPS) -> Rehearsal:
         stage: the same, to be moved.
         steps: motions.
     """
+    assert first.carrier is not None
     view, contacts = first.candidate.view, first.held.contacts
-    follower = Follower(first.grey, view, contacts, None, first.hidden)
     errors, reason = [], ""
     for H in course(steps, view.outer.points.mean(axis=0), math.sqrt(view.outer.area), stage.middle):
-        decision = follower.update(stage.seen(H))
-        if not decision.accepted or decision.estimate is None:
-            reason = reason or CODES[decision.code]
+        moved = first.carrier.move(first.observer.look(stage.moved(H)), None)
+        if moved.contacts is None:
+            reason = reason or moved.reason.sentence
             continue
-        off = decision.estimate.contacts - apply_homography(H, contacts)
+        off = moved.contacts - apply_homography(H, contacts)
         errors.append(float(np.hypot(*off.T).max()))
     error = float(np.sqrt(np.mean(np.square(errors)))) if errors else math.nan
     return Rehearsal(steps, len(errors), error, reason)

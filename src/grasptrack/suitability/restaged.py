@@ -65,9 +65,13 @@ class Stage:
         self._rng = np.random.default_rng(0)
         self.middle: Floats = 0.5 * np.array([image.shape[1] - 1.0, image.shape[0] - 1.0])
 
+    def moved(self, H: Floats) -> NDArray[np.uint8]:
+        """(H, W) or BGR (H, W, 3) the view under a homography (3, 3), with fresh noise."""
+        return restaged(self._source, H, self._noise, self._rng)
+
     def seen(self, H: Floats) -> Grey:
-        """(H, W) the view under a homography (3, 3), with fresh noise."""
-        return self._channel.grey(restaged(self._source, H, self._noise, self._rng))
+        """(H, W) the same in the mixture of colours that shows the object."""
+        return self._channel.grey(self.moved(H))
 
 
 def course(steps: int, centre: Floats, size: float, middle: Floats) -> list[Floats]:

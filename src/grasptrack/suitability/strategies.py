@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import View
-from grasptrack.errors import GraspTrackError, ObservationError, TransferError
+from grasptrack.errors import GraspTrackError
 from grasptrack.grasp import Grasp
 from grasptrack.observation.images import Grey
-from grasptrack.observation.snake import Snake
-from grasptrack.transfer import strategy_named
+from grasptrack.tracking.initialization import AUTO
+from grasptrack.tracking.strategies import Silhouettes, Snakes
 from grasptrack.transfer.homography import PROMINENCE, SEPARATION, SMOOTHING
 
 Floats = NDArray[np.float64]
 
-AUTO = "auto"
 ORDER = ("homography", "grasp-line", "rrp")
 """The strategies of the paper, those that need most first."""
 PEAKS = 4
@@ -46,18 +45,6 @@ def peaks_of(view: View) -> Floats:
     return outer.points[peaks].reshape(-1, 2)
 
 
-def why_not(strategy: str, grasp: Grasp, view: View, grey: Grey) -> str:
-    """Why a strategy cannot describe a grasp on an outline in its image (H, W); empty when it can."""
-    try:
-        if strategy == "rrp":
-            Snake(view, grey, "similarity", contacts=grasp.contacts)
-        elif strategy != AUTO:
-            strategy_named(strategy).describe(grasp, view)
-    except (TransferError, ObservationError) as error:
-        return str(error)
-    return ""
-
-
 def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "", by_auto: str = "") -> tuple[Usable, ...]:
     """`auto`'s registration and the three strategies, each tried on the view of the choice itself.
 
@@ -71,14 +58,13 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "", by_au
 
     def why(name: str) -> str:
         try:
-            reason = why_not(name, grasp, view, grey)
-            if name == "rrp" and not reason:
-                snake = Snake(view, grey, "similarity", contacts=grasp.contacts)
-                snake.reseed(np.eye(3))
-                reason = snake.update(grey).reason
+            if name == "rrp":
+                Snakes(grasp, view, grey).carry(grey, None, np.eye(3))
+            elif name != AUTO:
+                Silhouettes(name, grasp, view)
         except GraspTrackError as error:
             return str(error)
-        return reason or (by_auto if name == AUTO else refusal)
+        return by_auto if name == AUTO else refusal
 
     return tuple(Usable(name, why(name)) for name in (AUTO, *ORDER))
 

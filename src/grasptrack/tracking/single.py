@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.tracking.decision import TURNED, Decision, decide, evidence, tolerance
+from grasptrack.tracking.decision import TURNED, Decision, decide, evidence, farthest, tolerance
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
@@ -86,28 +86,9 @@ def turned_hypotheses(target: Target, estimate: PoseEstimate, numbers: Numbers) 
 
 def same_place(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
     """Whether two estimates put each contact at the same place, as exactly as is asked for."""
-    away = np.hypot(*(one.contacts - other.contacts).T)
-    return bool(away.max() <= tolerance(one.area, numbers))
+    return farthest(one.contacts, other.contacts) <= tolerance(one.area, numbers)
 
 
 def largest_sigma(area: float, numbers: Numbers) -> float:
     """px, the standard deviation from which on a contact of an object of `area` px^2 is not believed."""
     return tolerance(area, numbers) / math.sqrt(-2.0 * math.log(numbers.risk))
-
-
-def contacts_off(decision: Decision, contacts: Floats, numbers: Numbers) -> tuple[float, float]:
-    """By how much contacts that somebody else has carried are off.
-
-    Args:
-        decision: of the image, with an estimate.
-        contacts: (k, 2) px.
-        numbers: the core's.
-
-    Returns:
-        px from the estimate's, the largest; and the probability that one is off by more than the tolerance.
-    """
-    assert decision.estimate is not None
-    away = float(np.hypot(*(contacts - decision.estimate.contacts).T).max())
-    left = max(0.0, decision.tolerance - away)
-    inside = 1.0 - math.exp(-0.5 * (left / max(decision.sigma, 1e-3)) ** 2)
-    return away, 1.0 - decision.presence * inside * (1.0 - decision.exchanged)
