@@ -102,11 +102,21 @@ def _same_surface(r: Floats, usual: Floats, numbers: Numbers) -> float:
     return float(top + math.log((OCCLUDED_PRIOR * np.exp(mixed - top)).sum()))
 
 
+EXCHANGED = 0.1
+"""Prior probability that something else lies in its place, after an image that showed it."""
+
+
 def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
     surface = texture_evidence(estimate, state.usual, numbers)
-    shape = max(0.0, estimate.other_shape) + max(-max(0.0, surface), math.log(numbers.same_surface))
-    odds = numbers.exchanged * (math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface)))
+    same = max(-max(0.0, surface), math.log(numbers.same_surface))
+    shape = max(0.0, estimate.other_shape) + same
+    if len(estimate.other):
+        # of the object itself hardly an edge lies elsewhere, unless its surface is seen, and not all are covered
+        elsewhere, covered = float(np.mean(estimate.other)), float(np.mean(estimate.other + estimate.occluded))
+        shape += max(0.0, -numbers.elsewhere_power * math.log1p(-min(elsewhere, 0.999)) - max(0.0, surface))
+        shape -= numbers.cover_power * math.log1p(-min(covered, 0.999))
+    odds = (EXCHANGED if state.exchanged else numbers.exchanged) * (math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface)))
     return odds / (1.0 + odds)
 
 

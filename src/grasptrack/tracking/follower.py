@@ -211,6 +211,7 @@ class Follower:
         state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
         if not decision.accepted:  # where it is, is known only roughly
             return
+        state.exchanged = False
         state.located, state.light = state.last, e.light
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
@@ -224,6 +225,7 @@ class Follower:
         if not state.lost:
             state.lookalike = state.lookalike or self._equals(state.located)
         state.lost += 1
+        state.exchanged = state.exchanged or decision.exchanged > 0.5 < decision.presence
         state.velocity = None
         state.anchored = state.anchored and ground is not None
         if ground is not None and state.anchored:

@@ -51,6 +51,7 @@ class TrackState:
         wander: how far it left its place on the ground of late, a frame, in `Numbers.travel`; wanders: how often that was
             measured.
         unseen: how far it may have gone since it was located, likewise.
+        exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
     """
 
@@ -77,6 +78,7 @@ class TrackState:
     wander: float = 1.0
     wanders: int = 0
     unseen: float = 0.0
+    exchanged: bool = False
     lookalike: bool = False
 
     @property
