@@ -69,7 +69,7 @@ def transfer(
     from grasptrack.grasp import Grasp
     from grasptrack.observation.undistortion import Told
     from grasptrack.pair import carry_to
-    from grasptrack.tracker import GraspTracker
+    from grasptrack.tracking.tracker import GraspTracker
 
     lens, one, told = _straight(calibration, first, Told(contacts, place_a, None, hidden))
     lens_b, other, told_b = _straight(calibration, second, Told(None, place_b, None, hidden))

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from grasptrack.errors import GraspError, InputError, StrategyError
 from grasptrack.evaluation import peers
 from grasptrack.evaluation.method import Maker, Method, Start
-from grasptrack.tracker import GraspTracker
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.tracking.tracker import GraspTracker as CoreTracker
 
 CORE = "core"

@@ -27,7 +27,7 @@ from grasptrack.suitability.result import Held, Looks, Reason, Suitability, Text
 from grasptrack.suitability.settled import Settled, settled
 from grasptrack.suitability.strategies import peaks_of, recommended, strategies_of
 from grasptrack.suitability.symmetry import equals_of, symmetry_of
-from grasptrack.tracker import GraspTracker
+from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.verdict import MAX_SIGMA, MAX_SIGMA_PX, refuse
 
 __all__ = ["Reason", "Suitability", "inspect"]
