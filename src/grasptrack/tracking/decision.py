@@ -68,14 +68,16 @@ def tolerance(area: float, numbers: Numbers) -> float:
     return max(numbers.tolerance_px, numbers.tolerance * math.sqrt(area))
 
 
-def evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
+def evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of an estimate: this object there, partly covered, against nothing of its kind."""
-    return numbers.temper * (texture_evidence(estimate, numbers) + estimate.log_odds)
+    covered = float(np.mean(estimate.occluded + estimate.other)) if len(estimate.other) else 0.0
+    prior = numbers.cover_power * math.log(max(1.0 - covered, 0.01))
+    return numbers.temper * (max(0.0, texture_evidence(estimate, usual, numbers)) + estimate.log_odds) + prior
 
 
-def texture_evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
-    """Log-likelihood ratio of the patches' correlations on the level that speaks most for it: blur takes the fine ones."""
-    return max((_same_surface(r[np.isfinite(r)], numbers) for r in estimate.correlation), default=0.0)
+def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
+    """Log-likelihood ratio of the patches' correlations, given those that are usual: this surface against another one."""
+    return sum(_same_surface(r, u, numbers) for r, u in zip(estimate.correlation, usual, strict=True))
 
 
 OCCLUDED = np.linspace(0.02, 0.98, 25)
@@ -84,26 +86,24 @@ OCCLUDED_PRIOR = (1.0 - OCCLUDED) ** 2 / ((1.0 - OCCLUDED) ** 2).sum()
 """... the less probable the more."""
 
 
-def _same_surface(r: Floats, numbers: Numbers) -> float:
-    """Log-likelihood ratio of correlations r (n,): of this surface, an unknown share of it covered, against another surface."""
-    if not len(r):
+def _same_surface(r: Floats, usual: Floats, numbers: Numbers) -> float:
+    """Log-likelihood ratio of one level's correlations r (n,), NaN where not seen: of this surface, an unknown share of it covered."""
+    seen = np.isfinite(r)
+    if not seen.any():
         return 0.0
-    root = math.sqrt(2.0 * math.pi)
-    same = np.exp(-0.5 * ((1.0 - r) / numbers.match_spread) ** 2) * 2.0 / (numbers.match_spread * root)
-    chance = np.exp(-0.5 * (r / numbers.chance_spread) ** 2) / (numbers.chance_spread * root)
-    mixed = np.log((1.0 - OCCLUDED[:, None]) * same / chance + OCCLUDED[:, None]).sum(axis=1) / numbers.patch_share
+    r, usual = r[seen], np.clip(usual[seen], 0.0, 1.0)
+    # what usually agrees little may agree by chance today, and not tomorrow
+    chance = numbers.chance_spread
+    spread = np.sqrt(usual**2 * numbers.match_spread**2 + (1.0 - usual**2) * chance**2)
+    ratio = (chance / spread) * np.exp(0.5 * ((r / chance) ** 2 - ((r - usual) / spread) ** 2))
+    mixed = np.log((1.0 - OCCLUDED[:, None]) * ratio + OCCLUDED[:, None]).sum(axis=1) / numbers.patch_share
     top = mixed.max()
     return float(top + math.log((OCCLUDED_PRIOR * np.exp(mixed - top)).sum()))
 
 
-KNOWN = 0.5
-"""A patch that agreed in more than this share of the images is known to be the surface's own, and not noise or a reflection."""
-
-
 def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
-    known = [r[q > KNOWN] for r, q in zip(estimate.correlation, state.repeats, strict=False)]
-    surface = sum(_same_surface(r[np.isfinite(r)], numbers) for r in known)
+    surface = texture_evidence(estimate, state.usual, numbers)
     shape = max(0.0, estimate.other_shape) + max(-max(0.0, surface), math.log(numbers.same_surface))
     odds = numbers.exchanged * (math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface)))
     return odds / (1.0 + odds)
@@ -120,6 +120,10 @@ def place_prior(target: Target, state: TrackState, estimate: PoseEstimate, expec
     away = float(np.hypot(*(estimate.contacts - expected).T).min())
     nu = numbers.prior_freedom
     return -0.5 * (nu + 2.0) * math.log1p((away / scale) ** 2 / nu)
+
+
+SAME_PLACE = 0.5
+"""Share of sqrt(area) within which two poses lie in one place."""
 
 
 def decide(
@@ -145,10 +149,13 @@ def decide(
     if not estimates:
         return Decision(None)
     likeness = 0.5 if state.lookalike else numbers.lookalike
+    raw = np.array([evidence(e, state.usual, numbers) for e in estimates])
+    centres = np.array([e.contacts.mean(axis=0) for e in estimates])
     scores = []
-    for e in estimates:
-        strength = evidence(e, numbers)
-        strength -= float(np.logaddexp(0.0, strength + math.log(likeness)))
+    for e, centre in zip(estimates, centres, strict=True):
+        # poses in one place explain the same pixels: between them all that is seen counts
+        shared = raw[np.hypot(*(centres - centre).T) < SAME_PLACE * math.sqrt(e.area)].max()
+        strength = evidence(e, state.usual, numbers) - float(np.logaddexp(0.0, shared + math.log(likeness)))
         scores.append(strength + math.log(presence) + place_prior(target, state, e, expected, numbers))
     best = int(np.argmax(scores))
     chosen = estimates[best]

@@ -138,7 +138,7 @@ class Follower:
                     self.numbers.wide * self.target.size,
                 )
                 other = estimate_pose(self.target, self.state, levels, farther, again=True)
-                if other is not None and _better(other, estimate, self.numbers):
+                if other is not None and _better(other, estimate, self.state.usual, self.numbers):
                     estimate = other
             found.append(estimate)
         return found
@@ -177,23 +177,22 @@ class Follower:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
 
     def _remember_patches(self, estimate: PoseEstimate) -> None:
-        """Which patches are the surface's own: those that are seen again and again."""
+        """How much each patch usually looks as it did first: noise, reflections and blur make it less."""
         state = self.state
-        if not state.repeats:
-            state.repeats = [np.zeros(len(r)) for r in estimate.correlation]
-        state.repeated = min(state.repeated + 1, MEMORY)
-        for known, r in zip(state.repeats, estimate.correlation, strict=True):
+        state.accepted += 1
+        share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
+        for usual, r in zip(state.usual, estimate.correlation, strict=True):
             seen = np.isfinite(r)
-            known[seen] += ((r[seen] > AGREES).astype(float) - known[seen]) / state.repeated
+            usual[seen] += (r[seen] - usual[seen]) * share
 
 
 MEMORY = 10
-"""Images over which it is remembered whether a patch agreed."""
-AGREES = 0.5
-"""Correlation from which on it did."""
+"""Images over which it is remembered what is usual, ..."""
+FIRST = 2
+"""... and images without any likeness that count before the first."""
 
 
-def _better(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
+def _better(one: PoseEstimate, other: PoseEstimate, usual: list[Floats], numbers: Numbers) -> bool:
     from grasptrack.tracking.decision import texture_evidence
 
-    return one.log_odds + texture_evidence(one, numbers) > other.log_odds + texture_evidence(other, numbers)
+    return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(other, usual, numbers)

@@ -20,6 +20,7 @@ class Numbers:
         edge_noise: work px, least noise of an edge; more is measured.
         other_spread: grey levels, by which what lies inside somebody else's edge differs from what lies inside the object's.
         share_object, share_occluded, share_other: prior shares of the outline.
+        cover_power: the more of the outline is covered the less probable: power of the share that is not.
         stretch: mean length of an occluded stretch, as a share of the outline.
         sample_distance: work px of the outline that carry one independent measurement.
         blur_share: half the width of the edge filter, as a share of the speed along the normal per frame.
@@ -66,6 +67,7 @@ class Numbers:
     share_object: float = 0.90
     share_occluded: float = 0.08
     share_other: float = 0.02
+    cover_power: float = 2.0
     stretch: float = 0.15
     sample_distance: float = 8.0
     blur_share: float = 0.45
@@ -90,7 +92,7 @@ class Numbers:
     perspective: float = 0.30
     focal_sd: float = 0.4
     normal_sd: float = 0.5
-    pinhole_sd: float = 0.015
+    pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
     camera_keep: float = 0.1
     thickness_sd: float = 0.04

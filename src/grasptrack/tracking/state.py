@@ -42,7 +42,8 @@ class TrackState:
         located: the last image in which the object was located.
         lost: images since.
         time, interval: s, of the last image; a usual time between images.
-        repeats: of each patch of the three finest levels: how often it agreed of late, 0 to 1, and frames that count.
+        usual: of each patch of the three finest levels: its correlation of late.
+        accepted: images in which the object was located.
         gone: since the object was located, its place was seen without it, or left the image.
         lookalike: something with its outline was seen elsewhere.
     """
@@ -60,11 +61,10 @@ class TrackState:
     lost: int = 0
     time: float | None = None
     interval: float | None = None
-    repeats: list[Floats] = field(default_factory=list)
-    repeated: int = 0
+    usual: list[Floats] = field(default_factory=list)
+    accepted: int = 0
     gone: bool = False
     lookalike: bool = False
-    reasons: list[str] = field(default_factory=list)
 
     @property
     def G(self) -> Floats:
@@ -90,6 +90,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         thickness_variance=(numbers.thickness_sd * target.size) ** 2,
         inner_spread=FIRST_SPREAD,
         located=look,
+        usual=[np.zeros(n) for n in target.counts],
     )
 
 

@@ -28,6 +28,8 @@ SAMPLES = 400
 """... of which there are so many at most."""
 PATCHES = 120
 """Patches of texture on the finest level at most; a quarter of that on each coarser one."""
+TOLD = 3
+"""Levels of texture, the finest, whose correlations an estimate tells."""
 CORNERS = 80
 """Places at which a look is laid on the next image, at most."""
 SURFACE = 400
@@ -79,6 +81,7 @@ class Target:
         corners: (n, 2) work px, places at which motion from image to image is measured.
         strides: work px between the pixels of a patch, fine to coarse.
         patches: (n, 2) work px, of the finest texture.
+        counts: of patches on each of the finest levels.
         edge_count: samples of the outline with an edge.
         inner_limit: see `Numbers`.
         handle: the same for the kernel.
@@ -96,6 +99,7 @@ class Target:
     corners: Floats
     corner_strides: Floats
     patches: Floats
+    counts: tuple[int, ...]
     edge_share: float
     noise: float
     numbers: Numbers
@@ -185,13 +189,13 @@ def make_target(
     )
     if hidden is not None and hidden.any():
         target.hide(hidden_levels(hidden))
-    patches = np.zeros((0, 2))
+    patches, counts = np.zeros((0, 2)), []
     stride, reduced, count = 1, image, PATCHES
     while stride == 1 or stride <= size / 16.0:
         inside = cv2.erode(mask, np.ones((9, 9), np.uint8), iterations=1)
         inside = cv2.erode(inside, np.ones((PATCH * stride, PATCH * stride), np.uint8), borderValue=0)
         centres = _textured(reduced, inside, stride, noise / stride, numbers.texture_contrast, count)
-        target.add_texture(levels, centres, float(stride))
+        counts.append(target.add_texture(levels, centres, float(stride)))
         if stride == 1:
             patches = centres
         reduced, stride, count = cv2.pyrDown(reduced), 2 * stride, max(30, count // 2)
@@ -212,6 +216,7 @@ def make_target(
         corners,
         np.array(strides),
         patches,
+        tuple(counts[:TOLD]),
         share,
         noise,
         numbers,
