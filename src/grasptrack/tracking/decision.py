@@ -122,6 +122,15 @@ def place_prior(target: Target, state: TrackState, estimate: PoseEstimate, expec
     return -0.5 * (nu + 2.0) * math.log1p((away / scale) ** 2 / nu)
 
 
+SAME_ODDS = math.log(20.0)
+"""Odds within which estimates of one answer are as good."""
+
+
+def variance_of(estimate: PoseEstimate) -> float:
+    """px^2 of the worst contact in its worst direction, by the model alone."""
+    return float(np.linalg.eigvalsh(estimate.covariance)[:, -1].max())
+
+
 SAME_PLACE = 0.5
 """Share of sqrt(area) within which two poses lie in one place."""
 
@@ -158,8 +167,16 @@ def decide(
         strength = evidence(e, state.usual, numbers) - float(np.logaddexp(0.0, shared + math.log(likeness)))
         scores.append(strength + math.log(presence) + place_prior(target, state, e, expected, numbers))
     best = int(np.argmax(scores))
+    allowed = tolerance(estimates[best].area, numbers)
+    # of the same answer the one that knows most: a hypothesis from nowhere has no past
+    same = [
+        k
+        for k, e in enumerate(estimates)
+        if scores[k] > scores[best] - SAME_ODDS
+        and np.hypot(*(e.contacts - estimates[best].contacts).T).max() < 0.5 * allowed
+    ]
+    best = min(same, key=lambda k: variance_of(estimates[k]))
     chosen = estimates[best]
-    allowed = tolerance(chosen.area, numbers)
     others = [math.log(1.0 - presence)]
     for e, score in zip(estimates, scores, strict=True):
         if np.hypot(*(e.contacts - chosen.contacts).T).max() > allowed:
@@ -167,7 +184,7 @@ def decide(
     top = max([*others, scores[best]])
     own = math.exp(scores[best] - top)
     p = own / (own + sum(math.exp(o - top) for o in others))
-    variance = float(np.linalg.eigvalsh(chosen.covariance)[:, -1].max()) * numbers.inflate**2
+    variance = variance_of(chosen) * numbers.inflate**2
     inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
     other = exchanged(state, chosen, numbers)
     off = 1.0 - p * inside * (1.0 - other)
@@ -188,11 +205,16 @@ def decide(
     return Decision(chosen, off, p, math.sqrt(variance), allowed, other, code, figures)
 
 
+def farthest(contacts: Floats, others: Floats) -> float:
+    """px between contacts (k, 2) where they are farthest apart."""
+    return float(np.hypot(*(contacts - others).T).max())
+
+
 def checked(decision: Decision, contacts: Floats, numbers: Numbers) -> Decision:
     """The decision of a strategy's own contacts (k, 2) px, which are off by as much more as they differ from the estimate's."""
     if decision.estimate is None or not decision.accepted:
         return decision
-    distance = float(np.hypot(*(contacts - decision.estimate.contacts).T).max())
+    distance = farthest(contacts, decision.estimate.contacts)
     left = max(0.0, decision.tolerance - distance) / max(decision.sigma, 1e-3)
     inside = 1.0 - math.exp(-0.5 * left * left)
     off = 1.0 - decision.presence * inside * (1.0 - decision.exchanged)

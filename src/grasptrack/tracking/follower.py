@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from grasptrack.contour import View
 from grasptrack.tracking.camera import learn_camera, learn_thickness
-from grasptrack.tracking.decision import Decision, checked, decide
+from grasptrack.tracking.decision import Decision, checked, decide, farthest
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
-from grasptrack.tracking.hypotheses import predict
+from grasptrack.tracking.hypotheses import moving_on, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import Keypoints, search
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
@@ -76,19 +76,17 @@ class Follower:
 
     @property
     def expected(self) -> Floats:
-        """(3, 3) the next image's pose if it moves on evenly; that of the last image in which it was located, after a loss."""
+        """(3, 3) the next image's pose if it moves on evenly; where it was located last, after a loss."""
         state = self.state
-        if state.lost:
-            return state.located.G
-        if state.G_before is None:
-            return state.G
-        G = state.G @ np.linalg.inv(state.G_before) @ state.G
-        return np.asarray(G / G[2, 2], dtype=np.float64)
+        even = moving_on(state)
+        if even is not None:
+            return even
+        return state.located.G if state.lost else state.G
 
     def judge(
         self, grey: Grey, time: float | None, batches: Iterable[Sequence[Proposal]]
     ) -> tuple[Decision, Proposal | None]:
-        """As `update`, of what somebody else proposes: what is decided, and of which proposal.
+        """As `update`, of what a strategy proposes, against even motion and rest: the decision, and the proposal it is of.
 
         Args:
             grey, time: as for `update`.
@@ -97,26 +95,26 @@ class Follower:
         state, target, numbers = self.state, self.target, self.numbers
         levels = pyramid(grey)
         presence = self._presence()
-        self._steps(time)
+        P = state.P + process_noise(target.size, numbers) * max(1.0, self._steps(time))
         expected = target.carried(self.expected)
-        estimates: list[PoseEstimate] = []
-        proposed: list[Proposal] = []
-        decision, chosen = Decision(None), None
+        estimates = self._estimates(levels, [Hypothesis("at rest", state.located.G if state.lost else state.G, P)])
+        if moving_on(state) is not None:
+            estimates += self._estimates(levels, [Hypothesis("moving on", self.expected, P)])
+        found = answer = decide(target, state, estimates, expected, presence, numbers)
+        nearest, proposed = None, list[Proposal]()
         for batch in batches:
-            for proposal in batch:
-                found = self._estimates(levels, [proposal.hypothesis])
-                estimates += found
-                proposed += [proposal] * len(found)
-            decision = decide(target, state, estimates, expected, presence, numbers)
-            for estimate, proposal in zip(estimates, proposed, strict=True):
-                if estimate is decision.estimate:
-                    chosen = proposal
-                    decision = checked(decision, proposal.contacts, numbers)
-                    break
-            if decision.accepted:
+            proposed += batch
+            estimates += self._estimates(levels, [proposal.hypothesis for proposal in batch])
+            found = answer = decide(target, state, estimates, expected, presence, numbers)
+            if found.estimate is None or not proposed:
+                continue
+            contacts = found.estimate.contacts
+            nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
+            answer = checked(found, nearest.contacts, numbers)
+            if answer.accepted:
                 break
-        self._learn(levels, decision)
-        return decision, chosen
+        self._learn(levels, found)  # where the object is does not depend on what the strategy makes of it
+        return answer, nearest
 
     def _presence(self) -> float:
         """Prior probability that the object is there."""
@@ -161,12 +159,17 @@ class Follower:
             state.last = Look(levels, state.G)
             return
         e = decision.estimate
+        if decision.accepted or decision.code == "uncertain":
+            self._learn_agility(e)
         state.G_before = state.G
         state.last = Look(levels, e.G)
         state.P = e.P
         state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
-        if not decision.accepted:
+        if decision.code == "uncertain":  # its motion is known nevertheless
+            state.lost = 0
+        elif not decision.accepted:
             state.lost += 1
+        if not decision.accepted:
             return
         state.lost = 0
         state.located = state.last
@@ -175,6 +178,19 @@ class Follower:
         self._remember_patches(e)
         if e.look > 0.0:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
+
+    def _learn_agility(self, estimate: PoseEstimate) -> None:
+        """How far even motion is off: the prior of the next pose."""
+        state, even = self.state, moving_on(self.state)
+        if even is None:
+            return
+        off = self.target.difference(even, estimate.G)
+        share = float(np.mean(off**2 / np.diag(process_noise(self.target.size, self.numbers))))
+        if np.isfinite(share):
+            state.moves += 1
+            state.agility = float(
+                np.clip(state.agility + (share - state.agility) / min(state.moves, MEMORY), CALM, 1.0)
+            )
 
     def _remember_patches(self, estimate: PoseEstimate) -> None:
         """How much each patch usually looks as it did first: noise, reflections and blur make it less."""
@@ -188,6 +204,8 @@ class Follower:
 
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
+CALM = 0.01
+"""Share of the process noise that always remains."""
 FIRST = 2
 """... and images without any likeness that count before the first."""
 
@@ -195,4 +213,6 @@ FIRST = 2
 def _better(one: PoseEstimate, other: PoseEstimate, usual: list[Floats], numbers: Numbers) -> bool:
     from grasptrack.tracking.decision import texture_evidence
 
-    return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(other, usual, numbers)
+    return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(
+        other, usual, numbers
+    )

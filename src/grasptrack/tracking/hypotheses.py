@@ -39,17 +39,41 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     """
     Q = process_noise(target.size, numbers) * max(1.0, steps)
     rest = [Hypothesis("at rest", state.G, state.P + Q)]
-    if state.G_before is not None and state.lost == 0:
-        G = state.G @ np.linalg.inv(state.G_before) @ state.G
-        rest.insert(0, Hypothesis("moving on", G / G[2, 2], state.P + Q))
+    even = moving_on(state)
+    if even is not None:
+        rest.insert(0, Hypothesis("moving on", even, state.P + Q))
     flow = _flow(target, state, levels, rest, Q, numbers)
     if flow is not None:
-        return Predictions([flow], rest)
+        calm = None if even is None else Hypothesis("moving on", even, state.P + Q * state.agility)
+        return Predictions([flow if calm is None else _joined(target, flow, calm)], rest)
     background = _background(target, state, levels)
     first = (
         [] if background is None else [Hypothesis("background", background, state.P + Q * (2 * numbers.predicted) ** 2)]
     )
     return Predictions(first + rest, [])
+
+
+def moving_on(state: TrackState) -> Floats | None:
+    """(3, 3) the pose that even motion leads to; None where the motion is not known."""
+    if state.G_before is None or state.lost:
+        return None
+    G = state.G @ np.linalg.inv(state.G_before) @ state.G
+    return np.asarray(G / G[2, 2], dtype=np.float64)
+
+
+def _joined(target: Target, flow: Hypothesis, even: Hypothesis) -> Hypothesis:
+    """What texture and even motion say together, where they agree."""
+    d = target.difference(flow.G, even.G)
+    S = flow.P + even.P
+    if not np.isfinite(d).all() or d @ np.linalg.solve(S, d) > AGREE:
+        return flow
+    K = flow.P @ np.linalg.inv(S)
+    P = flow.P - K @ flow.P
+    return Hypothesis(flow.origin, target.handle.moved(flow.G, K @ d), 0.5 * (P + P.T))
+
+
+AGREE = 20.1
+"""Squared Mahalanobis distance of predictions that agree: 99 % of chi-squared with 8 degrees of freedom."""
 
 
 def _flow(

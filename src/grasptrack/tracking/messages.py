@@ -24,21 +24,21 @@ SENTENCES = {
     "ambiguous": "the outline fits itself in more than one way, and nothing tells them apart: ambiguous",
     "lookalike": "something just like the object was seen, and which of them this is cannot be told: ambiguous",
     # lost: of a strategy by itself
-    "no-transfer": "",
+    "no-transfer": "the strategy did not find its outline in this image",
     "strategy-off": "the strategy puts a contact elsewhere than the outline and the surface do",
     "off-outline": "",
     # unstable
     "not-closing": "",
-    "slips": "the grasp may slip",
+    "slips": "the contacts may be too far off for the grasp to close",
 }
 """What is said with each code; nothing where a step's own words say it all."""
 
 FIGURES = {
     "edges": "{:.0%} of the outline shows its edge",
-    "sigma": "uncertain by {:.1f} px",
+    "sigma": "standard deviation {:.1f} px",
     "distance": "{:.1f} px off",
-    "tolerance": "{:.1f} px are allowed",
-    "chance": "it closes with a chance of {:.0%}",
+    "tolerance": "{:.1f} px would be wrong",
+    "chance": "the chance that it closes is {:.0%}",
 }
 """How the figures are told that help a reader; others are left out."""
 

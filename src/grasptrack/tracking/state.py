@@ -44,6 +44,7 @@ class TrackState:
         time, interval: s, of the last image; a usual time between images.
         usual: of each patch of the three finest levels: its correlation of late.
         accepted: images in which the object was located.
+        agility: mean square by which even motion was off of late, in process noise; moves: how often that was measured.
         gone: since the object was located, its place was seen without it, or left the image.
         lookalike: something with its outline was seen elsewhere.
     """
@@ -63,6 +64,8 @@ class TrackState:
     interval: float | None = None
     usual: list[Floats] = field(default_factory=list)
     accepted: int = 0
+    agility: float = 1.0
+    moves: int = 0
     gone: bool = False
     lookalike: bool = False
 

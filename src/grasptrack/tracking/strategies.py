@@ -209,6 +209,7 @@ class Alone:
         self._extractor, self._observer = extractor, observer
         view = follower.target.view
         self._reference = view
+        self._missed = 0
         self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // OUTLINE)])
         self._holes = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
 
@@ -219,15 +220,17 @@ class Alone:
         decision, chosen = self.follower.judge(grey, time, self._batches(grey, tried, refused))
         view = next((v for proposal, v in tried if proposal is chosen), None)
         if chosen is None or view is None or not decision.accepted:
-            why = Reason(decision.code, decision.figures)
+            self._missed += 1
+            why = Reason(decision.code or "no-transfer", decision.figures)
             return Moved(decision, reason=why if tried or not refused else Reason("no-transfer", detail=refused[0]))
+        self._missed = 0
         self._observer.believe(view)
         return Moved(decision, chosen.contacts, view)
 
     def _batches(self, grey: Grey, tried: list[tuple[Proposal, View]], refused: list[str]) -> Iterator[list[Proposal]]:
         """Transfers to contours near the expected one first, then to any that are alike; notes them, and why there is none."""
         state, target = self.follower.state, self.follower.target
-        expected, missed = target.homography(self.follower.expected), state.lost
+        expected, missed = target.homography(self.follower.expected), self._missed
         P = state.P + process_noise(target.size, self.follower.numbers)
 
         def batch(view: View | None, *priors: Floats | None) -> list[Proposal]:

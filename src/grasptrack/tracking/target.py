@@ -115,6 +115,14 @@ class Target:
         under = away <= 0.5 * FINGER_WIDTH * self.size
         return np.asarray((under * visible[:, None]).sum(axis=0) / np.maximum(under.sum(axis=0), 1), dtype=np.float64)
 
+    def difference(self, G0: Floats, G: Floats) -> Floats:
+        """(8,) the pose's error, work px at the half size, that leads from G0 to G; NaN where none does."""
+        r, (x, y) = self.size / 2.0, self.outline.mean(axis=0)
+        T = np.array([[1.0 / r, 0.0, -x / r], [0.0, 1.0 / r, -y / r], [0.0, 0.0, 1.0]])
+        D = T @ np.linalg.inv(G0) @ G @ np.linalg.inv(T)
+        D = D / D[2, 2] - np.eye(3)
+        return np.array([sign * r * D[i, j] for i, j, sign in POSE_ENTRIES])
+
     def homography_covariance(self, G: Floats, P: Floats) -> Floats:
         """(9, 9) of the entries of `homography(G)`, row by row, the last one being 1, by the pose's covariance P (8, 8)."""
         r, (x, y) = self.size / 2.0, self.outline.mean(axis=0)
