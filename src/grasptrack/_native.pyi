@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled kernels; `grasptrack.kernels.reference` defines each of them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+
+from grasptrack.kernels.reference_pose import PoseTarget as PoseTarget
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.float32]
@@ -252,3 +256,6 @@ def search_sightings(
     least_fall: float,
     most_damping: float,
 ) -> tuple[Floats, Floats, float, bool, float]: ...
+def strongest_edges(
+    levels: Sequence[NDArray[np.uint8]], A: Floats, points: Floats, normals: Floats, noise: float, reach: int
+) -> tuple[Floats, Floats, Floats]: ...

@@ -75,6 +75,7 @@ try:
     BACKEND = "native"
 except ImportError as error:
     from grasptrack.kernels.reference import (
+        PoseTarget,
         advance_state,
         align_outlines,
         arc_length,
@@ -125,6 +126,7 @@ except ImportError as error:
         settle_edges,
         soft_threshold,
         step_state,
+        strongest_edges,
         trace_edges,
         weigh_edges,
     )

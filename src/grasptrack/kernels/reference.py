@@ -28,6 +28,7 @@ from grasptrack.kernels.reference_opposed import opposed_pairs
 from grasptrack.kernels.reference_outline import trace_edges
 from grasptrack.kernels.reference_peaks import best_quadrilateral, curvature_peaks, select_points
 from grasptrack.kernels.reference_places import carry_places, fixed_places, locate, point_at
+from grasptrack.kernels.reference_pose import PoseTarget, strongest_edges
 from grasptrack.kernels.reference_ranking import rank_grasps
 from grasptrack.kernels.reference_refine import refine_contacts
 from grasptrack.kernels.reference_registration import register_outline
@@ -41,6 +42,7 @@ from grasptrack.kernels.reference_weighing import weigh_edges
 from grasptrack.kernels.reference_wrench import force_closure
 
 __all__ = [
+    "PoseTarget",
     "advance_state",
     "align_outlines",
     "arc_length",
@@ -91,6 +93,7 @@ __all__ = [
     "settle_edges",
     "soft_threshold",
     "step_state",
+    "strongest_edges",
     "trace_edges",
     "weigh_edges",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -16,7 +16,9 @@ from grasptrack.contour import Contour, View
 from grasptrack.errors import SourceError
 from grasptrack.observation.images import to_bgr, to_mask
 from grasptrack.synthesis.result import RankedGrasp
-from grasptrack.tracking.result import TrackResult
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import Target
 
 Floats = NDArray[np.float64]
 
@@ -80,6 +79,8 @@ def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbe
     return sum(_same_surface(r, u, numbers) for r, u in zip(estimate.correlation, usual, strict=True))
 
 
+TURNED = "turned"
+"""Origin of a hypothesis that lays the outline on itself otherwise."""
 OCCLUDED = np.linspace(0.02, 0.98, 25)
 """Shares of a surface that may be covered, changed or glaring, ..."""
 OCCLUDED_PRIOR = (1.0 - OCCLUDED) ** 2 / ((1.0 - OCCLUDED) ** 2).sum()
@@ -87,7 +88,7 @@ OCCLUDED_PRIOR = (1.0 - OCCLUDED) ** 2 / ((1.0 - OCCLUDED) ** 2).sum()
 
 
 def _same_surface(r: Floats, usual: Floats, numbers: Numbers) -> float:
-    """Log-likelihood ratio of one level's correlations r (n,), NaN where not seen: of this surface, an unknown share of it covered."""
+    """Log-likelihood ratio of one level's correlations r (n,), NaN where not seen: this surface, partly covered, or another."""
     seen = np.isfinite(r)
     if not seen.any():
         return 0.0
@@ -109,17 +110,19 @@ def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> fl
     return odds / (1.0 + odds)
 
 
-def place_prior(target: Target, state: TrackState, estimate: PoseEstimate, expected: Floats, numbers: Numbers) -> float:
-    """Log of the prior of a pose's place: how far from where it is expected, for the time that nothing was seen of it.
+def place_prior(estimate: PoseEstimate, expected: Floats, steps: float, numbers: Numbers) -> float:
+    """Log of the prior of a pose's place and turn: how far from where it is expected.
 
     Args:
         expected: (k, 2) px, the contacts where continuity has them.
+        steps: how long it may have gone unseen, in frames of free motion.
     """
-    size = math.sqrt(estimate.area)
-    scale = numbers.travel * size * (1.0 + state.lost)
-    away = float(np.hypot(*(estimate.contacts - expected).T).min())
+    to, away = estimate.contacts, estimate.contacts.mean(axis=0) - expected.mean(axis=0)
+    a, b = to - to.mean(axis=0), expected - expected.mean(axis=0)
+    turn = math.atan2(float((b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0]).sum()), float((a * b).sum()))
+    share = float(away @ away) / (numbers.travel**2 * estimate.area) + (turn / numbers.turn) ** 2
     nu = numbers.prior_freedom
-    return -0.5 * (nu + 2.0) * math.log1p((away / scale) ** 2 / nu)
+    return -0.5 * (nu + 3.0) * math.log1p(share / (steps**2 * nu))
 
 
 SAME_ODDS = math.log(20.0)
@@ -131,17 +134,14 @@ def variance_of(estimate: PoseEstimate) -> float:
     return float(np.linalg.eigvalsh(estimate.covariance)[:, -1].max())
 
 
+SEEN_LIKE = 0.5
+"""Probability that what looks just like the object is its equal, once one was seen and the object was not for a while."""
 SAME_PLACE = 0.5
 """Share of sqrt(area) within which two poses lie in one place."""
 
 
 def decide(
-    target: Target,
-    state: TrackState,
-    estimates: list[PoseEstimate],
-    expected: Floats,
-    presence: float,
-    numbers: Numbers,
+    state: TrackState, estimates: list[PoseEstimate], expected: Floats, steps: float, presence: float, numbers: Numbers
 ) -> Decision:
     """The most probable estimate, against the others and against none of them.
 
@@ -149,15 +149,16 @@ def decide(
     places the expected one is chosen.
 
     Args:
-        target, state: of the object.
+        state: of the object.
         estimates: of one image.
         expected: (k, 2) px, the contacts where continuity has them.
+        steps: how long it may have gone unseen, in frames of free motion.
         presence: prior probability that it is there.
         numbers: the core's.
     """
     if not estimates:
         return Decision(None)
-    likeness = 0.5 if state.lookalike else numbers.lookalike
+    likeness = SEEN_LIKE if state.lookalike and state.lost else numbers.lookalike
     raw = np.array([evidence(e, state.usual, numbers) for e in estimates])
     centres = np.array([e.contacts.mean(axis=0) for e in estimates])
     scores = []
@@ -165,7 +166,7 @@ def decide(
         # poses in one place explain the same pixels: between them all that is seen counts
         shared = raw[np.hypot(*(centres - centre).T) < SAME_PLACE * math.sqrt(e.area)].max()
         strength = evidence(e, state.usual, numbers) - float(np.logaddexp(0.0, shared + math.log(likeness)))
-        scores.append(strength + math.log(presence) + place_prior(target, state, e, expected, numbers))
+        scores.append(strength + math.log(presence) + place_prior(e, expected, steps, numbers))
     best = int(np.argmax(scores))
     allowed = tolerance(estimates[best].area, numbers)
     # of the same answer the one that knows most: a hypothesis from nowhere has no past
@@ -192,7 +193,7 @@ def decide(
     if not off < numbers.risk:
         figures = {"probability_off": off}
         causes = {"presence": 1.0 - p, "uncertain": 1.0 - inside, "exchanged": other}
-        cause = max(causes, key=lambda name: causes[name])
+        cause = max(causes, key=lambda name: causes[name]) if p > 0.5 else "presence"
         if cause == "uncertain":
             code, figures = "uncertain", {**figures, "sigma": math.sqrt(variance), "tolerance": allowed}
         elif cause == "exchanged":
@@ -200,7 +201,10 @@ def decide(
             figures["probability"] = other
         else:
             rival = max(others[1:], default=-math.inf)
-            code = "other-place" if rival > others[0] else "hidden" if chosen.occluded.mean() > 0.5 else "not-there"
+            nowhere = rival <= others[0]
+            code = "not-there" if nowhere else "ambiguous" if chosen.origin == TURNED else "other-place"
+            if nowhere and state.lookalike and state.lost:
+                code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
     return Decision(chosen, off, p, math.sqrt(variance), allowed, other, code, figures)
 

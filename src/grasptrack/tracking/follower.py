@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,11 +12,20 @@ from numpy.typing import NDArray
 
 from grasptrack.contour import View
 from grasptrack.tracking.camera import learn_camera, learn_thickness
-from grasptrack.tracking.decision import Decision, checked, decide, farthest
+from grasptrack.tracking.decision import (
+    SAME_PLACE,
+    TURNED,
+    Decision,
+    checked,
+    decide,
+    evidence,
+    farthest,
+    texture_evidence,
+)
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
-from grasptrack.tracking.hypotheses import moving_on, predict
+from grasptrack.tracking.hypotheses import Predictions, moving_on, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.redetection import Keypoints, search
+from grasptrack.tracking.redetection import Keypoints, search, shifted_looks, wide_prior
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
@@ -27,6 +37,10 @@ class Proposal(NamedTuple):
 
     hypothesis: Hypothesis
     contacts: Floats
+
+
+Proposals = Iterable[Sequence[Proposal]]
+"""In the order in which they are to be tried, those that are rivals together."""
 
 
 class Follower:
@@ -56,70 +70,104 @@ class Follower:
         self.state: TrackState = initial_state(self.target, levels, numbers)
         self.state.time = time
         self.keypoints = Keypoints(self.target, grey)
+        self.state.lookalike = self._equals(self.state.last)
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
         state, target, numbers = self.state, self.target, self.numbers
-        levels = pyramid(grey)
+        levels, steps = pyramid(grey), self._steps(time)
         presence = self._presence()
-        predictions = predict(target, state, levels, self._steps(time), numbers)
+        predictions = predict(target, state, levels, steps, numbers)
+        expected, unseen = self._expected(predictions, steps)
         estimates = self._estimates(levels, predictions.first)
-        expected = target.carried(predictions.first[0].G)
-        decision = decide(target, state, estimates, expected, presence, numbers)
+        decision = decide(state, estimates, expected, unseen, presence, numbers)
         if not decision.accepted:
-            more = predictions.second + search(target, state.located, self.keypoints, levels)
-            for hypothesis in more:
-                estimates += self._estimates(levels, [hypothesis])
-            decision = decide(target, state, estimates, expected, presence, numbers)
-        self._learn(levels, decision)
+            estimates += self._estimates(
+                levels, predictions.second + search(target, state.located, self.keypoints, levels)
+            )
+            decision = decide(state, estimates, expected, unseen, presence, numbers)
+        decision = self._against_turns(levels, decision, estimates, expected, unseen, presence)
+        self._learn(levels, decision, predictions.ground, steps)
         return decision
 
-    @property
-    def expected(self) -> Floats:
-        """(3, 3) the next image's pose if it moves on evenly; where it was located last, after a loss."""
-        state = self.state
-        even = moving_on(state)
-        if even is not None:
-            return even
-        return state.located.G if state.lost else state.G
-
     def judge(
-        self, grey: Grey, time: float | None, batches: Iterable[Sequence[Proposal]]
+        self, grey: Grey, time: float | None, propose: Callable[[Floats], Proposals]
     ) -> tuple[Decision, Proposal | None]:
-        """As `update`, of what a strategy proposes, against even motion and rest: the decision, and the proposal it is of.
+        """As `update`, of what a strategy proposes, against continuity: what is decided of a proposal, and of which.
 
         Args:
             grey, time: as for `update`.
-            batches: proposals, those of a batch being rivals; none is taken after the first batch of which one is accepted.
+            propose: the proposals, given the pose (3, 3) that is expected; they are asked for until one is accepted.
         """
         state, target, numbers = self.state, self.target, self.numbers
-        levels = pyramid(grey)
+        levels, steps = pyramid(grey), self._steps(time)
         presence = self._presence()
-        P = state.P + process_noise(target.size, numbers) * max(1.0, self._steps(time))
-        expected = target.carried(self.expected)
-        estimates = self._estimates(levels, [Hypothesis("at rest", state.located.G if state.lost else state.G, P)])
-        if moving_on(state) is not None:
-            estimates += self._estimates(levels, [Hypothesis("moving on", self.expected, P)])
-        found = answer = decide(target, state, estimates, expected, presence, numbers)
-        nearest, proposed = None, list[Proposal]()
-        for batch in batches:
+        predictions = predict(target, state, levels, steps, numbers)
+        expected, unseen = self._expected(predictions, steps)
+        estimates = self._estimates(levels, predictions.first)
+        found = answer = decide(state, estimates, expected, unseen, presence, numbers)
+        proposed, nearest = list[Proposal](), None
+        for batch in propose(state.expected if state.lost else predictions.first[0].G):
             proposed += batch
             estimates += self._estimates(levels, [proposal.hypothesis for proposal in batch])
-            found = answer = decide(target, state, estimates, expected, presence, numbers)
+            found = answer = decide(state, estimates, expected, unseen, presence, numbers)
             if found.estimate is None or not proposed:
                 continue
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
+            found = self._against_turns(levels, found, estimates, expected, unseen, presence)
             answer = checked(found, nearest.contacts, numbers)
             if answer.accepted:
                 break
-        self._learn(levels, found)  # where the object is does not depend on what the strategy makes of it
+        self._learn(levels, found, predictions.ground, steps)  # whatever the strategy makes of it
         return answer, nearest
 
     def _presence(self) -> float:
         """Prior probability that the object is there."""
         numbers = self.numbers
         return float(np.clip(self.state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard))
+
+    def _against_turns(
+        self,
+        levels: list[Grey],
+        decision: Decision,
+        estimates: list[PoseEstimate],
+        expected: Floats,
+        unseen: float,
+        presence: float,
+    ) -> Decision:
+        """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
+        state, target = self.state, self.target
+        if decision.estimate is None or not decision.accepted or not state.lost or not target.turns:
+            return decision
+        turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
+        estimates += self._estimates(levels, turned)
+        return decide(state, estimates, expected, unseen, presence, self.numbers)
+
+    def _expected(self, predictions: Predictions, steps: float) -> tuple[Floats, float]:
+        """(k, 2) px, the contacts where they are expected; and how long the object may have moved freely, in frames."""
+        state = self.state
+        if not state.lost:
+            return self.target.carried(predictions.first[0].G), max(1.0, steps)
+        if predictions.ground is not None and state.anchored:
+            return self.target.carried(predictions.ground), state.unseen + state.wander
+        return self.target.carried(state.expected), state.unseen + max(1.0, steps)
+
+    def _equals(self, look: Look) -> bool:
+        """Whether a look at the object shows something just like it elsewhere."""
+        state, numbers = self.state, self.numbers
+        own = estimate_pose(self.target, state, look.levels, Hypothesis("at rest", look.G, state.P))
+        if own is None:
+            return False
+        size = math.sqrt(own.area)
+        for G in shifted_looks(self.target, look, look.levels):
+            hypothesis = Hypothesis("shifted", G, wide_prior(self.target))
+            other = estimate_pose(self.target, state, look.levels, hypothesis)
+            if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
+                continue
+            if evidence(other, state.usual, numbers) > ALIKE * evidence(own, state.usual, numbers) > 0.0:
+                return True
+        return False
 
     def _estimates(self, levels: list[Grey], hypotheses: list[Hypothesis]) -> list[PoseEstimate]:
         """Each hypothesis made exact; a second time from farther away where much of the outline lies elsewhere."""
@@ -151,27 +199,18 @@ class Follower:
         state.time = time
         return passed / state.interval
 
-    def _learn(self, levels: list[Grey], decision: Decision) -> None:
-        state, numbers = self.state, self.numbers
-        if decision.estimate is None:
-            state.lost += 1
-            state.presence = min(state.presence, 0.5)
-            state.last = Look(levels, state.G)
+    def _learn(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
+        state, numbers, e = self.state, self.numbers, decision.estimate
+        if e is None or not (decision.accepted or decision.code == "uncertain"):
+            self._lose(levels, decision, ground, steps)
             return
-        e = decision.estimate
-        if decision.accepted or decision.code == "uncertain":
-            self._learn_agility(e)
-        state.G_before = state.G
+        self._learn_motion(e, ground, steps)
         state.last = Look(levels, e.G)
         state.P = e.P
         state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
-        if decision.code == "uncertain":  # its motion is known nevertheless
-            state.lost = 0
-        elif not decision.accepted:
-            state.lost += 1
-        if not decision.accepted:
+        state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
+        if not decision.accepted:  # where it is, is known only roughly
             return
-        state.lost = 0
         state.located = state.last
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
@@ -179,18 +218,46 @@ class Follower:
         if e.look > 0.0:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
 
-    def _learn_agility(self, estimate: PoseEstimate) -> None:
-        """How far even motion is off: the prior of the next pose."""
-        state, even = self.state, moving_on(self.state)
-        if even is None:
-            return
-        off = self.target.difference(even, estimate.G)
-        share = float(np.mean(off**2 / np.diag(process_noise(self.target.size, self.numbers))))
-        if np.isfinite(share):
-            state.moves += 1
-            state.agility = float(
-                np.clip(state.agility + (share - state.agility) / min(state.moves, MEMORY), CALM, 1.0)
-            )
+    def _lose(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
+        """What remains known of an object that was not found."""
+        state, numbers, e = self.state, self.numbers, decision.estimate
+        if not state.lost:
+            state.lookalike = state.lookalike or self._equals(state.located)
+        state.lost += 1
+        state.velocity = None
+        state.anchored = state.anchored and ground is not None
+        if ground is not None and state.anchored:
+            state.expected = ground
+            state.last = Look(levels, ground)
+            state.unseen += state.wander
+        else:
+            state.unseen += max(1.0, steps)
+            state.last = Look(levels, state.G if e is None else e.G)
+        if e is None:
+            state.presence = min(state.presence, 0.5)
+        else:
+            state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
+            state.P = e.P
+
+    def _learn_motion(self, estimate: PoseEstimate, ground: Floats | None, steps: float) -> None:
+        """How it moves; how far even motion and rest on the ground are off."""
+        state, target, numbers = self.state, self.target, self.numbers
+        even = moving_on(target, state, steps)
+        if even is not None:
+            off = target.difference(even, estimate.G)
+            share = float(np.mean(off**2 / np.diag(process_noise(target.size, numbers))))
+            if np.isfinite(share):
+                state.moves += 1
+                rate = 1.0 / min(state.moves, MEMORY)
+                state.agility = float(np.clip(state.agility + (share - state.agility) * rate, CALM, 1.0))
+        if ground is not None and not state.lost:
+            away = estimate.contacts - target.carried(ground)
+            share = math.sqrt(float((away**2).sum(axis=1).mean()) / estimate.area) / numbers.travel
+            state.wanders += 1
+            rate = 1.0 / min(state.wanders, MEMORY)
+            state.wander = float(np.clip(state.wander + (share - state.wander) * rate, STILL, 1.0))
+        velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
+        state.velocity = velocity if not state.lost and np.isfinite(velocity).all() else None
 
     def _remember_patches(self, estimate: PoseEstimate) -> None:
         """How much each patch usually looks as it did first: noise, reflections and blur make it less."""
@@ -204,6 +271,10 @@ class Follower:
 
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
+STILL = 0.05
+"""Least wandering: what rests may be pushed."""
+ALIKE = 0.5
+"""Share of the evidence for the object that something has to show to be just like it."""
 CALM = 0.01
 """Share of the process noise that always remains."""
 FIRST = 2
@@ -211,8 +282,6 @@ FIRST = 2
 
 
 def _better(one: PoseEstimate, other: PoseEstimate, usual: list[Floats], numbers: Numbers) -> bool:
-    from grasptrack.tracking.decision import texture_evidence
-
     return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(
         other, usual, numbers
     )

@@ -52,6 +52,7 @@ class Numbers:
         same_surface: probability that something of another outline shows the object's own surface.
         lookalike: probability that something just like it is at a given other place, as long as none was seen.
         travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
+        turn: rad a frame that it may have turned unseen.
         temper: of log-likelihoods: samples and patches are less independent than counted.
         inflate: of the standard deviations: what the model still does not know.
         risk: accepted probability that an answer is wrong.
@@ -102,6 +103,7 @@ class Numbers:
     same_surface: float = 0.01
     lookalike: float = 1e-6
     travel: float = 0.1
+    turn: float = 0.1
     temper: float = 0.25
     inflate: float = 1.5
     risk: float = 1e-3

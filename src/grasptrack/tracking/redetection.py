@@ -99,9 +99,14 @@ def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats
     return poses
 
 
+def wide_prior(target: Target) -> Floats:
+    """(8, 8) covariance of a pose that was found, work px^2."""
+    return np.asarray(np.diag([0.03 * target.size] * 6 + [0.01 * target.size] * 2) ** 2, dtype=np.float64)
+
+
 def search(target: Target, located: Look, keypoints: Keypoints, levels: list[Grey]) -> list[Hypothesis]:
     """Hypotheses that continuity did not give."""
-    wide = np.diag([0.03 * target.size] * 6 + [0.01 * target.size] * 2) ** 2
+    wide = wide_prior(target)
     found = [Hypothesis("shifted", G, wide) for G in shifted_looks(target, located, levels)]
     G = keypoints.find(levels[0])
     if G is not None:

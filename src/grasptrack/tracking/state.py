@@ -33,7 +33,7 @@ class TrackState:
 
     Attributes:
         last: the last image, with the best pose found in it.
-        G_before: (3, 3) pose one image earlier; None where it is not known.
+        velocity: (8,) the pose's change in a usual interval, work px at the half size; None where it is not known.
         P: (8, 8) covariance of the pose's error, work px^2 at the half size.
         presence: probability that the object is there.
         theta, theta_covariance: (3,), (3, 3) log of the focal length over the image's width, first normal.
@@ -45,12 +45,16 @@ class TrackState:
         usual: of each patch of the three finest levels: its correlation of late.
         accepted: images in which the object was located.
         agility: mean square by which even motion was off of late, in process noise; moves: how often that was measured.
-        gone: since the object was located, its place was seen without it, or left the image.
-        lookalike: something with its outline was seen elsewhere.
+        expected: (3, 3) where it was located, carried by the ground since then.
+        anchored: the ground carried it ever since, so that the last look is where it is expected.
+        wander: how far it left its place on the ground of late, a frame, in `Numbers.travel`; wanders: how often that was
+            measured.
+        unseen: how far it may have gone since it was located, likewise.
+        lookalike: something just like it was seen elsewhere.
     """
 
     last: Look
-    G_before: Floats | None
+    velocity: Floats | None
     P: Floats
     presence: float
     theta: Floats
@@ -66,7 +70,11 @@ class TrackState:
     accepted: int = 0
     agility: float = 1.0
     moves: int = 0
-    gone: bool = False
+    expected: Floats = field(default_factory=lambda: np.eye(3))
+    anchored: bool = True
+    wander: float = 1.0
+    wanders: int = 0
+    unseen: float = 0.0
     lookalike: bool = False
 
     @property
@@ -84,7 +92,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
     look = Look(levels, target.A)
     return TrackState(
         last=look,
-        G_before=None,
+        velocity=None,
         P=np.eye(8) * 0.05**2,
         presence=1.0 - 1e-6,
         theta=np.zeros(3),
@@ -93,6 +101,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         thickness_variance=(numbers.thickness_sd * target.size) ** 2,
         inner_spread=FIRST_SPREAD,
         located=look,
+        expected=target.A,
         usual=[np.zeros(n) for n in target.counts],
     )
 

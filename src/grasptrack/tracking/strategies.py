@@ -23,7 +23,7 @@ from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import Follower, Proposal
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason
-from grasptrack.tracking.state import process_noise
+from grasptrack.tracking.redetection import wide_prior
 from grasptrack.transfer import rrp, strategy_named
 from grasptrack.transfer.alignment import alignments, as_similarity
 
@@ -43,12 +43,14 @@ class Moved(NamedTuple):
     Attributes:
         decision: whether it is believed, and by what estimate.
         contacts: (k, 2) px; None where there are none.
+        homography: (3, 3) H_current_reference by which they were carried: the strategy's own.
         view: the outline that was laid on the image, or found in it.
         reason: why it is not believed.
     """
 
     decision: Decision
     contacts: Floats | None = None
+    homography: Floats | None = None
     view: View | None = None
     reason: Reason = Reason()
 
@@ -101,7 +103,8 @@ class Registration:
             return Moved(decision, reason=Reason(decision.code, decision.figures))
         target = self.follower.target
         H = target.homography(decision.estimate.G)
-        return Moved(decision, decision.estimate.contacts, View([c.transformed(H) for c in target.view.contours]))
+        view = View([c.transformed(H) for c in target.view.contours])
+        return Moved(decision, decision.estimate.contacts, H, view)
 
 
 # --- the paper's strategies ----------------------------------------------------------------------
@@ -215,23 +218,24 @@ class Alone:
 
     def move(self, grey: Grey, time: float | None) -> Moved:
         """See Carrier."""
-        tried: list[tuple[Proposal, View]] = []
+        tried: list[tuple[Proposal, Carried]] = []
         refused: list[str] = []
-        decision, chosen = self.follower.judge(grey, time, self._batches(grey, tried, refused))
-        view = next((v for proposal, v in tried if proposal is chosen), None)
-        if chosen is None or view is None or not decision.accepted:
+        decision, chosen = self.follower.judge(grey, time, lambda G: self._proposals(grey, G, tried, refused))
+        carried = next((c for proposal, c in tried if proposal is chosen), None)
+        if carried is None or not decision.accepted:
             self._missed += 1
             why = Reason(decision.code or "no-transfer", decision.figures)
             return Moved(decision, reason=why if tried or not refused else Reason("no-transfer", detail=refused[0]))
         self._missed = 0
-        self._observer.believe(view)
-        return Moved(decision, chosen.contacts, view)
+        self._observer.believe(carried.view)
+        return Moved(decision, *carried)
 
-    def _batches(self, grey: Grey, tried: list[tuple[Proposal, View]], refused: list[str]) -> Iterator[list[Proposal]]:
-        """Transfers to contours near the expected one first, then to any that are alike; notes them, and why there is none."""
-        state, target = self.follower.state, self.follower.target
-        expected, missed = target.homography(self.follower.expected), self._missed
-        P = state.P + process_noise(target.size, self.follower.numbers)
+    def _proposals(
+        self, grey: Grey, G: Floats, tried: list[tuple[Proposal, Carried]], refused: list[str]
+    ) -> Iterator[list[Proposal]]:
+        """Transfers to contours near an expected pose first, then to any that are alike; notes them, and why there is none."""
+        target, missed = self.follower.target, self._missed
+        expected, P = target.homography(G), wide_prior(target)
 
         def batch(view: View | None, *priors: Floats | None) -> list[Proposal]:
             found = []
@@ -243,7 +247,7 @@ class Alone:
                     continue
                 hypothesis = Hypothesis(self.name, target.pose(carried.homography), P)
                 found.append(Proposal(hypothesis, carried.contacts))
-                tried.append((found[-1], carried.view))
+                tried.append((found[-1], carried))
             return found
 
         if not self._extractor.segments:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH
 from grasptrack.contour import View
-from grasptrack.projective import apply_homography
+from grasptrack.projective import apply_homography, similarity
 from grasptrack.tracking.numbers import Numbers
+from grasptrack.transfer.alignment import alignments, as_similarity
 
 Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -30,6 +31,10 @@ PATCHES = 120
 """Patches of texture on the finest level at most; a quarter of that on each coarser one."""
 TOLD = 3
 """Levels of texture, the finest, whose correlations an estimate tells."""
+RING = 7.0
+"""Places along the side of the first view, at which the ground is looked at."""
+ROUND_TURNS = 12
+"""Turns in which an outline that has no shape of its own is tried."""
 CORNERS = 80
 """Places at which a look is laid on the next image, at most."""
 SURFACE = 400
@@ -79,6 +84,8 @@ class Target:
         work_contacts: (k, 2) work px.
         outline: (N, 2) work px, of the outer contour, for drawing and overlap.
         corners: (n, 2) work px, places at which motion from image to image is measured.
+        ring: (n, 2) work px, places round it, at which the ground's motion is measured.
+        turns: (3, 3) work px -> work px each, turns under which the outline fits itself.
         strides: work px between the pixels of a patch, fine to coarse.
         patches: (n, 2) work px, of the finest texture.
         counts: of patches on each of the finest levels.
@@ -98,6 +105,8 @@ class Target:
     normals: Floats
     corners: Floats
     corner_strides: Floats
+    ring: Floats
+    turns: tuple[Floats, ...]
     patches: Floats
     counts: tuple[int, ...]
     edge_share: float
@@ -223,6 +232,8 @@ def make_target(
         normals,
         corners,
         np.array(strides),
+        _ring(mask),
+        _turns(view, A),
         patches,
         tuple(counts[:TOLD]),
         share,
@@ -279,7 +290,7 @@ CELLS = np.array([0.4, 0.8, 1.2, 1.6])
 def _regions(
     image: Grey, mask: Grey, points: Floats, normals: Floats, size: float, numbers: Numbers
 ) -> tuple[Floats, Floats, Floats]:
-    """(4,) depths in work px; (N, 4) grey levels that deep inside, NaN outside the material; (N, 4) whether that far out is outside."""
+    """(4,) depths in work px; (N, 4) grey levels that deep inside, NaN off the material; (N, 4) whether it ends that far out."""
     depth = np.maximum(CELLS * numbers.tolerance * size, [2.0, 3.0, 4.0, 5.0])
     height, width = mask.shape
 
@@ -292,6 +303,34 @@ def _regions(
     inside = np.where(cell(-depth, cv2.erode(mask, np.ones((3, 3), np.uint8))) > 0, cell(-depth, smooth), np.nan)
     outside = (cell(depth, cv2.dilate(mask, np.ones((3, 3), np.uint8))) == 0).astype(np.float64)
     return depth, np.ascontiguousarray(inside), np.ascontiguousarray(outside)
+
+
+def _ring(mask: Grey) -> Floats:
+    """(n, 2) work px: a grid round the object, as far as the image of the first view is wide."""
+    height, width = mask.shape
+    step = max(PATCH, math.sqrt(width * height) / RING)
+    x, y = np.meshgrid(np.arange(-0.5 * width, 1.5 * width, step), np.arange(-0.5 * height, 1.5 * height, step))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    reach = 2 * PATCH + 1
+    grown = cv2.dilate(cv2.copyMakeBorder(mask, *[reach] * 4, cv2.BORDER_CONSTANT), np.ones((reach, reach), np.uint8))
+    i = np.clip(np.round(places).astype(int) + reach, 0, [width + 2 * reach - 1, height + 2 * reach - 1])
+    inside = (places > -reach).all(axis=1) & (places < [width + reach, height + reach]).all(axis=1)
+    return np.ascontiguousarray(places[~(inside & (grown[i[:, 1], i[:, 0]] > 0))])
+
+
+def _turns(view: View, A: Floats) -> tuple[Floats, ...]:
+    """(3, 3) each, work px -> work px: turns of the outline onto itself; of a disc some."""
+    if view.is_clipped:
+        return ()
+    fits = alignments(view.outer, view.outer)
+    if fits:
+        found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > 1e-3]
+    else:
+        _, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
+        angles = np.arange(1, ROUND_TURNS) * (2.0 * math.pi / ROUND_TURNS)
+        found = [similarity(1.0, float(angle), (x, y), (x, y)) for angle in angles]
+    back = np.linalg.inv(A)
+    return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found)
 
 
 def _surface(mask: Grey) -> Floats:

@@ -185,12 +185,12 @@ class GraspTracker:
     def _analyzed(self, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
-        if estimate is None or contacts is None or moved.view is None:
+        if estimate is None or contacts is None or moved.homography is None or moved.view is None:
             return _answer("lost", moved.reason, grasp_id=track.number)
         target, numbers = track.carrier.follower.target, track.carrier.follower.numbers
         H = target.homography(estimate.G)
         try:
-            analysis = self._carried_back(track, contacts, H)
+            analysis = self._carried_back(track, contacts, moved.homography)
         except (GraspError, ConditioningError) as error:
             return _answer("lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
         P = estimate.P * numbers.inflate**2

@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose of a flat target in an image: one hypothesis made exact, with the evidence for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack.kernels.reference_pose_camera import pinhole_rows
+from grasptrack.kernels.reference_pose_edges import BEYOND, find_candidates, profiles
+from grasptrack.kernels.reference_pose_image import Level, Pyramid, level_through
+from grasptrack.kernels.reference_pose_solver import FARTHEST, Solver, Start
+from grasptrack.kernels.reference_pose_target import CELLS, INNER, INNER_FIRST, Patches, Target
+from grasptrack.kernels.reference_pose_texture import TextureNumbers, cut_patches, follow_look
+
+Floats = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+NAMES = (
+    "edge_missed",
+    "same_sign",
+    "edge_floor",
+    "edge_noise",
+    "other_spread",
+    "share_object",
+    "share_occluded",
+    "share_other",
+    "stretch",
+    "texture_floor",
+    "texture_independent",
+    "texture_freedom",
+    "prior_freedom",
+    "perspective",
+    "pinhole_sd",
+    "pinhole_freedom",
+    "sample_distance",
+    "blur_share",
+    "wide",
+    "cell_unlikely",
+    "cell_far",
+    "cell_power",
+)
+"""Numbers that a target needs."""
+AT_ALL, FADING = 3.5, 8.0
+"""Work px within which the strongest edge is taken, and square of those at which its strength counts 1/e."""
+
+
+class PoseTarget:
+    """What was chosen in the reference view, looked for in other images.
+
+    Places are in work px: the reference view, cut out and reduced. A pose G (3, 3) carries them to px of an image, and its
+    error d (8,) is in work px, see `Target`. Images are given as pyramids: the image and its halves, uint8 (H, W) each.
+
+    Args:
+        numbers: by name, see `grasptrack.tracking.numbers.Numbers`; others than `NAMES` are ignored.
+        A: (3, 3) work px to px of the reference image.
+        centre, radius: (2,) and above 0, work px: the error's terms of shape count there.
+        noise: grey levels, standard deviation of the camera's.
+        points, normals: (n, 2) samples of the outline in its order, (n, 2) unit, outward.
+        contrast: (n,) signed steps there, grey levels.
+        inner: (n, 6) grey levels from 7 to 2 px inside each.
+        surface, surface_value: (s, 2) where gain and bias of the light are measured, (s,) grey levels there.
+        contacts: (k, 2); their steps say when a pose is settled.
+        depth: (4,) distances from the outline.
+        inside: (n, 4) grey levels that deep inside each sample; NaN where there is no material.
+        outside: (n, 4) above 0 where that far outside is outside.
+
+    Raises:
+        ValueError: a number is missing, a length is none, or the radius is not above 0.
+    """
+
+    def __init__(
+        self,
+        numbers: Mapping[str, float],
+        A: Floats,
+        centre: Floats,
+        radius: float,
+        noise: float,
+        points: Floats,
+        normals: Floats,
+        contrast: Floats,
+        inner: Floats,
+        surface: Floats,
+        surface_value: Floats,
+        contacts: Floats,
+        depth: Floats,
+        inside: Floats,
+        outside: Floats,
+    ) -> None:
+        for name in NAMES:
+            if name not in numbers:
+                raise ValueError(f"the number {name} is missing")
+        if not 0 < radius < np.inf:
+            raise ValueError("the radius is above 0")
+        self.numbers = {name: np.float64(numbers[name]) for name in NAMES}
+        points, surface = _places(points, "points"), _places(surface, "surface samples")
+        n = len(points)
+        self.target = Target(
+            _fixed(A, "A", 3, 3),
+            _fixed(centre, "the centre", 2),
+            np.float64(radius),
+            np.float64(noise),
+            points,
+            _fixed(_places(normals, "normals"), "normals", n, 2),
+            _fixed(contrast, "contrast", n),
+            _fixed(inner, "inner sides", n, INNER),
+            surface,
+            _fixed(surface_value, "surface values", len(surface)),
+            _places(contacts, "contacts"),
+            _fixed(depth, "depth", CELLS),
+            _fixed(inside, "inside", n, CELLS),
+            _fixed(outside, "outside", n, CELLS),
+        )
+        self.hidden: list[Grey] = []
+
+    def hide(self, levels: Sequence[Grey]) -> None:
+        """Pixels of every image from now on, level by level, that show nothing of the scene: nonzero."""
+        self.hidden = [np.array(level, dtype=np.uint8) for level in levels]
+
+    def add_texture(self, levels: Sequence[Grey], centres: Floats, stride: float) -> int:
+        """Patches of the reference image, to be added from fine to coarse.
+
+        Args:
+            levels: pyramid of the reference image.
+            centres: (m, 2) middles of patches of 7 x 7.
+            stride: work px between their pixels.
+
+        Returns:
+            How many are whole in view; the others are left out.
+
+        Raises:
+            ValueError: the stride is not above 0, or what is hidden is of another size.
+        """
+        self.target.texture.append(_cut(self._seen(levels), self.target.A, _places(centres, "centres"), stride))
+        return len(self.target.texture[-1])
+
+    def solve(
+        self,
+        levels: Sequence[Grey],
+        G: Floats,
+        P: Floats,
+        last: Floats,
+        theta: Floats,
+        theta_covariance: Floats,
+        thickness: float,
+        thickness_variance: float,
+        inner_spread: float,
+        reach: float,
+    ) -> dict[str, Any]:
+        """The pose near a hypothesis that image, prior and camera model agree on.
+
+        Args:
+            levels: pyramid of the image.
+            G, P: the hypothesis (3, 3), and covariance (8, 8) of its error.
+            last: (3, 3) the pose in the image before: what moves fast is blurred.
+            theta, theta_covariance: (3,), (3, 3): log of the focal length in image widths, and the reference view's normal
+                (theta_1, theta_2, 1).
+            thickness, thickness_variance: of the part, work px and their square.
+            inner_spread: grey levels, by which the object's own inner side differs from what it was.
+            reach: work px within which edges are looked for first, at most 1000; 0: by the covariance.
+
+        Returns:
+            valid: False where there is no such pose; the rest is then void.
+            G, P: (3, 3) the pose, (8, 8) covariance of its error, which allows for correlated residuals.
+            thickness, thickness_variance: as far as this image tells.
+            gain, bias: of the surface's grey levels, from the reference to this image.
+            edge_share: of the outline whose edges were found; edge_sigma: work px, of their residuals.
+            look: median grey difference of the inner side where they were found; 0 of few.
+            texture_used, texture_agreeing, texture_spread: patches in view, share of all that agree, and their median error in
+                predicted standard deviations.
+            correlation: of each patch of the three finest levels, one (m,) each; NaN outside the image.
+            visible, occluded, other: (n,) probabilities that a sample's edge is seen, hidden, or that of something else.
+            log_odds: of the outline, this object, partly hidden, against none such.
+            elsewhere: share of the outline whose edge lies elsewhere.
+            other_shape: log-likelihood ratio of another shape, -1 where nothing tells; differs: (n,) its probability at each
+                sample, (0,) where the outline has too few samples to be looked at.
+
+        Raises:
+            ValueError: a length is none, or what is hidden is of another size.
+        """
+        start = Start(
+            _fixed(G, "G", 3, 3),
+            _fixed(P, "P", 8, 8),
+            _fixed(last, "last", 3, 3),
+            _fixed(theta, "theta", 3),
+            _fixed(theta_covariance, "theta_covariance", 3, 3),
+            np.float64(thickness),
+            np.float64(thickness_variance),
+            np.float64(inner_spread),
+            float(reach),
+        )
+        with np.errstate(all="ignore"):
+            s = Solver(self.target, self._seen(levels), start, self.numbers).solve()
+        return {
+            "valid": s.valid,
+            "G": s.G,
+            "P": s.P,
+            "thickness": s.thickness,
+            "thickness_variance": s.thickness_variance,
+            "gain": s.light.gain,
+            "bias": s.light.bias,
+            "edge_share": s.edge_share,
+            "edge_sigma": s.edge_sigma,
+            "look": s.look,
+            "texture_used": s.texture_used,
+            "texture_agreeing": s.texture_agreeing,
+            "texture_spread": s.texture_spread,
+            "correlation": s.correlation,
+            "visible": s.visible,
+            "occluded": s.occluded,
+            "other": s.other,
+            "log_odds": s.log_odds,
+            "elsewhere": s.elsewhere,
+            "other_shape": s.other_shape,
+            "differs": s.differs,
+        }
+
+    def follow(
+        self,
+        before: Sequence[Grey],
+        last: Floats,
+        levels: Sequence[Grey],
+        start: Floats,
+        P: Floats,
+        centres: Floats,
+        strides: Floats,
+    ) -> dict[str, Any]:
+        """The last image's look at some places, laid on the next image.
+
+        Args:
+            before, last: pyramid of the last image, and the pose (3, 3) through which it is looked at.
+            levels: pyramid of the next one.
+            start, P: a pose (3, 3) in it, and covariance (8, 8) of its error.
+            centres: (m, 2) middles of patches.
+            strides: (l,) work px between their pixels, fine to coarse.
+
+        Returns:
+            valid: whether a pose was found; G, P: (3, 3) it, and (8, 8) covariance of its error; agreeing: share of the patches
+            that agree; correlation: their mean; used: patches in view.
+
+        Raises:
+            ValueError: as of `add_texture` and `solve`.
+        """
+        old, now, at = self._seen(before), self._seen(levels), _places(centres, "centres")
+        G, covariance = _fixed(start, "start", 3, 3), _fixed(P, "P", 8, 8)
+        numbers = TextureNumbers(*(self.numbers[f"texture_{name}"] for name in TextureNumbers._fields))
+        looks = [_cut(old, _fixed(last, "last", 3, 3), at, stride) for stride in np.ravel(strides)]
+        with np.errstate(all="ignore"):
+            fit = follow_look(self.target, looks, now, G, covariance, numbers)
+        return {
+            "valid": fit.valid,
+            "G": fit.G,
+            "P": fit.covariance,
+            "agreeing": fit.agreeing,
+            "correlation": fit.correlation,
+            "used": fit.used,
+        }
+
+    def moved(self, G: Floats, d: Floats) -> Floats:
+        """The pose (3, 3) that G (3, 3) is once its error d (8,), work px, is made good."""
+        with np.errstate(all="ignore"):
+            return self.target.moved(_fixed(G, "G", 3, 3), _fixed(d, "d", 8))
+
+    def pinhole(self, G: Floats, theta: Floats, width: float, height: float) -> tuple[Floats, Floats, Floats]:
+        """How far a pose is from a pinhole's view of a rigid plane.
+
+        Args:
+            G: (3, 3).
+            theta: (3,) as of `solve`.
+            width, height: px of the image.
+
+        Returns:
+            (2,) cosine of the angle of the plane's axes and log of the ratio of their lengths, both 0 in such a view, NaN where
+            the camera does not show the reference view; (2, 8) and (2, 3) derivatives by the pose's error and by theta.
+        """
+        with np.errstate(all="ignore"):
+            rows = pinhole_rows(
+                self.target, _fixed(G, "G", 3, 3), _fixed(theta, "theta", 3), np.float64(width), np.float64(height)
+            )
+        return rows.misfit, rows.by_pose, rows.by_camera
+
+    def _seen(self, levels: Sequence[Grey]) -> Pyramid:
+        pyramid = _pyramid(levels)
+        for k, (level, hidden) in enumerate(zip(pyramid, self.hidden, strict=False)):
+            if hidden.shape != level.grey.shape:
+                raise ValueError("images and the mask of what is hidden need the same size")
+            pyramid[k] = Level(level.grey, hidden > 0)
+        return pyramid
+
+
+def strongest_edges(
+    levels: Sequence[Grey], A: Floats, points: Floats, normals: Floats, noise: float, reach: int
+) -> tuple[Floats, Floats, Floats]:
+    """The strongest edge near each sample of an outline: what a target is made from.
+
+    Args:
+        levels: pyramid of the image, uint8 (H, W) each.
+        A: (3, 3) work px to px of the image.
+        points, normals: (n, 2) work px, (n, 2) unit, outward.
+        noise: grey levels, of the camera.
+        reach: work px within which edges are looked for, 0 to 1000; beyond 3.5 none is taken.
+
+    Returns:
+        (n,) work px along the normal, NaN where there is none; (n,) its signed step, grey levels; (n, 6) grey levels from 7 to
+        2 px inside the sample, NaN outside the image. All steps and levels are 0 where a sample lies outside.
+
+    Raises:
+        ValueError: a length or the reach is none.
+    """
+    pyramid, H = _pyramid(levels), _fixed(A, "A", 3, 3)
+    points = _places(points, "points")
+    n = len(points)
+    normals = _fixed(_places(normals, "normals"), "normals", n, 2)
+    if not 0 <= reach <= FARTHEST:
+        raise ValueError("the reach is from 0 to 1000")
+    offset, step, inner = np.full(n, np.nan), np.zeros(n), np.zeros((n, INNER))
+    if n == 0:
+        return offset, step, inner
+    span = reach + BEYOND
+    with np.errstate(all="ignore"):
+        level, H = level_through(pyramid, H, points.mean(axis=0), 1.0)
+        values, inside = profiles(level, H, points, normals, span)
+        counts, offsets, steps = find_candidates(values, span, reach, noise, np.full(n, 2))
+    for i in np.flatnonzero(inside):
+        near, strong = offsets[i, : counts[i]], steps[i, : counts[i]]
+        score = np.where(np.abs(near) < AT_ALL, np.abs(strong) * np.exp(-near * near / FADING), 0.0)
+        if len(score) and score.max() > 0:
+            best = int(score.argmax())
+            offset[i], step[i] = near[best], strong[best]
+        inner[i] = values[i, span + INNER_FIRST : span + INNER_FIRST + INNER]
+    return offset, step, inner
+
+
+def _fixed(values: ArrayLike, name: str, *shape: int) -> Floats:
+    array = np.array(values, dtype=np.float64)
+    if array.size != int(np.prod(shape)):
+        raise ValueError(f"{name} needs {int(np.prod(shape))} numbers")
+    return array.reshape(shape)
+
+
+def _places(values: ArrayLike, name: str) -> Floats:
+    array = np.array(values, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ValueError(f"{name} are of shape (N, 2)")
+    return array
+
+
+def _pyramid(levels: Sequence[Grey]) -> Pyramid:
+    if not len(levels):
+        raise ValueError("a pyramid has at least one level")
+    if any(np.ndim(level) != 2 for level in levels):
+        raise ValueError("a level of a pyramid is of shape (H, W)")
+    return [Level(np.asarray(level, dtype=np.uint8)) for level in levels]
+
+
+def _cut(pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
+    if not 0 < stride < np.inf:
+        raise ValueError("the stride is above 0")
+    with np.errstate(all="ignore"):
+        return cut_patches(pyramid, G, places, np.float64(stride))

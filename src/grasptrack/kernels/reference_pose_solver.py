@@ -1,0 +1,388 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One hypothesis of the pose, made exact, and the evidence for it.
+
+Gauss-Newton on edges, texture, thickness and what a pinhole allows, with a prior of heavy tails.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.kernels.reference_pose_camera import Pinhole, pinhole_rows
+from grasptrack.kernels.reference_pose_edges import (
+    Candidates,
+    EdgeNumbers,
+    Light,
+    edge_likelihoods,
+    measure_edges,
+    surface_light,
+)
+from grasptrack.kernels.reference_pose_image import (
+    Pyramid,
+    carried,
+    inverse_definite,
+    inverse_homography,
+    middle,
+    whole,
+)
+from grasptrack.kernels.reference_pose_regions import NEVER, RegionNumbers, bounded, other_shape, stretches
+from grasptrack.kernels.reference_pose_target import Target
+from grasptrack.kernels.reference_pose_texture import (
+    Matches,
+    TextureFit,
+    TextureNumbers,
+    fit_patches,
+    joined,
+    match_patches,
+    nothing,
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ROUNDS, EDGE_ROUNDS, TEXTURE_ROUNDS = 4, 4, 3
+ENOUGH_EDGES = 30
+"""Samples of the outline below which its edges are not looked at."""
+FINE = 3
+"""Levels of texture that are used beside the edges."""
+LEAST_REACH, MOST_REACH, FARTHEST = 4, 30, 1000
+"""Work px within which edges are looked for; the last bounds what a caller may ask for."""
+MOST_SPAN = 46
+"""Work px of a profile on either side of a sample, at most."""
+SETTLED = 0.02
+"""Work px: a step that moves no contact by more is the last."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A hypothesis, and what else is known when it is tried.
+
+    Attributes:
+        G, P: (3, 3) pose, and (8, 8) covariance of its error, work px^2.
+        last: (3, 3) the pose in the image before, for the speed.
+        theta, theta_covariance: (3,), (3, 3), see `Pinhole`.
+        thickness, thickness_variance: work px, work px^2.
+        inner_spread: grey levels, see `EdgeNumbers`.
+        reach: work px within which edges are looked for first; 0: by the covariance.
+    """
+
+    G: Floats
+    P: Floats
+    last: Floats
+    theta: Floats
+    theta_covariance: Floats
+    thickness: np.float64
+    thickness_variance: np.float64
+    inner_spread: np.float64
+    reach: float
+
+
+@dataclass
+class Solution:
+    """The pose and its evidence; see `PoseTarget.solve`, which returns the same."""
+
+    valid: bool = False
+    G: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    P: Floats = field(default_factory=lambda: np.zeros((8, 8)))
+    thickness: float = 0.0
+    thickness_variance: float = 0.0
+    light: Light = field(default_factory=lambda: Light(1.0, 0.0))
+    edge_share: float = 0.0
+    edge_sigma: float = 0.0
+    look: float = 0.0
+    texture_used: int = 0
+    texture_agreeing: float = 0.0
+    texture_spread: float = 0.0
+    correlation: list[Floats] = field(default_factory=list)
+    visible: Floats = field(default_factory=lambda: np.zeros(0))
+    occluded: Floats = field(default_factory=lambda: np.zeros(0))
+    other: Floats = field(default_factory=lambda: np.zeros(0))
+    log_odds: float = 0.0
+    elsewhere: float = 0.0
+    other_shape: float = 0.0
+    differs: Floats = field(default_factory=lambda: np.zeros(0))
+
+
+class Solver:
+    """A target, an image and a hypothesis.
+
+    Args:
+        target: what is looked for.
+        pyramid: where.
+        start: the hypothesis.
+        numbers: by name, see `grasptrack.tracking.numbers.Numbers`.
+    """
+
+    def __init__(self, target: Target, pyramid: Pyramid, start: Start, numbers: dict[str, np.float64]) -> None:
+        self.target, self.pyramid, self.start, self.numbers = target, pyramid, start, numbers
+        self.height, self.width = (float(side) for side in pyramid[0].grey.shape)
+        self.texture_numbers = TextureNumbers(
+            numbers["texture_floor"], numbers["texture_independent"], numbers["texture_freedom"]
+        )
+        self.edge_numbers = EdgeNumbers(
+            numbers["edge_missed"],
+            numbers["same_sign"],
+            numbers["edge_floor"],
+            start.inner_spread,
+            numbers["other_spread"],
+        )
+        self.shares = np.array([numbers["share_object"], numbers["share_occluded"], numbers["share_other"]])
+        n = len(target.points)
+        self.stay = float(np.exp(-1.0 / (numbers["stretch"] * n)))
+        gaps = np.hypot(*(target.points - np.roll(target.points, -1, axis=0)).T)
+        spacing = middle(gaps) if n > 1 else np.float64(1.0)
+        self.power = min(1.0, float(spacing / numbers["sample_distance"]))
+        camera = Pinhole(target, start.theta, self.width, self.height)
+        self.camera, self.first_sides = camera, camera.lower_face(target, target.A)
+
+    def solve(self) -> Solution:
+        """The pose near the hypothesis that image, prior and camera model agree on."""
+        out, start, target = Solution(), self.start, self.target
+        prior = inverse_definite(start.P)
+        if prior is None:
+            return out
+        self.prior = prior
+        found = self._texture_alone(start.G)
+        if found is None:
+            return out
+        G, P = found, start.P
+        edges = len(target.points) >= ENOUGH_EDGES
+        h, vh = start.thickness, start.thickness_variance
+        first = whole(start.reach, 0, FARTHEST)
+        reach = first
+        for round_ in range(ROUNDS):
+            system = self._system(G)
+            if system is None:
+                return out
+            texture = self._texture(G, *system, out)
+            A, b = system[0] + texture.information, system[1] + texture.gradient
+            inverse = inverse_definite(A)
+            if inverse is None:
+                return out
+            P, d = inverse, inverse @ b
+            out.light = surface_light(target, self.pyramid, G)
+            if edges:
+                if round_ == 0 and start.reach > 0:
+                    reach = first
+                elif round_ == 0 or reach == 0:
+                    reach = self._reach(P, 2.5)
+                view = measure_edges(target, self.pyramid, G, reach, self._half_widths(G), out.light, MOST_SPAN)
+                fitted = self._fit_edges(view, G, A, b, d, P, h, vh, out)
+                if fitted is None:
+                    return out
+                d, P, h, vh = fitted
+            d = np.clip(d, -target.radius, target.radius)
+            moved = _largest(np.abs(target.jacobian(target.contacts) @ d))
+            G = target.moved(G, d)
+            if not np.isfinite(G).all():
+                return out
+            if edges:
+                reach = whole(self._reach(P, 3.0) + moved, LEAST_REACH, MOST_REACH)
+            if moved < SETTLED and round_ > 0:
+                break
+        out.G, out.P, out.thickness, out.thickness_variance, out.valid = G, P, float(h), float(vh), True
+        self._judge(out, edges)
+        return out
+
+    def _system(self, G: Floats) -> tuple[Floats, Floats] | None:
+        """Prior, bounded perspective and pinhole as normal equations (8, 8), (8,) about the pose G."""
+        target, start, n = self.target, self.start, self.numbers
+        d = target.difference(start.G, G)
+        if d is None:
+            return None
+        distance = float(d @ self.prior @ d)
+        heavy = (n["prior_freedom"] + 8.0) / (n["prior_freedom"] + max(8.0, distance))
+        A = heavy * self.prior
+        b = -A @ d
+        # perspective against the first view, in work px at the half size
+        r = target.radius
+        z = -(G[2, :2] * r) / (G[2, :2] @ target.centre + G[2, 2]) * r
+        information = 1.0 / (n["perspective"] * r) ** 2
+        A[[6, 7], [6, 7]] += information
+        b[6:] -= information * z
+        pin = pinhole_rows(target, G, start.theta, self.width, self.height)
+        if pin.valid:
+            # what is not known of the camera, and how far real ones are from the model
+            C = n["pinhole_sd"] ** 2 * np.eye(2) + pin.by_camera @ start.theta_covariance @ pin.by_camera.T
+            det = C[0, 0] * C[1, 1] - C[0, 1] * C[1, 0]
+            W = np.array([[C[1, 1], -C[0, 1]], [-C[1, 0], C[0, 0]]]) / det
+            distance = float(pin.misfit @ W @ pin.misfit)
+            W *= (n["pinhole_freedom"] + 2.0) / (n["pinhole_freedom"] + max(2.0, distance))
+            A += pin.by_pose.T @ W @ pin.by_pose
+            b -= pin.by_pose.T @ W @ pin.misfit
+        return A, b
+
+    # --- texture --------------------------------------------------------------------------------
+
+    def _match(self, first: int, end: int, G: Floats) -> Matches:
+        """All patches of the levels from `first` to `end`."""
+        floor, noise = self.numbers["texture_floor"], self.target.noise
+        sets = self.target.texture[first:end]
+        return joined([match_patches(self.pyramid, G, s, noise, floor * s.stride) for s in sets])
+
+    def _texture_alone(self, G: Floats) -> Floats | None:
+        """The pose by texture, coarse to fine, before edges are looked at: their candidates are many, its valley is wide."""
+        target = self.target
+        J = target.jacobian(target.contacts)
+        far = _largest(np.sqrt(((J @ self.start.P) * J).sum(axis=2)))  # work px within which the pose is known
+        for level, patches in reversed(list(enumerate(target.texture))):
+            if len(patches) < 4 or (level > 0 and far < patches.stride):
+                continue
+            for _ in range(TEXTURE_ROUNDS):
+                system = self._system(G)
+                if system is None:
+                    break
+                fit = fit_patches(target, self._match(level, level + 1, G), *system, self.texture_numbers)
+                if not _tells(fit, len(patches)):
+                    break
+                P = inverse_definite(system[0] + fit.information)
+                if P is None:
+                    return None
+                d = P @ (system[1] + fit.gradient)
+                G = target.moved(G, d)
+                if not np.isfinite(G).all():
+                    return None
+                if np.abs(d).max() < 0.1 * patches.stride:
+                    break
+        return G
+
+    def _texture(self, G: Floats, A: Floats, b: Floats, out: Solution) -> TextureFit:
+        """The finest levels; coarser ones tell where blur has taken the finest one."""
+        matches = self._match(0, FINE, G)
+        if len(matches.inside) < 4:
+            return nothing()
+        fit = fit_patches(self.target, matches, A, b, self.texture_numbers)
+        out.texture_used, out.texture_agreeing, out.texture_spread = fit.used, fit.agreeing, fit.spread
+        return fit if _tells(fit, len(matches.inside)) else nothing()
+
+    # --- edges ----------------------------------------------------------------------------------
+
+    def _reach(self, P: Floats, deviations: float) -> int:
+        """Work px within which edges are looked for, by the pose's covariance."""
+        variance = ((self.target.rows @ P) * self.target.rows).sum(axis=1)
+        return whole(deviations * np.sqrt(_largest(variance)) + 3.0, LEAST_REACH, MOST_REACH)
+
+    def _half_widths(self, G: Floats) -> Ints:
+        """(n,) of the edge filter: an edge is as wide as what moves across it while it is exposed."""
+        inverse = inverse_homography(G)
+        if inverse is None:
+            return np.full(len(self.target.points), 2)
+        x, y = self.target.points.T
+        u, v = carried(inverse @ self.start.last, x, y)
+        speed = np.abs((u - x) * self.target.normals[:, 0] + (v - y) * self.target.normals[:, 1])
+        half = np.clip(2.0 + self.numbers["blur_share"] * speed, 2.0, 12.0)
+        return np.where(np.isnan(half), 2.0, half).astype(np.int64)
+
+    def _parallax(self, G: Floats) -> Floats:
+        """(n,) of the lower face, less what the first view showed, which counts the other way."""
+        return self.camera.lower_face(self.target, G) - self.first_sides
+
+    def _fit_edges(
+        self,
+        view: Candidates,
+        G: Floats,
+        A: Floats,
+        b: Floats,
+        d: Floats,
+        P: Floats,
+        h: np.float64,
+        vh: np.float64,
+        out: Solution,
+    ) -> tuple[Floats, Floats, np.float64, np.float64] | None:
+        """Edges and thickness by expectation and maximisation: which candidate, then the pose, then again.
+
+        Returns:
+            The pose's error (8,), its covariance (8, 8), thickness and its variance; None where they are not determined.
+        """
+        rows, start, numbers = self.target.rows, self.start, self.numbers
+        parallax = self._parallax(G)
+        h0, v0 = start.thickness, start.thickness_variance
+        for _ in range(EDGE_ROUNDS):
+            shift, low = rows @ d, parallax * h
+            found = edge_likelihoods(self.target, view, shift, low, parallax**2 * vh, P, self.edge_numbers)
+            own = stretches(found.object, found.other, self.power, self.shares, self.stay).states[:, 0]
+            seen_up, seen_low = found.upper * own, found.lower * own
+            up, down = found.upper_offset - shift, found.lower_offset - shift - low
+            rest = np.where(seen_up > seen_low, up, down)
+            seen = np.abs(rest[seen_up + seen_low > 0.5])
+            variance = np.float64(4.0)
+            if len(seen) > 10:
+                variance = numbers["edge_noise"] ** 2 + (1.4826 * middle(seen)) ** 2
+            weight_up = seen_up / variance * self.power / (1.0 + up**2 / (9.0 * variance))
+            weight_low = seen_low / variance * self.power / (1.0 + down**2 / (9.0 * variance))
+            weight = weight_up + weight_low
+            # the ninth unknown is the thickness
+            A9, b9 = np.zeros((9, 9)), np.zeros(9)
+            A9[:8, :8], b9[:8] = A, b
+            A9[8, 8], b9[8] = 1.0 / v0, h0 / v0
+            upper, lower = np.pad(rows, ((0, 0), (0, 1))), np.column_stack([rows, parallax])
+            for row, w, offset in ((upper, weight_up, found.upper_offset), (lower, weight_low, found.lower_offset)):
+                counts = w > 1e-9
+                weighed = row[counts] * w[counts, None]
+                A9 += weighed.T @ row[counts]
+                b9 += weighed.T @ offset[counts]
+            P9 = inverse_definite(A9)
+            if P9 is None:
+                return None
+            x = P9 @ b9
+            d, P, h, vh = x[:8], P9[:8, :8], max(np.float64(0.0), x[8]), P9[8, 8]
+            out.edge_sigma = float(np.sqrt(variance))
+        out.edge_share = float((seen_up + seen_low).sum()) / len(rows)
+        least = np.where(view.there(), view.difference, 1e9).min(axis=1)[seen_up + seen_low > 0.5]
+        out.look = float(middle(np.sqrt(least))) if len(least) > 20 else 0.0
+        residual = np.where(seen_up > seen_low, found.upper_offset, found.lower_offset - parallax * h) - rows @ d
+        scatter = _correlated((weight * residual)[:, None] * rows)
+        P = P + P @ scatter @ P
+        return d, 0.5 * (P + P.T), h, vh
+
+    # --- evidence -------------------------------------------------------------------------------
+
+    def _judge(self, out: Solution, edges: bool) -> None:
+        """The evidence at the answer, edges looked for much farther away than the answer's own uncertainty."""
+        target, numbers = self.target, self.numbers
+        n = len(target.points)
+        out.visible, out.occluded, out.other = np.zeros(n), np.zeros(n), np.zeros(n)
+        if edges:
+            reach = whole(numbers["wide"] * 2.0 * target.radius, 0, FARTHEST)
+            half = self._half_widths(out.G)
+            view = measure_edges(target, self.pyramid, out.G, reach, half, out.light, MOST_SPAN)
+            parallax = self._parallax(out.G)
+            low, variance = parallax * out.thickness, parallax**2 * out.thickness_variance
+            found = edge_likelihoods(target, view, np.zeros(n), low, variance, out.P, self.edge_numbers)
+            here = stretches(found.object, found.other, self.power, self.shares, self.stay)
+            share = np.array([NEVER, self.shares[1], self.shares[2] + self.shares[0]])
+            without = stretches(np.ones(n), found.other, self.power, share / share.sum(), self.stay)
+            out.log_odds = float(here.log_likelihood - without.log_likelihood)
+            out.visible = here.states[:, 0] * (found.upper + found.lower)
+            out.occluded, out.other = here.states[:, 1], here.states[:, 2]
+            out.elsewhere = float(out.other.sum()) / n
+            regions = RegionNumbers(
+                self.start.inner_spread, numbers["cell_unlikely"], numbers["cell_far"], numbers["cell_power"]
+            )
+            ends = bounded(view, target.contrast)
+            out.other_shape, out.differs = other_shape(
+                target, self.pyramid, out.G, out.visible, ends, out.light, regions, self.shares, self.stay, self.power
+            )
+        for level in range(min(FINE, len(target.texture))):
+            matches = self._match(level, level + 1, out.G)
+            out.correlation.append(np.where(matches.inside, matches.correlation, np.nan))
+
+
+def _tells(fit: TextureFit, count: int) -> bool:
+    return fit.used >= 4 and fit.agreeing * count >= 4
+
+
+def _largest(values: Floats) -> float:
+    """The largest of some values, 0 at least; what is no number does not count."""
+    return float(np.max(np.where(np.isnan(values), 0.0, values), initial=0.0))
+
+
+def _correlated(scores: Floats) -> Floats:
+    """(8, 8) scatter of scores (n, 8) that are correlated with their neighbours along the outline (Newey and West 1987)."""
+    lags = max(3, int(0.06 * len(scores)))
+    near = sum((1.0 - q / lags) * np.roll(scores, q, axis=0) for q in range(1, lags))
+    cross = scores.T @ near
+    return np.asarray(scores.T @ scores + cross + cross.T)
