@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack import kernels
 from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, GraspAnalysis, analyze, check_friction
 from grasptrack.calibration import Camera
-from grasptrack.closing import Regions, chance_of_closing, regions_of
+from grasptrack.closing import CHANCE, Regions, chance_of_closing, regions_of
 from grasptrack.contour import View
 from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError, TransferError
 from grasptrack.grasp import Grasp
@@ -33,9 +33,6 @@ from grasptrack.tracking.strategies import Carrier, Moved, carrier_for
 from grasptrack.transfer import STRATEGIES
 
 Floats = NDArray[np.float64]
-
-CHANCE = 0.9
-"""A grasp that closes with less than this probability, its contacts being as uncertain as they are, is not stable."""
 
 
 @dataclass(frozen=True)
