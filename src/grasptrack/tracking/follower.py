@@ -211,7 +211,7 @@ class Follower:
         state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
         if not decision.accepted:  # where it is, is known only roughly
             return
-        state.located = state.last
+        state.located, state.light = state.last, e.light
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
         self._remember_patches(e)
@@ -233,10 +233,9 @@ class Follower:
         else:
             state.unseen += max(1.0, steps)
             state.last = Look(levels, state.G if e is None else e.G)
-        if e is None:
-            state.presence = min(state.presence, 0.5)
-        else:
-            state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
+        # what looks like it elsewhere looks like it again and again: that makes it no surer
+        state.presence = float(np.clip(decision.presence, numbers.redetected, UNSURE))
+        if e is not None:
             state.P = e.P
 
     def _learn_motion(self, estimate: PoseEstimate, ground: Floats | None, steps: float) -> None:
@@ -271,6 +270,8 @@ class Follower:
 
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
+UNSURE = 0.5
+"""Most that an image in which nothing was accepted tells of the object's presence."""
 STILL = 0.05
 """Least wandering: what rests may be pushed."""
 ALIKE = 0.5

@@ -40,6 +40,7 @@ class TrackState:
         thickness, thickness_variance: work px, work px^2.
         inner_spread: grey levels, see `Numbers.other_spread`.
         located: the last image in which the object was located.
+        light: gain and bias of the surface there, from the first view on.
         lost: images since.
         time, interval: s, of the last image; a usual time between images.
         usual: of each patch of the three finest levels: its correlation of late.
@@ -63,6 +64,7 @@ class TrackState:
     thickness_variance: float
     inner_spread: float
     located: Look
+    light: tuple[float, float] = (1.0, 0.0)
     lost: int = 0
     time: float | None = None
     interval: float | None = None
