@@ -201,7 +201,7 @@ class Follower:
 
     def _learn(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
         state, numbers, e = self.state, self.numbers, decision.estimate
-        if e is None or not (decision.accepted or decision.code == "uncertain"):
+        if e is None or not (decision.accepted or (decision.code == "uncertain" and decision.evidence > 0.0)):
             self._lose(levels, decision, ground, steps)
             return
         self._learn_motion(e, ground, steps)
@@ -252,8 +252,8 @@ class Follower:
                 rate = 1.0 / min(state.moves, MEMORY)
                 state.agility = float(np.clip(state.agility + (share - state.agility) * rate, CALM, 1.0))
         if ground is not None and not state.lost:
-            away = estimate.contacts - target.carried(ground)
-            share = math.sqrt(float((away**2).sum(axis=1).mean()) / estimate.area) / numbers.travel
+            away = (estimate.contacts - target.carried(ground)).mean(axis=0)
+            share = math.sqrt(float(away @ away) / estimate.area) / numbers.travel
             state.wanders += 1
             rate = 1.0 / min(state.wanders, MEMORY)
             state.wander = float(np.clip(state.wander + (share - state.wander) * rate, STILL, 1.0))

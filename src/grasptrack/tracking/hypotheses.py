@@ -58,7 +58,8 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     ground = _laid(target, state, levels, rest, Q, target.ring)
     if ground is None:
         return Predictions(first or rest, rest if first else [], None)
-    carried = Hypothesis("background", ground["G"], state.P + ground["P"] + Q * (2 * numbers.predicted) ** 2)
+    # what rested on the ground rests on it still
+    carried = Hypothesis("background", ground["G"], state.P + ground["P"] + Q * state.wander**2)
     if first:
         return Predictions(first, [*rest, carried], ground["G"])
     return Predictions([carried, *rest], [], ground["G"])
