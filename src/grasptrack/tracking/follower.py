@@ -258,6 +258,7 @@ class Follower:
             rate = 1.0 / min(state.wanders, MEMORY)
             state.wander = float(np.clip(state.wander + (share - state.wander) * rate, STILL, 1.0))
         velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
+        state.velocity_P = state.P + estimate.P
         state.velocity = velocity if not state.lost and np.isfinite(velocity).all() else None
 
     def _remember_patches(self, estimate: PoseEstimate) -> None:

@@ -34,6 +34,7 @@ class TrackState:
     Attributes:
         last: the last image, with the best pose found in it.
         velocity: (8,) the pose's change in a usual interval, work px at the half size; None where it is not known.
+        velocity_P: (8, 8) covariance of its error.
         P: (8, 8) covariance of the pose's error, work px^2 at the half size.
         presence: probability that the object is there.
         theta, theta_covariance: (3,), (3, 3) log of the focal length over the image's width, first normal.
@@ -57,6 +58,7 @@ class TrackState:
 
     last: Look
     velocity: Floats | None
+    velocity_P: Floats
     P: Floats
     presence: float
     theta: Floats
@@ -97,6 +99,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
     return TrackState(
         last=look,
         velocity=None,
+        velocity_P=np.zeros((8, 8)),
         P=np.eye(8) * 0.05**2,
         presence=1.0 - 1e-6,
         theta=np.zeros(3),
