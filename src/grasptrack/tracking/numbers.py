@@ -98,7 +98,7 @@ class Numbers:
     normal_sd: float = 0.5
     pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
-    camera_keep: float = 0.1
+    camera_keep: float = 0.5
     thickness_sd: float = 0.04
     hazard: float = 2e-3
     redetected: float = 0.02
