@@ -28,7 +28,7 @@ from grasptrack.observation.silhouettes import trace
 from grasptrack.observation.snake import Snake
 from grasptrack.observation.support import OutlineSamples
 from grasptrack.projective import apply_homography
-from grasptrack.result import TrackResult
+from grasptrack.tracking.result import TrackResult
 from grasptrack.simulation import SceneFrame, demo_scene
 
 SIZES = ((640, 480), (1280, 960), (2000, 1500), (4000, 3000))

@@ -179,11 +179,11 @@ struct PoseTarget {
 
     nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last, const Doubles &theta,
                    const Doubles &theta_covariance, double thickness, double thickness_variance, double inner_spread,
-                   double reach) const {
+                   double gain, double bias, double reach) const {
         const pose::Pyramid pyramid = seen(levels);
         pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), fixed<3>(theta, "theta"),
                           fixed<9>(theta_covariance, "theta_covariance"), thickness, thickness_variance, inner_spread, reach,
-                          static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height), {}};
+                          {gain, bias}, static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height)};
         pose::Solution s;
         {
             nb::gil_scoped_release free;
@@ -301,7 +301,7 @@ void bind_pose(nb::module_ &m) {
         .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
         .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "theta"_a, "theta_covariance"_a, "thickness"_a,
-             "thickness_variance"_a, "inner_spread"_a, "reach"_a)
+             "thickness_variance"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
         .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);

@@ -10,9 +10,9 @@ import numpy as np
 
 from grasptrack import GraspTracker
 from grasptrack.projective import apply_homography
-from grasptrack.result import TrackResult
 from grasptrack.simulation import SHAPES, Renderer, Shape, Texture, brushed, plain, wood
 from grasptrack.simulation.shapes import polygon_moments
+from grasptrack.tracking.result import TrackResult
 
 WIDTH, HEIGHT = 320, 240
 SCALE = 75.0

@@ -258,7 +258,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
         ("matplotlib", {"view"}),
         ("cv2", {"evaluation", "io", "observation", "simulation", "tracking", "view"}),
         ("grasptrack.simulation", {"simulation", "evaluation"}),
-        ("grasptrack.observation.snake", {"observation", "carriers", "evaluation"}),
+        ("grasptrack.observation.snake", {"observation", "carriers", "evaluation", "tracking"}),
         ("grasptrack._native", {"kernels"}),
     ],
 )

@@ -17,7 +17,7 @@ from grasptrack.evaluation.records import read_records, write_records
 from grasptrack.evaluation.score import FrameScore, Score
 from grasptrack.evaluation.truth import Truth
 from grasptrack.projective import apply_homography
-from grasptrack.result import TrackResult
+from grasptrack.tracking.result import TrackResult
 from scores import frame, random_run
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -20,8 +20,8 @@ from grasptrack.evaluation.peers.direct import MARGIN
 from grasptrack.evaluation.peers.region import region_of
 from grasptrack.observation.images import to_grey
 from grasptrack.projective import apply_homography
-from grasptrack.result import TrackResult
 from grasptrack.simulation import SHAPES, Camera, Conditions, Scene, SceneFrame, similarity_path
+from grasptrack.tracking.result import TrackResult
 
 SIZE = (400, 300)
 BOUNDS = {

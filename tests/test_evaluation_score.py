@@ -13,7 +13,7 @@ from grasptrack.evaluation.homographies import read_homographies, write_homograp
 from grasptrack.evaluation.score import Score, accept_limit
 from grasptrack.evaluation.truth import Truth
 from grasptrack.projective import apply_homography
-from grasptrack.result import Status, TrackResult
+from grasptrack.tracking.result import Status, TrackResult
 
 CONTACTS = np.array([[100.0, 100.0], [180.0, 120.0]])
 MOVE = np.array([[1.01, -0.02, 6.0], [0.03, 0.98, -4.0], [1e-5, -2e-5, 1.0]])

@@ -143,7 +143,8 @@ def question(levels: list[Grey], start: Floats = A, **other: Any) -> list[Any]:
     """Arguments of `solve`."""
     given_ = {
         "levels": levels, "G": start, "P": known(3.0, 1.0), "last": start, "theta": THETA,
-        "theta_covariance": THETA_COVARIANCE, "thickness": 0.0, "thickness_variance": 4.0, "inner_spread": 12.0, "reach": 0.0,
+        "theta_covariance": THETA_COVARIANCE, "thickness": 0.0, "thickness_variance": 4.0, "inner_spread": 12.0,
+        "gain": 1.0, "bias": 0.0, "reach": 0.0,
     }  # fmt: skip
     return list((given_ | other).values())
 
@@ -193,6 +194,8 @@ def test_poses(seed: int, n: int, reach: float, textured: bool, fast: bool, cove
         thickness=rng.uniform(0.0, 4.0),
         thickness_variance=rng.uniform(0.5, 9.0),
         theta=rng.uniform(-0.4, 0.4, 3),
+        gain=rng.uniform(0.5, 1.5),
+        bias=rng.uniform(-40.0, 40.0),
     )
     if rng.random() < 0.3:
         hidden = [np.zeros(level.shape, np.uint8) for level in levels]
@@ -267,12 +270,13 @@ def test_a_pose_is_found_where_the_object_is(seed: int, textured: bool) -> None:
 @given(SEEDS, st.integers(-15, 15), st.integers(-8, 8))
 def test_a_pose_goes_with_its_image(seed: int, right: int, down: int) -> None:
     """By whole px; of the camera, which has a middle, nothing is known."""
-    rng = np.random.default_rng(seed)
+    rng, wide = np.random.default_rng(seed), 50
     made, shift = target(native, seed, **FREE), np.array([[1.0, 0.0, right], [0.0, 1.0, down], [0.0, 0.0, 1.0]])
-    image = draw(view(rng), seed)
+    image = np.pad(draw(view(rng), seed), wide, mode="edge")  # no border within reach
+    start = np.array([[1.0, 0.0, wide], [0.0, 1.0, wide], [0.0, 0.0, 1.0]]) @ A
     away = np.roll(image, (down, right), axis=(0, 1))
-    asked = question([image], A, thickness_variance=1e-9)
-    there = question([away], shift @ A, thickness_variance=1e-9)
+    asked = question([image], start, thickness_variance=1e-9)
+    there = question([away], shift @ start, thickness_variance=1e-9)
     here, moved = made.solve(*asked), made.solve(*there)
     assert here["valid"]
     same(moved.pop("G"), shift @ here.pop("G"), atol=1e-5)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
+from grasptrack.closing import CHANCE
 from grasptrack.errors import GraspError, InputError, SourceError, StrategyError
 from grasptrack.projective import apply_homography
-from grasptrack.result import TrackResult
 from grasptrack.simulation import SHAPES, Shape, brushed, plain
-from grasptrack.verdict import CHANCE
+from grasptrack.tracking.result import TrackResult
 from stages import EVEN, HEIGHT, WIDTH, Run, photo, pose, regular
 
 BRACKET, PLATE, GASKET = (SHAPES[n]() for n in ("bracket", "notched-plate", "gasket"))

@@ -12,7 +12,7 @@ from grasptrack.evaluation.approach.case import Row
 from grasptrack.evaluation.approach.truth import on_part, tell
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES
-from grasptrack.verdict import RIGHT
+from grasptrack.tracking.numbers import NUMBERS
 
 if find_spec("mujoco") is None:
     pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
@@ -40,4 +40,4 @@ def test_right_is_what_lies_where_it_was_chosen() -> None:
 
 def test_wrong_is_what_has_slipped_or_was_never_on_the_part() -> None:
     assert told((20.0, 0.0)).right is False
-    assert told((0.0, 0.0), chosen_off=3.0 * RIGHT + 0.1).right is False
+    assert told((0.0, 0.0), chosen_off=3.0 * NUMBERS.tolerance + 0.1).right is False

@@ -84,8 +84,9 @@ struct Light {
     double gain = 1, bias = 0;
 };
 
-// Robust gain and bias of the object's surface, reference to current.
-inline Light surface_light(const Target &target, const Pyramid &pyramid, const Homography &G) {
+// Robust gain and bias of the object's surface, reference to current. Where much is covered, the cover is what fits most:
+// the light of before, as far as it still explains some of the surface, is believed rather than a jump of the light.
+inline Light surface_light(const Target &target, const Pyramid &pyramid, const Homography &G, const Light &before) {
     std::vector<double> x, y;
     for (std::size_t i = 0; i < target.surface.size(); ++i) {
         const Point p = target.surface[i], q = carried(G, p.x, p.y);
@@ -93,9 +94,8 @@ inline Light surface_light(const Target &target, const Pyramid &pyramid, const H
         x.push_back(target.surface_value[i]);
         y.push_back(pyramid[0].at(q.x, q.y));
     }
-    Light light;
     const std::size_t n = x.size();
-    if (n < 30) return light;
+    if (n < 30) return before;
     const auto spread = [n](const std::vector<double> &v) {
         double m = 0, s = 0;
         for (double a : v) m += a;
@@ -104,33 +104,44 @@ inline Light surface_light(const Target &target, const Pyramid &pyramid, const H
         return std::sqrt(s / static_cast<double>(n));
     };
     constexpr double flat = 5.0, soft = 25.0;  // grey levels
+    constexpr double jump = 0.3;               // odds that the light is another than before
     const double sx = spread(x);
-    if (sx > flat) light.gain = std::clamp(spread(y) / sx, 0.4, 2.5);
-    std::vector<double> rest(n), sorted(n), weight(n);
-    for (int round = 0; round < 3; ++round) {
-        for (std::size_t i = 0; i < n; ++i) rest[i] = y[i] - light.gain * x[i];
-        sorted = rest;
-        light.bias = middle(sorted);
-        if (!(sx > flat)) continue;
-        double sw = 0, mx = 0, my = 0;
-        for (std::size_t i = 0; i < n; ++i) {
-            const double q = 1 + (rest[i] - light.bias) * (rest[i] - light.bias) / (soft * soft);
-            weight[i] = 1 / (q * q);
-            sw += weight[i];
-            mx += weight[i] * x[i];
-            my += weight[i] * y[i];
+    const bool varied = sx > flat;
+    const auto refined = [&](Light light) {
+        for (int round = 0; round < 3; ++round) {
+            double sw = 0, mx = 0, my = 0, cross = 0, own = 1e-6;
+            std::vector<double> weight(n);
+            for (std::size_t i = 0; i < n; ++i) {
+                const double r = y[i] - light.gain * x[i] - light.bias, q = 1 + r * r / (soft * soft);
+                weight[i] = 1 / (q * q);
+                sw += weight[i];
+                mx += weight[i] * x[i];
+                my += weight[i] * y[i];
+            }
+            mx /= sw;
+            my /= sw;
+            for (std::size_t i = 0; i < n; ++i) {
+                cross += weight[i] * (x[i] - mx) * (y[i] - my);
+                own += weight[i] * (x[i] - mx) * (x[i] - mx);
+            }
+            if (varied) light.gain = std::clamp(cross / own, 0.3, 3.0);
+            light.bias = my - light.gain * mx;
         }
-        mx /= sw;
-        my /= sw;
-        double cross = 0, own = 1e-6;
-        for (std::size_t i = 0; i < n; ++i) {
-            cross += weight[i] * (x[i] - mx) * (y[i] - my);
-            own += weight[i] * (x[i] - mx) * (x[i] - mx);
-        }
-        light.gain = std::clamp(cross / own, 0.3, 3.0);
-        light.bias = my - light.gain * mx;
-    }
-    return light;
+        return light;
+    };
+    const auto explained = [&](const Light &light) {
+        std::size_t count = 0;
+        for (std::size_t i = 0; i < n; ++i) count += std::abs(y[i] - light.gain * x[i] - light.bias) < 0.5 * soft;
+        return static_cast<double>(count);
+    };
+    Light fresh;
+    if (varied) fresh.gain = std::clamp(spread(y) / sx, 0.4, 2.5);
+    std::vector<double> rest(n);
+    for (std::size_t i = 0; i < n; ++i) rest[i] = y[i] - fresh.gain * x[i];
+    fresh.bias = middle(rest);
+    fresh = refined(fresh);
+    const Light same = refined(before);
+    return jump * explained(fresh) > explained(same) ? fresh : same;
 }
 
 struct EdgeView {

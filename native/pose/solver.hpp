@@ -35,8 +35,8 @@ struct Start {
     double thickness, thickness_variance;  // work px, work px^2
     double inner_spread;       // grey levels
     double reach;              // work px; 0: from the covariance
+    Light light;               // of the surface, where it was located last
     double width, height;      // px of the image
-    std::vector<double> trust;  // probability of each fine patch to be the object's own
 };
 
 struct Solution {
@@ -88,7 +88,7 @@ class Solver {
             for (std::size_t k = 0; k < 8; ++k) b[k] += texture.gradient[k];
             if (!invert<8>(A, P)) return out;
             Vector<8> d = times<8>(P, b);
-            out.light = surface_light(target_, pyramid_, G);
+            out.light = surface_light(target_, pyramid_, G, start_.light);
             if (edges) {
                 if (reach == 0 || round == 0) {
                     const int own = reach_of(P, 2.5, 3.0);

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from grasptrack.hand import Hand, Length
     from grasptrack.io.calibration import read_camera
     from grasptrack.io.sources import Frame, open_source
-    from grasptrack.result import TrackResult
     from grasptrack.servo import (
         Closing,
         Command,
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from grasptrack.suitability import Suitability, inspect
     from grasptrack.synthesis import GraspList, RankedGrasp, synthesize
     from grasptrack.tracker import GraspTracker
+    from grasptrack.tracking.result import TrackResult
     from grasptrack.transfer import Transfer, transfer
 
     __version__: str
@@ -79,7 +79,6 @@ _HOME = {
     "hand": ("Hand", "Length"),
     "io.calibration": ("read_camera",),
     "io.sources": ("Frame", "open_source"),
-    "result": ("TrackResult",),
     "servo": (
         "Closing",
         "Command",
@@ -94,6 +93,7 @@ _HOME = {
     "suitability": ("Suitability", "inspect"),
     "synthesis": ("GraspList", "RankedGrasp", "synthesize"),
     "tracker": ("GraspTracker",),
+    "tracking.result": ("TrackResult",),
     "transfer": ("Transfer", "transfer"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}

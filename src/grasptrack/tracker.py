@@ -33,8 +33,8 @@ from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Segmenter, apart, grow
 from grasptrack.observation.undistortion import Told, Undistortion
 from grasptrack.reference import AUTO, Reference
-from grasptrack.result import TrackResult
 from grasptrack.search import Search
+from grasptrack.tracking.result import TrackResult
 from grasptrack.transfer import STRATEGIES
 from grasptrack.verdict import Verdict, judge, lost
 

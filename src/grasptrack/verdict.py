@@ -7,8 +7,9 @@ import math
 from typing import NamedTuple
 
 from grasptrack.analysis import GraspAnalysis
+from grasptrack.closing import CHANCE
 from grasptrack.observation.support import Support
-from grasptrack.result import Status
+from grasptrack.tracking.result import Status
 
 MIN_SHARE = 0.75
 """Of the outline inside the image, at least so much must show its edge where the transfer says it is."""
@@ -35,8 +36,6 @@ MAX_SIGMA = 0.02
 """A contact whose standard deviation exceeds this fraction of sqrt(area) is not fixed by the evidence, ..."""
 MAX_SIGMA_PX = 1.5
 """... unless it is below so many px."""
-CHANCE = 0.9
-"""A grasp that closes with less than this probability, its contacts being as uncertain as they are, is not stable."""
 
 
 RIGHT, RIGHT_PX = 0.04, 3.0

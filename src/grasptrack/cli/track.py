@@ -15,7 +15,7 @@ from grasptrack.errors import InputError
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame
     from grasptrack.io.tally import RunSummary
-    from grasptrack.result import TrackResult
+    from grasptrack.tracking.result import TrackResult
 
 
 def track(

@@ -14,6 +14,8 @@ from grasptrack.errors import InputError
 
 Floats = NDArray[np.float64]
 
+CHANCE = 0.9
+"""A grasp that closes with less than this probability, its contacts being as uncertain as they are, is not stable."""
 SURE = 1e-6
 """Where the chances to leave a region add up to no more than this, a joint covariance is not looked at more closely."""
 

@@ -16,9 +16,9 @@ from grasptrack.evaluation.truth import Truth
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.run import prepare_output, run_track
 from grasptrack.io.video import VideoWriter
-from grasptrack.result import TrackResult
 from grasptrack.simulation import SceneFrame, demo_scene
 from grasptrack.tracker import GraspTracker
+from grasptrack.tracking.result import TrackResult
 
 STRATEGIES = ("auto", "rrp", "grasp-line", "homography")
 

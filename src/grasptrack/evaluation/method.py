@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.result import TrackResult
+from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from grasptrack.evaluation.errors import contact_distances
 from grasptrack.evaluation.truth import Truth
-from grasptrack.result import TrackResult
+from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 

@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.choice import grasps
 from grasptrack.contour import Contour, View
 from grasptrack.errors import GraspError
 from grasptrack.evaluation.method import Maker, Start
 from grasptrack.evaluation.score import FrameScore, Score
 from grasptrack.evaluation.truth import Truth
-from grasptrack.reference import AUTO
+from grasptrack.tracking.initialization import AUTO, grasps
 
 Floats = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from grasptrack.result import TrackResult
+    from grasptrack.tracking.result import TrackResult
 
 UNITS = {
     "time_s": "s",
@@ -40,7 +40,7 @@ def columns(fingers: int) -> list[str]:
         *("frame", "time_s", "status", "strategy", "grasp_id"),
         *(f"{axis}{i}" for i in numbers for axis in "xy"),
         *(f"seen{i}" for i in numbers),
-        *("margin", "confidence", "chance", "latency_ms", "reason"),
+        *("margin", "confidence", "chance", "latency_ms", "reason", "reason_code"),
     ]
 
 
@@ -83,6 +83,7 @@ class GraspsCsv:
                 _cell(result.chance, 4),
                 _cell(result.latency_ms, 4),
                 " ".join(result.reason.split()),
+                result.reason_code,
             ]
         )
 

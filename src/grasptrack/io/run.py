@@ -16,7 +16,7 @@ from grasptrack.io.tally import RunSummary, Tally
 if TYPE_CHECKING:
     from grasptrack.io.masks import Masks
     from grasptrack.io.video import VideoWriter
-    from grasptrack.result import TrackResult
+    from grasptrack.tracking.result import TrackResult
     from grasptrack.view.summary import Filmstrip
 
 __all__ = ["FILES", "RunSummary", "Tracker", "prepare_folder", "prepare_output", "run_track"]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from grasptrack.result import TrackResult
+    from grasptrack.tracking.result import TrackResult
 
 STATUSES = ("tracked", "unstable", "lost", "searching")
 _KEPT = 1 << 16

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.kernels.reference_pose_camera import pinhole_rows
-from grasptrack.kernels.reference_pose_edges import BEYOND, find_candidates, profiles
+from grasptrack.kernels.reference_pose_edges import BEYOND, Light, find_candidates, profiles
 from grasptrack.kernels.reference_pose_image import Level, Pyramid, level_through
 from grasptrack.kernels.reference_pose_solver import FARTHEST, Solver, Start
 from grasptrack.kernels.reference_pose_target import CELLS, INNER, INNER_FIRST, Patches, Target
@@ -149,6 +149,8 @@ class PoseTarget:
         thickness: float,
         thickness_variance: float,
         inner_spread: float,
+        gain: float,
+        bias: float,
         reach: float,
     ) -> dict[str, Any]:
         """The pose near a hypothesis that image, prior and camera model agree on.
@@ -161,6 +163,7 @@ class PoseTarget:
                 (theta_1, theta_2, 1).
             thickness, thickness_variance: of the part, work px and their square.
             inner_spread: grey levels, by which the object's own inner side differs from what it was.
+            gain, bias: of the surface's grey levels, where it was located last.
             reach: work px within which edges are looked for first, at most 1000; 0: by the covariance.
 
         Returns:
@@ -191,6 +194,7 @@ class PoseTarget:
             np.float64(thickness),
             np.float64(thickness_variance),
             np.float64(inner_spread),
+            Light(gain, bias),
             float(reach),
         )
         with np.errstate(all="ignore"):

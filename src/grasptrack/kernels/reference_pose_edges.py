@@ -28,6 +28,8 @@ FEW = 30
 """Samples of the surface below which the light is taken to be that of the reference."""
 FLAT, SOFT = 5.0, 25.0
 """Grey levels: spread of the surface below which no gain is told; residual at which a sample counts a quarter."""
+JUMP = 0.3
+"""Odds that the light is another than before."""
 
 
 class Light(NamedTuple):
@@ -170,30 +172,35 @@ def _rounded(x: Floats) -> Ints:
     return np.asarray((down + np.sign(x) * (np.abs(x - down) >= 0.5)).astype(np.int64))
 
 
-def surface_light(target: Target, pyramid: Pyramid, G: Floats) -> Light:
-    """Robust gain and bias of the object's surface, from the reference to an image seen through G (3, 3)."""
+def surface_light(target: Target, pyramid: Pyramid, G: Floats, before: Light) -> Light:
+    """Robust gain and bias of the object's surface, from the reference to an image seen through G (3, 3).
+
+    Where much is covered, the cover is what fits most: the light of before, as far as it still explains some of the surface,
+    is believed rather than a jump of the light.
+    """
     y = pyramid[0].at(*carried(G, target.surface[:, 0], target.surface[:, 1]), margin=1.0)
     held = ~np.isnan(y)
     x, y = target.surface_value[held], y[held]
-    gain = 1.0
     if len(x) < FEW:
-        return Light(1.0, 0.0)
+        return before
     spread = x.std()
-    if spread > FLAT:
-        gain = float(np.clip(y.std() / spread, 0.4, 2.5))
-    bias = 0.0
+    gain = float(np.clip(y.std() / spread, 0.4, 2.5)) if spread > FLAT else 1.0
+    fresh = _refined(Light(gain, float(middle(y - gain * x))), x, y, spread > FLAT)
+    same = _refined(before, x, y, spread > FLAT)
+    explained = [(np.abs(y - light.gain * x - light.bias) < 0.5 * SOFT).sum() for light in (fresh, same)]
+    return fresh if JUMP * explained[0] > explained[1] else same
+
+
+def _refined(light: Light, x: Floats, y: Floats, varied: bool) -> Light:
+    """The light that explains grey levels y by x, each counting the less the worse it fits."""
     for _ in range(3):
-        rest = y - gain * x
-        bias = float(middle(rest))
-        if not spread > FLAT:
-            continue
-        weight = 1.0 / (1.0 + (rest - bias) ** 2 / SOFT**2) ** 2
+        weight = 1.0 / (1.0 + (y - light.gain * x - light.bias) ** 2 / SOFT**2) ** 2
         total = weight.sum()
         mx, my = (weight * x).sum() / total, (weight * y).sum() / total
         cross, own = (weight * (x - mx) * (y - my)).sum(), 1e-6 + (weight * (x - mx) * (x - mx)).sum()
-        gain = float(np.clip(cross / own, 0.3, 3.0))
-        bias = float(my - gain * mx)
-    return Light(gain, bias)
+        gain = float(np.clip(cross / own, 0.3, 3.0)) if varied else light.gain
+        light = Light(gain, float(my - gain * mx))
+    return light
 
 
 class EdgeNumbers(NamedTuple):

@@ -66,6 +66,7 @@ class Start:
         theta, theta_covariance: (3,), (3, 3), see `Pinhole`.
         thickness, thickness_variance: work px, work px^2.
         inner_spread: grey levels, see `EdgeNumbers`.
+        light: of the surface, where it was located last.
         reach: work px within which edges are looked for first; 0: by the covariance.
     """
 
@@ -77,6 +78,7 @@ class Start:
     thickness: np.float64
     thickness_variance: np.float64
     inner_spread: np.float64
+    light: Light
     reach: float
 
 
@@ -163,7 +165,7 @@ class Solver:
             if inverse is None:
                 return out
             P, d = inverse, inverse @ b
-            out.light = surface_light(target, self.pyramid, G)
+            out.light = surface_light(target, self.pyramid, G, self.start.light)
             if edges:
                 if round_ == 0 and start.reach > 0:
                     reach = first

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -15,8 +15,10 @@ from grasptrack.calibration import Camera
 from grasptrack.contour import Contour, View
 from grasptrack.errors import SourceError
 from grasptrack.observation.images import to_bgr, to_mask
-from grasptrack.result import TrackResult
 from grasptrack.synthesis.result import RankedGrasp
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
-from grasptrack.result import TrackResult
 from grasptrack.servo.features import spread
+from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 

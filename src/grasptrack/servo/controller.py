@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
-from grasptrack.result import TrackResult
 from grasptrack.servo.aim import Aim, aim
 from grasptrack.servo.camera import NominalCamera
 from grasptrack.servo.closing import Closing, Doubt
@@ -25,6 +24,7 @@ from grasptrack.servo.loss import LossPolicy
 from grasptrack.servo.poses import Poses
 from grasptrack.servo.sighting import Sighter, Sighting
 from grasptrack.servo.unseen import Unseen
+from grasptrack.tracking.result import TrackResult
 
 Law = Literal["online", "nominal", "textbook"]
 LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.errors import InputError
-from grasptrack.result import TrackResult
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.features import SMALL, spread
 from grasptrack.servo.geometry import laid
+from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 

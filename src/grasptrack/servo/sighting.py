@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import ConditioningError
 from grasptrack.projective import apply_homography
-from grasptrack.result import TrackResult
+from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 

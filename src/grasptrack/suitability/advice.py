@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple
 
 from grasptrack.agreement import MOST_NOISE, RISE_COVERED
+from grasptrack.closing import CHANCE
 from grasptrack.kernels.reference_edges import WINDOW
 from grasptrack.kernels.reference_evidence import SLIDING
 from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH
@@ -16,7 +17,7 @@ from grasptrack.suitability.result import Held, Level, Looks, Reason
 from grasptrack.suitability.settled import Settled
 from grasptrack.suitability.strategies import Usable, recommended
 from grasptrack.suitability.symmetry import Symmetry
-from grasptrack.verdict import CHANCE, MAX_SHIFT, MAX_SHIFT_PX, MIN_SHARE, MIN_SHARE_REGISTERED
+from grasptrack.verdict import MAX_SHIFT, MAX_SHIFT_PX, MIN_SHARE, MIN_SHARE_REGISTERED
 
 SMALL = MAX_SHIFT_PX / MAX_SHIFT
 """px; of a smaller object, the tracker's tolerance in px is a larger share than its tolerance in sqrt(area)."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,7 @@ CODES = {
     "other-shape": "the outline differs from the object's",
     "other-surface": "the surface differs from the object's",
     "ambiguous": "its outline fits itself in more than one way, and nothing tells them apart",
+    "strategy-off": "the strategy puts a contact elsewhere than the outline and the surface do",
     "lookalike": "something just like it was seen, and which of them this is cannot be told",
 }
 """Reasons for which an answer is not given. `messages` makes sentences of them."""
@@ -101,11 +102,21 @@ def _same_surface(r: Floats, usual: Floats, numbers: Numbers) -> float:
     return float(top + math.log((OCCLUDED_PRIOR * np.exp(mixed - top)).sum()))
 
 
+EXCHANGED = 0.1
+"""Prior probability that something else lies in its place, after an image that showed it."""
+
+
 def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
     surface = texture_evidence(estimate, state.usual, numbers)
-    shape = max(0.0, estimate.other_shape) + max(-max(0.0, surface), math.log(numbers.same_surface))
-    odds = numbers.exchanged * (math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface)))
+    same = max(-max(0.0, surface), math.log(numbers.same_surface))
+    shape = max(0.0, estimate.other_shape) + same
+    if len(estimate.other):
+        # of the object itself hardly an edge lies elsewhere, unless its surface is seen, and not all are covered
+        elsewhere, covered = float(np.mean(estimate.other)), float(np.mean(estimate.other + estimate.occluded))
+        shape += max(0.0, -numbers.elsewhere_power * math.log1p(-min(elsewhere, 0.999)) - max(0.0, surface))
+        shape -= numbers.cover_power * math.log1p(-min(covered, 0.999))
+    odds = (EXCHANGED if state.exchanged else numbers.exchanged) * (math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface)))
     return odds / (1.0 + odds)
 
 
@@ -206,3 +217,22 @@ def decide(
                 code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
     return Decision(chosen, off, p, math.sqrt(variance), allowed, other, code, figures)
+
+
+def farthest(contacts: Floats, others: Floats) -> float:
+    """px between contacts (k, 2) where they are farthest apart."""
+    return float(np.hypot(*(contacts - others).T).max())
+
+
+def checked(decision: Decision, contacts: Floats, numbers: Numbers) -> Decision:
+    """The decision of a strategy's own contacts (k, 2) px, which are off by as much more as they differ from the estimate's."""
+    if decision.estimate is None or not decision.accepted:
+        return decision
+    distance = farthest(contacts, decision.estimate.contacts)
+    left = max(0.0, decision.tolerance - distance) / max(decision.sigma, 1e-3)
+    inside = 1.0 - math.exp(-0.5 * left * left)
+    off = 1.0 - decision.presence * inside * (1.0 - decision.exchanged)
+    if off < numbers.risk:
+        return replace(decision, probability_off=off)
+    figures = {"probability_off": off, "distance": distance, "tolerance": decision.tolerance}
+    return replace(decision, probability_off=off, code="strategy-off", figures=figures)

@@ -45,6 +45,7 @@ class PoseEstimate:
         thickness, thickness_variance: work px, work px^2.
         edge_share: of the outline's samples whose edge was found; edge_sigma: work px, of their residuals.
         look: grey levels by which the inner side differs from the first view's, median.
+        light: gain and bias of the surface's grey levels since the first view.
         correlation: of each patch of the three finest levels; NaN outside the image.
         texture_agreeing: share of the patches that agree with the pose; texture_spread: their errors in predicted sd.
         visible, occluded, other: of each sample of the outline, probabilities.
@@ -65,6 +66,7 @@ class PoseEstimate:
     edge_share: float
     edge_sigma: float
     look: float
+    light: tuple[float, float]
     correlation: list[Floats]
     texture_agreeing: float
     texture_spread: float
@@ -94,6 +96,7 @@ def estimate_pose(
         state.thickness,
         state.thickness_variance,
         state.inner_spread,
+        *state.light,
         hypothesis.reach,
     )
     if not found["valid"] or not is_sane(target, found["G"]):
@@ -112,6 +115,7 @@ def estimate_pose(
         found["edge_share"],
         found["edge_sigma"],
         found["look"],
+        (found["gain"], found["bias"]),
         found["correlation"],
         found["texture_agreeing"],
         found["texture_spread"],

@@ -4,13 +4,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import View
 from grasptrack.tracking.camera import learn_camera, learn_thickness
-from grasptrack.tracking.decision import SAME_PLACE, TURNED, Decision, decide, evidence, texture_evidence
+from grasptrack.tracking.decision import (
+    SAME_PLACE,
+    TURNED,
+    Decision,
+    checked,
+    decide,
+    evidence,
+    farthest,
+    texture_evidence,
+)
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.hypotheses import Predictions, moving_on, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
@@ -19,6 +30,17 @@ from grasptrack.tracking.state import Look, TrackState, initial_state, process_n
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
 Floats = NDArray[np.float64]
+
+
+class Proposal(NamedTuple):
+    """What a strategy by itself makes of an image: the pose that it suggests, and (k, 2) px where it puts the contacts."""
+
+    hypothesis: Hypothesis
+    contacts: Floats
+
+
+Proposals = Iterable[Sequence[Proposal]]
+"""In the order in which they are to be tried, those that are rivals together."""
 
 
 class Follower:
@@ -54,7 +76,7 @@ class Follower:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
         state, target, numbers = self.state, self.target, self.numbers
         levels, steps = pyramid(grey), self._steps(time)
-        presence = float(np.clip(state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard))
+        presence = self._presence()
         predictions = predict(target, state, levels, steps, numbers)
         expected, unseen = self._expected(predictions, steps)
         estimates = self._estimates(levels, predictions.first)
@@ -64,12 +86,63 @@ class Follower:
                 levels, predictions.second + search(target, state.located, self.keypoints, levels)
             )
             decision = decide(state, estimates, expected, unseen, presence, numbers)
-        if decision.estimate is not None and decision.accepted and state.lost and target.turns:
-            turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
-            estimates += self._estimates(levels, turned)
-            decision = decide(state, estimates, expected, unseen, presence, numbers)
+        decision = self._against_turns(levels, decision, estimates, expected, unseen, presence)
         self._learn(levels, decision, predictions.ground, steps)
         return decision
+
+    def judge(
+        self, grey: Grey, time: float | None, propose: Callable[[Floats], Proposals]
+    ) -> tuple[Decision, Proposal | None]:
+        """As `update`, of what a strategy proposes, against continuity: what is decided of a proposal, and of which.
+
+        Args:
+            grey, time: as for `update`.
+            propose: the proposals, given the pose (3, 3) that is expected; they are asked for until one is accepted.
+        """
+        state, target, numbers = self.state, self.target, self.numbers
+        levels, steps = pyramid(grey), self._steps(time)
+        presence = self._presence()
+        predictions = predict(target, state, levels, steps, numbers)
+        expected, unseen = self._expected(predictions, steps)
+        estimates = self._estimates(levels, predictions.first)
+        found = answer = decide(state, estimates, expected, unseen, presence, numbers)
+        proposed, nearest = list[Proposal](), None
+        for batch in propose(state.expected if state.lost else predictions.first[0].G):
+            proposed += batch
+            estimates += self._estimates(levels, [proposal.hypothesis for proposal in batch])
+            found = answer = decide(state, estimates, expected, unseen, presence, numbers)
+            if found.estimate is None or not proposed:
+                continue
+            contacts = found.estimate.contacts
+            nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
+            found = self._against_turns(levels, found, estimates, expected, unseen, presence)
+            answer = checked(found, nearest.contacts, numbers)
+            if answer.accepted:
+                break
+        self._learn(levels, found, predictions.ground, steps)  # whatever the strategy makes of it
+        return answer, nearest
+
+    def _presence(self) -> float:
+        """Prior probability that the object is there."""
+        numbers = self.numbers
+        return float(np.clip(self.state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard))
+
+    def _against_turns(
+        self,
+        levels: list[Grey],
+        decision: Decision,
+        estimates: list[PoseEstimate],
+        expected: Floats,
+        unseen: float,
+        presence: float,
+    ) -> Decision:
+        """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
+        state, target = self.state, self.target
+        if decision.estimate is None or not decision.accepted or not state.lost or not target.turns:
+            return decision
+        turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
+        estimates += self._estimates(levels, turned)
+        return decide(state, estimates, expected, unseen, presence, self.numbers)
 
     def _expected(self, predictions: Predictions, steps: float) -> tuple[Floats, float]:
         """(k, 2) px, the contacts where they are expected; and how long the object may have moved freely, in frames."""
@@ -138,7 +211,8 @@ class Follower:
         state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
         if not decision.accepted:  # where it is, is known only roughly
             return
-        state.located = state.last
+        state.exchanged = False
+        state.located, state.light = state.last, e.light
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
         self._remember_patches(e)
@@ -151,6 +225,7 @@ class Follower:
         if not state.lost:
             state.lookalike = state.lookalike or self._equals(state.located)
         state.lost += 1
+        state.exchanged = state.exchanged or decision.exchanged > 0.5 < decision.presence
         state.velocity = None
         state.anchored = state.anchored and ground is not None
         if ground is not None and state.anchored:
@@ -160,10 +235,9 @@ class Follower:
         else:
             state.unseen += max(1.0, steps)
             state.last = Look(levels, state.G if e is None else e.G)
-        if e is None:
-            state.presence = min(state.presence, 0.5)
-        else:
-            state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
+        # what looks like it elsewhere looks like it again and again: that makes it no surer
+        state.presence = float(np.clip(decision.presence, numbers.redetected, UNSURE))
+        if e is not None:
             state.P = e.P
 
     def _learn_motion(self, estimate: PoseEstimate, ground: Floats | None, steps: float) -> None:
@@ -198,6 +272,8 @@ class Follower:
 
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
+UNSURE = 0.5
+"""Most that an image in which nothing was accepted tells of the object's presence."""
 STILL = 0.05
 """Least wandering: what rests may be pushed."""
 ALIKE = 0.5

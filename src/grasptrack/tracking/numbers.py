@@ -21,6 +21,7 @@ class Numbers:
         other_spread: grey levels, by which what lies inside somebody else's edge differs from what lies inside the object's.
         share_object, share_occluded, share_other: prior shares of the outline.
         cover_power: the more of the outline is covered the less probable: power of the share that is not.
+        elsewhere_power: the same of edges that lie elsewhere.
         stretch: mean length of an occluded stretch, as a share of the outline.
         sample_distance: work px of the outline that carry one independent measurement.
         blur_share: half the width of the edge filter, as a share of the speed along the normal per frame.
@@ -69,6 +70,7 @@ class Numbers:
     share_occluded: float = 0.08
     share_other: float = 0.02
     cover_power: float = 2.0
+    elsewhere_power: float = 15.0
     stretch: float = 0.15
     sample_distance: float = 8.0
     blur_share: float = 0.45
@@ -100,7 +102,7 @@ class Numbers:
     hazard: float = 2e-3
     redetected: float = 0.02
     exchanged: float = 1e-4
-    same_surface: float = 0.01
+    same_surface: float = 0.001
     lookalike: float = 1e-6
     travel: float = 0.1
     turn: float = 0.1

@@ -40,6 +40,7 @@ class TrackState:
         thickness, thickness_variance: work px, work px^2.
         inner_spread: grey levels, see `Numbers.other_spread`.
         located: the last image in which the object was located.
+        light: gain and bias of the surface there, from the first view on.
         lost: images since.
         time, interval: s, of the last image; a usual time between images.
         usual: of each patch of the three finest levels: its correlation of late.
@@ -50,6 +51,7 @@ class TrackState:
         wander: how far it left its place on the ground of late, a frame, in `Numbers.travel`; wanders: how often that was
             measured.
         unseen: how far it may have gone since it was located, likewise.
+        exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
     """
 
@@ -63,6 +65,7 @@ class TrackState:
     thickness_variance: float
     inner_spread: float
     located: Look
+    light: tuple[float, float] = (1.0, 0.0)
     lost: int = 0
     time: float | None = None
     interval: float | None = None
@@ -75,6 +78,7 @@ class TrackState:
     wander: float = 1.0
     wanders: int = 0
     unseen: float = 0.0
+    exchanged: bool = False
     lookalike: bool = False
 
     @property

@@ -15,7 +15,7 @@ from grasptrack.view.strip import add_strip
 from grasptrack.view.style import STATUS_RGB, Colour, Picture, bgr, blend, put_text, text_width
 
 if TYPE_CHECKING:
-    from grasptrack.result import TrackResult
+    from grasptrack.tracking.result import TrackResult
 
 MIN_WIDTH, MAX_SIDE = 480, 1920
 """px; a smaller image is drawn enlarged, a larger one reduced: text can be read, and browsers play the video."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from grasptrack.result import TrackResult
+    from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from grasptrack.view.style import (
 )
 
 if TYPE_CHECKING:
-    from grasptrack.result import TrackResult
+    from grasptrack.tracking.result import TrackResult
 
 _CHIP_INK: Colour = (10, 14, 18)
 

@@ -14,10 +14,10 @@ from grasptrack.contour import View
 from grasptrack.evaluation.approach.radial import radial_grasps
 from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand, Length
-from grasptrack.result import TrackResult
 from grasptrack.simulation.physical.gripper import MAX_OPENING, PAD_THICKNESS, PAD_WIDTH
 from grasptrack.synthesis import synthesize
 from grasptrack.tracker import GraspTracker
+from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 

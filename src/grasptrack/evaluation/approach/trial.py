@@ -20,13 +20,13 @@ from grasptrack.evaluation.approach.looking import Looking
 from grasptrack.evaluation.approach.refusal import pairs_that_close
 from grasptrack.evaluation.approach.refusal_radial import triples_that_close
 from grasptrack.evaluation.approach.truth import on_part, tell
-from grasptrack.result import TrackResult
 from grasptrack.servo import Command, Goal, GraspServo, NominalCamera
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical import World
 from grasptrack.simulation.physical.gripper import Gripper, gripper
 from grasptrack.simulation.physical.setting import Setting
 from grasptrack.simulation.render import finer
+from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 

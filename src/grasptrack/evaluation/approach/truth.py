@@ -13,7 +13,8 @@ from grasptrack.evaluation.approach.case import Row
 from grasptrack.evaluation.approach.choosing import turn_between
 from grasptrack.projective import apply_homography
 from grasptrack.simulation.physical import World
-from grasptrack.verdict import RIGHT, RIGHT_PX
+from grasptrack.tracking.decision import tolerance
+from grasptrack.tracking.numbers import NUMBERS
 
 Floats = NDArray[np.float64]
 
@@ -56,4 +57,4 @@ def _off(points: Floats, rings: list[NDArray[np.float32]]) -> float:
 def _tolerance(rings: list[NDArray[np.float32]]) -> float:
     """px within which contacts on an outline are right."""
     areas = [cv2.contourArea(ring) for ring in rings]
-    return max(RIGHT_PX, RIGHT * math.sqrt(max(2.0 * areas[0] - sum(areas), 0.0)))
+    return tolerance(max(2.0 * areas[0] - sum(areas), 0.0), NUMBERS)

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.carriers import SnakeCarrier
 from grasptrack.contour import View
 from grasptrack.errors import ObservationError, TransferError
 from grasptrack.evaluation.paper.contours import Footage, Seen, moved, on_grid
@@ -18,6 +17,7 @@ from grasptrack.observation.images import Grey
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import segment
 from grasptrack.simulation import Scene
+from grasptrack.tracking.strategies import Snakes
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def observe(
     grey = observer.choose(candidate)
     last = candidate.view
     grasp = Grasp(part.contacts).snapped(last)
-    carrier = SnakeCarrier(grasp, last, grey, "similarity")
+    snake = Snakes(grasp, last, grey)
     silhouettes: list[Seen] = [last]
     tracked: list[Seen] = []
     template: View | None = None
@@ -76,13 +76,13 @@ def observe(
             last = found
         silhouettes.append(found)
         try:
-            carried = carrier.carry(grey, None, None)
+            carried = snake.carry(grey, None, None)
         except TransferError as error:
             tracked.append(str(error))
         else:
             tracked.append(carried.view)
-            if template is None and carried.transfer.homography is not None:
-                back = np.asarray(np.linalg.inv(carried.transfer.homography), dtype=np.float64)
+            if template is None:
+                back = np.asarray(np.linalg.inv(carried.homography), dtype=np.float64)
                 template = moved(carried.view, back)
         after()
     start: Seen = template if template is not None else "the snake followed no image"

@@ -14,9 +14,9 @@ from grasptrack import kernels
 from grasptrack.contour import Contour, View
 from grasptrack.errors import ObservationError
 from grasptrack.projective import apply_homography
-from grasptrack.reference import describable
 from grasptrack.simulation import SHAPES, Camera, Path, Shape, similarity_path, tilting_path
 from grasptrack.synthesis import synthesize
+from grasptrack.tracking.initialization import describable
 
 Floats = NDArray[np.float64]
 Motion = Literal["4 DoF", "6 DoF"]

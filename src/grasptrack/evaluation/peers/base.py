@@ -15,7 +15,7 @@ from grasptrack.errors import GraspTrackError
 from grasptrack.evaluation.method import Start
 from grasptrack.observation.images import Grey, to_grey
 from grasptrack.projective import apply_homography, check_plausible, normalised
-from grasptrack.result import TrackResult
+from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
 

@@ -39,6 +39,7 @@ class TrackResult:
         covariance: (k, 2, 2) px^2 of the contacts where it is known.
         view: the outline that was observed, for drawing; None when nothing was.
         latency_ms: time that the update took.
+        reason_code: the reason in one word, see `messages.SENTENCES`; empty when tracked.
     """
 
     frame: int
@@ -57,6 +58,7 @@ class TrackResult:
     chance: float = math.nan
     latency_ms: float = math.nan
     homography_covariance: NDArray[np.float64] | None = None
+    reason_code: str = ""
 
     @property
     def located(self) -> bool:

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first view: which of its objects is meant, and which grasp on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.analysis import DEFAULT_FRICTION, ON_OUTLINE
+from grasptrack.contour import View
+from grasptrack.errors import GraspError, ObservationError, StrategyError, TransferError
+from grasptrack.grasp import Grasp
+from grasptrack.hand import Hand
+from grasptrack.observation.candidate import Candidate
+from grasptrack.observation.observer import Observer
+from grasptrack.observation.proposals import Box
+from grasptrack.observation.segmentation import apart
+from grasptrack.observation.undistortion import Told, Undistortion
+from grasptrack.synthesis import synthesize
+from grasptrack.tracking.messages import Reason
+from grasptrack.transfer import strategy_named
+
+AUTO = "auto"
+
+NEARLY_AS_GOOD = 0.7
+"""Share of the best quality that a grasp needs to be preferred for being easier to carry."""
+SAME_OUTLINE = 1.5
+"""px by which outlines may differ that two candidates share."""
+APART = 0.3
+"""Outlines whose mean points lie within this fraction of sqrt(area) belong to one object."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of the first view.
+
+    Attributes:
+        fingers: number of contacts.
+        strategy: that will carry the grasp.
+        friction: Coulomb coefficient.
+        grasp: contacts that are given, in the place of synthesis.
+        object_at: (x, y) px of the object.
+        box: left, top, width and height of it, px.
+        hand: that a synthesised grasp must suit.
+        choose: the user's choice in the place of synthesis.
+        ignore: (H, W) nonzero where nothing belongs to the scene.
+        before: the outline that the object had in the image before, where it needs another grasp.
+    """
+
+    fingers: int = 2
+    strategy: str = AUTO
+    friction: float = DEFAULT_FRICTION
+    grasp: Grasp | None = None
+    object_at: tuple[float, float] | None = None
+    box: Box | None = None
+    hand: Hand | None = None
+    choose: Callable[[View], Sequence[Grasp]] | None = None
+    ignore: NDArray[Any] | None = None
+    before: View | None = None
+
+    def straight(self, lens: Undistortion) -> Wish:
+        """The same, of the image without its lens's distortion.
+
+        Raises:
+            InputError: a mask of another size.
+        """
+        contacts = None if self.grasp is None else self.grasp.contacts
+        told = Told(contacts, self.object_at, self.box, self.ignore).straight(lens)
+        grasp = None if told.contacts is None else Grasp(told.contacts)
+        return replace(self, grasp=grasp, object_at=told.object_at, box=told.box, ignore=told.ignore)
+
+    def again(self, view: View) -> Wish:
+        """Another grasp on the object that has this outline."""
+        return replace(self, grasp=None, object_at=None, box=None, before=view)
+
+
+class FirstView(NamedTuple):
+    """What was made out in a first view.
+
+    Attributes:
+        candidate: the object that is meant; None where there is none.
+        grasps: on it, in the order in which they are to be tried.
+        reason: why there is no object or no grasp.
+        found: all objects that were looked at, the most outstanding first.
+    """
+
+    candidate: Candidate | None
+    grasps: list[Grasp]
+    reason: Reason
+    found: list[Candidate]
+
+
+def first_view(observer: Observer, wish: Wish, masked: bool) -> FirstView:
+    """Object and grasps in the image that an observer has looked at.
+
+    Args:
+        observer: of the image.
+        wish: what is asked of it.
+        masked: the image is a softened mask.
+
+    Raises:
+        GraspError: given contacts that are not on an object, or a choice with another number of fingers.
+    """
+    try:
+        found = observer.first(masked, wish.object_at, wish.box)
+    except ObservationError as error:
+        return FirstView(None, [], Reason("no-object", detail=str(error)), [])
+    candidate = _meant(found, wish)
+    if candidate is None:
+        return FirstView(None, [], Reason("object-gone"), found)
+    chosen, why = _grasps(candidate, found, wish)
+    return FirstView(candidate, chosen, Reason() if chosen else Reason("no-grasp", detail=why), found)
+
+
+def _meant(found: list[Candidate], wish: Wish) -> Candidate | None:
+    """The given contacts' object, the one whose grasp was refused, or the most outstanding."""
+    if wish.grasp is not None:
+        return holding(found, wish.grasp)
+    return found[0] if wish.before is None else same(found, wish.before)
+
+
+def _grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[list[Grasp], str]:
+    """Grasps on an object, and why there is none."""
+    if wish.grasp is not None:
+        return [wish.grasp.snapped(candidate.view)], ""
+    if wish.choose is not None:
+        chosen = list(wish.choose(candidate.view))
+        if any(len(grasp) != wish.fingers for grasp in chosen):
+            raise GraspError(f"a grasp of {wish.fingers} contacts is to be chosen", fingers=wish.fingers)
+        return chosen, "the choice that was given made none"
+    beside = [c.view for c in apart([candidate, *found])[1:]]
+    return grasps(candidate.view, wish.strategy, wish.fingers, wish.friction, wish.hand, beside)
+
+
+def holding(found: list[Candidate], grasp: Grasp) -> Candidate:
+    """The object whose outline is nearest to all given contacts.
+
+    Raises:
+        GraspError: a contact is too far from it.
+    """
+    distances = [float(grasp.on(c.view)[:, 2].max()) for c in found]
+    # a hole may be an object of its own, and its outline that of the part round it as well: the part is rated higher
+    index = next(i for i, d in enumerate(distances) if d <= min(distances) + SAME_OUTLINE)
+    distance = distances[index]
+    limit = ON_OUTLINE * math.sqrt(found[index].view.outer.area)
+    if distance > limit:
+        raise GraspError(
+            f"a contact is {distance:.1f} px from the nearest object's outline; at most {limit:.1f} px are allowed",
+            distance=distance,
+        )
+    return found[index]
+
+
+def same(found: list[Candidate], view: View) -> Candidate | None:
+    """The object where an outline was in the image before, or None when none is near."""
+    return min((c for c in found if _gap(c.view, view) <= 1.0), key=lambda c: _gap(c.view, view), default=None)
+
+
+def others(found: list[Candidate], chosen: Candidate) -> list[Candidate]:
+    """What else lies in the view."""
+    return [c for c in found if _gap(c.view, chosen.view) > APART]
+
+
+def grasps(
+    view: View, strategy: str, fingers: int, friction: float, hand: Hand | None, beside: list[View]
+) -> tuple[list[Grasp], str]:
+    """Synthesised grasps in the order in which they are to be tried, and why there is none.
+
+    Args:
+        view: the object.
+        strategy: that will carry the grasp.
+        fingers, friction, hand: as in synthesis.
+        beside: outlines of what lies beside the object.
+    """
+    found = synthesize(view, fingers, friction, top=10, hand=hand, neighbours=beside)
+    ranked: list[Grasp] = [*found]
+    if strategy == AUTO and ranked:
+        # among grasps that are nearly as good, the first that most descriptions can carry
+        good = [g for g in ranked if g.quality >= NEARLY_AS_GOOD * ranked[0].quality]
+        ranked = sorted(good, key=lambda g: -describable(g, view))
+    return ranked, found.reason
+
+
+def describable(grasp: Grasp, view: View) -> int:
+    """How many of the strategies that work on silhouettes can describe a grasp."""
+    count = 0
+    for name in ("homography", "grasp-line"):
+        try:
+            strategy_named(name).describe(grasp, view)
+            count += 1
+        except (TransferError, StrategyError):
+            continue
+    return count
+
+
+def _gap(one: View, other: View) -> float:
+    """Distance of two outlines' mean points in sqrt(area) of the second."""
+    away = np.subtract(one.outer.points.mean(axis=0), other.outer.points.mean(axis=0))
+    return math.hypot(*away.tolist()) / math.sqrt(other.outer.area)

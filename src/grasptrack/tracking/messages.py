@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Codes and figures as sentences: nothing else is decided by them, and nothing is decided by a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+SENTENCES = {
+    # searching
+    "no-object": "",
+    "object-gone": "the object that needs a new grasp is not where it was",
+    "no-grasp": "no stable grasp",
+    "no-description": "no grasp that the strategy can carry",
+    # lost: the codes of `decision`
+    "not-found": "the object was not found in this image",
+    "out-of-view": "the place where the object should be lies outside the image",
+    "hidden": "too little of the object is seen",
+    "not-there": "the object's place shows something else, or nothing",
+    "other-place": "the object fits elsewhere as well",
+    "uncertain": "what is seen does not fix every contact",
+    "other-shape": "another shape: the outline differs from the object's",
+    "other-surface": "another surface: the object does not show what it showed before",
+    "ambiguous": "the outline fits itself in more than one way, and nothing tells them apart: ambiguous",
+    "lookalike": "something just like the object was seen, and which of them this is cannot be told: ambiguous",
+    # lost: of a strategy by itself
+    "no-transfer": "the strategy did not find its outline in this image",
+    "strategy-off": "the strategy puts a contact elsewhere than the outline and the surface do",
+    "off-outline": "",
+    # unstable
+    "not-closing": "",
+    "slips": "the contacts may be too far off for the grasp to close",
+}
+"""What is said with each code; nothing where a step's own words say it all."""
+
+FIGURES = {
+    "edges": "{:.0%} of the outline shows its edge",
+    "sigma": "standard deviation {:.1f} px",
+    "distance": "{:.1f} px off",
+    "tolerance": "{:.1f} px would be wrong",
+    "chance": "the chance that it closes is {:.0%}",
+}
+"""How the figures are told that help a reader; others are left out."""
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why there is no grasp, why it is not located, or why it is not stable.
+
+    Attributes:
+        code: one of `SENTENCES`; empty when there is nothing to say.
+        figures: numbers that go with it, by name.
+        detail: the words of the step that refused, such as a strategy's.
+    """
+
+    code: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    detail: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        told = [self.detail] if self.detail else []
+        told += [FIGURES[name].format(value) for name, value in self.figures.items() if name in FIGURES]
+        start = SENTENCES[self.code] if self.code else ""
+        return ": ".join(part for part in (start, ", ".join(told)) if part)

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a grasp gets from image to image: laid on all that is seen, or by one of the paper's transfers (Section IV)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import View
+from grasptrack.errors import ConditioningError, ObservationError, TransferError
+from grasptrack.grasp import Grasp
+from grasptrack.observation.images import Grey
+from grasptrack.observation.observer import ANYWHERE, Observer
+from grasptrack.observation.snake import Snake
+from grasptrack.projective import apply_homography
+from grasptrack.tracking.decision import Decision
+from grasptrack.tracking.estimator import Hypothesis
+from grasptrack.tracking.follower import Follower, Proposal
+from grasptrack.tracking.initialization import AUTO
+from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.redetection import wide_prior
+from grasptrack.transfer import rrp, strategy_named
+from grasptrack.transfer.alignment import alignments, as_similarity
+
+Floats = NDArray[np.float64]
+
+REGISTRATION = "registration"
+"""Name of what `auto` answers with."""
+UNLIKE = 0.25
+"""Outlines that a similarity brings no nearer than this fraction of sqrt(area), rms, are not the same, however they tilt."""
+OUTLINE = 64
+"""Points of the outer contour that say where to look for it."""
+
+
+class Moved(NamedTuple):
+    """The grasp in an image.
+
+    Attributes:
+        decision: whether it is believed, and by what estimate.
+        contacts: (k, 2) px; None where there are none.
+        homography: (3, 3) H_current_reference by which they were carried: the strategy's own.
+        view: the outline that was laid on the image, or found in it.
+        reason: why it is not believed.
+    """
+
+    decision: Decision
+    contacts: Floats | None = None
+    homography: Floats | None = None
+    view: View | None = None
+    reason: Reason = Reason()
+
+
+class Carrier(Protocol):
+    """Carries one grasp to image after image.
+
+    Attributes:
+        name: of the strategy, as results tell it.
+        follower: knows where the object is.
+    """
+
+    name: str
+    follower: Follower
+
+    def move(self, grey: Grey, time: float | None) -> Moved:
+        """The grasp in the next image (H, W), taken at a time in s."""
+        ...
+
+
+def carrier_for(strategy: str, grasp: Grasp, view: View, grey: Grey, time: float | None, observer: Observer) -> Carrier:
+    """What carries a grasp from the view in which it was chosen.
+
+    Args:
+        strategy: "auto" or the name of one of the paper's.
+        grasp, view: contacts and outline of the object.
+        grey, time: (H, W) the image and when it was taken, s.
+        observer: of the object.
+
+    Raises:
+        TransferError: the strategy cannot describe the grasp on this outline.
+    """
+    extractor = None if strategy == AUTO else _extractor(strategy, grasp, view, grey)
+    follower = Follower(grey, view, grasp.contacts, time, observer.hidden)
+    return Registration(follower) if extractor is None else Alone(strategy, follower, extractor, observer)
+
+
+class Registration:
+    """The first view laid on the image: the estimate's own contacts."""
+
+    name = REGISTRATION
+
+    def __init__(self, follower: Follower) -> None:
+        self.follower = follower
+
+    def move(self, grey: Grey, time: float | None) -> Moved:
+        """See Carrier."""
+        decision = self.follower.update(grey, time)
+        if decision.estimate is None or not decision.accepted:
+            return Moved(decision, reason=Reason(decision.code, decision.figures))
+        target = self.follower.target
+        H = target.homography(decision.estimate.G)
+        view = View([c.transformed(H) for c in target.view.contours])
+        return Moved(decision, decision.estimate.contacts, H, view)
+
+
+# --- the paper's strategies ----------------------------------------------------------------------
+
+
+class Carried(NamedTuple):
+    """A transfer in an image: (k, 2) px contacts, H_current_reference (3, 3), and the outline that it was made on."""
+
+    contacts: Floats
+    homography: Floats
+    view: View
+
+
+class Extractor(Protocol):
+    """One strategy: how it gets its contour, and what it remembers of the reference.
+
+    Attributes:
+        segments: it is given contours; else it follows one.
+    """
+
+    segments: bool
+
+    def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
+        """Transfer the grasp.
+
+        Args:
+            grey: (H, W).
+            view: a contour in it, for those who take one.
+            prior: (3, 3) H_current_reference as expected; None for what has an expectation of its own.
+
+        Raises:
+            TransferError: with the reason.
+        """
+        ...
+
+
+class Silhouettes:
+    """Grasp line and homography: the contour is segmented anew in every image.
+
+    Raises:
+        TransferError: the reference cannot be described this way.
+    """
+
+    segments = True
+
+    def __init__(self, name: str, grasp: Grasp, reference: View) -> None:
+        self._strategy = strategy_named(name)
+        self._description: Any = self._strategy.describe(grasp, reference)
+
+    def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
+        """See Extractor."""
+        if view is None:
+            raise TransferError("the object was not found in this image")
+        found = self._strategy.apply(self._description, view, prior)
+        if found.homography is None:
+            raise TransferError("the strategy does not tell how the object moved")
+        return Carried(found.grasp.contacts, found.homography, view)
+
+
+class Snakes:
+    """RRP: a snake follows the outline as a whole, and the contacts are places on it (Section IV-A).
+
+    Raises:
+        TransferError: the outline lies on no edge of the image.
+    """
+
+    segments = False
+
+    def __init__(self, grasp: Grasp, reference: View, grey: Grey) -> None:
+        try:
+            self._snake = Snake(reference, grey, "similarity", contacts=grasp.contacts)
+        except ObservationError as error:
+            raise TransferError(str(error)) from None
+        self._description = rrp.describe(grasp, self._snake.template)
+
+    def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
+        """See Extractor; the view is not looked at. Without a prior the snake's own filter predicts."""
+        if prior is None:
+            self._snake.predict()
+        else:
+            self._snake.reseed(prior)
+        fit = self._snake.update(grey)
+        if not fit.ok:
+            raise TransferError(fit.reason)
+        followed = self._snake.view(fit)
+        return Carried(rrp.apply(self._description, followed).grasp.contacts, fit.homography, followed)
+
+
+def _extractor(strategy: str, grasp: Grasp, view: View, grey: Grey) -> Extractor:
+    return Snakes(grasp, view, grey) if strategy == "rrp" else Silhouettes(strategy, grasp, view)
+
+
+class Alone:
+    """One of the paper's strategies by itself: its contacts are the answer, and the core decides whether they are right.
+
+    Args:
+        name: of the strategy.
+        follower: of the object.
+        extractor: the strategy.
+        observer: finds contours; it has been told which object is meant.
+    """
+
+    def __init__(self, name: str, follower: Follower, extractor: Extractor, observer: Observer) -> None:
+        self.name, self.follower = name, follower
+        self._extractor, self._observer = extractor, observer
+        view = follower.target.view
+        self._reference = view
+        self._missed = 0
+        self._outline = np.ascontiguousarray(view.outer.points[:: max(1, len(view.outer) // OUTLINE)])
+        self._holes = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
+
+    def move(self, grey: Grey, time: float | None) -> Moved:
+        """See Carrier."""
+        tried: list[tuple[Proposal, Carried]] = []
+        refused: list[str] = []
+        decision, chosen = self.follower.judge(grey, time, lambda G: self._proposals(grey, G, tried, refused))
+        carried = next((c for proposal, c in tried if proposal is chosen), None)
+        if carried is None or not decision.accepted:
+            self._missed += 1
+            why = Reason(decision.code or "no-transfer", decision.figures)
+            return Moved(decision, reason=why if tried or not refused else Reason("no-transfer", detail=refused[0]))
+        self._missed = 0
+        self._observer.believe(carried.view)
+        return Moved(decision, *carried)
+
+    def _proposals(
+        self, grey: Grey, G: Floats, tried: list[tuple[Proposal, Carried]], refused: list[str]
+    ) -> Iterator[list[Proposal]]:
+        """Transfers to contours near an expected pose first, then to any that are alike; notes them, and why there is none."""
+        target, missed = self.follower.target, self._missed
+        expected, P = target.homography(G), wide_prior(target)
+
+        def batch(view: View | None, *priors: Floats | None) -> list[Proposal]:
+            found = []
+            for prior in priors:
+                try:
+                    carried = self._extractor.carry(grey, view, prior)
+                except TransferError as error:
+                    refused.append(str(error))
+                    continue
+                hypothesis = Hypothesis(self.name, target.pose(carried.homography), P)
+                found.append(Proposal(hypothesis, carried.contacts))
+                tried.append((found[-1], carried))
+            return found
+
+        if not self._extractor.segments:
+            yield batch(None, expected if missed else None)
+        known: View | None = None
+        try:
+            outline, holes = apply_homography(expected, self._outline), apply_homography(expected, self._holes)
+        except ConditioningError:
+            return
+        for view in self._observer.near(grey, outline, holes):
+            known = view
+            if self._extractor.segments:
+                yield batch(view, self._corrected(expected, outline, view))
+            yield batch(view, *self._aligned(view))
+        area = abs(kernels.inertia(outline, np.array([0, len(outline)], dtype=np.int64))[0])
+        for views in self._observer.anywhere(grey, area, missed, known):
+            alike = sorted((self._unlike(view), i) for i, view in enumerate(views))
+            for unlike, i in alike[:ANYWHERE]:
+                if unlike <= UNLIKE:
+                    yield batch(views[i], *self._aligned(views[i]))
+
+    def _corrected(self, H: Floats, outline: Floats, view: View) -> Floats:
+        """A predicted homography moved and scaled so that the outline's centroid and area are those observed."""
+        if view.is_clipped or self._reference.is_clipped:
+            return H
+        area, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
+        wanted, u, v, *_ = kernels.inertia(outline, np.array([0, len(outline)], dtype=np.int64))
+        s = math.sqrt(area / abs(wanted))
+        return np.array([[s, 0.0, x - s * u], [0.0, s, y - s * v], [0.0, 0.0, 1.0]]) @ H
+
+    def _aligned(self, view: View) -> list[Floats]:
+        """(3, 3) each, the similarities that lay the reference on a contour; several where it is symmetric."""
+        first, second = self._reference.outer, view.outer
+        if self._reference.is_clipped or view.is_clipped:
+            return []
+        return [as_similarity(alignment, first, second) for alignment in alignments(first, second)]
+
+    def _unlike(self, view: View) -> float:
+        """How far a contour is from the reference's under the best similarity, rms in sqrt(area)."""
+        if view.is_clipped or self._reference.is_clipped:
+            return math.inf
+        found = alignments(self._reference.outer, view.outer)
+        return found[0].residual / math.sqrt(view.outer.area) if found else 0.0

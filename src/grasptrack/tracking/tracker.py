@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The grasp tracking procedure of Fig. 3: synthesise once, then contour, transfer and analysis for each image."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack import kernels
+from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, GraspAnalysis, analyze, check_friction
+from grasptrack.calibration import Camera
+from grasptrack.closing import CHANCE, Regions, chance_of_closing, regions_of
+from grasptrack.contour import View
+from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError, TransferError
+from grasptrack.grasp import Grasp
+from grasptrack.hand import Hand
+from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
+from grasptrack.observation.observer import Observer
+from grasptrack.observation.segmentation import Segmenter, grow
+from grasptrack.observation.undistortion import Undistortion
+from grasptrack.projective import apply_homography
+from grasptrack.tracking.estimator import PoseEstimate
+from grasptrack.tracking.initialization import AUTO, Wish, first_view
+from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.result import Status, TrackResult
+from grasptrack.tracking.strategies import Carrier, Moved, carrier_for
+from grasptrack.transfer import STRATEGIES
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Track:
+    """A grasp that was chosen.
+
+    Attributes:
+        number: of the grasp, from 1.
+        grasp, view: contacts and outline in the view in which it was chosen.
+        width: px, of a finger's pad in that view.
+        regions: where the contacts may lie for the grasp to close.
+        carrier: takes it from image to image.
+    """
+
+    number: int
+    grasp: Grasp
+    view: View
+    width: float
+    regions: Regions
+    carrier: Carrier
+
+
+class GraspTracker:
+    """Chooses a grasp in the first view and finds the same physical contacts in every image that follows.
+
+    Args:
+        fingers: number of contacts to synthesise, 2 or 3.
+        strategy: "auto", "rrp", "grasp-line" or "homography".
+        friction: Coulomb coefficient for synthesis and analysis.
+        grasp: (k, 2) px contacts in the first image, in place of synthesis; they choose the object.
+        object_at: (x, y) px of the object in the first image.
+        box: left, top, width and height of it, px, in the place of a pixel.
+        ignore: (H, W) nonzero where nothing belongs to the scene.
+        resynthesize: choose a new grasp, with a new grasp_id, when the analysis refuses the present one.
+        hand: opening and fingers that a synthesised grasp must suit; default fingers in proportion to the object.
+        choose: your own choice in the place of synthesis: given the object's outline in the first view, the grasps to try, the
+            best first, of so many fingers each.
+        segmenter: your own segmentation, asked for a mask of every image that comes without one.
+        camera: its calibration. Images are made straight before anything is looked at. Everything that goes in and comes
+            out stays in px of the images as they are, but for the homography, which is in ideal px.
+
+    Raises:
+        StrategyError: unknown strategy, or more fingers than it can carry.
+        GraspError: contacts that are none, or fewer than two fingers.
+        InputError: friction not positive, both a pixel and a box, or both a grasp and a choice.
+    """
+
+    def __init__(
+        self,
+        *,
+        fingers: int = 2,
+        strategy: str = AUTO,
+        friction: float = DEFAULT_FRICTION,
+        grasp: ArrayLike | None = None,
+        object_at: tuple[float, float] | None = None,
+        box: tuple[float, float, float, float] | None = None,
+        ignore: NDArray[Any] | None = None,
+        resynthesize: bool = False,
+        hand: Hand | None = None,
+        choose: Callable[[View], Sequence[Grasp]] | None = None,
+        segmenter: Segmenter | None = None,
+        camera: Camera | None = None,
+    ) -> None:
+        given = None if grasp is None else Grasp(grasp)
+        self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
+        check_friction(friction)
+        if object_at is not None and box is not None:
+            raise InputError("a pixel and a box both say which object is meant: give one of them")
+        if given is not None and choose is not None:
+            raise InputError("a grasp and a choice of one both say which grasp is meant: give one of them")
+        self.strategy, self.friction = strategy, friction
+        self._wish = Wish(self.fingers, strategy, friction, given, object_at, box, hand, choose, ignore)
+        self._resynthesize, self._segmenter, self._camera = resynthesize, segmenter, camera
+        self._lens: Undistortion | None = None
+        self._shape: tuple[int, int] | None = None
+        self._observer = Observer()
+        self._frame = -1
+        self._grasps = 0
+        self._track: Track | None = None
+
+    # --- Fig. 3 ----------------------------------------------------------------------------------
+
+    def update(self, image: NDArray[Any], time: float | None = None, mask: NDArray[Any] | None = None) -> TrackResult:
+        """Look at the next image.
+
+        Args:
+            image: 8 or 16 bit, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
+            time: s, at which it was taken; the motion is carried on for as long, so that dropped frames do no harm. None
+                counts frames.
+            mask: (H, W) the user's segmentation of this image, nonzero on the object; it takes the image's place.
+
+        Raises:
+            SourceError: an image of another size than the first, or one that cannot be used.
+            GraspError: given contacts that are not on an object.
+            InputError: a mask of another size than the image.
+        """
+        started = clock.perf_counter()
+        mask = self._segmenter.segment(image) if mask is None and self._segmenter else mask
+        grey = self._look(image, mask)
+        if self._track is None:
+            result = self._begin(time, masked=mask is not None)  # grasp synthesis, once
+        else:
+            moved = self._track.carrier.move(
+                grey, time
+            )  # contour extraction, grasp transfer, and whether to believe it
+            result = self._analyzed(self._track, moved)
+        result = replace(result, frame=self._frame, time=time, latency_ms=1e3 * (clock.perf_counter() - started))
+        return result if self._lens is None else self._lens.result(result)
+
+    def _begin(self, time: float | None, *, masked: bool) -> TrackResult:
+        """Choose the object and a grasp on it."""
+        first = first_view(self._observer, replace(self._wish, friction=self.friction), masked)
+        candidate, reason = first.candidate, first.reason
+        if candidate is None:
+            return _answer("searching", reason)
+        grey = self._observer.choose(candidate)
+        for grasp in first.grasps:
+            try:
+                carrier = carrier_for(self.strategy, grasp, candidate.view, grey, time, self._observer)
+            except TransferError as error:
+                reason = reason if reason.code else Reason("no-description", detail=str(error))
+                continue
+            self._grasps += 1
+            width = FINGER_WIDTH * math.sqrt(kernels.inertia(candidate.view.points, candidate.view.offsets)[0])
+            # here, where a grasp is chosen anyway: for three fingers it takes some tens of ms
+            regions = regions_of(grasp, candidate.view, self.friction, width)
+            self._track = Track(self._grasps, grasp, candidate.view, width, regions, carrier)
+            return self._started(self._track)
+        return _answer("searching", reason, view=candidate.view)
+
+    def _started(self, track: Track) -> TrackResult:
+        analysis = analyze(track.grasp, track.view, self.friction, track.width, "reference")
+        return _answer(
+            "tracked" if analysis.stable else "unstable",
+            Reason() if analysis.stable else Reason("not-closing", detail=analysis.reason),
+            strategy=track.carrier.name,
+            grasp_id=track.number,
+            contacts=track.grasp.contacts,
+            seen=np.ones(len(track.grasp)),
+            analysis=analysis,
+            confidence=1.0,
+            chance=1.0 if analysis.stable else 0.0,
+            homography=np.eye(3),
+            view=track.view,
+        )
+
+    def _analyzed(self, track: Track, moved: Moved) -> TrackResult:
+        """Analysis of what is believed."""
+        estimate, contacts = moved.decision.estimate, moved.contacts
+        if estimate is None or contacts is None or moved.homography is None or moved.view is None:
+            return _answer("lost", moved.reason, grasp_id=track.number)
+        target, numbers = track.carrier.follower.target, track.carrier.follower.numbers
+        H = target.homography(estimate.G)
+        try:
+            analysis = self._carried_back(track, contacts, moved.homography)
+        except (GraspError, ConditioningError) as error:
+            return _answer("lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
+        P = estimate.P * numbers.inflate**2
+        covariance = estimate.covariance * numbers.inflate**2
+        chance = chance_of_closing(track.regions, covariance, H, contacts)
+        if not analysis.stable:
+            reason = Reason("not-closing", detail=analysis.reason)
+        else:
+            reason = Reason("slips", {"chance": chance}) if chance < CHANCE else Reason()
+        if not analysis.stable and self._resynthesize:  # another grasp makes what is seen no surer
+            self._track, self._wish = None, self._wish.again(moved.view)
+        return _answer(
+            "unstable" if reason.code else "tracked",
+            reason,
+            strategy=track.carrier.name,
+            grasp_id=track.number,
+            contacts=contacts,
+            seen=target.seen(estimate.visible),
+            analysis=analysis,
+            confidence=1.0 - moved.decision.probability_off,
+            chance=chance,
+            homography=H,
+            homography_covariance=target.homography_covariance(estimate.G, P),
+            covariance=covariance + _apart(contacts, estimate),
+            view=moved.view,
+        )
+
+    def _carried_back(self, track: Track, contacts: Floats, H: Floats) -> GraspAnalysis:
+        """Analysis of contacts (k, 2) px of a current view in the one they were chosen in: perspective bends friction cones.
+
+        Raises:
+            GraspError: a contact is not on the outline.
+        """
+        back = apply_homography(np.linalg.inv(H), contacts)
+        return analyze(Grasp.of(back), track.view, self.friction, track.width, "reference")
+
+    # --- images ----------------------------------------------------------------------------------
+
+    def _look(self, image: NDArray[Any], mask: NDArray[Any] | None) -> Grey:
+        """The image, or the mask in its place, as everything that follows sees it."""
+        image, mask = self._straight(image, mask)
+        colours = to_bgr(image)
+        height, width = colours.shape[:2]
+        if self._shape is None:
+            self._shape = height, width
+            if self._wish.ignore is not None:
+                self._observer = Observer(grow(to_mask(self._wish.ignore, self._shape, "ignore mask")))
+        if (height, width) != self._shape:
+            raise SourceError(
+                f"image {self._frame + 2} is {width}x{height} px, but the first was "
+                f"{self._shape[1]}x{self._shape[0]}; all must have one size",
+                shape=(height, width),
+            )
+        grey = self._observer.look(colours if mask is None else as_scene(to_mask(mask, self._shape, "mask")))
+        self._frame += 1
+        return grey
+
+    def _straight(self, image: NDArray[Any], mask: NDArray[Any] | None) -> tuple[NDArray[Any], NDArray[Any] | None]:
+        """The image and its mask without the lens's distortion, where the camera is known."""
+        if self._camera is None:
+            return image, mask
+        if self._lens is None:
+            height, width = to_bgr(image).shape[:2]
+            self._lens = Undistortion(self._camera, width, height)
+            self._wish = self._wish.straight(self._lens)
+        return self._lens.image(image), None if mask is None else self._lens.mask(mask)
+
+
+def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
+    """The number of fingers.
+
+    Raises:
+        StrategyError, GraspError: what cannot be synthesised or carried.
+    """
+    if strategy not in (AUTO, *STRATEGIES):
+        raise StrategyError(f'unknown strategy "{strategy}"; choose from {", ".join((AUTO, *STRATEGIES))}')
+    if fingers < 2:
+        raise GraspError(f"a grasp has at least 2 fingers, not {fingers}", fingers=fingers)
+    if strategy == "grasp-line" and fingers != 2:
+        raise StrategyError(f"grasp-line carries 2 fingers, not {fingers}; use rrp or homography", fingers=fingers)
+    if given is None and fingers > 3:
+        raise StrategyError(
+            f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts", fingers=fingers
+        )
+    return fingers
+
+
+def _answer(status: Status, reason: Reason, **found: Any) -> TrackResult:
+    """A result, but for frame, time and latency."""
+    return TrackResult(-1, None, status, reason.sentence, reason_code=reason.code, **found)
+
+
+def _apart(contacts: Floats, estimate: PoseEstimate) -> Floats:
+    """(k, 2, 2) px^2 that contacts (k, 2) are off on average for lying elsewhere than an estimate has them."""
+    away = contacts - estimate.contacts
+    return np.asarray(away[:, :, None] * away[:, None, :], dtype=np.float64)
