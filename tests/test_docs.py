@@ -256,7 +256,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
         ("rich", {"cli"}),
         ("av", {"io"}),
         ("matplotlib", {"view"}),
-        ("cv2", {"evaluation", "io", "observation", "simulation", "tracking", "view"}),
+        ("cv2", {"evaluation", "io", "observation", "simulation", "suitability", "tracking", "view"}),
         ("grasptrack.simulation", {"simulation", "evaluation"}),
         ("grasptrack.observation.snake", {"observation", "carriers", "evaluation", "tracking"}),
         ("grasptrack._native", {"kernels"}),

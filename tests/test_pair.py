@@ -3,20 +3,24 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
+from grasptrack.contour import Contour, View
 from grasptrack.errors import AmbiguousError, TransferError
 from grasptrack.pair import REGISTRATION, carry_to
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES, Camera, Conditions, Path, Scene
 from grasptrack.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES
+from scenery import L_PLATE, SQUARE, drawn, ellipse
 from test_matching import seen
 
 CAMERA = Camera(480, 360, focal=416.0)
 NEAR, FAR = 0.5, 0.25
 """Shares of the view that the part fills."""
+MIDDLE = np.array([240.0, 180.0])
 
 
 def scene(shape, turn, tilt, share, azimuth=1.0):
@@ -62,11 +66,81 @@ def test_the_other_turns_of_a_symmetric_part_are_told():
 
 def test_a_disc_is_refused_and_so_is_another_object():
     disc, key = SHAPES["disc"](), SHAPES["key"]()
-    both, H = scene(disc, 0.2, 0.3, 0.4)
-    view, grasp = reference(disc, H[0])
+    both, _ = scene(disc, 0.2, 0.3, 0.4)
+    image, view = printed(ellipse(60.0, 60.0), blots=0.0)
+    grasp = synthesize(view, 2, 0.5, top=1)[0]
     with pytest.raises(AmbiguousError, match="every turn"):
-        carry_to(grasp, view, both[0].image, both[1].image, 0.5)
+        carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, motion(0.4, 0.5), 2), 0.5)
     other, K = scene(key, 0.0, 0.0, 0.4)
     view, grasp = reference(key, K[0])
     with pytest.raises(TransferError, match="no object with this outline"):
         carry_to(grasp, view, other[0].image, both[1].image, 0.5)
+
+
+def printed(outline, seed=0, size=(360, 480), blots=30.0):
+    """A dark part with blots on it, on a light ground, and its outline."""
+    image = drawn(outline, centres=(tuple(MIDDLE),), angle=0.0, noise=0.0, size=size).astype(float)
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(size), (0, 0), 3.0)
+    inside = np.zeros(size, np.uint8)
+    cv2.fillPoly(inside, [np.rint(outline + MIDDLE).astype(np.int32)], 1)
+    image += blots * noise / noise.std() * cv2.erode(inside, np.ones((13, 13), np.uint8))
+    ahead = np.roll(outline, -1, axis=0) - outline
+    fine = np.concatenate(
+        [a + np.linspace(0, 1, 60, endpoint=False)[:, None] * b for a, b in zip(outline, ahead, strict=True)]
+    )
+    return image, View(Contour(fine + MIDDLE))
+
+
+def moved(image, H, seed):
+    """An image under a homography with fresh noise."""
+    there = cv2.warpPerspective(image, H, image.shape[::-1], flags=cv2.INTER_CUBIC, borderValue=180.0)
+    return np.clip(np.rint(there + np.random.default_rng(seed).normal(0.0, 1.5, image.shape)), 0, 255).astype(np.uint8)
+
+
+def motion(turn, tilt, scale=0.9, size=100.0):
+    """A turn, then a tilt seen from four sizes away, about the middle of the image."""
+    c, s = math.cos(turn), math.sin(turn)
+    squeezed = np.diag([scale * math.cos(tilt), scale, 1.0])
+    squeezed[2, 0] = math.sin(tilt) / (4.0 * size)
+    to, back = np.eye(3), np.eye(3)
+    to[:2, 2], back[:2, 2] = -MIDDLE, MIDDLE
+    return back @ squeezed @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ to
+
+
+@pytest.mark.parametrize("turn", [0.4, 1.9, 3.0])
+@pytest.mark.parametrize("name", ["disc", "square"])
+def test_a_print_tells_how_far_a_symmetric_part_turned(name, turn):
+    image, view = printed({"disc": ellipse(60.0, 60.0), "square": 1.2 * SQUARE}[name])
+    grasp, H = synthesize(view, 2, 0.5, top=1)[0], motion(turn, 0.5)
+    pair = carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
+    first = pair.outcomes[0]
+    assert first.reason == "" and pair.turns == [] and pair.found.status == "matched"
+    assert np.hypot(*(first.contacts - apply_homography(H, grasp.contacts)).T).max() < 1.0
+
+
+def test_a_strategy_is_believed_only_where_the_image_puts_its_contacts():
+    image, view = printed(L_PLATE)
+    grasp = synthesize(view, 2, 0.5, top=1)[0]
+    refused = believed = 0
+    for tilt in (0.0, 0.4, 0.8):
+        H = motion(0.5, tilt)
+        truth = apply_homography(H, grasp.contacts)
+        pair = carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
+        for outcome in pair.outcomes[1:]:
+            if outcome.contacts is None:
+                continue
+            off = np.hypot(*(outcome.contacts - truth).T).max()
+            limit = max(3.0, 0.04 * math.sqrt(pair.current.outer.area))
+            # what is said to be off is what is off, and by this it is judged
+            assert outcome.off == pytest.approx(off, abs=0.5)
+            assert (outcome.reason == "") == (off < limit) or abs(off - limit) < 0.5
+            refused, believed = refused + (off >= limit), believed + (off < limit)
+    assert refused and believed  # the grasp line knows no tilt
+
+
+def test_an_ellipse_is_free_to_slide_unless_its_surface_holds_it():
+    for blots, status in ((0.0, "ambiguous"), (30.0, "matched")):
+        image, view = printed(ellipse(80.0, 50.0), blots=blots)
+        grasp, H = synthesize(view, 2, 0.5, top=1)[0], motion(0.4, 0.4)
+        pair = carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
+        assert pair.found.status == status

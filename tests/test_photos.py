@@ -56,7 +56,7 @@ def test_the_best_grasp_of_one_part_is_the_best_of_the_other_five() -> None:
 
 
 def test_a_grasp_of_one_part_is_carried_to_its_neighbours() -> None:
-    """The sixth part lies across, and its outline differs by more than the edges allow: it is refused, with a reason."""
+    """Whatever is believed lies on the part that was pointed at."""
     image = cv2.imread(str(DATA / "stills" / "pca_test1.jpg"))
     first, *others = objects(image)
     grasp = synthesize(first.view)[0]

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The same grasp in two images: outlines matched without a prior, laid on the edges, and carried by every strategy.
+"""The same grasp in two images: laid on the second by outline and surface, and carried by every strategy of the paper.
 
-Each answer is judged by the edges of the second image.
+Outlines matched without a prior, keypoints and the strategies' own transfers say where the object may be; the tracker's
+estimator makes each exact, and its decision says which is believed.
 """
 
 from __future__ import annotations
@@ -15,29 +16,40 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH, GraspAnalysis, analyze
 from grasptrack.contour import Contour, View
-from grasptrack.errors import AmbiguousError, GraspTrackError, TransferError
+from grasptrack.errors import AmbiguousError, GraspTrackError, ObservationError, TransferError
 from grasptrack.grasp import Grasp
 from grasptrack.matching import Judgement, Match, Sampled, judge, match, symmetries
-from grasptrack.observation.candidate import Candidate
-from grasptrack.observation.images import to_bgr, to_mask
-from grasptrack.observation.registration import CLOSE, OutlineRegistration
+from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
+from grasptrack.observation.candidate import Candidate, holds
+from grasptrack.observation.channel import PLAIN
+from grasptrack.observation.images import Grey, to_bgr, to_mask
 from grasptrack.observation.segmentation import candidates, grow
-from grasptrack.observation.support import OutlineSamples
-from grasptrack.projective import apply_homography, check_plausible, jacobian
-from grasptrack.reference import Reference
+from grasptrack.projective import apply_homography, jacobian, normalised
+from grasptrack.tracking.decision import Decision, checked, farthest, texture_evidence
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
+from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.redetection import Keypoints
+from grasptrack.tracking.single import (
+    decide_single,
+    first_state,
+    pose_hypothesis,
+    same_place,
+    single_estimate,
+    told_apart,
+    turned_hypotheses,
+)
+from grasptrack.tracking.state import process_noise
+from grasptrack.tracking.strategies import REGISTRATION, Carried, Silhouettes, Snakes
+from grasptrack.tracking.target import make_target, pyramid
 from grasptrack.transfer import STRATEGIES
-from grasptrack.verdict import error, refuse
 
 Floats = NDArray[np.float64]
 
-REGISTRATION = "registration"
-"""The name of the outcome that needs no strategy of the paper."""
 LOOKED_AT = 6
 """Objects of the second image that are matched."""
 MARGIN, MARGIN_PX = 0.5, 48.0
 """Share of sqrt(area), and px, that is kept round the object of the first image."""
-FIXED = 2.0
-"""A match fixes the contacts when the outlines part by more than so many times its misfit as soon as one is 4 % off."""
 HARDLY_MORE = 1.15
 """Of hypotheses that fit alike, and ask for up to so much more tilt than the one that asks for the least, the one with
 the smallest turn is taken."""
@@ -51,7 +63,7 @@ class Outcome(NamedTuple):
         contacts: (k, 2) px in the second image as transferred, also when they are not believed; None when refused.
         homography: (3, 3) from the first image to the second, or None.
         analysis: of the transferred grasp, in the first view; None when there is none.
-        off: px by which the second image's edges say that the worst contact is off; NaN when refused.
+        off: px by which the second image says that the worst contact is off; NaN when refused.
         reason: empty when believed, else why not.
     """
 
@@ -69,8 +81,8 @@ class Pair(NamedTuple):
     Attributes:
         outcomes: the registration, then one for each strategy.
         current: the outline in the second image.
-        turns: degrees of the other turns of the object by which the outline would fit as well; empty where none does.
-        found: what the match of the outlines amounts to.
+        turns: degrees of the other turns of the object by which it would fit as well; empty where none does.
+        found: what the match of the outlines amounts to; "matched" also where only the surface tells.
     """
 
     outcomes: list[Outcome]
@@ -90,8 +102,8 @@ def carry_to(
 ) -> Pair:
     """Carry a grasp to a second image, under any turn, scales of 0.4 to 2.5 and tilts up to 60 degrees.
 
-    One pair of views cannot tell a symmetric object from its turned twin: of hypotheses that fit alike the one that
-    asks for the least tilt is taken, of equals the one with the smallest turn, and the others are told.
+    One pair of views cannot tell a symmetric object without a surface of its own from its turned twin: of hypotheses that
+    fit alike the one that asks for the least tilt is taken, of equals the one with the smallest turn, and the others are told.
 
     Args:
         grasp, reference: in the first image.
@@ -104,32 +116,60 @@ def carry_to(
         ObservationError: no object in the second image.
         TransferError: none there has this outline.
         SourceError, InputError: an image or mask that cannot be used.
-        AmbiguousError: the outline fits itself in every turn, as a disc does.
+        AmbiguousError: the outline fits itself in every turn, as a disc does, and no surface tells how far it turned.
     """
-    colours = to_bgr(second)
+    before, colours = to_bgr(first), to_bgr(second)
     hidden = None if ignore is None else grow(to_mask(ignore, colours.shape[:2], "ignore mask"))
     outline = Sampled(reference)
+    try:
+        found, ways, told = _by_outline(colours, outline, object_at, hidden)
+    except (ObservationError, TransferError) as problem:
+        scene = _Scene(grasp, reference, before, colours, None, friction, hidden, object_at)
+        decision = scene.decided(scene.by_keypoints())
+        if not decision.accepted:
+            raise problem from None
+        return scene.pair(decision, Judgement("matched", None, [], ""), [])
+    assert told.best is not None
+    alike = [told.best, *told.others]
+    worse = [m for m in ways if not any(m is known for known in alike)]
+    scene = _Scene(grasp, reference, before, colours, found, friction, hidden, object_at)
+    made = [(m, e) for m in alike if (e := scene.by_match(m)) is not None]
+    by_worse = [scene.by_match(m) for m in worse]
+    decision = scene.decided([*(e for _, e in made), *by_worse, *scene.by_keypoints()])
+    if decision.accepted or not made:
+        return scene.pair(decision, scene.settled(decision, told), [], told.best.homography)
+    # nothing but their turns tells those apart for which there is as much evidence: the least that the surface allows
+    made = _by_turn(scene.undecided(made), outline)
+    decisions = [scene.decided([e, *by_worse]) for _, e in made]
+    chosen = next((i for i, each in enumerate(decisions) if each.accepted), 0)
+    own, decision = made[chosen][1], scene.decided([made[chosen][1], *by_worse])
+    others = [e for _, e in made if not same_place(e, own, NUMBERS)]
+    H = scene.target.homography(own.G)
+    turns = [_turn(np.linalg.inv(H) @ scene.target.homography(e.G), outline.centre) for e in others]
+    left = told._replace(status="ambiguous" if turns else told.status)
+    return scene.pair(decision, left, [math.degrees(turn) for turn in turns], H)
+
+
+def _by_outline(
+    colours: NDArray[np.uint8], outline: Sampled, object_at: tuple[float, float] | None, hidden: Grey | None
+) -> tuple[Candidate, list[Match], Judgement]:
+    """The object of an image that an outline fits best, the ways in which it does, and what they amount to.
+
+    Raises:
+        ObservationError: no object.
+        TransferError: none has this outline, or it fits itself in every turn.
+    """
     if symmetries(outline).continuous:
         raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
     found, ways = _most_alike(candidates(colours, object_at, hidden), outline)
     told = judge(ways)
     if told.best is None:
         raise TransferError(f"no object with this outline was found: {told.reason}")
-    chosen = _least_turned(told, outline)
-    alike = [told.best, *told.others]
-    others = [m for m in alike if m is not chosen]
-    worse = [m for m in ways if not any(m is known for known in alike)]
-    fixed = told.status == "matched" and chosen.slack >= FIXED * chosen.misfit
-    scene = _Scene(grasp, reference, to_bgr(first), colours, found, friction, fixed)
-    outcomes = [scene.registered([chosen, *others, *worse])]
-    H = outcomes[0].homography if outcomes[0].homography is not None else chosen.homography
-    outcomes += [scene.by(name, H) for name in STRATEGIES]
-    turns = [math.degrees(_turn(np.linalg.inv(H) @ m.homography, outline.centre)) for m in others]
-    return Pair(outcomes, found.view, turns, told)
+    return found, ways, told
 
 
 class _Scene:
-    """Both images, the first one cut to the object: with strong perspective its corner may lie beyond the horizon."""
+    """Both images, the first with its object as a target, and that object alone as the strategies see it."""
 
     def __init__(
         self,
@@ -137,92 +177,157 @@ class _Scene:
         reference: View,
         first: NDArray[np.uint8],
         second: NDArray[np.uint8],
-        found: Candidate,
+        found: Candidate | None,
         friction: float,
-        fixed: bool,
+        hidden: Grey | None,
+        object_at: tuple[float, float] | None,
     ) -> None:
-        points = reference.outer.points
-        margin = max(MARGIN * math.sqrt(reference.outer.area), MARGIN_PX)
-        left, top = (max(0, int(v)) for v in (points.min(axis=0) - margin).tolist())
-        right, bottom = (int(v) + 1 for v in (points.max(axis=0) + margin).tolist())
-        corner = np.array([left, top], dtype=np.float64)
-        self._to = np.array([[1.0, 0.0, -corner[0]], [0.0, 1.0, -corner[1]], [0.0, 0.0, 1.0]])
-        self._grasp = Grasp(grasp.contacts - corner)
-        self._reference = View([_shifted(c, corner) for c in reference.contours])
-        self._first = np.ascontiguousarray(found.channel.grey(first)[top:bottom, left:right])
-        self._second = found.channel.grey(second)
-        self._found, self._friction, self._fixed = found, friction, fixed
+        self._grasp, self._view, self._friction, self._object_at = grasp, reference, friction, object_at
+        self._width = FINGER_WIDTH * math.sqrt(kernels.inertia(reference.points, reference.offsets)[0])
+        self._found = found
+        channel = PLAIN if found is None else found.channel
+        self._first, self._second = channel.grey(first), channel.grey(second)
+        before, self._levels = pyramid(self._first), pyramid(self._second)
+        same_size = hidden is not None and hidden.shape == self._first.shape
+        self.target = make_target(before, reference, grasp.contacts, NUMBERS, hidden if same_size else None)
+        self._state = first_state(self.target, before, NUMBERS)
+        self._standing: list[PoseEstimate] = []
 
-    def registered(self, ways: list[Match]) -> Outcome:
-        """The first hypothesis that the image bears out once it is laid on the edges; else what was made of the first."""
-        refused: list[Outcome] = []
-        for way in ways:
-            outcome = self._registered(way.homography)
-            if not outcome.reason:
-                return outcome
-            refused.append(outcome)
-        return refused[0]
+    def by_match(self, way: Match) -> PoseEstimate | None:
+        """One way in which the outlines lie on each other, made exact."""
+        return self._exact(pose_hypothesis(self.target, "match", way.homography, NUMBERS))
 
-    def _registered(self, H: Floats) -> Outcome:
-        polarity, view = self._found.polarity, self._reference
-        width = FINGER_WIDTH * math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+    def by_keypoints(self) -> list[PoseEstimate | None]:
+        """The pose on which keypoints of the surface agree, made exact, and the turns of it in which its outline fits as well;
+        nothing without, nor where they agree on another object than was pointed at."""
+        G = Keypoints(self.target, self._first).find(self._levels[0])
+        if G is None:
+            return []
+        own = self._exact(Hypothesis("keypoints", G, process_noise(self.target.size, NUMBERS)))
+        if own is None or not self._meant(own):
+            return []
+        return [own, *(self._exact(way) for way in turned_hypotheses(self.target, own, NUMBERS))]
+
+    def _meant(self, estimate: PoseEstimate) -> bool:
+        """Whether an estimate covers the pixel of the object that was given, if any was."""
+        if self._object_at is None:
+            return True
+        H = self.target.homography(estimate.G)
+        return holds(View([c.transformed(H) for c in self._view.contours]), *self._object_at)
+
+    def _exact(self, hypothesis: Hypothesis) -> PoseEstimate | None:
+        return single_estimate(self.target, self._state, self._levels, hypothesis, NUMBERS)
+
+    def decided(self, estimates: list[PoseEstimate | None]) -> Decision:
+        """What is decided of some estimates, which stand against those that strategies will ask for."""
+        self._standing = [e for e in estimates if e is not None]
+        return decide_single(self.target, self._state, self._standing, NUMBERS)
+
+    def settled(self, decision: Decision, told: Judgement) -> Judgement:
+        """What the outlines amount to once it is decided: where they slide along each other, only the surface tells."""
+        assert told.best is not None
+        estimate, best = decision.estimate, told.best
+        shown = 0.0 if estimate is None else texture_evidence(estimate, self._state.usual, NUMBERS)
+        slides = best.slack <= max(SLIDES * best.size, SLIDES_NOISE * best.residual)
+        if NUMBERS.temper * shown >= -math.log(NUMBERS.risk) or (told.others and not slides):
+            return Judgement("matched", best, [], "")
+        return told
+
+    def undecided(self, made: list[tuple[Match, PoseEstimate]]) -> list[tuple[Match, PoseEstimate]]:
+        """Those for which there is as much evidence as for the best, as far as can be told."""
+        return [(m, e) for m, e in made if not any(told_apart(self._state, other, e, NUMBERS) for _, other in made)]
+
+    def pair(self, decision: Decision, told: Judgement, turns: list[float], H: Floats | None = None) -> Pair:
+        """The grasp in both images.
+
+        Args:
+            decision: of the registration.
+            told: of the outlines.
+            turns: degrees.
+            H: (3, 3) from the first image to the second, where the strategies look if there is no estimate.
+        """
+        if decision.estimate is not None:
+            H = self.target.homography(decision.estimate.G)
+        assert H is not None
+        current = View([c.transformed(H) for c in self._view.contours]) if self._found is None else self._found.view
+        outcomes = [self._registered(decision), *(self._by(name, H, current) for name in STRATEGIES)]
+        return Pair(outcomes, current, turns, told)
+
+    def _registered(self, decision: Decision) -> Outcome:
+        estimate = decision.estimate
+        if estimate is None:
+            return Outcome(REGISTRATION, None, None, None, math.nan, _sentence(decision))
+        H = self.target.homography(estimate.G)
+        again = self._exact(pose_hypothesis(self.target, REGISTRATION, H, NUMBERS))
+        off = math.nan if again is None else farthest(again.contacts, estimate.contacts)
+        reason, analysis = _sentence(decision), None
         try:
-            laid = OutlineRegistration(view, self._first, polarity).refine(self._second, self._cut(H), CLOSE)
-            check_plausible(laid.homography, view.outer.points)
-            contacts = apply_homography(laid.homography, self._grasp.contacts)
-            samples = OutlineSamples(view, self._first, self._grasp.contacts, width, polarity)
-            support = samples.support(self._second, laid.homography, contacts)
-        except GraspTrackError as problem:
-            return Outcome(REGISTRATION, None, None, None, math.nan, str(problem))
-        if (
-            self._fixed
-        ):  # a motion that the edges show too little to be measured frame by frame moves the outline, seen whole
-            support = support._replace(covariance=np.zeros_like(support.covariance))
-        reason, analysis = refuse(support), None
-        try:
-            analysis = analyze(self._grasp, view, self._friction, width, "reference")
+            analysis = analyze(self._grasp, self._view, self._friction, self._width, "reference")
         except GraspTrackError as problem:
             reason = reason or str(problem)
-        return Outcome(REGISTRATION, contacts, self._whole(laid.homography), analysis, error(support), reason)
+        return Outcome(REGISTRATION, estimate.contacts, H, analysis, off, reason)
 
-    def by(self, name: str, H: Floats) -> Outcome:
+    def _by(self, name: str, H: Floats, current: View) -> Outcome:
         """What a strategy makes of the pair, told where the object is."""
         try:
-            start = Reference(self._grasp, self._reference, self._first, name, self._found.polarity, self._friction)
-            moved = start.carriers[0].carry(self._second, self._found.view, self._cut(H)).transfer
-            contacts, cut = moved.grasp.contacts, moved.homography
-            if cut is None:
-                return Outcome(name, contacts, None, None, math.nan, "the transfer has no homography to judge it by")
-            support = start.samples.support(self._second, cut, contacts)
+            moved = self._carried(name, H, current)
         except GraspTrackError as problem:
             return Outcome(name, None, None, None, math.nan, str(problem))
-        reason, analysis = refuse(support), None
+        contacts, carried = moved.contacts, moved.homography
+        own = self._exact(pose_hypothesis(self.target, name, carried, NUMBERS))
+        estimates = [*self._standing, *([] if own is None else [own])]
+        decision = checked(decide_single(self.target, self._state, estimates, NUMBERS), contacts, NUMBERS)
+        estimate, reason, analysis = decision.estimate, _sentence(decision), None
+        off = math.nan if estimate is None else farthest(contacts, estimate.contacts)
         try:
-            analysis = start.carried_back(contacts, cut)
+            back = Grasp.of(apply_homography(np.linalg.inv(carried), contacts))
+            analysis = analyze(back, self._view, self._friction, self._width, "reference")
         except GraspTrackError as problem:
             reason = reason or str(problem)
-        return Outcome(name, contacts, self._whole(cut), analysis, error(support), reason)
+        return Outcome(name, contacts, carried, analysis, off, reason)
 
-    def _cut(self, H: Floats) -> Floats:
-        """A homography between the images as one from the piece of the first."""
-        out = H @ np.linalg.inv(self._to)
-        return np.asarray(out / out[2, 2])
+    def _carried(self, name: str, H: Floats, current: View) -> Carried:
+        """A strategy's transfer, with a homography (3, 3) between the images.
 
-    def _whole(self, H: Floats) -> Floats:
-        out = H @ self._to
-        return np.asarray(out / out[2, 2])
+        Raises:
+            GraspTrackError: it refuses.
+        """
+        # the first image cut to the object: with strong perspective its corner may lie beyond the horizon
+        corner, piece = self._cut()
+        back = np.array([[1.0, 0.0, -corner[0]], [0.0, 1.0, -corner[1]], [0.0, 0.0, 1.0]])
+        grasp, view = Grasp(self._grasp.contacts - corner), View([_shifted(c, corner) for c in self._view.contours])
+        prior = normalised(H @ np.linalg.inv(back))
+        extractor = Snakes(grasp, view, piece) if name == "rrp" else Silhouettes(name, grasp, view)
+        carried = extractor.carry(self._second, current, prior)
+        return carried._replace(homography=normalised(carried.homography @ back))
+
+    def _cut(self) -> tuple[Floats, Grey]:
+        """(2,) px of the corner, and the piece of the first image round the object."""
+        points = self._view.outer.points
+        margin = max(MARGIN * math.sqrt(self._view.outer.area), MARGIN_PX)
+        left, top = (max(0, int(v)) for v in (points.min(axis=0) - margin).tolist())
+        right, bottom = (int(v) + 1 for v in (points.max(axis=0) + margin).tolist())
+        return np.array([left, top], dtype=np.float64), np.ascontiguousarray(self._first[top:bottom, left:right])
+
+
+def _sentence(decision: Decision) -> str:
+    """Why an answer is not believed; empty when it is."""
+    return Reason(decision.code, decision.figures).sentence
 
 
 def _shifted(contour: Contour, corner: Floats) -> Contour:
     return Contour(contour.points - corner, hole=contour.hole, strength=contour.strength, clipped=contour.clipped)
 
 
-def _least_turned(told: Judgement, outline: Sampled) -> Match:
-    """Of what fits alike and takes hardly more tilt than the least, the smallest turn."""
-    assert told.best is not None
-    best = told.best
-    alike = [m for m in (best, *told.others) if m.stretch <= HARDLY_MORE * best.stretch]
-    return min(alike, key=lambda m: abs(_turn(m.homography, outline.centre)))
+def _by_turn(made: list[tuple[Match, PoseEstimate]], outline: Sampled) -> list[tuple[Match, PoseEstimate]]:
+    """What takes hardly more tilt than the least first, the smallest turn first; then the rest."""
+    least = min(m.stretch for m, _ in made)
+
+    def order(each: tuple[Match, PoseEstimate]) -> tuple[bool, float]:
+        way = each[0]
+        return way.stretch > HARDLY_MORE * least, abs(_turn(way.homography, outline.centre))
+
+    return sorted(made, key=order)
 
 
 def _turn(H: Floats, at: Floats) -> float:

@@ -45,10 +45,10 @@ def transfer(
 ) -> None:
     """Carry a grasp from one view of an object to another: what each strategy makes of it, or why it is not believed.
 
-    The views may differ by any turn, by scale and by tilts up to 60 degrees. "registration" lays the whole outline on
-    the edges of IMAGE_B; the three strategies of the paper follow.
+    The views may differ by any turn, by scale and by tilts up to 60 degrees. "registration" lays outline and surface on
+    IMAGE_B; the three strategies of the paper follow.
 
-    "off by" is how far the edges of IMAGE_B say that the worst contact is from where the strategy puts it.
+    "off by" is how far IMAGE_B says that the worst contact is from where the strategy puts it.
 
     Writes transfer.png, both views side by side.
 
@@ -69,7 +69,7 @@ def transfer(
     from grasptrack.grasp import Grasp
     from grasptrack.observation.undistortion import Told
     from grasptrack.pair import carry_to
-    from grasptrack.tracker import GraspTracker
+    from grasptrack.tracking.tracker import GraspTracker
 
     lens, one, told = _straight(calibration, first, Told(contacts, place_a, None, hidden))
     lens_b, other, told_b = _straight(calibration, second, Told(None, place_b, None, hidden))

@@ -15,20 +15,22 @@ from grasptrack.closing import chance_of_closing, regions_of
 from grasptrack.contour import View
 from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand
-from grasptrack.observation.relief import Relief, reliefs
-from grasptrack.observation.support import OutlineSamples
-from grasptrack.reference import AUTO
 from grasptrack.suitability.advice import Findings, level_of, reasons_of
 from grasptrack.suitability.edges import Edges, edges_of, scatter, sway
 from grasptrack.suitability.first import FirstView, first_view
 from grasptrack.suitability.motions import TURN, Frame, Motions, motions_of
 from grasptrack.suitability.rehearsal import Rehearsal, rehearse
+from grasptrack.suitability.relief import Relief, reliefs
+from grasptrack.suitability.restaged import Stage
 from grasptrack.suitability.result import Held, Looks, Reason, Suitability, Texture
 from grasptrack.suitability.settled import Settled, settled
 from grasptrack.suitability.strategies import peaks_of, recommended, strategies_of
-from grasptrack.suitability.symmetry import equals_of, symmetry_of
-from grasptrack.tracker import GraspTracker
-from grasptrack.verdict import MAX_SIGMA, MAX_SIGMA_PX, refuse
+from grasptrack.suitability.symmetry import Likeness, equals_of, symmetry_of
+from grasptrack.tracking.initialization import AUTO
+from grasptrack.tracking.messages import Reason as Why
+from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.single import largest_sigma
+from grasptrack.tracking.tracker import GraspTracker
 
 __all__ = ["Reason", "Suitability", "inspect"]
 
@@ -77,29 +79,27 @@ def inspect(
     )
     given = None if grasp is None else Grasp(grasp)
     first = first_view(image, given, asked.fingers, friction, object_at, box, mask, ignore, hand, strategy)
-    view, grey, polarity = first.candidate.view, first.grey, first.candidate.polarity
-    edges = edges_of(view, grey, polarity)
-    surface, ground = reliefs(grey, view, first.observer.hidden)
+    view, grey = first.candidate.view, first.grey
+    edges = edges_of(view, grey, first.candidate.polarity)
+    surface, ground = reliefs(grey, view, first.hidden)
     looks = _looks(first, edges, surface)
-    # without a grasp, two places on the outline stand for its contacts
-    stand_in = Grasp(view.outer.points[[0, len(view.outer) // 2]])
-    held = first.grasp or stand_in
     noise = math.sqrt(2.0) * looks.scatter  # of both views
-    motions = motions_of(*edges.used, held.contacts, _frame(view), noise, sway(edges))
-    samples, refusal, alone, rehearsal = _samples(first, held), "", "", None
-    limit = max(MAX_SIGMA_PX, MAX_SIGMA * motions.frame.size)
-    fixed = settled(first, surface.noise, limit, motions.models["homography"].observable)
-    if first.reference is not None:
-        support = samples.support(grey, np.eye(3), held.contacts)
-        refusal = alone = refuse(support)
-        if strategy == AUTO:
-            support = support if fixed is None else support._replace(covariance=fixed.covariance)  # as the tracker does
-            refusal = refuse(support, registered=True)
-        rehearsal = rehearse(first, surface.noise)
+    motions = motions_of(*edges.used, first.held.contacts, _frame(view), noise, sway(edges))
+    whole = motions.models["homography"]
+    limit = largest_sigma(view.outer.area, NUMBERS)
+    stage = Stage(first.colours, first.candidate.channel, surface.noise)
+    rehearsal = None if first.carrier is None else rehearse(first, stage)
+    fixed = None
+    if first.carrier is not None and strategy == AUTO:  # the others look at the outline alone
+        fixed = settled(first, stage, limit, whole.covariance, whole.observable)
+    known = whole.covariance if fixed is None else fixed.covariances[0]
+    alone = "" if first.carrier is None else _refusal(whole.observable, known, limit)
+    refusal = alone if fixed is None else _refusal(fixed.by != "nothing", fixed.covariance, limit)
     grip = None if first.grasp is None else _held(first.grasp, view, friction, limit, motions, fixed, rehearsal)
-    usable = strategies_of(held, view, grey, polarity, alone, refusal)
-    symmetry = symmetry_of(view, grey, samples, held.contacts, "similarity" in motions.motions[TURN].observed)
-    equals = equals_of(first.candidate, first.others)
+    usable = strategies_of(first.held, view, grey, alone, refusal)
+    likeness = Likeness(first, stage)
+    symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
+    equals = equals_of(first, likeness)
     reasons = reasons_of(
         Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, fixed, rehearsal)
     )
@@ -123,12 +123,10 @@ def inspect(
     )
 
 
-def _samples(first: FirstView, held: Grasp) -> OutlineSamples:
-    if first.reference is not None:
-        return first.reference.samples
-    width = FINGER_WIDTH * math.sqrt(first.candidate.view.outer.area)
-    found = first.candidate
-    return OutlineSamples(found.view, first.grey, held.contacts, width, found.polarity, first.observer.hidden)
+def _refusal(fixed: bool, covariance: Floats, limit: float) -> str:
+    """Why contacts will not be believed that may be off by covariances (k, 2, 2) px^2; empty where they will."""
+    sigma = math.sqrt(float(np.linalg.eigvalsh(covariance)[:, -1].max()))
+    return "" if fixed and sigma <= limit else Why("uncertain", {"sigma": sigma}).sentence
 
 
 def _frame(view: View) -> Frame:
@@ -175,9 +173,7 @@ def _held(
     rehearsal: Rehearsal | None,
 ) -> Held:
     """The grasp with the errors to be expected of its contacts, both ways to foretell them taken together."""
-    covariance = joint = motions.models["homography"].covariance
-    if fixed is not None and fixed.by in ("surface", "ground"):
-        covariance, joint = fixed.covariance, fixed.joint
+    covariance = motions.models["homography"].covariance if fixed is None else fixed.covariance
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     tried = math.nan if rehearsal is None else rehearsal.error
     known = 1.0 if math.isnan(tried) else math.sqrt(0.5 * (1.0 + (tried / float(sigma.max())) ** 2))
@@ -188,7 +184,7 @@ def _held(
         opening=grasp.opening,
         margin=analysis.margin,
         stable=analysis.stable,
-        chance=chance_of_closing(regions_of(grasp, view, friction, width), known**2 * joint),
+        chance=chance_of_closing(regions_of(grasp, view, friction, width), known**2 * covariance),
         sigma=known * sigma,
         covariance=known**2 * covariance,
         limit=limit,

@@ -6,23 +6,27 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from grasptrack.agreement import MOST_NOISE, RISE_COVERED
 from grasptrack.closing import CHANCE
 from grasptrack.kernels.reference_edges import WINDOW
-from grasptrack.kernels.reference_evidence import SLIDING
-from grasptrack.observation.registration import MIN_STRENGTH, RELATIVE_STRENGTH
-from grasptrack.suitability.motions import Motions
+from grasptrack.suitability.edges import MIN_STRENGTH, RELATIVE_STRENGTH
+from grasptrack.suitability.motions import SLIDING, Motions
 from grasptrack.suitability.rehearsal import Rehearsal
 from grasptrack.suitability.result import Held, Level, Looks, Reason
 from grasptrack.suitability.settled import Settled
 from grasptrack.suitability.strategies import Usable, recommended
 from grasptrack.suitability.symmetry import Symmetry
-from grasptrack.verdict import MAX_SHIFT, MAX_SHIFT_PX, MIN_SHARE, MIN_SHARE_REGISTERED
+from grasptrack.tracking.numbers import NUMBERS
 
-SMALL = MAX_SHIFT_PX / MAX_SHIFT
+SMALL = NUMBERS.tolerance_px / NUMBERS.tolerance
 """px; of a smaller object, the tracker's tolerance in px is a larger share than its tolerance in sqrt(area)."""
 FAINT = MIN_STRENGTH / RELATIVE_STRENGTH
 """Grey levels per px; a stronger edge may lose as much as the tracker allows for and still be one."""
+HALF = 0.5
+"""Of the outline, so much must show its edge: with less, more of it is missing than seen."""
+COVER = 0.3
+"""Share of the outline that a cover may take without harm where all of it has a clear edge."""
+REHEARSED = 0.75
+"""Share of the rehearsed motions that must be followed: they are smaller than those of any use."""
 HARDLY = math.sqrt(2.0) * SLIDING
 """Of a motion, the part across the outline below which the evidence counts for less than half."""
 
@@ -48,13 +52,13 @@ class Findings(NamedTuple):
 
 def reasons_of(found: Findings) -> tuple[Reason, ...]:
     """Why an object is less than good to track, the gravest first; empty when it is good."""
-    listed = [*_of_grasp(found), *_of_motions(found), *_of_edges(found.looks), *_of_likeness(found)]
+    listed = [*_of_grasp(found), *_of_motions(found), *_of_edges(found), *_of_likeness(found)]
     rehearsal = found.rehearsal
     lost = 0 if rehearsal is None else rehearsal.steps - rehearsal.located
     if rehearsal is not None and lost and not any(r.level == "poor" for r in listed):
-        level: Level = "poor" if rehearsal.located < MIN_SHARE * rehearsal.steps else "fair"
+        level: Level = "poor" if rehearsal.located < REHEARSED * rehearsal.steps else "fair"
         text = f"lost in {lost} of {rehearsal.steps} small motions that were tried: {rehearsal.reason}"
-        listed.append(Reason(level, text, "" if found.looks.clear < MIN_SHARE else _clearer(found.looks)))
+        listed.append(Reason(level, text, "" if found.looks.clear * (1.0 - COVER) < HALF else _clearer(found.looks)))
     return tuple(sorted(listed, key=lambda r: r.level != "poor"))
 
 
@@ -143,20 +147,19 @@ def _listed(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def _of_edges(looks: Looks) -> list[Reason]:
-    listed = []
-    if looks.scatter * math.sqrt(2.0) > MOST_NOISE:
-        text = f"the edges scatter by {looks.scatter:.1f} px, too much for the tracker"
-        listed.append(Reason("poor", text, _clearer(looks)))
-    elif looks.scatter * math.sqrt(2.0) * RISE_COVERED > MOST_NOISE:
-        text = f"the edges scatter by {looks.scatter:.1f} px: in poorer light or behind a cover it is lost"
-        listed.append(Reason("fair", text, _clearer(looks)))
-    if looks.clear < MIN_SHARE_REGISTERED:
+def _of_edges(found: Findings) -> list[Reason]:
+    looks, listed = found.looks, []
+    if found.grasp is not None and found.settled is not None and found.settled.by == "outline":
+        # where half of the outline is covered, half of what it tells is left
+        sigma, odds = math.sqrt(2.0) * found.settled.deviations[0], 0.5 * found.settled.evidence
+        few = odds < -math.log(NUMBERS.risk) and looks.size >= SMALL  # of a small object that is said below
+        if sigma > found.grasp.limit or few:
+            text = f"the edges scatter by {looks.scatter:.1f} px: in poorer light or behind a cover it is lost"
+            listed.append(Reason("fair", text, _clearer(looks)))
+    if looks.clear * (1.0 - COVER) < HALF:
+        level: Level = "poor" if looks.clear < HALF else "fair"
         text = f"only {100.0 * looks.clear:.0f} % of the outline has a clear edge"
-        listed.append(Reason("poor", text, _clearer(looks)))
-    elif looks.clear < MIN_SHARE:
-        text = f"only {100.0 * looks.clear:.0f} % of the outline has a clear edge"
-        listed.append(Reason("fair", text, _clearer(looks)))
+        listed.append(Reason(level, text, _clearer(looks)))
     elif looks.strength < FAINT:
         text = f"faint edges ({looks.strength:.1f} grey levels per px)"
         listed.append(Reason("fair", text, _clearer(looks)))

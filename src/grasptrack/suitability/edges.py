@@ -14,10 +14,15 @@ from grasptrack.contour import Bools, View
 from grasptrack.kernels.reference_edges import WINDOW
 from grasptrack.kernels.reference_evidence import lower_median
 from grasptrack.observation.images import Grey
-from grasptrack.observation.registration import MIN_STRENGTH, MOST, NEAR, RELATIVE_STRENGTH, SPACING
 
 Floats = NDArray[np.float64]
 
+NEAR = 3.0
+"""px across the outline within which its edge is looked for."""
+MIN_STRENGTH, RELATIVE_STRENGTH = 2.0, 0.3
+"""Grey levels per px of a clear edge; and its share of the median edge's."""
+SPACING, MOST = 2.0, 480
+"""px along the outline between edges whose errors are independent, or more, so that there are at most so many."""
 ACROSS = 6.0
 """px along the outline over which its direction is taken."""
 LEAST = 5

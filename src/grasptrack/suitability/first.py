@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack import choice
 from grasptrack.errors import ObservationError, TransferError
 from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand
@@ -16,8 +15,10 @@ from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.proposals import Box
-from grasptrack.observation.segmentation import apart, grow
-from grasptrack.reference import Reference
+from grasptrack.observation.segmentation import grow
+from grasptrack.tracking import initialization
+from grasptrack.tracking.initialization import Wish
+from grasptrack.tracking.strategies import Carrier, carrier_for
 
 
 class FirstView(NamedTuple):
@@ -27,11 +28,11 @@ class FirstView(NamedTuple):
         candidate: the object.
         colours: (H, W) or BGR (H, W, 3): the image, or the softened mask in its place.
         observer: that found the object and has been told that it is the one.
-        grey: (H, W) the image in the mixture of colours that shows it.
+        grey: (H, W) the image in the mixture of colours that shows the object.
         others: what else lies in the image.
         grasp: on the object, or None.
-        reference: the grasp with all that the tracker keeps of this view; None without a grasp that can be carried.
-        reason: why there is none; else empty.
+        carrier: takes it to later images; None without a grasp that the strategy can carry.
+        reason: why there is none that it can; else empty.
     """
 
     candidate: Candidate
@@ -40,8 +41,19 @@ class FirstView(NamedTuple):
     grey: Grey
     others: list[Candidate]
     grasp: Grasp | None
-    reference: Reference | None
+    carrier: Carrier | None
     reason: str
+
+    @property
+    def hidden(self) -> Grey | None:
+        """(H, W) nonzero where nothing belongs to the scene, or None."""
+        return self.observer.hidden
+
+    @property
+    def held(self) -> Grasp:
+        """The grasp; without one, two places on the outline stand for its contacts."""
+        outer = self.candidate.view.outer
+        return self.grasp or Grasp(outer.points[[0, len(outer) // 2]])
 
 
 def first_view(
@@ -65,29 +77,28 @@ def first_view(
     """
     colours = to_bgr(image)
     shape = colours.shape[:2]
-    observer = Observer(None if ignore is None else grow(to_mask(ignore, shape, "ignore mask")))
+    hidden = None if ignore is None else grow(to_mask(ignore, shape, "ignore mask"))
+    observer = Observer(hidden)
     seen = colours if mask is None else as_scene(to_mask(mask, shape, "mask"))
     observer.look(seen)
     masked = mask is not None
-    found = observer.first(masked, object_at, box)
-    candidate = found[0] if given is None else choice.holding(found, given)
+    wish = Wish(fingers, strategy, friction, given, object_at, box, hand)
+    chosen = initialization.first_view(observer, wish, masked)
+    candidate, reason = chosen.candidate, chosen.reason.sentence
+    if candidate is None:
+        raise ObservationError(reason)
     grey = observer.choose(candidate)
-    others = _others(observer, found, candidate, masked, object_at is not None or box is not None)
-    if given is not None:
-        grasps, reason = [given.snapped(candidate.view)], ""
-    else:
-        beside = [c.view for c in apart([candidate, *found])[1:]]
-        grasps, reason = choice.grasps(candidate.view, strategy, fingers, friction, hand, beside)
-        reason = f"no stable grasp: {reason}"
-    for i, grasp in enumerate(grasps):
+    others = _others(observer, chosen.found, candidate, masked, object_at is not None or box is not None)
+    for i, grasp in enumerate(chosen.grasps):
         try:
-            kept = Reference(grasp, candidate.view, grey, strategy, candidate.polarity, friction, observer.hidden)
+            carrier = carrier_for(strategy, grasp, candidate.view, grey, None, observer)
         except TransferError as error:
             if i == 0:
                 reason = f"no grasp that {strategy} can carry: {error}"
             continue
-        return FirstView(candidate, seen, observer, grey, others, grasp, kept, "")
-    return FirstView(candidate, seen, observer, grey, others, grasps[0] if grasps else None, None, reason)
+        return FirstView(candidate, seen, observer, grey, others, grasp, carrier, "")
+    held = chosen.grasps[0] if chosen.grasps else None
+    return FirstView(candidate, seen, observer, grey, others, held, None, reason)
 
 
 def _others(
@@ -99,4 +110,4 @@ def _others(
             found = observer.first(masked)
         except ObservationError:
             found = []
-    return choice.others(found, candidate)
+    return initialization.others(found, candidate)

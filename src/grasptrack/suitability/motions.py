@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference_evidence import SLIDING, displacement_fields, whitening
-from grasptrack.observation.support import LOOSE
+from grasptrack.kernels.reference_evidence import displacement_fields, whitening
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +27,10 @@ NAMES = (
 )
 """The motions that a homography is made of near the identity, in the frame of the outline's inertia axes."""
 TURN = NAMES.index("turn")
+SLIDING = 0.16
+"""A motion whose part along the normals is, rms, less than this share of itself is not seen, for noise does as much."""
+LOOSE = 0.25
+"""What the outline does not show of a motion may be as large as this fraction of sqrt(area)."""
 FREE = 0.4
 """A motion is not shown when so much of it, by its square, lies among those that slide the outline along itself."""
 

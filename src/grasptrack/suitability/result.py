@@ -96,7 +96,7 @@ class Held(NamedTuple):
         chance: 0 to 1, that it closes with contacts as uncertain as expected.
         sigma: (k,) px, expected error of each contact, rms of the distance.
         covariance: (k, 2, 2) px^2.
-        limit: px; a larger standard deviation of a contact is not believed (`verdict:MAX_SIGMA`).
+        limit: px; a larger standard deviation of a contact is not believed (`tracking.single:largest_sigma`).
     """
 
     contacts: Floats
@@ -120,7 +120,7 @@ class Suitability:
         looks: the object as the image shows it.
         motions: which motions the outline shows.
         symmetry: turns under which it fits itself.
-        equals: outlines of objects in the image that have the same shape.
+        equals: outlines of objects in the image that look the same.
         peaks: (n, 2) px, peaks of curvature.
         strategies: `auto` and the paper's three, each usable or not.
         surface, ground: structure within the outline and round it.

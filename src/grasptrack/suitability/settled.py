@@ -4,14 +4,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import TransferError
-from grasptrack.observation.restaged import course, denoised, restaged
 from grasptrack.suitability.first import FirstView
+from grasptrack.suitability.restaged import Stage, course
+from grasptrack.tracking.decision import evidence, texture_evidence
+from grasptrack.tracking.estimator import PoseEstimate
+from grasptrack.tracking.follower import Follower
+from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.single import first_state, pose_hypothesis, single_estimate
+from grasptrack.tracking.target import Grey, Target, make_target, pyramid
 
 Floats = NDArray[np.float64]
 By = Literal["outline", "surface", "ground", "nothing"]
@@ -20,72 +26,108 @@ VIEWS = 3
 """Small motions of the image in which it is looked at."""
 MORE = 0.5
 """A surface settles a motion only where it leaves less than this share of the error that the outline leaves."""
+BACKGROUND = "background"
+"""Origin of an estimate that rests on the motion of the ground."""
+UNTEXTURED = replace(NUMBERS, texture_contrast=math.inf)
+"""The core's numbers for a target that is looked at by its outline alone."""
 
 
 class Settled(NamedTuple):
     """How far the tracker's evidence fixes the contacts.
 
     Attributes:
-        covariances: (3, 2 k, 2 k) px^2 of all contacts: by the outline alone, with the surface, and with the ground too.
+        covariances: (3, k, 2, 2) px^2 of each contact: by the outline alone, with the surface, and with the ground too.
         by: the least of these that fixes every contact as the tracker asks for; "outline" only where it shows all motions.
+        evidence: log of the odds that it is the object, as the tracker has it, in the median view.
     """
 
     covariances: Floats
     by: By
+    evidence: float
 
     @property
     def deviations(self) -> tuple[float, float, float]:
         """px, the largest standard deviation of a contact by each of the three."""
-        outline, surface, ground = (
-            math.sqrt(float(np.linalg.eigvalsh(_own(C))[:, -1].max())) for C in self.covariances
-        )
+        outline, surface, ground = (_deviation(C) for C in self.covariances)
         return outline, surface, ground
 
     @property
-    def joint(self) -> Floats:
-        """(2 k, 2 k) px^2 by what fixes the contacts, or by all there is."""
+    def covariance(self) -> Floats:
+        """(k, 2, 2) px^2 of each contact by what fixes them, or by all there is."""
         return np.asarray(self.covariances[{"outline": 0, "surface": 1}.get(self.by, 2)])
 
-    @property
-    def covariance(self) -> Floats:
-        """(k, 2, 2) px^2 of each contact, the same."""
-        return _own(self.joint)
 
-
-def settled(first: FirstView, noise: float, limit: float, shown: bool) -> Settled | None:
-    """What fixes the contacts, as the tracker itself counts it; None where it looks at no surface.
+def settled(first: FirstView, stage: Stage, limit: float, outline: Floats, shown: bool) -> Settled:
+    """What fixes the contacts, as the tracker itself counts it, in small motions of the first view.
 
     Args:
         first: the first view.
-        noise: grey levels, standard deviation of a pixel.
+        stage: the same, to be moved.
         limit: px, the standard deviation of a contact from which on it is not believed.
+        outline: (k, 2, 2) px^2 of each contact, by the noise of the outline's edges and directions.
         shown: the outline shows all motions.
     """
-    registration = None if first.reference is None else first.reference.registration
-    if first.reference is None or registration is None:
-        return None
-    source, rng = denoised(first.colours, noise), np.random.default_rng(0)
-    middle = 0.5 * np.array([first.grey.shape[1] - 1.0, first.grey.shape[0] - 1.0])
-    found = []
-    for H in course(VIEWS, np.array(first.reference.centre), first.reference.size, middle):
-        try:
-            found.append(registration.fusion.covariances(first.observer.look(restaged(source, H, noise, rng)), H))
-        except TransferError:
-            continue
-    if not found:
-        return None
-    covariances = np.array(sorted(found, key=lambda each: float(np.trace(each[-1])))[len(found) // 2])
-    alone, surface, ground = Settled(covariances, "nothing").deviations
+    view, contacts = first.candidate.view, first.held.contacts
+    levels = pyramid(first.grey)
+    bare = make_target(levels, view, contacts, UNTEXTURED, first.hidden)
+    whole = Follower(first.grey, view, contacts, None, first.hidden)
+    alone, surface, ground = _Covariances(), _Covariances(), _Covariances()
+    usual = first_state(whole.target, levels, NUMBERS).usual
+    odds = []
+    for H in course(VIEWS, view.outer.points.mean(axis=0), math.sqrt(view.outer.area), stage.middle):
+        image = stage.seen(H)
+        alone.add(_laid(bare, levels, image, H))
+        textured = _laid(whole.target, levels, image, H)
+        if textured is not None and texture_evidence(textured, usual, NUMBERS) > 0.0:  # else there is only noise
+            surface.add(textured)
+        followed = whole.update(image).estimate
+        odds.append(-math.inf if followed is None else evidence(followed, whole.state.usual, NUMBERS))
+        if followed is not None and followed.origin == BACKGROUND:
+            ground.add(followed)
+    # noisy directions of the edges seem to show what the shape does not
+    least = alone.median(outline) if shown else outline
+    more = _better(surface.median(least), least)
+    most = _better(ground.median(more), more)
+    deviation = [_deviation(C) for C in (least, more, most)]
     by: By = "nothing"
-    if shown and alone <= limit:
+    if shown and deviation[0] <= limit:
         by = "outline"
-    elif surface <= min(limit, MORE * alone):
+    elif deviation[1] <= min(limit, MORE * deviation[0]):
         by = "surface"
-    elif ground <= min(limit, MORE * alone):
+    elif deviation[2] <= min(limit, MORE * deviation[0]):
         by = "ground"
-    return Settled(covariances, by)
+    return Settled(np.stack([least, more, most]), by, float(np.median(odds)))
 
 
-def _own(joint: Floats) -> Floats:
-    """(k, 2, 2) of each contact, of a joint covariance (2 k, 2 k)."""
-    return np.stack([joint[i : i + 2, i : i + 2] for i in range(0, len(joint), 2)])
+class _Covariances:
+    """Covariances (k, 2, 2) px^2 of the contacts in some views, as the decision takes them."""
+
+    def __init__(self) -> None:
+        self._found: list[Floats] = []
+
+    def add(self, estimate: PoseEstimate | None) -> None:
+        """Those of one view."""
+        if estimate is not None:
+            self._found.append(estimate.covariance * NUMBERS.inflate**2)
+
+    def median(self, without: Floats) -> Floats:
+        """Those of the median view; `without` where fewer than half of the views have any."""
+        if 2 * len(self._found) < VIEWS:
+            return without
+        return sorted(self._found, key=_deviation)[len(self._found) // 2]
+
+
+def _laid(target: Target, levels: list[Grey], image: Grey, H: Floats) -> PoseEstimate | None:
+    """The target laid on an image (H, W) that shows it under a homography (3, 3)."""
+    state = first_state(target, levels, NUMBERS)
+    return single_estimate(target, state, pyramid(image), pose_hypothesis(target, "staged", H, NUMBERS), NUMBERS)
+
+
+def _deviation(covariance: Floats) -> float:
+    """px, the largest standard deviation of a contact in any direction."""
+    return math.sqrt(float(np.linalg.eigvalsh(covariance)[:, -1].max()))
+
+
+def _better(one: Floats, other: Floats) -> Floats:
+    """The smaller of two covariances (k, 2, 2) px^2: what tells more can be left out of account."""
+    return one if _deviation(one) < _deviation(other) else other

@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.carriers import RegistrationCarrier, SilhouetteCarrier, SnakeCarrier
 from grasptrack.contour import View
 from grasptrack.errors import GraspTrackError
 from grasptrack.grasp import Grasp
 from grasptrack.observation.images import Grey
-from grasptrack.reference import AUTO
+from grasptrack.tracking.initialization import AUTO
+from grasptrack.tracking.strategies import Silhouettes, Snakes
 from grasptrack.transfer.homography import PROMINENCE, SEPARATION, SMOOTHING
 
 Floats = NDArray[np.float64]
 
 ORDER = ("homography", "grasp-line", "rrp")
-"""The strategies of the paper in the order in which `auto` asks them."""
+"""The strategies of the paper, those that need most first."""
 PEAKS = 4
 """That a homography needs."""
 
@@ -29,7 +29,7 @@ class Usable(NamedTuple):
     """Whether a strategy can carry the grasp.
 
     Attributes:
-        name: of the strategy; "auto" stands for the registration of the whole outline.
+        name: of the strategy; "auto" stands for the registration of all that is seen.
         reason: why not; empty when it can.
     """
 
@@ -45,28 +45,23 @@ def peaks_of(view: View) -> Floats:
     return outer.points[peaks].reshape(-1, 2)
 
 
-def strategies_of(
-    grasp: Grasp, view: View, grey: Grey, polarity: int, refusal: str = "", by_auto: str = ""
-) -> tuple[Usable, ...]:
+def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "", by_auto: str = "") -> tuple[Usable, ...]:
     """`auto`'s registration and the three strategies, each tried on the view of the choice itself.
 
     Args:
         grasp: on the outline.
         view: the outline.
         grey: (H, W) its image.
-        polarity: +1 object darker than its surroundings, -1 lighter, 0 where its parts differ.
-        refusal: why the verdict believes no transfer that rests on the outline alone; else empty.
+        refusal: why no transfer is believed that rests on the outline alone; else empty.
         by_auto: the same of one that `auto` lays on the surface and the ground as well.
     """
 
     def why(name: str) -> str:
         try:
-            if name == AUTO:
-                RegistrationCarrier(grasp, view, grey, polarity)
-            elif name == "rrp":
-                SnakeCarrier(grasp, view, grey, "similarity").carry(grey, None, np.eye(3))
-            else:
-                SilhouetteCarrier(name, grasp, view)
+            if name == "rrp":
+                Snakes(grasp, view, grey).carry(grey, None, np.eye(3))
+            elif name != AUTO:
+                Silhouettes(name, grasp, view)
         except GraspTrackError as error:
             return str(error)
         return by_auto if name == AUTO else refusal

@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 from typing import Literal, NamedTuple
 
-from grasptrack.kernels.reference_evidence import SLIDING
-from grasptrack.suitability.motions import Motions
+from grasptrack.suitability.motions import SLIDING, Motions
 from grasptrack.suitability.result import Held, Suitability
 from grasptrack.suitability.strategies import PEAKS
 from grasptrack.suitability.symmetry import Symmetry

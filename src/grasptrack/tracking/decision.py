@@ -116,7 +116,9 @@ def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> fl
         elsewhere, covered = float(np.mean(estimate.other)), float(np.mean(estimate.other + estimate.occluded))
         shape += max(0.0, -numbers.elsewhere_power * math.log1p(-min(elsewhere, 0.999)) - max(0.0, surface))
         shape -= numbers.cover_power * math.log1p(-min(covered, 0.999))
-    odds = (EXCHANGED if state.exchanged else numbers.exchanged) * (math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface)))
+    odds = (EXCHANGED if state.exchanged else numbers.exchanged) * (
+        math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface))
+    )
     return odds / (1.0 + odds)
 
 

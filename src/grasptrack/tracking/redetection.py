@@ -35,7 +35,7 @@ class Keypoints:
 
     def __init__(self, target: Target, grey: Grey) -> None:
         self._target = target
-        self._detector: Any = cv2.ORB_create(1200, fastThreshold=8)
+        self._detector: Any = cv2.ORB.create(1200, fastThreshold=8)
         mask = np.zeros_like(grey)
         outline = target.view.outer.points
         cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 255)
@@ -59,7 +59,7 @@ class Keypoints:
         H, inliers = cv2.findHomography(source, place, cv2.RANSAC, 4.0)
         if H is None or inliers.sum() < 8:
             return None
-        return self._target.pose(H)
+        return self._target.pose(np.asarray(H, dtype=np.float64))
 
 
 def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats]:
@@ -76,9 +76,9 @@ def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats
         cv2.GaussianBlur(cv2.resize(pyramid[level], small, interpolation=cv2.INTER_AREA), (0, 0), 0.8)
         for pyramid in (look.levels, levels)
     )
-    mask = np.zeros(before.shape, np.uint8)
+    mask: Grey = np.zeros(before.shape, np.uint8)
     cv2.fillPoly(mask, [np.round(outline * scale).astype(np.int32)], 255)
-    mask = cv2.dilate(mask, np.ones((5, 5), np.uint8))
+    mask = np.asarray(cv2.dilate(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8)
     x, y, w, h = cv2.boundingRect(mask)
     if w < 6 or h < 6:
         return []

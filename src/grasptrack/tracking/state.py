@@ -82,7 +82,7 @@ class TrackState:
     lookalike: bool = False
 
     @property
-    def G(self) -> Floats:
+    def G(self) -> Floats:  # noqa: N802
         """(3, 3) the last pose."""
         return self.last.G
 

@@ -49,13 +49,17 @@ def pyramid(grey: Grey) -> list[Grey]:
     """The image and its halves, down to some 30 px."""
     levels = [np.ascontiguousarray(grey)]
     while min(levels[-1].shape) >= 60:
-        levels.append(cv2.pyrDown(levels[-1]))
+        levels.append(_grey(cv2.pyrDown(levels[-1])))
     return levels
+
+
+def _grey(image: NDArray[Any]) -> Grey:
+    return np.asarray(image, dtype=np.uint8)
 
 
 def hidden_levels(hidden: Grey) -> list[Grey]:
     """The mask (H, W) of what is hidden for each level of a pyramid: nonzero where any pixel that was averaged is."""
-    levels = [cv2.dilate((hidden != 0).astype(np.uint8), np.ones((5, 5), np.uint8))]
+    levels = [_grey(cv2.dilate((hidden != 0).astype(np.uint8), np.ones((5, 5), np.uint8)))]
     while min(levels[-1].shape) >= 60:
         levels.append((cv2.pyrDown(levels[-1] * 255) > 0).astype(np.uint8))
     return levels
@@ -183,7 +187,7 @@ def make_target(
         points, normals = points[found] + offset[found, None] * normals[found], normals[found]
         contrast, inner = contrast[found], inner[found]
     outline = work[0][0]
-    mask = np.zeros((height, width), np.uint8)
+    mask: Grey = np.zeros((height, width), np.uint8)
     cv2.fillPoly(mask, [np.round(p).astype(np.int32) for p, _, _ in work], 255)
     size = length * s
     centre, radius = outline.mean(axis=0), size / 2.0
@@ -209,15 +213,15 @@ def make_target(
     patches, counts = np.zeros((0, 2)), []
     stride, reduced, count = 1, image, PATCHES
     while stride == 1 or stride <= size / 16.0:
-        inside = cv2.erode(mask, np.ones((9, 9), np.uint8), iterations=1)
-        inside = cv2.erode(inside, np.ones((PATCH * stride, PATCH * stride), np.uint8), borderValue=0)
+        inside = _grey(cv2.erode(mask, np.ones((9, 9), np.uint8), iterations=1))
+        inside = _grey(cv2.erode(inside, np.ones((PATCH * stride, PATCH * stride), np.uint8), borderValue=0))
         centres = _textured(reduced, inside, stride, noise / stride, numbers.texture_contrast, count)
         counts.append(target.add_texture(levels, centres, float(stride)))
         if stride == 1:
             patches = centres
-        reduced, stride, count = cv2.pyrDown(reduced), 2 * stride, max(30, count // 2)
-    grown = cv2.dilate(mask, np.ones((9, 9), np.uint8))
-    half = cv2.pyrDown(image)
+        reduced, stride, count = _grey(cv2.pyrDown(reduced)), 2 * stride, max(30, count // 2)
+    grown = _grey(cv2.dilate(mask, np.ones((9, 9), np.uint8)))
+    half = _grey(cv2.pyrDown(image))
     corners = _textured(half, grown, 2, noise / 2.0, numbers.texture_contrast, CORNERS)
     strides = [float(1 << k) for k in range(1, 5) if k == 1 or (1 << k) <= size / 16.0]
     return Target(
@@ -290,7 +294,7 @@ CELLS = np.array([0.4, 0.8, 1.2, 1.6])
 def _regions(
     image: Grey, mask: Grey, points: Floats, normals: Floats, size: float, numbers: Numbers
 ) -> tuple[Floats, Floats, Floats]:
-    """(4,) depths in work px; (N, 4) grey levels that deep inside, NaN off the material; (N, 4) whether it ends that far out."""
+    """(4,) depths, work px; (N, 4) grey levels so deep inside, NaN off the material; (N, 4) whether it ends so far out."""
     depth = np.maximum(CELLS * numbers.tolerance * size, [2.0, 3.0, 4.0, 5.0])
     height, width = mask.shape
 
@@ -299,9 +303,9 @@ def _regions(
         x, y = (np.clip(np.round(at[..., k]).astype(int), 0, limit - 1) for k, limit in ((0, width), (1, height)))
         return np.asarray(values[y, x], dtype=np.float64)
 
-    smooth = cv2.blur(image, (3, 3))
-    inside = np.where(cell(-depth, cv2.erode(mask, np.ones((3, 3), np.uint8))) > 0, cell(-depth, smooth), np.nan)
-    outside = (cell(depth, cv2.dilate(mask, np.ones((3, 3), np.uint8))) == 0).astype(np.float64)
+    smooth, square = _grey(cv2.blur(image, (3, 3))), np.ones((3, 3), np.uint8)
+    inside = np.where(cell(-depth, _grey(cv2.erode(mask, square))) > 0, cell(-depth, smooth), np.nan)
+    outside = (cell(depth, _grey(cv2.dilate(mask, square))) == 0).astype(np.float64)
     return depth, np.ascontiguousarray(inside), np.ascontiguousarray(outside)
 
 
@@ -312,7 +316,9 @@ def _ring(mask: Grey) -> Floats:
     x, y = np.meshgrid(np.arange(-0.5 * width, 1.5 * width, step), np.arange(-0.5 * height, 1.5 * height, step))
     places = np.column_stack([x.ravel(), y.ravel()])
     reach = 2 * PATCH + 1
-    grown = cv2.dilate(cv2.copyMakeBorder(mask, *[reach] * 4, cv2.BORDER_CONSTANT), np.ones((reach, reach), np.uint8))
+    grown = cv2.dilate(
+        cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT), np.ones((reach, reach), np.uint8)
+    )
     i = np.clip(np.round(places).astype(int) + reach, 0, [width + 2 * reach - 1, height + 2 * reach - 1])
     inside = (places > -reach).all(axis=1) & (places < [width + reach, height + reach]).all(axis=1)
     return np.ascontiguousarray(places[~(inside & (grown[i[:, 1], i[:, 0]] > 0))])

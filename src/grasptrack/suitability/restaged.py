@@ -9,6 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.observation.channel import Channel
+from grasptrack.observation.images import Grey
+
 Floats = NDArray[np.float64]
 
 TURN, TILT, GROWTH, SHIFT = 12.0, 12.0, 0.04, 0.1
@@ -46,6 +49,29 @@ def denoised(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
     if image.ndim == 2:
         return np.asarray(cv2.fastNlMeansDenoising(image, None, noise, *_PATCHES), dtype=np.uint8)
     return np.asarray(cv2.fastNlMeansDenoisingColored(image, None, noise, noise, *_PATCHES), dtype=np.uint8)
+
+
+class Stage:
+    """A first view that can be moved: freed of its noise, which would come along and pass for a surface of the scene.
+
+    Args:
+        image: (H, W) or BGR (H, W, 3).
+        channel: the mixture of colours that shows the object.
+        noise: grey levels, standard deviation of a pixel.
+    """
+
+    def __init__(self, image: NDArray[np.uint8], channel: Channel, noise: float) -> None:
+        self._source, self._channel, self._noise = denoised(image, noise), channel, noise
+        self._rng = np.random.default_rng(0)
+        self.middle: Floats = 0.5 * np.array([image.shape[1] - 1.0, image.shape[0] - 1.0])
+
+    def moved(self, H: Floats) -> NDArray[np.uint8]:
+        """(H, W) or BGR (H, W, 3) the view under a homography (3, 3), with fresh noise."""
+        return restaged(self._source, H, self._noise, self._rng)
+
+    def seen(self, H: Floats) -> Grey:
+        """(H, W) the same in the mixture of colours that shows the object."""
+        return self._channel.grey(self.moved(H))
 
 
 def course(steps: int, centre: Floats, size: float, middle: Floats) -> list[Floats]:

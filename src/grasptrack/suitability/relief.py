@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from grasptrack.contour import View
 from grasptrack.observation.images import Grey
-from grasptrack.observation.interior import DEPTH
 
 Floats = NDArray[np.float64]
 
+DEPTH = 4.0
+"""px that either is looked at away from the outline, whose edge is none of theirs."""
 AROUND = 0.25
 """The ground is looked at within this fraction of sqrt(area) of the outline."""
 OF_SLOPES = 12.0 / 64.0

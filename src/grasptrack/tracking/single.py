@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An image that follows no other: hypotheses made exact and judged without continuity, and nothing learned from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.tracking.decision import TURNED, Decision, decide, evidence, farthest, tolerance
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
+from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
+from grasptrack.tracking.target import Grey, Target
+
+Floats = NDArray[np.float64]
+
+PRESENT = 0.5
+"""Prior probability that an image of which nothing is known shows the object."""
+LONG = 1e6
+"""Images after which an object may be anywhere."""
+
+
+def first_state(target: Target, levels: list[Grey], numbers: Numbers) -> TrackState:
+    """The state in the first image's pyramid, each patch of the surface expected to look alike as far as noise allows."""
+    state = initial_state(target, levels, numbers)
+    own = estimate_pose(target, state, levels, Hypothesis("first", target.A, state.P))
+    if own is None:
+        return state
+    # V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look
+    usual = [np.clip(2.0 * np.nan_to_num(r) - 1.0, 0.0, 1.0) for r in own.correlation]
+    return replace(state, usual=usual)
+
+
+def pose_hypothesis(target: Target, origin: str, H: Floats, numbers: Numbers) -> Hypothesis:
+    """The object may be where a homography H_current_reference (3, 3) puts it, give or take what a frame may change."""
+    return Hypothesis(origin, target.pose(H), process_noise(target.size, numbers))
+
+
+def single_estimate(
+    target: Target, state: TrackState, levels: list[Grey], hypothesis: Hypothesis, numbers: Numbers
+) -> PoseEstimate | None:
+    """One hypothesis made exact in an image of which no image before tells anything.
+
+    Texture that the two images share by chance pulls a loose pose away, a tight one may stay beside its edges: both are
+    tried, and the one for which there is more evidence is taken.
+
+    Args:
+        target, state: of the object.
+        levels: the image's pyramid.
+        hypothesis: where it may be.
+        numbers: the core's.
+    """
+
+    def solved(G: Floats, P: Floats, reach: float = 0.0) -> list[PoseEstimate]:
+        # between two images without a time nothing moved while it was exposed
+        still = replace(state, last=Look(levels, G))
+        found = estimate_pose(target, still, levels, Hypothesis(hypothesis.origin, G, P, reach), again=reach > 0.0)
+        return [] if found is None else [found]
+
+    found = [e for share in (1.0, numbers.predicted) for e in solved(hypothesis.G, hypothesis.P * share**2)]
+    for e in found[:]:
+        if e.elsewhere > numbers.elsewhere:
+            found += solved(e.G, e.P + process_noise(target.size, numbers), numbers.wide * target.size)
+    return max(found, key=lambda e: evidence(e, state.usual, numbers), default=None)
+
+
+def decide_single(target: Target, state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Decision:
+    """The most probable of some estimates of one image, wherever it lies."""
+    return decide(state, estimates, target.contacts, LONG, PRESENT, numbers)
+
+
+def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
+    """Whether the image has so much more evidence for one estimate than for another as is asked for."""
+    gained = evidence(one, state.usual, numbers) - evidence(other, state.usual, numbers)
+    return gained >= -math.log(numbers.risk)
+
+
+def turned_hypotheses(target: Target, estimate: PoseEstimate, numbers: Numbers) -> list[Hypothesis]:
+    """The object as estimated, but for each of the turns in which its outline fits itself."""
+    P = process_noise(target.size, numbers)
+    return [Hypothesis(TURNED, estimate.G @ T, P) for T in target.turns]
+
+
+def same_place(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
+    """Whether two estimates put each contact at the same place, as exactly as is asked for."""
+    return farthest(one.contacts, other.contacts) <= tolerance(one.area, numbers)
+
+
+def largest_sigma(area: float, numbers: Numbers) -> float:
+    """px, the standard deviation from which on a contact of an object of `area` px^2 is not believed."""
+    return tolerance(area, numbers) / math.sqrt(-2.0 * math.log(numbers.risk))

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An image that follows no other: judged by all that is seen in it, and by nothing that an image before could tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from grasptrack.contour import Contour, View
+from grasptrack.projective import apply_homography
+from grasptrack.tracking.estimator import PoseEstimate
+from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.single import (
+    decide_single,
+    first_state,
+    largest_sigma,
+    pose_hypothesis,
+    single_estimate,
+    turned_hypotheses,
+)
+from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.target import Target, make_target, pyramid
+from scenery import L_PLATE, SQUARE, drawn
+
+SIZE = (480, 640)
+
+
+def begun(shape: np.ndarray, centre: tuple[float, float] = (320.0, 240.0)) -> tuple[Target, TrackState]:
+    """A plate as it is drawn, gripped at two of its points."""
+    ahead = np.roll(shape, -1, axis=0) - shape
+    fine = np.concatenate(
+        [a + np.linspace(0, 1, 80, endpoint=False)[:, None] * b for a, b in zip(shape, ahead, strict=True)]
+    )
+    levels = pyramid(drawn(shape, centres=(centre,), angle=0.0, size=SIZE))
+    target = make_target(levels, View(Contour(fine + centre)), fine[[40, 200]] + centre, NUMBERS)
+    return target, first_state(target, levels, NUMBERS)
+
+
+def placed(x: float, y: float, angle: float = 0.0) -> np.ndarray:
+    """From the first image to one in which the plate lies at (x, y), turned."""
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    to, back = np.eye(3), np.eye(3)
+    to[:2, 2], back[:2, 2] = (x, y), (-320.0, -240.0)
+    return to @ turn @ back
+
+
+def seen(target: Target, state: TrackState, H: np.ndarray, image: np.ndarray) -> PoseEstimate:
+    found = single_estimate(target, state, pyramid(image), pose_hypothesis(target, "given", H, NUMBERS), NUMBERS)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("angle", [0.0, 2.0])
+def test_where_it_lies_and_how_it_turned_is_of_no_account(angle: float) -> None:
+    target, state = begun(L_PLATE)
+    for x, y in ((160.0, 120.0), (480.0, 330.0)):
+        H = placed(x, y, angle)
+        e = seen(target, state, H, drawn(L_PLATE, centres=((x, y),), angle=angle, size=SIZE, seed=2))
+        decision = decide_single(target, state, [e], NUMBERS)
+        assert decision.accepted
+        assert np.hypot(*(e.contacts - apply_homography(H, target.contacts)).T).max() < 0.3
+
+
+@pytest.mark.parametrize(("share", "accepted"), [(0.9, True), (1.1, False)])
+def test_the_largest_deviation_is_that_at_which_the_decision_refuses(share: float, accepted: bool) -> None:
+    target, state = begun(2.0 * L_PLATE)
+    e = seen(target, state, np.eye(3), drawn(2.0 * L_PLATE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
+    sigma = share * largest_sigma(e.area, NUMBERS) / NUMBERS.inflate
+    uncertain = replace(e, covariance=np.tile(sigma**2 * np.eye(2), (len(e.contacts), 1, 1)))
+    decision = decide_single(target, state, [uncertain], NUMBERS)
+    assert decision.accepted == accepted and decision.code == ("" if accepted else "uncertain")
+
+
+def test_turns_that_nothing_tells_apart_are_not_believed() -> None:
+    target, state = begun(SQUARE)
+    levels = pyramid(drawn(SQUARE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
+    own = single_estimate(target, state, levels, pose_hypothesis(target, "given", np.eye(3), NUMBERS), NUMBERS)
+    assert own is not None and len(target.turns) == 3 and decide_single(target, state, [own], NUMBERS).accepted
+    turned = [single_estimate(target, state, levels, h, NUMBERS) for h in turned_hypotheses(target, own, NUMBERS)]
+    decision = decide_single(target, state, [own, *(e for e in turned if e is not None)], NUMBERS)
+    assert not decision.accepted and decision.presence < 0.5
