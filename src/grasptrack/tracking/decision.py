@@ -104,6 +104,15 @@ def _same_surface(r: Floats, usual: Floats, numbers: Numbers) -> float:
     return float(top + math.log((OCCLUDED_PRIOR * np.exp(mixed - top)).sum()))
 
 
+def strangeness(estimate: PoseEstimate, numbers: Numbers) -> float:
+    """How improbable it is of an outline that so much of it lies elsewhere or is covered: minus the log of the probability."""
+    if not len(estimate.other):
+        return 0.0
+    elsewhere, covered = float(np.mean(estimate.other)), float(np.mean(estimate.other + estimate.occluded))
+    hidden = numbers.cover_power * math.log1p(-min(covered, 0.999))
+    return -numbers.elsewhere_power * math.log1p(-min(elsewhere, 0.999)) - hidden
+
+
 EXCHANGED = 0.1
 """Prior probability that something else lies in its place, after an image that showed it."""
 
@@ -113,10 +122,8 @@ def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> fl
     surface = texture_evidence(estimate, state.usual, numbers)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
-        # of the object itself hardly an edge lies elsewhere, unless its surface is seen, and not all are covered
-        elsewhere, covered = float(np.mean(estimate.other)), float(np.mean(estimate.other + estimate.occluded))
-        shape += max(0.0, -numbers.elsewhere_power * math.log1p(-min(elsewhere, 0.999)) - max(0.0, surface))
-        shape -= numbers.cover_power * math.log1p(-min(covered, 0.999))
+        covered = float(np.mean(estimate.other + estimate.occluded))
+        shape += max(0.0, strangeness(estimate, numbers) - state.strange - max(0.0, surface))
         # where the outline is seen nothing differs
         shape += estimate.other_shape if estimate.other_shape > 0.0 else math.log(numbers.same_shape) * (1.0 - covered)
     prior = EXCHANGED if state.exchanged else numbers.exchanged

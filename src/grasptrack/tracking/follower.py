@@ -20,6 +20,7 @@ from grasptrack.tracking.decision import (
     decide,
     evidence,
     farthest,
+    strangeness,
     texture_evidence,
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
@@ -215,7 +216,7 @@ class Follower:
         state.located, state.light = state.last, e.light
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
-        self._remember_patches(e)
+        self._remember_looks(e)
         if e.look > 0.0:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
 
@@ -261,11 +262,12 @@ class Follower:
         state.velocity_P = state.P + estimate.P
         state.velocity = velocity if not state.lost and np.isfinite(velocity).all() else None
 
-    def _remember_patches(self, estimate: PoseEstimate) -> None:
-        """How much each patch usually looks as it did first: noise, reflections and blur make it less."""
+    def _remember_looks(self, estimate: PoseEstimate) -> None:
+        """How much of outline and patches usually looks as it did first: noise, reflections and blur make it less."""
         state = self.state
         state.accepted += 1
         share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
+        state.strange += (strangeness(estimate, self.numbers) - state.strange) * share
         for usual, r in zip(state.usual, estimate.correlation, strict=True):
             seen = np.isfinite(r)
             usual[seen] += (r[seen] - usual[seen]) * share

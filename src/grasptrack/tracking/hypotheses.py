@@ -51,7 +51,9 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     if flow is not None:
         hypothesis = Hypothesis("texture", flow["G"], state.P + flow["P"] + Q * numbers.predicted**2)
         if even is not None:
-            hypothesis = _joined(target, hypothesis, Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility))
+            hypothesis = _joined(
+                target, hypothesis, Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
+            )
         first = [hypothesis]
     if flow is not None and state.accepted % GROUND:
         return Predictions(first, rest, None)
