@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from grasptrack.tracking.decision import (
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.hypotheses import Predictions, moving_on, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.redetection import Redetection, shifted_looks, wide_prior
+from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
@@ -91,6 +92,8 @@ class Follower:
             decision = decide(state, estimates, expected, unseen, presence, numbers)
         decision = self._against_turns(levels, decision, estimates, expected, unseen, presence)
         self._learn(levels, decision, predictions.ground, steps)
+        if state.lost:
+            state.sighted = sighted(state, estimates, numbers)
         return decision
 
     def judge(
@@ -177,7 +180,10 @@ class Follower:
         """Each hypothesis made exact; a second time from farther away where much of the outline lies elsewhere."""
         found = []
         for hypothesis in hypotheses:
-            estimate = estimate_pose(self.target, self.state, levels, hypothesis)
+            state = self.state
+            if hypothesis.origin not in CONTINUOUS:  # where it was a moment ago does not tell how it moves
+                state = replace(state, last=Look(levels, hypothesis.G))
+            estimate = estimate_pose(self.target, state, levels, hypothesis)
             if estimate is None:
                 continue
             # of a lost object only what shows it can be nearly right
@@ -189,7 +195,7 @@ class Follower:
                     estimate.P + process_noise(self.target.size, self.numbers),
                     self.numbers.wide * self.target.size,
                 )
-                other = estimate_pose(self.target, self.state, levels, farther, again=True)
+                other = estimate_pose(self.target, state, levels, farther, again=True)
                 if other is not None and _better(other, estimate, self.state.usual, self.numbers):
                     estimate = other
             found.append(estimate)
@@ -217,7 +223,7 @@ class Follower:
         state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
         if not decision.accepted:  # where it is, is known only roughly
             return
-        state.exchanged = False
+        state.exchanged, state.sighted = False, None
         state.located, state.light = state.last, e.light
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)

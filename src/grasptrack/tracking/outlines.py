@@ -43,15 +43,16 @@ class Outlines:
         self._observer = None if target.view.is_clipped else observer or _observer(grey, target.view, hidden)
         self._outline: Sampled | None = None  # made at the first loss
 
-    def find(self, grey: Grey, area: float, turn: int) -> list[Floats]:
+    def find(self, grey: Grey, area: float, turn: int, *, thorough: bool) -> list[Floats]:
         """(3, 3) each, the poses at which the outline lies on one of an image: all ways in which the best of them fits.
 
         Args:
             grey: (H, W).
             area: px^2 of the object as last known.
             turn: number of this search: of the thresholds that an image suggests each search tries the next.
+            thorough: where the learned grey levels find nothing, try what else there is, which takes longer.
         """
-        if self._observer is None:
+        if self._observer is None or not (thorough or self._observer.polarity):
             return []
         if self._outline is None:
             self._outline = Sampled(self._target.view)
@@ -69,6 +70,8 @@ class Outlines:
             if told:
                 alike = [[t.best, *t.others] for t in sorted(told, key=lambda t: _cost(t.best))]
                 return [self._target.pose(m.homography) for ways in alike for m in ways if m is not None]
+            if not thorough:
+                break
         return []
 
 

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.observation.observer import Observer
 from grasptrack.projective import apply_homography
-from grasptrack.tracking.estimator import Hypothesis, is_sane
+from grasptrack.tracking.decision import TURNED, evidence
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, is_sane
+from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.outlines import Outlines
 from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, Target
@@ -154,27 +156,29 @@ class Redetection:
     def search(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
         """Hypotheses that continuity did not give, worth solving, the most promising first.
 
-        The first image after a loss is searched for the last look and for keypoints, which find most; then outlines have every
-        second image and the others the rest, so that whatever lies in plain view is found in four.
+        What was sighted before, and outlines by the learned grey levels, are cheap and looked at in each image. Of the rest the
+        first image after a loss gets the last look and the keypoints, which find most, and each further one a third of it: what
+        lies in plain view is found in three.
 
         Args:
             state: of the object; `lost` counts the turns.
             levels: pyramid of the image.
         """
         target, turn, wide = self._target, state.lost, wide_prior(self._target)
-        found: list[Hypothesis] = []
-        if turn % 2:
-            area = abs(cv2.contourArea(apply_homography(state.located.G, target.outline).astype(np.float32)))
-            return self.promising(
-                levels, [Hypothesis(MATCHED, G, wide) for G in self._outlines.find(levels[0], area, turn // 2)], WAYS
-            )
-        if turn % 4 == 0:
-            found += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
-        if turn % 4 == 2 or not turn:
+        sighted = [] if state.sighted is None else self.promising(levels, [Hypothesis("sighted", state.sighted, wide)])
+        if sighted and turn:  # it is still there, and what it is will show
+            return sighted
+        outline = apply_homography(state.located.G, target.outline).astype(np.float32)
+        ways = self._outlines.find(levels[0], abs(cv2.contourArea(outline)), turn, thorough=turn % 3 == 2)
+        found = self.promising(levels, [Hypothesis(MATCHED, G, wide) for G in ways], WAYS)
+        others: list[Hypothesis] = []
+        if turn % 3 == 0:
+            others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
+        if turn % 3 == 1 or not turn:
             G = self._keypoints.find(levels[self._level])
             if G is not None:
-                found.append(Hypothesis("keypoints", G, wide))
-        return self.promising(levels, found)
+                others.append(Hypothesis("keypoints", G, wide))
+        return found + self.promising(levels, others)
 
     def promising(self, levels: list[Grey], hypotheses: list[Hypothesis], most: int = MOST) -> list[Hypothesis]:
         """Those that are worth solving: of what shows enough of the outline the best, each place once."""
@@ -224,3 +228,10 @@ LEAST_REACH = 4.0
 """px about the outline of a small object, within which edges count."""
 WAYS = 6
 """Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
+
+
+def sighted(state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Floats | None:
+    """(3, 3) of what continuity did not give, the pose for which there is most evidence; None where there is none for any."""
+    found = [(evidence(e, state.usual, numbers), e) for e in estimates if e.origin not in (*CONTINUOUS, TURNED)]
+    best = max(found, key=lambda pair: pair[0], default=None)
+    return None if best is None or best[0] <= 0.0 else best[1].G
