@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import View
+from grasptrack.observation.observer import Observer
 from grasptrack.tracking.camera import learn_camera, learn_thickness
 from grasptrack.tracking.decision import (
     SAME_PLACE,
@@ -26,7 +28,7 @@ from grasptrack.tracking.decision import (
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.hypotheses import Predictions, moving_on, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.redetection import Keypoints, search, shifted_looks, wide_prior
+from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
@@ -54,6 +56,7 @@ class Follower:
         time: s, or None.
         hidden: (H, W) nonzero where no image shows anything of the scene.
         numbers: the core's.
+        observer: finds outlines of the object, see `Redetection`.
     """
 
     def __init__(
@@ -64,13 +67,14 @@ class Follower:
         time: float | None = None,
         hidden: Grey | None = None,
         numbers: Numbers = NUMBERS,
+        observer: Observer | None = None,
     ) -> None:
         levels = pyramid(grey)
         self.numbers = numbers
         self.target = make_target(levels, view, contacts, numbers, hidden)
         self.state: TrackState = initial_state(self.target, levels, numbers)
         self.state.time = time
-        self.keypoints = Keypoints(self.target, grey)
+        self.redetection = Redetection(self.target, levels, observer, hidden)
         self.state.lookalike = self._equals(self.state.last)
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
@@ -80,15 +84,17 @@ class Follower:
         presence = self._presence()
         predictions = predict(target, state, levels, steps, numbers)
         expected, unseen = self._expected(predictions, steps)
-        estimates = self._estimates(levels, predictions.first)
+        first = self.redetection.continued(levels, predictions.first) if state.lost else predictions.first
+        estimates = self._estimates(levels, first)
         decision = decide(state, estimates, expected, unseen, presence, numbers)
         if not decision.accepted:
-            estimates += self._estimates(
-                levels, predictions.second + search(target, state.located, self.keypoints, levels)
-            )
+            second = self.redetection.promising(levels, predictions.second)
+            estimates += self._estimates(levels, second + self.redetection.search(state, levels))
             decision = decide(state, estimates, expected, unseen, presence, numbers)
         decision = self._against_turns(levels, decision, estimates, expected, unseen, presence)
         self._learn(levels, decision, predictions.ground, steps)
+        if state.lost:
+            state.sighted = sighted(state, estimates, numbers)
         return decision
 
     def judge(
@@ -161,8 +167,9 @@ class Follower:
         if own is None:
             return False
         size = math.sqrt(own.area)
-        for G in shifted_looks(self.target, look, look.levels):
-            hypothesis = Hypothesis("shifted", G, wide_prior(self.target))
+        wide = wide_prior(self.target)
+        places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self.target, look, look.levels)]
+        for hypothesis in self.redetection.promising(look.levels, places, len(places)):
             other = estimate_pose(self.target, state, look.levels, hypothesis)
             if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
                 continue
@@ -174,17 +181,22 @@ class Follower:
         """Each hypothesis made exact; a second time from farther away where much of the outline lies elsewhere."""
         found = []
         for hypothesis in hypotheses:
-            estimate = estimate_pose(self.target, self.state, levels, hypothesis)
+            state = self.state
+            if hypothesis.origin not in CONTINUOUS:  # where it was a moment ago does not tell how it moves
+                state = replace(state, last=Look(levels, hypothesis.G))
+            estimate = estimate_pose(self.target, state, levels, hypothesis)
             if estimate is None:
                 continue
-            if estimate.elsewhere > self.numbers.elsewhere:
+            # of a lost object only what shows it can be nearly right
+            lost = self.state.lost and evidence(estimate, self.state.usual, self.numbers) < 0.0
+            if estimate.elsewhere > self.numbers.elsewhere and not lost:
                 farther = Hypothesis(
                     hypothesis.origin,
                     estimate.G,
                     estimate.P + process_noise(self.target.size, self.numbers),
                     self.numbers.wide * self.target.size,
                 )
-                other = estimate_pose(self.target, self.state, levels, farther, again=True)
+                other = estimate_pose(self.target, state, levels, farther, again=True)
                 if other is not None and _better(other, estimate, self.state.usual, self.numbers):
                     estimate = other
             found.append(estimate)
@@ -212,7 +224,7 @@ class Follower:
         state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
         if not decision.accepted:  # where it is, is known only roughly
             return
-        state.exchanged = False
+        state.exchanged, state.sighted = False, None
         state.located, state.light = state.last, e.light
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)

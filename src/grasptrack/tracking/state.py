@@ -55,6 +55,7 @@ class TrackState:
         unseen: how far it may have gone since it was located, likewise.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
+        sighted: (3, 3) where something like it was seen while it is lost, that was not believed to be it; None where nothing was.
     """
 
     last: Look
@@ -84,6 +85,7 @@ class TrackState:
     unseen: float = 0.0
     exchanged: bool = False
     lookalike: bool = False
+    sighted: Floats | None = None
 
     @property
     def G(self) -> Floats:  # noqa: N802
