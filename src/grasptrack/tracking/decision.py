@@ -155,6 +155,8 @@ def variance_of(estimate: PoseEstimate) -> float:
     return float(np.linalg.eigvalsh(estimate.covariance)[:, -1].max())
 
 
+LONG = 1e6
+"""Frames of free motion after which an object may be anywhere, turned in any way."""
 SEEN_LIKE = 0.5
 """Probability that what looks just like the object is its equal, once one was seen and the object was not for a while."""
 SAME_PLACE = 0.5

@@ -15,6 +15,7 @@ from grasptrack.contour import View
 from grasptrack.observation.observer import Observer
 from grasptrack.tracking.camera import learn_camera, learn_thickness
 from grasptrack.tracking.decision import (
+    LONG,
     SAME_PLACE,
     TURNED,
     Decision,
@@ -26,7 +27,7 @@ from grasptrack.tracking.decision import (
     texture_evidence,
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
-from grasptrack.tracking.hypotheses import Predictions, moving_on, predict
+from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
@@ -88,6 +89,7 @@ class Follower:
         estimates = self._estimates(levels, first)
         decision = decide(state, estimates, expected, unseen, presence, numbers)
         if not decision.accepted:
+            unseen = self._if_gone(levels, predictions, unseen)
             second = self.redetection.promising(levels, predictions.second)
             estimates += self._estimates(levels, second + self.redetection.search(state, levels))
             decision = decide(state, estimates, expected, unseen, presence, numbers)
@@ -113,6 +115,8 @@ class Follower:
         expected, unseen = self._expected(predictions, steps)
         estimates = self._estimates(levels, predictions.first)
         found = answer = decide(state, estimates, expected, unseen, presence, numbers)
+        if not found.accepted:
+            unseen = self._if_gone(levels, predictions, unseen)
         proposed, nearest = list[Proposal](), None
         for batch in propose(state.expected if state.lost else predictions.first[0].G):
             proposed += batch
@@ -145,7 +149,7 @@ class Follower:
     ) -> Decision:
         """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
         state, target = self.state, self.target
-        if decision.estimate is None or not decision.accepted or not state.lost or not target.turns:
+        if decision.estimate is None or not decision.accepted or not target.turns or not (state.lost or state.gone):
             return decision
         turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
         estimates += self._estimates(levels, turned)
@@ -157,8 +161,20 @@ class Follower:
         if not state.lost:
             return self.target.carried(predictions.first[0].G), max(1.0, steps)
         if predictions.ground is not None and state.anchored:
-            return self.target.carried(predictions.ground), state.unseen + state.wander
-        return self.target.carried(state.expected), state.unseen + max(1.0, steps)
+            expected, unseen = predictions.ground, state.unseen + state.wander
+        else:
+            expected, unseen = state.expected, state.unseen + max(1.0, steps)
+        return self.target.carried(expected), LONG if state.gone else unseen
+
+    def _if_gone(self, levels: list[Grey], predictions: Predictions, unseen: float) -> float:
+        """How long it may have moved freely, given whether its place is seen without it."""
+        state = self.state
+        if not state.gone:
+            G = predictions.first[0].G if not state.lost else state.expected
+            if state.lost and predictions.ground is not None and state.anchored:
+                G = predictions.ground
+            state.gone = place_is_empty(self.target, state.located, levels, G)
+        return LONG if state.gone else unseen
 
     def _equals(self, look: Look) -> bool:
         """Whether a look at the object shows something just like it elsewhere."""

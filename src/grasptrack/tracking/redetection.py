@@ -68,6 +68,7 @@ class Keypoints:
             return None
         return self._target.pose(self._enlarge @ np.asarray(H, dtype=np.float64) @ np.linalg.inv(self._enlarge))
 
+
 def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats]:
     """Poses (3, 3) at which the last look fits again, moved as a whole, the best first."""
     outline = apply_homography(look.G, target.outline)

@@ -53,9 +53,10 @@ class TrackState:
         wander: how far it left its place on the ground of late, a frame, in `Numbers.travel`; wanders: how often that was
             measured.
         unseen: how far it may have gone since it was located, likewise.
+        gone: since it was located its place was seen without it.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
-        sighted: (3, 3) where something like it was seen while it is lost, that was not believed to be it; None where nothing was.
+        sighted: (3, 3) where something like it was seen while it is lost, and not believed to be it; None where nothing was.
     """
 
     last: Look
@@ -83,6 +84,7 @@ class TrackState:
     wander: float = 1.0
     wanders: int = 0
     unseen: float = 0.0
+    gone: bool = False
     exchanged: bool = False
     lookalike: bool = False
     sighted: Floats | None = None
