@@ -24,7 +24,6 @@ from grasptrack.tracking.decision import (
     evidence,
     farthest,
     strangeness,
-    texture_evidence,
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
@@ -213,10 +212,18 @@ class Follower:
                     self.numbers.wide * self.target.size,
                 )
                 other = estimate_pose(self.target, state, levels, farther, again=True)
-                if other is not None and _better(other, estimate, self.state.usual, self.numbers):
+                if other is not None and self._score(other, hypothesis) > self._score(estimate, hypothesis):
                     estimate = other
             found.append(estimate)
         return found
+
+    def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
+        """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
+        away = self.target.difference(hypothesis.G, estimate.G)
+        distance = float(away @ np.linalg.solve(hypothesis.P, away))
+        freedom = self.numbers.prior_freedom
+        prior = -0.5 * (freedom + len(away)) * math.log1p(distance / freedom)
+        return evidence(estimate, self.state.usual, self.numbers) + prior
 
     def _steps(self, time: float | None) -> float:
         """Time since the last image in usual intervals, 1 where times are not told."""
@@ -313,9 +320,3 @@ CALM = 0.01
 """Share of the process noise that always remains."""
 FIRST = 2
 """... and images without any likeness that count before the first."""
-
-
-def _better(one: PoseEstimate, other: PoseEstimate, usual: list[Floats], numbers: Numbers) -> bool:
-    return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(
-        other, usual, numbers
-    )

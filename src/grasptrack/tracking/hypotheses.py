@@ -50,11 +50,12 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     first = []
     if flow is not None:
         hypothesis = Hypothesis("texture", flow["G"], state.P + flow["P"] + Q * numbers.predicted**2)
-        if even is not None:
-            hypothesis = _joined(
-                target, hypothesis, Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
-            )
         first = [hypothesis]
+        if even is not None:
+            calm = Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
+            joined = _joined(target, hypothesis, calm)
+            # what moves over the object may have carried its texture along
+            first = [hypothesis, calm] if joined is None else [joined]
     if flow is not None and state.accepted % GROUND:
         return Predictions(first, rest, None)
     ground = _laid(target, state, levels, rest, Q, target.ring)
@@ -78,12 +79,12 @@ def moving_on(target: Target, state: TrackState, steps: float) -> Floats | None:
     return np.asarray(target.handle.moved(state.G, state.velocity * steps), dtype=np.float64)
 
 
-def _joined(target: Target, flow: Hypothesis, even: Hypothesis) -> Hypothesis:
-    """What texture and even motion say together, where they agree."""
+def _joined(target: Target, flow: Hypothesis, even: Hypothesis) -> Hypothesis | None:
+    """What texture and even motion say together; None where they contradict each other."""
     d = target.difference(flow.G, even.G)
     S = flow.P + even.P
     if not np.isfinite(d).all() or d @ np.linalg.solve(S, d) > AGREE:
-        return flow
+        return None
     K = flow.P @ np.linalg.inv(S)
     P = flow.P - K @ flow.P
     return Hypothesis(flow.origin, target.handle.moved(flow.G, K @ d), 0.5 * (P + P.T))
