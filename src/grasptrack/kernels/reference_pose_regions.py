@@ -73,9 +73,7 @@ class Chain(NamedTuple):
     log_likelihood: np.float64
 
 
-def stretches(
-    object_: Floats, other: Floats, power: float, share: Floats, stay: float, mixed: float = 1.0
-) -> Chain:
+def stretches(object_: Floats, other: Floats, power: float, share: Floats, stay: float, mixed: float = 1.0) -> Chain:
     """Forward and backward along the outline.
 
     Args:
