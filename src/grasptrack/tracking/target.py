@@ -292,9 +292,7 @@ CELLS, FIRST_CELL, REGION = 16, 2.0, 0.25
 lies in front of the object seldom does."""
 
 
-def _regions(
-    image: Grey, mask: Grey, points: Floats, normals: Floats, size: float
-) -> tuple[Floats, Floats, Floats]:
+def _regions(image: Grey, mask: Grey, points: Floats, normals: Floats, size: float) -> tuple[Floats, Floats, Floats]:
     """(16,) depths, work px; (N, 16) grey levels so deep inside, NaN off the material; (N, 16) whether it ends so far out."""
     depth = np.linspace(FIRST_CELL, max(2.0 * FIRST_CELL, REGION * size), CELLS)
     height, width = mask.shape
