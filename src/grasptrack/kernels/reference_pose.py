@@ -42,6 +42,7 @@ NAMES = (
     "cell_unlikely",
     "cell_far",
     "cell_power",
+    "cell_agreement",
 )
 """Numbers that a target needs."""
 AT_ALL, FADING = 3.5, 8.0
@@ -64,9 +65,9 @@ class PoseTarget:
         inner: (n, 6) grey levels from 7 to 2 px inside each.
         surface, surface_value: (s, 2) where gain and bias of the light are measured, (s,) grey levels there.
         contacts: (k, 2); their steps say when a pose is settled.
-        depth: (4,) distances from the outline.
-        inside: (n, 4) grey levels that deep inside each sample; NaN where there is no material.
-        outside: (n, 4) above 0 where that far outside is outside.
+        depth: (16,) distances from the outline.
+        inside: (n, 16) grey levels that deep inside each sample; NaN where there is no material.
+        outside: (n, 16) above 0 where that far outside is outside.
 
     Raises:
         ValueError: a number is missing, a length is none, or the radius is not above 0.

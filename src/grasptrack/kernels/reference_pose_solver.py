@@ -362,7 +362,7 @@ class Solver:
             out.occluded, out.other = here.states[:, 1], here.states[:, 2]
             out.elsewhere = float(out.other.sum()) / n
             regions = RegionNumbers(
-                self.start.inner_spread, numbers["cell_unlikely"], numbers["cell_far"], numbers["cell_power"]
+                numbers["cell_unlikely"], numbers["cell_far"], numbers["cell_power"], numbers["cell_agreement"]
             )
             ends = bounded(view, target.contrast)
             out.other_shape, out.differs = other_shape(

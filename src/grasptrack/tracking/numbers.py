@@ -29,7 +29,8 @@ class Numbers:
         elsewhere: share of the outline found elsewhere that asks for a second solution.
         cell_unlikely: share of the cells beside the outline whose grey level nothing explains.
         cell_far: share of sqrt(area) along the outline within which its edge must be seen on both sides, to tell.
-        cell_power: how much of an independent measurement one of them is.
+        cell_power: how much the agreement of a sample's cells counts: that of the least sure of what a shape asks for.
+        cell_agreement: nats a cell, over any grey level, from which on it speaks for a shape and against a cover.
         texture_floor: pixels of a patch's own level, error that the model does not explain.
         texture_independent: patches that carry one independent measurement.
         texture_freedom: degrees of freedom of the t distribution of a patch's error.
@@ -79,7 +80,8 @@ class Numbers:
     elsewhere: float = 0.08
     cell_unlikely: float = 0.01
     cell_far: float = 0.3
-    cell_power: float = 0.4
+    cell_power: float = 12.0
+    cell_agreement: float = 1.2
     texture_floor: float = 0.1
     texture_independent: float = 2.0
     texture_freedom: float = 4.0

@@ -206,7 +206,7 @@ def make_target(
         surface,
         image[surface[:, 1].astype(int), surface[:, 0].astype(int)].astype(np.float64),
         np.ascontiguousarray(work_contacts),
-        *_regions(image, mask, points, normals, size, numbers),
+        *_regions(image, mask, points, normals, size),
     )
     if hidden is not None and hidden.any():
         target.hide(hidden_levels(hidden))
@@ -308,15 +308,14 @@ def without_noise(points: Floats) -> Floats:
     return np.column_stack([smooth.real, smooth.imag])
 
 
-CELLS = np.array([0.4, 0.8, 1.2, 1.6])
-"""Depths of the cells beside the outline, in tolerances: what differs by less than that does no harm."""
+CELLS, FIRST_CELL, REGION = 16, 2.0, 0.25
+"""Cells beside the outline, from so many work px on, evenly up to this share of sqrt(area): a notch or tab ends within it, what
+lies in front of the object seldom does."""
 
 
-def _regions(
-    image: Grey, mask: Grey, points: Floats, normals: Floats, size: float, numbers: Numbers
-) -> tuple[Floats, Floats, Floats]:
-    """(4,) depths, work px; (N, 4) grey levels so deep inside, NaN off the material; (N, 4) whether it ends so far out."""
-    depth = np.maximum(CELLS * numbers.tolerance * size, [2.0, 3.0, 4.0, 5.0])
+def _regions(image: Grey, mask: Grey, points: Floats, normals: Floats, size: float) -> tuple[Floats, Floats, Floats]:
+    """(16,) depths, work px; (N, 16) grey levels so deep inside, NaN off the material; (N, 16) whether it ends so far out."""
+    depth = np.linspace(FIRST_CELL, max(2.0 * FIRST_CELL, REGION * size), CELLS)
     height, width = mask.shape
 
     def cell(signed: Floats, values: Grey) -> Floats:
