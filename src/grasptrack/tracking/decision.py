@@ -124,8 +124,12 @@ def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> fl
     if len(estimate.other):
         covered = float(np.mean(estimate.other + estimate.occluded))
         shape += max(0.0, strangeness(estimate, numbers) - state.strange - max(0.0, surface))
-        # where the outline is seen nothing differs
-        shape += estimate.other_shape if estimate.other_shape > 0.0 else math.log(numbers.same_shape) * (1.0 - covered)
+        # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
+        shape += (
+            estimate.other_shape * math.exp(-state.strange)
+            if estimate.other_shape > 0.0
+            else math.log(numbers.same_shape) * (1.0 - covered)
+        )
     prior = EXCHANGED if state.exchanged else numbers.exchanged
     odds = prior * math.exp(min(50.0, shape)) + numbers.exchanged * math.exp(min(50.0, -surface))
     return odds / (1.0 + odds)
