@@ -4,7 +4,9 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "chain.hpp"
@@ -13,37 +15,43 @@
 namespace grasptrack::pose {
 
 struct RegionNumbers {
-    double spread;   // grey levels, of the object's own inside from what it was
-    double unlikely;  // share of cells that nothing explains
-    double far;      // share of the size within which the outline must be seen on both sides
-    double power;    // of a sample's cells: how much of an independent measurement they are
+    double unlikely;   // share of cells that nothing explains
+    double far;        // share of the size within which the outline must be seen on both sides
+    double power;      // of a sample's agreement: a shape is as sure as the least sure of what it asks for
+    double agreement;  // nats a cell, over anything: from here on grey levels speak for what was expected
 };
+
+constexpr int first_cells = 4;  // beside the outline: what tells the levels here, and whether a side is as it was
 
 struct Levels {  // grey levels on one side of the visible outline near a sample
     double level = 0, spread = 0;
     bool known = false;
 };
 
-// Median and spread of the cells of the nearest visible samples; NaN where a cell does not count. Not known where the
-// outline is not seen on both sides, at most `far` samples away: nothing is told of what lies far from all that fits.
+// Median and spread of the first cells of the nearest visible samples, beyond the stretch that is not seen; NaN where a cell
+// does not count. Not known where the stretch goes on for `far` samples: nothing is told of what lies far from all that fits.
 inline Levels levels_near(std::size_t i, const std::vector<double> &visible, const std::vector<double> &cells, int far) {
-    constexpr int near = 8, few = 4;  // samples that are asked, and that must be there, on each side
-    constexpr double least = 3.0;        // grey levels, of any spread
+    constexpr int near = 8, few = 4, asked = 12;  // samples that count, that must, and that are asked on each side
+    constexpr double least = 3.0;                 // grey levels, of any spread
     const auto n = static_cast<int>(visible.size());
     std::vector<double> levels;
     for (int side = -1; side <= 1; side += 2) {
+        const auto at = [&](int step) { return static_cast<std::size_t>(((static_cast<int>(i) + side * step) % n + n) % n); };
+        int first = 1;
+        while (first < n && visible[at(first)] <= 0.5) ++first;
+        if (first > far) return {};
         int found = 0;
-        for (int step = 1; step <= std::min(far, n / 2) && found < near; ++step) {
-            const auto j = static_cast<std::size_t>(((static_cast<int>(i) + side * step) % n + n) % n);
+        for (int step = first; step < std::min(first + asked, n) && found < near; ++step) {
+            const std::size_t j = at(step);
             if (visible[j] < 0.7) continue;
             ++found;
-            for (std::size_t k = 0; k < region_cells; ++k)
+            for (std::size_t k = 0; k < first_cells; ++k)
                 if (const double v = cells[j * region_cells + k]; v == v) levels.push_back(v);
         }
         if (found < few) return {};
     }
     Levels out;
-    if (levels.size() < 3 * region_cells) return out;
+    if (levels.size() < 3 * first_cells) return out;
     out.level = middle(levels);
     for (double &v : levels) v = std::abs(v - out.level);
     out.spread = 1.4826 * middle(levels) + least;
@@ -51,9 +59,35 @@ inline Levels levels_near(std::size_t i, const std::vector<double> &visible, con
     return out;
 }
 
+// Nats by which a grey level is a level rather than anything.
 inline double log_cell(double value, double level, double spread, double unlikely) {
     const double z = (value - level) / spread;
-    return std::log((1 - unlikely) * std::exp(-0.5 * z * z) / (spread * 2.5066) + unlikely / 256.0);
+    return std::log((1 - unlikely) * std::exp(-0.5 * z * z) / (spread * 2.5066) + unlikely / 256.0) + std::log(256.0);
+}
+
+using Cells = std::array<double, region_cells>;  // nats; NaN where a cell does not count
+
+// Their mean from `begin` to `end`, or `none`.
+inline double mean_cells(const Cells &cells, std::size_t begin, std::size_t end, double none) {
+    double sum = 0;
+    int count = 0;
+    for (std::size_t k = begin; k < end; ++k)
+        if (cells[k] == cells[k]) {
+            sum += cells[k];
+            ++count;
+        }
+    return count > 0 ? sum / count : none;
+}
+
+// How well a notch or tab of the best depth explains one side: something else from the outline on, up to a boundary of its own,
+// and beyond that what should be there. What lies in front of the object goes on.
+inline double closed(const Cells &strange, const Cells &usual, double least) {
+    constexpr std::size_t shallow = 2, edge = 1, behind = 2;  // cells: least depth, of the boundary, beyond it
+    double best = -std::numeric_limits<double>::infinity();
+    for (std::size_t d = shallow; d + behind < region_cells; ++d)
+        best = std::max(best, std::min(mean_cells(strange, 0, d, least),
+                                       mean_cells(usual, d + edge, std::min<std::size_t>(d + edge + behind, region_cells), 0.0)));
+    return best;
 }
 
 // Whether a sample shows a boundary where its edge is expected, of whatever sign: what lies there ends there.
@@ -85,12 +119,17 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
             }
     // the inside less what it was, the outside where it is outside: light and background as they are here and now
     const double nothing = std::numeric_limits<double>::quiet_NaN();
-    std::vector<double> changed(n * region_cells), beyond(n * region_cells);
+    std::vector<double> material(n * region_cells), changed(n * region_cells), beyond(n * region_cells);
     for (std::size_t q = 0; q < changed.size(); ++q) {
+        material[q] = target.inside[q] == target.inside[q] ? inner[q] : nothing;
         changed[q] = inner[q] - (light.gain * target.inside[q] + light.bias);
         beyond[q] = target.outside[q] > 0 ? outer[q] : nothing;
     }
-    std::vector<double> same(n, 1.0), differs(n, 0.05);  // where the edge is seen there is nothing to explain
+    constexpr double seen_odds = 20.0;  // of the object's edge, where it is seen
+    constexpr double bounded_odds = 0.3;  // of another shape, where some boundary lies at the outline
+    constexpr double amiss = 0.05;        // share of a notch's or tab's stretch that does not look like one: its own corners
+    constexpr double beside = 1e-3;       // factor: an occluder begins just where a notch or tab ends
+    std::vector<double> same(n, 1.0), differs(n, 1.0);
     bool any = false;
     double length = 0;
     for (std::size_t i = 0; i < n; ++i) {
@@ -99,42 +138,46 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
     }
     const int far = whole(numbers.far * 2 * target.radius * static_cast<double>(n) / length, 8, std::max(8, static_cast<int>(n)));
     for (std::size_t i = 0; i < n; ++i) {
-        if (visible[i] > 0.5 || bounded[i]) continue;
+        if (visible[i] > 0.5) {
+            same[i] = seen_odds;
+            continue;
+        }
+        if (bounded[i]) {
+            differs[i] = bounded_odds;
+            continue;
+        }
         const Levels back = levels_near(i, visible, beyond, far), shift = levels_near(i, visible, changed, far);
-        differs[i] = 1.0;
         if (!back.known || !shift.known) continue;
-        const double spread = std::max(shift.spread, numbers.spread);
-        double own_in = 0, back_in = 0, back_out = 0, own_out = 0, any_in = 0, any_out = 0;
-        const double *edge = &target.inner[i * inner_pixels];
+        // the object's material as it varies here: what is nearly of its level is not of it
+        const double varied = levels_near(i, visible, material, far).spread;
         double own = 0;
-        for (int k = 0; k < inner_pixels; ++k) own += edge[k] / inner_pixels;
+        for (int k = 0; k < inner_pixels; ++k) own += target.inner[i * inner_pixels + static_cast<std::size_t>(k)] / inner_pixels;
         own = light.gain * own + light.bias + shift.level;
+        Cells own_in, back_in, own_out, back_out;
         for (std::size_t k = 0; k < region_cells; ++k) {
             const std::size_t q = i * region_cells + k;
-            if (target.inside[q] == target.inside[q] && inner[q] == inner[q]) {
-                own_in += log_cell(inner[q], light.gain * target.inside[q] + light.bias + shift.level, spread, numbers.unlikely);
-                back_in += log_cell(inner[q], back.level, back.spread, numbers.unlikely);
-                any_in -= std::log(256.0);
-            }
-            if (target.outside[q] > 0 && outer[q] == outer[q]) {
-                own_out += log_cell(outer[q], own, spread, numbers.unlikely);
-                back_out += log_cell(outer[q], back.level, back.spread, numbers.unlikely);
-                any_out -= std::log(256.0);
-            }
+            own_in[k] = log_cell(material[q], material[q] - changed[q] + shift.level, shift.spread, numbers.unlikely);
+            back_in[k] = log_cell(material[q], back.level, back.spread, numbers.unlikely);
+            own_out[k] = log_cell(beyond[q], own, varied, numbers.unlikely);
+            back_out[k] = log_cell(beyond[q], back.level, back.spread, numbers.unlikely);
         }
-        const double occluded = any_in + any_out;
-        const double p = numbers.power;
-        same[i] = std::exp(std::clamp(p * (own_in + back_out - occluded), -20.0, 20.0));
-        const double notch = back_in + back_out - occluded, tab = own_in + own_out - occluded;
-        differs[i] = std::exp(std::clamp(p * std::max(notch, tab), -20.0, 20.0));
+        const double as_inside = mean_cells(own_in, 0, first_cells, 0.0), as_outside = mean_cells(back_out, 0, first_cells, 0.0);
+        const double least = std::log(numbers.unlikely);
+        const double notch = std::min(closed(back_in, own_in, least), as_outside);
+        const double tab = std::min(closed(own_out, back_out, least), as_inside);
+        const auto ratio = [&](double agreement) {
+            return std::exp(std::clamp(numbers.power * (agreement - numbers.agreement), -20.0, 20.0));
+        };
+        same[i] = ratio(std::min(as_inside, as_outside));
+        differs[i] = amiss + (1 - amiss) * ratio(std::max(notch, tab));
         any = true;
     }
     if (!any) return -1.0;
-    const Chain with = stretches(same, differs, power, share, stay, true);
+    const Chain with = stretches(same, differs, power, share, stay, true, beside);
     States without = share;
     without[0] += without[2];
     without[2] = 1e-12;
-    const Chain here = stretches(same, differs, power, without, stay, false);
+    const Chain here = stretches(same, differs, power, without, stay, false, beside);
     for (std::size_t i = 0; i < n; ++i) other[i] = with.posterior[i][2];
     return with.log_likelihood - here.log_likelihood;
 }

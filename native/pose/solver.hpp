@@ -23,7 +23,7 @@ struct Numbers {
     double sample_distance;  // work px of the outline that carry one independent measurement
     double blur_share;       // of the speed along the normal: half width of the edge filter
     double wide;             // of the size: how far round the answer edges are looked for
-    double cell_unlikely, cell_far, cell_power;
+    double cell_unlikely, cell_far, cell_power, cell_agreement;
 };
 
 struct Start {
@@ -239,7 +239,10 @@ class Solver {
     }
 
     static bool telling(const TextureFit &fit, std::size_t count) {
-        return fit.used >= 4 && fit.agreeing * static_cast<double>(count) >= 4;
+        // noise alone agrees here and there
+        constexpr double least = 4, chance = 0.12;
+        const auto n = static_cast<double>(count);
+        return fit.used >= 4 && fit.agreeing * n >= least + chance * n;
     }
 
     TextureFit texture_rows(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Solution &out) const {
@@ -446,7 +449,7 @@ class Solver {
             std::vector<bool> bounded(n);
             for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);
             out.other_shape = other_shape(target_, pyramid_, out.G, out.visible, bounded, out.light,
-                                          {start_.inner_spread, numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power}, shares(), stay(), power_,
+                                          {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_agreement}, shares(), stay(), power_,
                                           out.differs);
         }
         for (std::size_t level = 0; level < std::min<std::size_t>(3, target_.texture.size()); ++level) {

@@ -42,6 +42,7 @@ NAMES = (
     "cell_unlikely",
     "cell_far",
     "cell_power",
+    "cell_agreement",
 )
 """Numbers that a target needs."""
 AT_ALL, FADING = 3.5, 8.0
@@ -64,9 +65,9 @@ class PoseTarget:
         inner: (n, 6) grey levels from 7 to 2 px inside each.
         surface, surface_value: (s, 2) where gain and bias of the light are measured, (s,) grey levels there.
         contacts: (k, 2); their steps say when a pose is settled.
-        depth: (4,) distances from the outline.
-        inside: (n, 4) grey levels that deep inside each sample; NaN where there is no material.
-        outside: (n, 4) above 0 where that far outside is outside.
+        depth: (16,) distances from the outline.
+        inside: (n, 16) grey levels that deep inside each sample; NaN where there is no material.
+        outside: (n, 16) above 0 where that far outside is outside.
 
     Raises:
         ValueError: a number is missing, a length is none, or the radius is not above 0.
@@ -98,22 +99,23 @@ class PoseTarget:
         self.numbers = {name: np.float64(numbers[name]) for name in NAMES}
         points, surface = _places(points, "points"), _places(surface, "surface samples")
         n = len(points)
-        self.target = Target(
-            _fixed(A, "A", 3, 3),
-            _fixed(centre, "the centre", 2),
-            np.float64(radius),
-            np.float64(noise),
-            points,
-            _fixed(_places(normals, "normals"), "normals", n, 2),
-            _fixed(contrast, "contrast", n),
-            _fixed(inner, "inner sides", n, INNER),
-            surface,
-            _fixed(surface_value, "surface values", len(surface)),
-            _places(contacts, "contacts"),
-            _fixed(depth, "depth", CELLS),
-            _fixed(inside, "inside", n, CELLS),
-            _fixed(outside, "outside", n, CELLS),
-        )
+        with np.errstate(all="ignore"):
+            self.target = Target(
+                _fixed(A, "A", 3, 3),
+                _fixed(centre, "the centre", 2),
+                np.float64(radius),
+                np.float64(noise),
+                points,
+                _fixed(_places(normals, "normals"), "normals", n, 2),
+                _fixed(contrast, "contrast", n),
+                _fixed(inner, "inner sides", n, INNER),
+                surface,
+                _fixed(surface_value, "surface values", len(surface)),
+                _places(contacts, "contacts"),
+                _fixed(depth, "depth", CELLS),
+                _fixed(inside, "inside", n, CELLS),
+                _fixed(outside, "outside", n, CELLS),
+            )
         self.hidden: list[Grey] = []
 
     def hide(self, levels: Sequence[Grey]) -> None:

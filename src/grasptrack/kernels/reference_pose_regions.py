@@ -21,14 +21,24 @@ Bools = NDArray[np.bool_]
 
 SEEN = 0.7
 """Probability of an edge from which on a sample counts as seen by its neighbours."""
-NEAR, ENOUGH = 8, 4
-"""Seen samples on each side that are asked what lies there, and that must be there."""
+NEAR, ENOUGH, ASKED = 8, 4, 12
+"""Seen samples on each side that count for what lies there, that must be there, and samples that are asked."""
+FIRST = 4
+"""Cells beside the outline that tell the levels here, and whether a side is as it was."""
+SHALLOW, EDGE, BEHIND = 2, 1, 2
+"""Cells of a notch or tab at least, of its boundary, and beyond it."""
 LEAST_SPREAD = 3.0
 """Grey levels that are added to any spread."""
 CLOSE, FAINT = 2.0, 0.25
 """Work px from where an edge is expected, and share of the first contrast, from which on a boundary is one."""
-NOTHING_TO_EXPLAIN = 0.05
-"""Likelihood ratio of another shape where the edge is seen."""
+SEEN_ODDS, BOUNDED_ODDS = 20.0, 0.3
+"""Likelihood ratios, against an occluder, of the object's edge where it is seen, and of another shape at some boundary."""
+AMISS = 0.05
+"""Share of a notch's or tab's stretch that does not look like one: its own corners."""
+BESIDE = 1e-3
+"""Factor: an occluder begins just where a notch or tab ends."""
+ANY = np.log(256.0)
+"""Of anything, nats a cell less."""
 MOST_LOG = 20.0
 """Of the log of a sample's likelihood ratio."""
 NEVER = 1e-12
@@ -39,16 +49,16 @@ class RegionNumbers(NamedTuple):
     """What is believed of the cells beside the outline.
 
     Attributes:
-        spread: grey levels, of the object's own inside from what it was.
         unlikely: share of cells that nothing explains.
         far: share of the size within which the outline must be seen on both sides.
-        power: how much of an independent measurement a cell is.
+        power: of a sample's agreement: a shape is as sure as the least sure of what it asks for.
+        agreement: nats a cell, over anything, from which on grey levels speak for what was expected.
     """
 
-    spread: np.float64
     unlikely: np.float64
     far: np.float64
     power: np.float64
+    agreement: np.float64
 
 
 class Chain(NamedTuple):
@@ -63,7 +73,7 @@ class Chain(NamedTuple):
     log_likelihood: np.float64
 
 
-def stretches(object_: Floats, other: Floats, power: float, share: Floats, stay: float) -> Chain:
+def stretches(object_: Floats, other: Floats, power: float, share: Floats, stay: float, mixed: float = 1.0) -> Chain:
     """Forward and backward along the outline.
 
     Args:
@@ -71,20 +81,22 @@ def stretches(object_: Floats, other: Floats, power: float, share: Floats, stay:
         power: how much of an independent measurement a sample is.
         share: (3,) prior shares of the states.
         stay: probability that a sample's state is simply the one before's; else it is drawn from the shares.
+        mixed: factor of the probability that an occluder and another shape lie side by side, no edge of the object's between.
     """
     n = len(object_)
     likelihood = np.column_stack([object_**power, np.ones(n), other**power])
+    step = stay * np.eye(3) + (1.0 - stay) * share
+    step[[1, 2], [2, 1]] *= mixed
     states, log_likelihood, before = np.zeros((n, 3)), np.float64(0.0), share
     for i in range(n):
-        a = (before if i == 0 else stay * before + (1.0 - stay) * share) * likelihood[i]
+        a = (before if i == 0 else before @ step) * likelihood[i]
         total = a.sum()
         states[i] = before = a / total
         log_likelihood += np.log(total)
     b = np.ones(3)
     for i in reversed(range(n)):
         if i + 1 < n:
-            ahead = likelihood[i + 1] * b
-            b = stay * ahead + (1.0 - stay) * (share * ahead).sum()
+            b = step @ (likelihood[i + 1] * b)
             b *= 3.0 / b.sum()
         states[i] *= b
         states[i] /= states[i].sum()
@@ -139,61 +151,88 @@ def other_shape(
     )
     # the inside less what it was, the outside where it is outside: light and background as they are here and now
     expected = light.gain * target.inside + light.bias
-    changed, beyond = inner - expected, np.where(target.outside > 0, outer, np.nan)
+    material, beyond = np.where(np.isnan(target.inside), np.nan, inner), np.where(target.outside > 0, outer, np.nan)
+    changed = inner - expected
     gaps = np.hypot(*(target.points - np.roll(target.points, -1, axis=0)).T)
     length = np.minimum(gaps, target.radius).sum()
     far = whole(numbers.far * 2.0 * target.radius * n / length, 8, n)
-    same, differs = np.ones(n), np.full(n, NOTHING_TO_EXPLAIN)
-    told = False
+    same, differs = np.where(visible > 0.5, SEEN_ODDS, 1.0), np.where((visible <= 0.5) & ends, BOUNDED_ODDS, 1.0)
+    told, lost = False, numbers.unlikely
     for i in np.flatnonzero(~((visible > 0.5) | ends)):
         back, shift = _levels_near(int(i), visible, beyond, far), _levels_near(int(i), visible, changed, far)
-        differs[i] = 1.0
         if back is None or shift is None:
             continue
-        spread = max(shift[1], numbers.spread)
+        # the object's material as it varies here: what is nearly of its level is not of it
+        here = _levels_near(int(i), visible, material, far)
+        varied = np.float64(0.0) if here is None else here[1]
         own = light.gain * (target.inner[i] / target.inner.shape[1]).sum() + light.bias + shift[0]
-        inside = ~np.isnan(target.inside[i]) & ~np.isnan(inner[i])
-        outside = (target.outside[i] > 0) & ~np.isnan(outer[i])
-        seen_in, seen_out, lost = inner[i, inside], outer[i, outside], numbers.unlikely
-        own_in = _log_cells(seen_in, expected[i, inside] + shift[0], spread, lost)
-        back_in = _log_cells(seen_in, back[0], back[1], lost)
-        own_out, back_out = _log_cells(seen_out, own, spread, lost), _log_cells(seen_out, back[0], back[1], lost)
-        occluded = -np.log(256.0) * (len(seen_in) + len(seen_out))
-        notch, tab = back_in + back_out - occluded, own_in + own_out - occluded
-        same[i] = np.exp(np.clip(numbers.power * (own_in + back_out - occluded), -MOST_LOG, MOST_LOG))
-        differs[i] = np.exp(np.clip(numbers.power * max(notch, tab), -MOST_LOG, MOST_LOG))
+        own_in = _log_cells(material[i], expected[i] + shift[0], shift[1], lost)
+        back_in = _log_cells(material[i], back[0], back[1], lost)
+        own_out, back_out = _log_cells(beyond[i], own, varied, lost), _log_cells(beyond[i], back[0], back[1], lost)
+        as_inside, as_outside = _mean(own_in[:FIRST], 0.0), _mean(back_out[:FIRST], 0.0)
+        least = float(np.log(lost))
+        notch = min(_closed(back_in, own_in, least), as_outside)
+        tab = min(_closed(own_out, back_out, least), as_inside)
+        agreement = np.array([min(as_inside, as_outside), max(notch, tab)]) - numbers.agreement
+        ratio = np.exp(np.clip(numbers.power * agreement, -MOST_LOG, MOST_LOG))
+        same[i], differs[i] = ratio[0], AMISS + (1.0 - AMISS) * ratio[1]
         told = True
     if not told:
         return -1.0, np.zeros(n)
-    chain = stretches(same, differs, power, share, stay)
+    chain = stretches(same, differs, power, share, stay, BESIDE)
     without = np.array([share[0] + share[2], share[1], NEVER])
-    here = stretches(same, differs, power, without, stay)
-    return float(chain.log_likelihood - here.log_likelihood), chain.states[:, 2]
+    simply = stretches(same, differs, power, without, stay, BESIDE)
+    return float(chain.log_likelihood - simply.log_likelihood), chain.states[:, 2]
 
 
 def _levels_near(i: int, visible: Floats, cells: Floats, far: int) -> tuple[np.float64, np.float64] | None:
-    """Median and spread of the cells (n, CELLS) of the nearest visible samples; NaN where a cell does not count.
+    """Median and spread of the first cells (n, CELLS) of the nearest visible samples, beyond the stretch that is not seen.
 
-    None where the outline is not seen on both sides, at most `far` samples away: nothing is told of what lies far from
+    NaN where a cell does not count. None where the stretch goes on for `far` samples: nothing is told of what lies far from
     all that fits.
     """
     n = len(visible)
     asked: list[int] = []
     for side in (-1, 1):
-        around = [(i + side * step) % n for step in range(1, min(far, n // 2) + 1)]
+        first = next((step for step in range(1, n) if not visible[(i + side * step) % n] <= 0.5), n)
+        if first > far:
+            return None
+        around = [(i + side * step) % n for step in range(first, min(first + ASKED, n))]
         found = [j for j in around if not visible[j] < SEEN][:NEAR]
         if len(found) < ENOUGH:
             return None
         asked += found
-    levels = cells[asked].ravel()
+    levels = cells[asked, :FIRST].ravel()
     levels = levels[~np.isnan(levels)]
-    if len(levels) < 3 * CELLS:
+    if len(levels) < 3 * FIRST:
         return None
     level = middle(levels)
     return level, 1.4826 * middle(np.abs(levels - level)) + LEAST_SPREAD
 
 
-def _log_cells(values: Floats, level: Floats | np.float64, spread: np.float64, unlikely: np.float64) -> np.float64:
-    """Log-likelihood of grey levels (k,) that are `level`, normal with a spread, or anything with a small share."""
+def _log_cells(values: Floats, level: Floats | np.float64, spread: np.float64, unlikely: np.float64) -> Floats:
+    """(k,) nats by which grey levels (k,) are `level`, normal with a spread, rather than anything; NaN stays."""
     z = (values - level) / spread
-    return np.float64(np.log((1.0 - unlikely) * np.exp(-0.5 * z * z) / (spread * 2.5066) + unlikely / 256.0).sum())
+    return np.asarray(np.log((1.0 - unlikely) * np.exp(-0.5 * z * z) / (spread * 2.5066) + unlikely / 256.0) + ANY)
+
+
+def _mean(cells: Floats, none: float) -> float:
+    """Mean of the cells that count; `none` of none."""
+    known = cells[~np.isnan(cells)]
+    return float(known.sum() / len(known)) if len(known) else none
+
+
+def _closed(strange: Floats, usual: Floats, least: float) -> float:
+    """How well a notch or tab of the best depth explains one side, nats a cell.
+
+    Something else lies from the outline on, up to a boundary of its own, and beyond that what should be there. What lies in
+    front of the object goes on.
+
+    Args:
+        strange, usual: (CELLS,) nats of either; NaN where a cell does not count.
+        least: of a side without cells.
+    """
+    return max(
+        min(_mean(strange[:d], least), _mean(usual[d + EDGE : d + EDGE + BEHIND], 0.0))
+        for d in range(SHALLOW, CELLS - BEHIND)
+    )

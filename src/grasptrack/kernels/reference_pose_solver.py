@@ -362,7 +362,7 @@ class Solver:
             out.occluded, out.other = here.states[:, 1], here.states[:, 2]
             out.elsewhere = float(out.other.sum()) / n
             regions = RegionNumbers(
-                self.start.inner_spread, numbers["cell_unlikely"], numbers["cell_far"], numbers["cell_power"]
+                numbers["cell_unlikely"], numbers["cell_far"], numbers["cell_power"], numbers["cell_agreement"]
             )
             ends = bounded(view, target.contrast)
             out.other_shape, out.differs = other_shape(
@@ -373,8 +373,13 @@ class Solver:
             out.correlation.append(np.where(matches.inside, matches.correlation, np.nan))
 
 
+LEAST, CHANCE = 4, 0.12
+"""Patches that texture must rest on, and the share of all that may agree by chance."""
+
+
 def _tells(fit: TextureFit, count: int) -> bool:
-    return fit.used >= 4 and fit.agreeing * count >= 4
+    # noise alone agrees here and there
+    return fit.used >= LEAST and fit.agreeing * count >= LEAST + CHANCE * count
 
 
 def _largest(values: Floats) -> float:

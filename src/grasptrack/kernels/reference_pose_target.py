@@ -17,7 +17,7 @@ INNER = 6
 """Grey levels of an edge's inner side that are kept, ..."""
 INNER_FIRST = -7
 """... from so many px inside (negative) outward."""
-CELLS = 4
+CELLS = 16
 """Depths on each side of the outline at which grey levels are compared."""
 
 

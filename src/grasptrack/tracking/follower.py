@@ -5,14 +5,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import View
+from grasptrack.observation.observer import Observer
 from grasptrack.tracking.camera import learn_camera, learn_thickness
 from grasptrack.tracking.decision import (
+    LONG,
     SAME_PLACE,
     TURNED,
     Decision,
@@ -20,12 +23,12 @@ from grasptrack.tracking.decision import (
     decide,
     evidence,
     farthest,
-    texture_evidence,
+    strangeness,
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
-from grasptrack.tracking.hypotheses import Predictions, moving_on, predict
+from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.redetection import Keypoints, search, shifted_looks, wide_prior
+from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
@@ -53,6 +56,7 @@ class Follower:
         time: s, or None.
         hidden: (H, W) nonzero where no image shows anything of the scene.
         numbers: the core's.
+        observer: finds outlines of the object, see `Redetection`.
     """
 
     def __init__(
@@ -63,13 +67,14 @@ class Follower:
         time: float | None = None,
         hidden: Grey | None = None,
         numbers: Numbers = NUMBERS,
+        observer: Observer | None = None,
     ) -> None:
         levels = pyramid(grey)
         self.numbers = numbers
         self.target = make_target(levels, view, contacts, numbers, hidden)
         self.state: TrackState = initial_state(self.target, levels, numbers)
         self.state.time = time
-        self.keypoints = Keypoints(self.target, grey)
+        self.redetection = Redetection(self.target, levels, observer, hidden)
         self.state.lookalike = self._equals(self.state.last)
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
@@ -79,15 +84,18 @@ class Follower:
         presence = self._presence()
         predictions = predict(target, state, levels, steps, numbers)
         expected, unseen = self._expected(predictions, steps)
-        estimates = self._estimates(levels, predictions.first)
+        first = self.redetection.continued(levels, predictions.first) if state.lost else predictions.first
+        estimates = self._estimates(levels, first)
         decision = decide(state, estimates, expected, unseen, presence, numbers)
         if not decision.accepted:
-            estimates += self._estimates(
-                levels, predictions.second + search(target, state.located, self.keypoints, levels)
-            )
+            unseen = self._if_gone(levels, predictions, unseen)
+            second = self.redetection.promising(levels, predictions.second)
+            estimates += self._estimates(levels, second + self.redetection.search(state, levels))
             decision = decide(state, estimates, expected, unseen, presence, numbers)
         decision = self._against_turns(levels, decision, estimates, expected, unseen, presence)
         self._learn(levels, decision, predictions.ground, steps)
+        if state.lost:
+            state.sighted = sighted(state, estimates, numbers)
         return decision
 
     def judge(
@@ -106,6 +114,8 @@ class Follower:
         expected, unseen = self._expected(predictions, steps)
         estimates = self._estimates(levels, predictions.first)
         found = answer = decide(state, estimates, expected, unseen, presence, numbers)
+        if not found.accepted:
+            unseen = self._if_gone(levels, predictions, unseen)
         proposed, nearest = list[Proposal](), None
         for batch in propose(state.expected if state.lost else predictions.first[0].G):
             proposed += batch
@@ -138,7 +148,7 @@ class Follower:
     ) -> Decision:
         """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
         state, target = self.state, self.target
-        if decision.estimate is None or not decision.accepted or not state.lost or not target.turns:
+        if decision.estimate is None or not decision.accepted or not target.turns or not (state.lost or state.gone):
             return decision
         turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
         estimates += self._estimates(levels, turned)
@@ -150,8 +160,20 @@ class Follower:
         if not state.lost:
             return self.target.carried(predictions.first[0].G), max(1.0, steps)
         if predictions.ground is not None and state.anchored:
-            return self.target.carried(predictions.ground), state.unseen + state.wander
-        return self.target.carried(state.expected), state.unseen + max(1.0, steps)
+            expected, unseen = predictions.ground, state.unseen + state.wander
+        else:
+            expected, unseen = state.expected, state.unseen + max(1.0, steps)
+        return self.target.carried(expected), LONG if state.gone else unseen
+
+    def _if_gone(self, levels: list[Grey], predictions: Predictions, unseen: float) -> float:
+        """How long it may have moved freely, given whether its place is seen without it."""
+        state = self.state
+        if not state.gone:
+            G = predictions.first[0].G if not state.lost else state.expected
+            if state.lost and predictions.ground is not None and state.anchored:
+                G = predictions.ground
+            state.gone = place_is_empty(self.target, state.located, levels, G)
+        return LONG if state.gone else unseen
 
     def _equals(self, look: Look) -> bool:
         """Whether a look at the object shows something just like it elsewhere."""
@@ -160,8 +182,9 @@ class Follower:
         if own is None:
             return False
         size = math.sqrt(own.area)
-        for G in shifted_looks(self.target, look, look.levels):
-            hypothesis = Hypothesis("shifted", G, wide_prior(self.target))
+        wide = wide_prior(self.target)
+        places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self.target, look, look.levels)]
+        for hypothesis in self.redetection.promising(look.levels, places, len(places)):
             other = estimate_pose(self.target, state, look.levels, hypothesis)
             if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
                 continue
@@ -173,21 +196,34 @@ class Follower:
         """Each hypothesis made exact; a second time from farther away where much of the outline lies elsewhere."""
         found = []
         for hypothesis in hypotheses:
-            estimate = estimate_pose(self.target, self.state, levels, hypothesis)
+            state = self.state
+            if hypothesis.origin not in CONTINUOUS:  # where it was a moment ago does not tell how it moves
+                state = replace(state, last=Look(levels, hypothesis.G))
+            estimate = estimate_pose(self.target, state, levels, hypothesis)
             if estimate is None:
                 continue
-            if estimate.elsewhere > self.numbers.elsewhere:
+            # of a lost object only what shows it can be nearly right
+            lost = self.state.lost and evidence(estimate, self.state.usual, self.numbers) < 0.0
+            if estimate.elsewhere > self.numbers.elsewhere and not lost:
                 farther = Hypothesis(
                     hypothesis.origin,
                     estimate.G,
                     estimate.P + process_noise(self.target.size, self.numbers),
                     self.numbers.wide * self.target.size,
                 )
-                other = estimate_pose(self.target, self.state, levels, farther, again=True)
-                if other is not None and _better(other, estimate, self.state.usual, self.numbers):
+                other = estimate_pose(self.target, state, levels, farther, again=True)
+                if other is not None and self._score(other, hypothesis) > self._score(estimate, hypothesis):
                     estimate = other
             found.append(estimate)
         return found
+
+    def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
+        """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
+        away = self.target.difference(hypothesis.G, estimate.G)
+        distance = float(away @ np.linalg.solve(hypothesis.P, away))
+        freedom = self.numbers.prior_freedom
+        prior = -0.5 * (freedom + len(away)) * math.log1p(distance / freedom)
+        return evidence(estimate, self.state.usual, self.numbers) + prior
 
     def _steps(self, time: float | None) -> float:
         """Time since the last image in usual intervals, 1 where times are not told."""
@@ -201,7 +237,7 @@ class Follower:
 
     def _learn(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
         state, numbers, e = self.state, self.numbers, decision.estimate
-        if e is None or not (decision.accepted or decision.code == "uncertain"):
+        if e is None or not (decision.accepted or (decision.code == "uncertain" and decision.evidence > 0.0)):
             self._lose(levels, decision, ground, steps)
             return
         self._learn_motion(e, ground, steps)
@@ -211,11 +247,11 @@ class Follower:
         state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
         if not decision.accepted:  # where it is, is known only roughly
             return
-        state.exchanged = False
+        state.exchanged, state.sighted = False, None
         state.located, state.light = state.last, e.light
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
-        self._remember_patches(e)
+        self._remember_looks(e)
         if e.look > 0.0:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
 
@@ -252,19 +288,21 @@ class Follower:
                 rate = 1.0 / min(state.moves, MEMORY)
                 state.agility = float(np.clip(state.agility + (share - state.agility) * rate, CALM, 1.0))
         if ground is not None and not state.lost:
-            away = estimate.contacts - target.carried(ground)
-            share = math.sqrt(float((away**2).sum(axis=1).mean()) / estimate.area) / numbers.travel
+            away = (estimate.contacts - target.carried(ground)).mean(axis=0)
+            share = math.sqrt(float(away @ away) / estimate.area) / numbers.travel
             state.wanders += 1
             rate = 1.0 / min(state.wanders, MEMORY)
             state.wander = float(np.clip(state.wander + (share - state.wander) * rate, STILL, 1.0))
         velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
+        state.velocity_P = state.P + estimate.P
         state.velocity = velocity if not state.lost and np.isfinite(velocity).all() else None
 
-    def _remember_patches(self, estimate: PoseEstimate) -> None:
-        """How much each patch usually looks as it did first: noise, reflections and blur make it less."""
+    def _remember_looks(self, estimate: PoseEstimate) -> None:
+        """How much of outline and patches usually looks as it did first: noise, reflections and blur make it less."""
         state = self.state
         state.accepted += 1
         share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
+        state.strange += (strangeness(estimate, self.numbers) - state.strange) * share
         for usual, r in zip(state.usual, estimate.correlation, strict=True):
             seen = np.isfinite(r)
             usual[seen] += (r[seen] - usual[seen]) * share
@@ -282,9 +320,3 @@ CALM = 0.01
 """Share of the process noise that always remains."""
 FIRST = 2
 """... and images without any likeness that count before the first."""
-
-
-def _better(one: PoseEstimate, other: PoseEstimate, usual: list[Floats], numbers: Numbers) -> bool:
-    return one.log_odds + texture_evidence(one, usual, numbers) > other.log_odds + texture_evidence(
-        other, usual, numbers
-    )

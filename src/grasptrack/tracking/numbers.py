@@ -29,7 +29,8 @@ class Numbers:
         elsewhere: share of the outline found elsewhere that asks for a second solution.
         cell_unlikely: share of the cells beside the outline whose grey level nothing explains.
         cell_far: share of sqrt(area) along the outline within which its edge must be seen on both sides, to tell.
-        cell_power: how much of an independent measurement one of them is.
+        cell_power: how much the agreement of a sample's cells counts: that of the least sure of what a shape asks for.
+        cell_agreement: nats a cell, over any grey level, from which on it speaks for a shape and against a cover.
         texture_floor: pixels of a patch's own level, error that the model does not explain.
         texture_independent: patches that carry one independent measurement.
         texture_freedom: degrees of freedom of the t distribution of a patch's error.
@@ -51,6 +52,7 @@ class Numbers:
         redetected: least prior that it is in view.
         exchanged: probability that something else with nearly its outline, or nearly its surface, lies in its place.
         same_surface: probability that something of another outline shows the object's own surface.
+        same_shape: probability that another outline does not show beside what is seen of the object's own.
         lookalike: probability that something just like it is at a given other place, as long as none was seen.
         travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
         turn: rad a frame that it may have turned unseen.
@@ -78,7 +80,8 @@ class Numbers:
     elsewhere: float = 0.08
     cell_unlikely: float = 0.01
     cell_far: float = 0.3
-    cell_power: float = 0.4
+    cell_power: float = 12.0
+    cell_agreement: float = 1.2
     texture_floor: float = 0.1
     texture_independent: float = 2.0
     texture_freedom: float = 4.0
@@ -97,12 +100,13 @@ class Numbers:
     normal_sd: float = 0.5
     pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
-    camera_keep: float = 0.1
+    camera_keep: float = 0.5
     thickness_sd: float = 0.04
     hazard: float = 2e-3
     redetected: float = 0.02
     exchanged: float = 1e-4
     same_surface: float = 0.001
+    same_shape: float = 1e-4
     lookalike: float = 1e-6
     travel: float = 0.1
     turn: float = 0.1

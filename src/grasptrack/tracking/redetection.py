@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the object may be when continuity does not tell: shifted from its last look, or anywhere by its keypoints."""
+"""Where the object may be when continuity does not tell: shifted from its last look, by its keypoints or its outline."""
 
 from __future__ import annotations
 
@@ -10,9 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
+from grasptrack.observation.observer import Observer
 from grasptrack.projective import apply_homography
-from grasptrack.tracking.estimator import Hypothesis
-from grasptrack.tracking.state import Look
+from grasptrack.tracking.decision import TURNED, evidence
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, is_sane
+from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.outlines import Outlines
+from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, Target
 
 Floats = NDArray[np.float64]
@@ -30,21 +35,23 @@ class Keypoints:
 
     Args:
         target: the object.
-        grey: (H, W) the first image.
+        grey: (H, W) the first image, or a level of its pyramid.
+        level: which.
     """
 
-    def __init__(self, target: Target, grey: Grey) -> None:
+    def __init__(self, target: Target, grey: Grey, level: int = 0) -> None:
         self._target = target
-        self._detector: Any = cv2.ORB.create(1200, fastThreshold=8)
+        self._enlarge = np.diag([2.0**level, 2.0**level, 1.0])
+        self._detector: Any = cv2.ORB.create(1200 >> level, fastThreshold=8)
         mask = np.zeros_like(grey)
-        outline = target.view.outer.points
+        outline = target.view.outer.points / 2.0**level
         cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 255)
         self._points, self._descriptors = self._detector.detectAndCompute(
             grey, cv2.dilate(mask, np.ones((9, 9), np.uint8))
         )
 
     def find(self, grey: Grey) -> Floats | None:
-        """(3, 3) a pose on which enough keypoints of an image (H, W) agree, or None."""
+        """(3, 3) a pose on which enough keypoints of an image (H, W), at the same level, agree, or None."""
         if self._descriptors is None or len(self._descriptors) < 8:
             return None
         points, descriptors = self._detector.detectAndCompute(grey, None)
@@ -59,7 +66,7 @@ class Keypoints:
         H, inliers = cv2.findHomography(source, place, cv2.RANSAC, 4.0)
         if H is None or inliers.sum() < 8:
             return None
-        return self._target.pose(np.asarray(H, dtype=np.float64))
+        return self._target.pose(self._enlarge @ np.asarray(H, dtype=np.float64) @ np.linalg.inv(self._enlarge))
 
 
 def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats]:
@@ -104,15 +111,128 @@ def wide_prior(target: Target) -> Floats:
     return np.asarray(np.diag([0.03 * target.size] * 6 + [0.01 * target.size] * 2) ** 2, dtype=np.float64)
 
 
-def search(target: Target, located: Look, keypoints: Keypoints, levels: list[Grey]) -> list[Hypothesis]:
-    """Hypotheses that continuity did not give."""
-    wide = wide_prior(target)
-    found = [Hypothesis("shifted", G, wide) for G in shifted_looks(target, located, levels)]
-    G = keypoints.find(levels[0])
-    if G is not None:
-        found.append(Hypothesis("keypoints", G, wide))
-    return found
-
-
 CONTINUOUS = ("texture", "background", "at rest", "moving on")
 """Origins of hypotheses that continue what was."""
+MATCHED = "matched"
+"""Origin of a hypothesis that lays the whole outline on one that was found."""
+LARGE = 100.0
+"""px, sqrt(area) of an object that is kept when images are halved for keypoints: three times a keypoint's own patch."""
+FEWER = 64
+"""Samples of the outline for a first score."""
+KEPT = 0.25
+"""Share of its strength in the first image that an edge keeps, blurred or in less light."""
+LEAST_SEEN = 0.3
+"""Share of the outline that has an edge of its sign nearby for a pose to be solved. Grained ground offers chance edges for
+about as much, and of what shows less than that nothing is believed."""
+MOST = 2
+"""Poses that are solved for one search: what is best hides no worse one that is right, for searches differ by turns."""
+
+
+class Redetection:
+    """Looks for an object that was lost, by turns, so that no image costs much more than another.
+
+    Args:
+        target: the object.
+        levels: pyramid of the first image.
+        observer: finds outlines; it has been told which object is meant. Without one it is made from the image.
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+    """
+
+    def __init__(
+        self, target: Target, levels: list[Grey], observer: Observer | None = None, hidden: Grey | None = None
+    ) -> None:
+        self._target = target
+        self._level = 0
+        while self._level + 1 < len(levels) and math.sqrt(target.area) >= LARGE * 2.0 ** (self._level + 1):
+            self._level += 1
+        self._keypoints = Keypoints(target, levels[self._level], self._level)
+        self._outlines = Outlines(target, levels[0], observer, hidden)
+        every = max(1, len(target.points) // FEWER)
+        self._points = np.ascontiguousarray(target.points[::every])
+        self._normals = np.ascontiguousarray(target.normals[::every])
+        at, normals, _ = self._carried(target.A)
+        strength = kernels.edge_search(levels[0], at, normals, FIRST_REACH, 0)[:, 1] if len(at) else np.zeros(0)
+        self._strength = np.asarray(strength, dtype=np.float64)
+
+    def search(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
+        """Hypotheses that continuity did not give, worth solving, the most promising first.
+
+        What was sighted before, and outlines by the learned grey levels, are cheap and looked at in each image. Of the rest the
+        first image after a loss gets the last look and the keypoints, which find most, and each further one a third of it: what
+        lies in plain view is found in three.
+
+        Args:
+            state: of the object; `lost` counts the turns.
+            levels: pyramid of the image.
+        """
+        target, turn, wide = self._target, state.lost, wide_prior(self._target)
+        sighted = [] if state.sighted is None else self.promising(levels, [Hypothesis("sighted", state.sighted, wide)])
+        if sighted and turn:  # it is still there, and what it is will show
+            return sighted
+        outline = apply_homography(state.located.G, target.outline).astype(np.float32)
+        ways = self._outlines.find(levels[0], abs(cv2.contourArea(outline)), turn, thorough=turn % 3 == 2)
+        found = self.promising(levels, [Hypothesis(MATCHED, G, wide) for G in ways], WAYS)
+        others: list[Hypothesis] = []
+        if turn % 3 == 0:
+            others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
+        if turn % 3 == 1 or not turn:
+            G = self._keypoints.find(levels[self._level])
+            if G is not None:
+                others.append(Hypothesis("keypoints", G, wide))
+        return found + self.promising(levels, others)
+
+    def promising(self, levels: list[Grey], hypotheses: list[Hypothesis], most: int = MOST) -> list[Hypothesis]:
+        """Those that are worth solving: of what shows enough of the outline the best, each place once."""
+        rated = sorted(((-self.seen(levels[0], h.G), i) for i, h in enumerate(hypotheses)))
+        kept: list[Hypothesis] = []
+        for score, i in rated:
+            if -score >= LEAST_SEEN and len(kept) < most and not self._known(hypotheses[i], kept):
+                kept.append(hypotheses[i])
+        return kept
+
+    def continued(self, levels: list[Grey], hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+        """Of hypotheses of continuity after a loss those that are worth solving, and the first in any case."""
+        return self.promising(levels, hypotheses) or hypotheses[:1]
+
+    def seen(self, grey: Grey, G: Floats) -> float:
+        """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly."""
+        if not len(self._points) or not is_sane(self._target, G):
+            return 0.0
+        at, normals, size = self._carried(G)
+        reach = max(LEAST_REACH, self._target.numbers.wide * size)
+        hits = 0
+        for sign in (1, -1):
+            own = self._strength * sign > 0.0
+            if own.any():
+                edges = kernels.edge_search(grey, at[own], normals[own], reach, sign)[:, 1]
+                hits += int(np.count_nonzero(np.abs(edges) >= KEPT * np.abs(self._strength[own])))
+        return hits / len(self._points)
+
+    def _carried(self, G: Floats) -> tuple[Floats, Floats, float]:
+        """(n, 2) px places and (n, 2) unit normals of the samples at a pose, and px sqrt(area) there."""
+        rows = kernels.carry_normals(np.ascontiguousarray(G), self._points, self._normals)
+        area = abs(cv2.contourArea(apply_homography(G, self._target.outline).astype(np.float32)))
+        return np.ascontiguousarray(rows[:, :2]), np.ascontiguousarray(rows[:, 2:4]), math.sqrt(area)
+
+    def _known(self, hypothesis: Hypothesis, others: list[Hypothesis]) -> bool:
+        """Whether a hypothesis lies within the uncertainty of another, so that both lead to the same pose."""
+        for other in others:
+            d = self._target.difference(other.G, hypothesis.G)
+            if np.isfinite(d).all() and d @ np.linalg.solve(other.P, d) < 1.0:
+                return True
+        return False
+
+
+FIRST_REACH = 3.0
+"""px about the outline in the first image, where its edge is known to be."""
+LEAST_REACH = 4.0
+"""px about the outline of a small object, within which edges count."""
+WAYS = 6
+"""Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
+
+
+def sighted(state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Floats | None:
+    """(3, 3) of what continuity did not give, the pose for which there is most evidence; None where there is none for any."""
+    found = [(evidence(e, state.usual, numbers), e) for e in estimates if e.origin not in (*CONTINUOUS, TURNED)]
+    best = max(found, key=lambda pair: pair[0], default=None)
+    return None if best is None or best[0] <= 0.0 else best[1].G

@@ -84,7 +84,7 @@ def carrier_for(strategy: str, grasp: Grasp, view: View, grey: Grey, time: float
         TransferError: the strategy cannot describe the grasp on this outline.
     """
     extractor = None if strategy == AUTO else _extractor(strategy, grasp, view, grey)
-    follower = Follower(grey, view, grasp.contacts, time, observer.hidden)
+    follower = Follower(grey, view, grasp.contacts, time, observer.hidden, observer=observer)
     return Registration(follower) if extractor is None else Alone(strategy, follower, extractor, observer)
 
 
