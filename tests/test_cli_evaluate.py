@@ -87,6 +87,7 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(tmp_path: Path) 
     assert len(after) == 6 and all(after[name] == stamp for name, stamp in before.items())
 
 
+@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_the_same_to_the_last_digit(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
     given = ["evaluate", "scenes", "--shapes", "bracket,blob", "--disturbances", "noise,belt,bar", "--frames", "12"]

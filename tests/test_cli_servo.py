@@ -70,6 +70,7 @@ def test_without_the_extra_it_says_what_to_install(
     assert 'pip install "grasptrack[sim]"' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_one_approach_writes_video_plots_and_a_verdict(tmp_path: Path) -> None:
     needs_mujoco()
     assert (
@@ -96,6 +97,7 @@ def test_three_fingers_close_on_what_faces_them_and_refuse_what_does_not(tmp_pat
     assert found["square"]["outcome"] == "refused" and found["square"]["confirmed"]
 
 
+@pytest.mark.slow
 def test_trials_are_the_same_for_the_same_seed_but_for_the_clock(tmp_path: Path) -> None:
     needs_mujoco()
     found = []

@@ -6,9 +6,12 @@ from __future__ import annotations
 import copy
 import json
 
+import pytest
+
 import golden
 
 
+@pytest.mark.slow
 def test_no_score_got_worse() -> None:
     assert golden.worse(json.loads(golden.STORED.read_text()), golden.run()) == []
 

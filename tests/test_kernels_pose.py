@@ -108,17 +108,17 @@ def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = T
     points, normals = points[found] + offset[found, None] * normals[found], normals[found]
     rng = np.random.default_rng(seed)
     surface = np.round(CENTRE + rng.uniform(-20.0, 20.0, (80, 2)))
-    depth = np.array([2.0, 3.0, 4.0, 5.0])
+    depth = np.linspace(2.0, 20.0, 16)
 
     def beside(way: float) -> Floats:
         at = np.round(points[:, None] + way * depth[:, None] * normals[:, None] + A[:2, 2]).astype(int)
         return levels[0][at[..., 1], at[..., 0]].astype(np.float64)
 
-    inside = np.where(rng.random((len(points), 4)) < 0.1, np.nan, beside(-1.0))
+    inside = np.where(rng.random((len(points), 16)) < 0.1, np.nan, beside(-1.0))
     value = levels[0][tuple((surface + A[:2, 2]).astype(int).T[::-1])].astype(np.float64)
     return [
         NUMBERS.table() | numbers, A, CENTRE, RADIUS, 1.5, points, normals, contrast[found], inner[found], surface, value,
-        CONTACTS, depth, inside, (rng.random((len(points), 4)) < 0.9).astype(np.float64),
+        CONTACTS, depth, inside, (rng.random((len(points), 16)) < 0.9).astype(np.float64),
     ]  # fmt: skip
 
 

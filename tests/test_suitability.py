@@ -129,7 +129,7 @@ def test_a_small_object_a_cut_one_and_one_out_of_focus_say_so() -> None:
     assert small.level == "fair" and "small" in small.verdict and "nearer" in small.reasons[0].advice
     cut = inspect(drawn(L_PLATE, centres=((30.0, 120.0),), angle=0.0))
     assert cut.looks.clipped and not cut.symmetry.known and any("border" in r.text for r in cut.reasons)
-    blurred = inspect(drawn(L_PLATE, blur=4.0, noise=3.0))
+    blurred = inspect(drawn(L_PLATE, blur=5.0, noise=3.0))  # 4 px are no trouble to the core
     assert blurred.looks.sharpness > 1.2 * found("plate").looks.sharpness
     assert any("focus" in r.advice for r in blurred.reasons)
 
