@@ -28,8 +28,8 @@ from grasptrack.observation.silhouettes import trace
 from grasptrack.observation.snake import Snake
 from grasptrack.observation.support import OutlineSamples
 from grasptrack.projective import apply_homography
-from grasptrack.tracking.result import TrackResult
 from grasptrack.simulation import SceneFrame, demo_scene
+from grasptrack.tracking.result import TrackResult
 
 SIZES = ((640, 480), (1280, 960), (2000, 1500), (4000, 3000))
 LENGTH, BEGIN = 240, 40

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -44,6 +44,8 @@ def jacobian(joints: Floats) -> Floats:
 
 
 @given(anywhere)
+@example(math.pi * np.array([-0.6, 0.005, -0.2, -0.4, -0.5, -0.9]))  # the hand along the arm's pitch axes
+@example(math.pi * np.array([0.7, 0.5, 0.0, 0.5, 0.5, 1.0]))  # and the arm stretched above its base
 @settings(max_examples=200, deadline=None)
 def test_every_answer_of_the_inverse_leads_back_and_one_of_them_is_what_was_there(joints: Floats) -> None:
     pose = serial.forward(joints)

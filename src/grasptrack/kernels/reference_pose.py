@@ -98,22 +98,23 @@ class PoseTarget:
         self.numbers = {name: np.float64(numbers[name]) for name in NAMES}
         points, surface = _places(points, "points"), _places(surface, "surface samples")
         n = len(points)
-        self.target = Target(
-            _fixed(A, "A", 3, 3),
-            _fixed(centre, "the centre", 2),
-            np.float64(radius),
-            np.float64(noise),
-            points,
-            _fixed(_places(normals, "normals"), "normals", n, 2),
-            _fixed(contrast, "contrast", n),
-            _fixed(inner, "inner sides", n, INNER),
-            surface,
-            _fixed(surface_value, "surface values", len(surface)),
-            _places(contacts, "contacts"),
-            _fixed(depth, "depth", CELLS),
-            _fixed(inside, "inside", n, CELLS),
-            _fixed(outside, "outside", n, CELLS),
-        )
+        with np.errstate(all="ignore"):
+            self.target = Target(
+                _fixed(A, "A", 3, 3),
+                _fixed(centre, "the centre", 2),
+                np.float64(radius),
+                np.float64(noise),
+                points,
+                _fixed(_places(normals, "normals"), "normals", n, 2),
+                _fixed(contrast, "contrast", n),
+                _fixed(inner, "inner sides", n, INNER),
+                surface,
+                _fixed(surface_value, "surface values", len(surface)),
+                _places(contacts, "contacts"),
+                _fixed(depth, "depth", CELLS),
+                _fixed(inside, "inside", n, CELLS),
+                _fixed(outside, "outside", n, CELLS),
+            )
         self.hidden: list[Grey] = []
 
     def hide(self, levels: Sequence[Grey]) -> None:

@@ -28,6 +28,8 @@ FEW = 30
 """Samples of the surface below which the light is taken to be that of the reference."""
 FLAT, SOFT = 5.0, 25.0
 """Grey levels: spread of the surface below which no gain is told; residual at which a sample counts a quarter."""
+JUMP = 0.3
+"""Odds that the light is another than before."""
 
 
 class Light(NamedTuple):
@@ -168,10 +170,6 @@ def _rounded(x: Floats) -> Ints:
     """To the nearest whole number, halves away from 0."""
     down = np.trunc(x)
     return np.asarray((down + np.sign(x) * (np.abs(x - down) >= 0.5)).astype(np.int64))
-
-
-JUMP = 0.3
-"""Odds that the light is another than before."""
 
 
 def surface_light(target: Target, pyramid: Pyramid, G: Floats, before: Light) -> Light:

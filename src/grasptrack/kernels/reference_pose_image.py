@@ -39,18 +39,21 @@ class Level:
             inside[inside] = ~self.hidden[at]
         return inside
 
-    def at(self, x: Floats, y: Floats, margin: float = 0.0) -> Floats:
-        """Bilinear grey levels at px x, y, arrays of one shape; NaN where the image does not hold them."""
-        inside = self.holds(x, y, margin)
-        out = np.full(inside.shape, np.nan)
-        u, v = x[inside], y[inside]
-        a, b = u.astype(np.int64), v.astype(np.int64)
-        fx, fy = u - a, v - b
+    def between(self, x: Floats, y: Floats) -> Floats:
+        """Bilinear grey levels at px x, y, which must lie in the image."""
+        a, b = x.astype(np.int64), y.astype(np.int64)
+        fx, fy = x - a, y - b
         corner, right, below, across = (
             self.grey[b + j, a + i].astype(np.float64) for j, i in ((0, 0), (0, 1), (1, 0), (1, 1))
         )
         top, bottom = corner + fx * (right - corner), below + fx * (across - below)
-        out[inside] = top + fy * (bottom - top)
+        return np.asarray(top + fy * (bottom - top))
+
+    def at(self, x: Floats, y: Floats, margin: float = 0.0) -> Floats:
+        """The same at px anywhere; NaN where the image does not hold them."""
+        inside = self.holds(x, y, margin)
+        out = np.full(inside.shape, np.nan)
+        out[inside] = self.between(x[inside], y[inside])
         return out
 
 

@@ -373,8 +373,13 @@ class Solver:
             out.correlation.append(np.where(matches.inside, matches.correlation, np.nan))
 
 
+LEAST, CHANCE = 4, 0.12
+"""Patches that texture must rest on, and the share of all that may agree by chance."""
+
+
 def _tells(fit: TextureFit, count: int) -> bool:
-    return fit.used >= 4 and fit.agreeing * count >= 4
+    # noise alone agrees here and there
+    return fit.used >= LEAST and fit.agreeing * count >= LEAST + CHANCE * count
 
 
 def _largest(values: Floats) -> float:

@@ -104,7 +104,7 @@ def _lattice(pyramid: Pyramid, G: Floats, places: Floats, stride: float, half: i
         ends = level.holds(u[here][:, ::half, ::half], v[here][:, ::half, ::half], 1.0)
         inside[here] = ends.all(axis=(1, 2))
         whole = here & inside
-        values[whole] = level.at(u[whole], v[whole])
+        values[whole] = level.between(u[whole], v[whole])
     return inside, values
 
 

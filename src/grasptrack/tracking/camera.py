@@ -20,8 +20,12 @@ def learn_camera(target: Target, state: TrackState, estimate: PoseEstimate, numb
     misfit, by_pose, by_camera = target.handle.pinhole(estimate.G, state.theta, float(width), float(height))
     if not np.isfinite(misfit).all():
         return
-    S = by_pose @ estimate.P @ by_pose.T + numbers.pinhole_sd**2 * np.eye(2)
-    W = np.linalg.inv(S) * numbers.camera_keep
+    # what the image alone says of the misfit: the pose has the camera's own prior in it, which must not confirm itself
+    believed = by_camera @ state.theta_covariance @ by_camera.T + numbers.pinhole_sd**2 * np.eye(2)
+    told = np.linalg.inv(by_pose @ estimate.P @ by_pose.T) - np.linalg.inv(believed)
+    told, axes = np.linalg.eigh(0.5 * (told + told.T))
+    told = np.maximum(told, 0.0)
+    W = (axes * (told / (1.0 + numbers.pinhole_sd**2 * told))) @ axes.T * numbers.camera_keep
     P = np.linalg.inv(np.linalg.inv(state.theta_covariance) + by_camera.T @ W @ by_camera)
     state.theta = np.clip(state.theta - P @ (by_camera.T @ (W @ misfit)), -MOST, MOST)
     state.theta_covariance = 0.5 * (P + P.T)

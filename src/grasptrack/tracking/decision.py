@@ -27,6 +27,7 @@ class Decision:
         sigma: px, of the worst contact.
         tolerance: px.
         exchanged: probability that something else lies in its place.
+        evidence: log-likelihood ratio of the estimate, against nothing of its kind.
         code: why it is not accepted, one of `CODES`; empty when it is.
         figures: the numbers that go with the code, by name.
     """
@@ -37,6 +38,7 @@ class Decision:
     sigma: float = math.inf
     tolerance: float = 0.0
     exchanged: float = 0.0
+    evidence: float = 0.0
     code: str = "not-found"
     figures: dict[str, float] = field(default_factory=dict)
 
@@ -102,6 +104,15 @@ def _same_surface(r: Floats, usual: Floats, numbers: Numbers) -> float:
     return float(top + math.log((OCCLUDED_PRIOR * np.exp(mixed - top)).sum()))
 
 
+def strangeness(estimate: PoseEstimate, numbers: Numbers) -> float:
+    """How improbable it is of an outline that so much of it lies elsewhere or is covered: minus the log of the probability."""
+    if not len(estimate.other):
+        return 0.0
+    elsewhere, covered = float(np.mean(estimate.other)), float(np.mean(estimate.other + estimate.occluded))
+    hidden = numbers.cover_power * math.log1p(-min(covered, 0.999))
+    return -numbers.elsewhere_power * math.log1p(-min(elsewhere, 0.999)) - hidden
+
+
 EXCHANGED = 0.1
 """Prior probability that something else lies in its place, after an image that showed it."""
 
@@ -109,16 +120,14 @@ EXCHANGED = 0.1
 def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
     surface = texture_evidence(estimate, state.usual, numbers)
-    same = max(-max(0.0, surface), math.log(numbers.same_surface))
-    shape = max(0.0, estimate.other_shape) + same
+    shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
-        # of the object itself hardly an edge lies elsewhere, unless its surface is seen, and not all are covered
-        elsewhere, covered = float(np.mean(estimate.other)), float(np.mean(estimate.other + estimate.occluded))
-        shape += max(0.0, -numbers.elsewhere_power * math.log1p(-min(elsewhere, 0.999)) - max(0.0, surface))
-        shape -= numbers.cover_power * math.log1p(-min(covered, 0.999))
-    odds = (EXCHANGED if state.exchanged else numbers.exchanged) * (
-        math.exp(min(50.0, shape)) + math.exp(min(50.0, -surface))
-    )
+        covered = float(np.mean(estimate.other + estimate.occluded))
+        shape += max(0.0, strangeness(estimate, numbers) - state.strange - max(0.0, surface))
+        # where the outline is seen nothing differs
+        shape += estimate.other_shape if estimate.other_shape > 0.0 else math.log(numbers.same_shape) * (1.0 - covered)
+    prior = EXCHANGED if state.exchanged else numbers.exchanged
+    odds = prior * math.exp(min(50.0, shape)) + numbers.exchanged * math.exp(min(50.0, -surface))
     return odds / (1.0 + odds)
 
 
@@ -146,6 +155,8 @@ def variance_of(estimate: PoseEstimate) -> float:
     return float(np.linalg.eigvalsh(estimate.covariance)[:, -1].max())
 
 
+LONG = 1e6
+"""Frames of free motion after which an object may be anywhere, turned in any way."""
 SEEN_LIKE = 0.5
 """Probability that what looks just like the object is its equal, once one was seen and the object was not for a while."""
 SAME_PLACE = 0.5
@@ -172,12 +183,19 @@ def decide(
         return Decision(None)
     likeness = SEEN_LIKE if state.lookalike and state.lost else numbers.lookalike
     raw = np.array([evidence(e, state.usual, numbers) for e in estimates])
+    turned = [k for k, e in enumerate(estimates) if e.origin == TURNED]
+    if turned:  # by its outline a turn fits as well as what it is a turn of, whatever noise says
+        raw = (
+            raw
+            - numbers.temper * np.array([e.log_odds for e in estimates])
+            + numbers.temper * max(e.log_odds for e in estimates)
+        )
     centres = np.array([e.contacts.mean(axis=0) for e in estimates])
     scores = []
-    for e, centre in zip(estimates, centres, strict=True):
+    for k, (e, centre) in enumerate(zip(estimates, centres, strict=True)):
         # poses in one place explain the same pixels: between them all that is seen counts
         shared = raw[np.hypot(*(centres - centre).T) < SAME_PLACE * math.sqrt(e.area)].max()
-        strength = evidence(e, state.usual, numbers) - float(np.logaddexp(0.0, shared + math.log(likeness)))
+        strength = raw[k] - float(np.logaddexp(0.0, shared + math.log(likeness)))
         scores.append(strength + math.log(presence) + place_prior(e, expected, steps, numbers))
     best = int(np.argmax(scores))
     allowed = tolerance(estimates[best].area, numbers)
@@ -218,7 +236,7 @@ def decide(
             if nowhere and state.lookalike and state.lost:
                 code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
-    return Decision(chosen, off, p, math.sqrt(variance), allowed, other, code, figures)
+    return Decision(chosen, off, p, math.sqrt(variance), allowed, other, float(raw[best]), code, figures)
 
 
 def farthest(contacts: Floats, others: Floats) -> float:

@@ -15,6 +15,7 @@ from grasptrack.contour import View
 from grasptrack.observation.observer import Observer
 from grasptrack.tracking.camera import learn_camera, learn_thickness
 from grasptrack.tracking.decision import (
+    LONG,
     SAME_PLACE,
     TURNED,
     Decision,
@@ -22,10 +23,11 @@ from grasptrack.tracking.decision import (
     decide,
     evidence,
     farthest,
+    strangeness,
     texture_evidence,
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
-from grasptrack.tracking.hypotheses import Predictions, moving_on, predict
+from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
@@ -87,6 +89,7 @@ class Follower:
         estimates = self._estimates(levels, first)
         decision = decide(state, estimates, expected, unseen, presence, numbers)
         if not decision.accepted:
+            unseen = self._if_gone(levels, predictions, unseen)
             second = self.redetection.promising(levels, predictions.second)
             estimates += self._estimates(levels, second + self.redetection.search(state, levels))
             decision = decide(state, estimates, expected, unseen, presence, numbers)
@@ -112,6 +115,8 @@ class Follower:
         expected, unseen = self._expected(predictions, steps)
         estimates = self._estimates(levels, predictions.first)
         found = answer = decide(state, estimates, expected, unseen, presence, numbers)
+        if not found.accepted:
+            unseen = self._if_gone(levels, predictions, unseen)
         proposed, nearest = list[Proposal](), None
         for batch in propose(state.expected if state.lost else predictions.first[0].G):
             proposed += batch
@@ -144,7 +149,7 @@ class Follower:
     ) -> Decision:
         """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
         state, target = self.state, self.target
-        if decision.estimate is None or not decision.accepted or not state.lost or not target.turns:
+        if decision.estimate is None or not decision.accepted or not target.turns or not (state.lost or state.gone):
             return decision
         turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
         estimates += self._estimates(levels, turned)
@@ -156,8 +161,20 @@ class Follower:
         if not state.lost:
             return self.target.carried(predictions.first[0].G), max(1.0, steps)
         if predictions.ground is not None and state.anchored:
-            return self.target.carried(predictions.ground), state.unseen + state.wander
-        return self.target.carried(state.expected), state.unseen + max(1.0, steps)
+            expected, unseen = predictions.ground, state.unseen + state.wander
+        else:
+            expected, unseen = state.expected, state.unseen + max(1.0, steps)
+        return self.target.carried(expected), LONG if state.gone else unseen
+
+    def _if_gone(self, levels: list[Grey], predictions: Predictions, unseen: float) -> float:
+        """How long it may have moved freely, given whether its place is seen without it."""
+        state = self.state
+        if not state.gone:
+            G = predictions.first[0].G if not state.lost else state.expected
+            if state.lost and predictions.ground is not None and state.anchored:
+                G = predictions.ground
+            state.gone = place_is_empty(self.target, state.located, levels, G)
+        return LONG if state.gone else unseen
 
     def _equals(self, look: Look) -> bool:
         """Whether a look at the object shows something just like it elsewhere."""
@@ -216,7 +233,7 @@ class Follower:
 
     def _learn(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
         state, numbers, e = self.state, self.numbers, decision.estimate
-        if e is None or not (decision.accepted or decision.code == "uncertain"):
+        if e is None or not (decision.accepted or (decision.code == "uncertain" and decision.evidence > 0.0)):
             self._lose(levels, decision, ground, steps)
             return
         self._learn_motion(e, ground, steps)
@@ -230,7 +247,7 @@ class Follower:
         state.located, state.light = state.last, e.light
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
-        self._remember_patches(e)
+        self._remember_looks(e)
         if e.look > 0.0:
             state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
 
@@ -267,19 +284,21 @@ class Follower:
                 rate = 1.0 / min(state.moves, MEMORY)
                 state.agility = float(np.clip(state.agility + (share - state.agility) * rate, CALM, 1.0))
         if ground is not None and not state.lost:
-            away = estimate.contacts - target.carried(ground)
-            share = math.sqrt(float((away**2).sum(axis=1).mean()) / estimate.area) / numbers.travel
+            away = (estimate.contacts - target.carried(ground)).mean(axis=0)
+            share = math.sqrt(float(away @ away) / estimate.area) / numbers.travel
             state.wanders += 1
             rate = 1.0 / min(state.wanders, MEMORY)
             state.wander = float(np.clip(state.wander + (share - state.wander) * rate, STILL, 1.0))
         velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
+        state.velocity_P = state.P + estimate.P
         state.velocity = velocity if not state.lost and np.isfinite(velocity).all() else None
 
-    def _remember_patches(self, estimate: PoseEstimate) -> None:
-        """How much each patch usually looks as it did first: noise, reflections and blur make it less."""
+    def _remember_looks(self, estimate: PoseEstimate) -> None:
+        """How much of outline and patches usually looks as it did first: noise, reflections and blur make it less."""
         state = self.state
         state.accepted += 1
         share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
+        state.strange += (strangeness(estimate, self.numbers) - state.strange) * share
         for usual, r in zip(state.usual, estimate.correlation, strict=True):
             seen = np.isfinite(r)
             usual[seen] += (r[seen] - usual[seen]) * share

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import TrackState, process_noise
+from grasptrack.tracking.state import Look, TrackState, process_noise
 from grasptrack.tracking.target import Grey, Target
 
 Floats = NDArray[np.float64]
@@ -51,14 +51,17 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     if flow is not None:
         hypothesis = Hypothesis("texture", flow["G"], state.P + flow["P"] + Q * numbers.predicted**2)
         if even is not None:
-            hypothesis = _joined(target, hypothesis, Hypothesis("moving on", even, state.P + Q * state.agility))
+            hypothesis = _joined(
+                target, hypothesis, Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
+            )
         first = [hypothesis]
     if flow is not None and state.accepted % GROUND:
         return Predictions(first, rest, None)
     ground = _laid(target, state, levels, rest, Q, target.ring)
     if ground is None:
         return Predictions(first or rest, rest if first else [], None)
-    carried = Hypothesis("background", ground["G"], state.P + ground["P"] + Q * (2 * numbers.predicted) ** 2)
+    # what rested on the ground rests on it still
+    carried = Hypothesis("background", ground["G"], state.P + ground["P"] + Q * state.wander**2)
     if first:
         return Predictions(first, [*rest, carried], ground["G"])
     return Predictions([carried, *rest], [], ground["G"])
@@ -111,3 +114,46 @@ def _laid(
 
 PLENTY, ENOUGH = 0.6, 0.25
 """Shares of the places that agree on a motion for no other start to be tried, and for it to be believed at all."""
+
+
+BESIDE = 0.06
+"""Share of sqrt(area) from the outline at which object and ground are looked at."""
+ALIKE = 3.0
+"""Standard deviations within which a grey level is the ground's."""
+
+
+def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) -> bool:
+    """Whether an image shows, where the object is expected, the ground that was round it, and nothing in front of either.
+
+    Args:
+        target: the object.
+        look: the last one at it.
+        levels: the image's pyramid.
+        G: (3, 3) where it is expected.
+    """
+    depth = max(4.0, BESIDE * target.size)
+    sides = [target.points + sign * depth * target.normals for sign in (-1.0, 1.0)]
+    inside, ground = (_seen(look.levels[0], look.G, points) for points in sides)
+    inside_now, ground_now = (_seen(levels[0], G, points) for points in sides)
+    if np.isfinite(ground).sum() < FEW or np.isfinite(inside_now + ground_now).mean() < 0.5:
+        return False
+    level = float(np.nanmedian(ground))
+    spread = 1.4826 * float(np.nanmedian(np.abs(ground - level))) + target.noise + 2.0
+    change = float(np.nanmedian(ground_now)) - level
+
+    def of_ground(values: Floats, level: float) -> float:
+        return float(np.mean(np.abs(values[np.isfinite(values)] - level) < ALIKE * spread))
+
+    told_apart = of_ground(inside, level) < 0.5
+    return told_apart and of_ground(ground_now, level + change) > 0.7 and of_ground(inside_now, level + change) > 0.8
+
+
+def _seen(grey: Grey, G: Floats, points: Floats) -> Floats:
+    """(n,) grey levels of an image (H, W) at work points (n, 2) seen through G (3, 3); NaN outside."""
+    lam = points @ G[2, :2] + G[2, 2]
+    x, y = ((points @ G[:2, :2].T + G[:2, 2]) / lam[:, None]).T
+    height, width = grey.shape
+    held = (lam > 0) & (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
+    out = np.full(len(points), np.nan)
+    out[held] = grey[np.round(y[held]).astype(int), np.round(x[held]).astype(int)]
+    return out

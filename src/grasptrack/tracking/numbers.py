@@ -51,6 +51,7 @@ class Numbers:
         redetected: least prior that it is in view.
         exchanged: probability that something else with nearly its outline, or nearly its surface, lies in its place.
         same_surface: probability that something of another outline shows the object's own surface.
+        same_shape: probability that another outline does not show beside what is seen of the object's own.
         lookalike: probability that something just like it is at a given other place, as long as none was seen.
         travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
         turn: rad a frame that it may have turned unseen.
@@ -97,12 +98,13 @@ class Numbers:
     normal_sd: float = 0.5
     pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
-    camera_keep: float = 0.1
+    camera_keep: float = 0.5
     thickness_sd: float = 0.04
     hazard: float = 2e-3
     redetected: float = 0.02
     exchanged: float = 1e-4
     same_surface: float = 0.001
+    same_shape: float = 1e-4
     lookalike: float = 1e-6
     travel: float = 0.1
     turn: float = 0.1

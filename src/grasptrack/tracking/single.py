@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.tracking.decision import TURNED, Decision, decide, evidence, farthest, tolerance
+from grasptrack.tracking.decision import LONG, TURNED, Decision, decide, evidence, farthest, tolerance
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
@@ -19,8 +19,6 @@ Floats = NDArray[np.float64]
 
 PRESENT = 0.5
 """Prior probability that an image of which nothing is known shows the object."""
-LONG = 1e6
-"""Images after which an object may be anywhere."""
 
 
 def first_state(target: Target, levels: list[Grey], numbers: Numbers) -> TrackState:

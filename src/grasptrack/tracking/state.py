@@ -34,6 +34,7 @@ class TrackState:
     Attributes:
         last: the last image, with the best pose found in it.
         velocity: (8,) the pose's change in a usual interval, work px at the half size; None where it is not known.
+        velocity_P: (8, 8) covariance of its error.
         P: (8, 8) covariance of the pose's error, work px^2 at the half size.
         presence: probability that the object is there.
         theta, theta_covariance: (3,), (3, 3) log of the focal length over the image's width, first normal.
@@ -45,19 +46,22 @@ class TrackState:
         time, interval: s, of the last image; a usual time between images.
         usual: of each patch of the three finest levels: its correlation of late.
         accepted: images in which the object was located.
+        strange: usual strangeness of the outline: edges that no light shows, or not where the first view had them.
         agility: mean square by which even motion was off of late, in process noise; moves: how often that was measured.
         expected: (3, 3) where it was located, carried by the ground since then.
         anchored: the ground carried it ever since, so that the last look is where it is expected.
         wander: how far it left its place on the ground of late, a frame, in `Numbers.travel`; wanders: how often that was
             measured.
         unseen: how far it may have gone since it was located, likewise.
+        gone: since it was located its place was seen without it.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
-        sighted: (3, 3) where something like it was seen in the last image, but not believed to be it; None where nothing was.
+        sighted: (3, 3) where something like it was seen while it is lost, and not believed to be it; None where nothing was.
     """
 
     last: Look
     velocity: Floats | None
+    velocity_P: Floats
     P: Floats
     presence: float
     theta: Floats
@@ -72,6 +76,7 @@ class TrackState:
     interval: float | None = None
     usual: list[Floats] = field(default_factory=list)
     accepted: int = 0
+    strange: float = 0.0
     agility: float = 1.0
     moves: int = 0
     expected: Floats = field(default_factory=lambda: np.eye(3))
@@ -79,6 +84,7 @@ class TrackState:
     wander: float = 1.0
     wanders: int = 0
     unseen: float = 0.0
+    gone: bool = False
     exchanged: bool = False
     lookalike: bool = False
     sighted: Floats | None = None
@@ -99,6 +105,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
     return TrackState(
         last=look,
         velocity=None,
+        velocity_P=np.zeros((8, 8)),
         P=np.eye(8) * 0.05**2,
         presence=1.0 - 1e-6,
         theta=np.zeros(3),

@@ -266,25 +266,46 @@ def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
     for (p, _, clipped), length in zip(contours, lengths, strict=True):
         if length < 8 * spacing:
             continue
+        smooth = p if clipped is not None else without_noise(p)
         closed = np.vstack([p, p[:1]])
+        even = np.vstack([smooth, smooth[:1]])
         arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
 
-        def at(t: Floats, arc: Floats = arc, closed: Floats = closed) -> Floats:
+        def at(t: Floats, points: Floats, arc: Floats = arc) -> Floats:
             t = t % arc[-1]
-            return np.column_stack([np.interp(t, arc, closed[:, 0]), np.interp(t, arc, closed[:, 1])])
+            return np.column_stack([np.interp(t, arc, points[:, 0]), np.interp(t, arc, points[:, 1])])
 
         t = np.linspace(0.0, arc[-1], max(8, round(length / spacing)), endpoint=False)
-        chord = at(t + SPACING) - at(t - SPACING)
+        chord = at(t + SPACING, even) - at(t - SPACING, even)
         chord /= np.hypot(*chord.T)[:, None] + 1e-9
         keep = np.ones(len(t), dtype=bool)
         if clipped is not None:
             nearest = np.clip(np.searchsorted(arc, t), 0, len(p) - 1)
             keep = ~clipped[nearest]
-        points.append(at(t)[keep])
+        points.append(at(t, closed)[keep])
         normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
     if not points:
         return np.zeros((0, 2)), np.zeros((0, 2))
     return np.vstack(points), np.vstack(normals)
+
+
+ABOVE_NOISE = 9.0
+"""Power of a harmonic over that of noise from which on it is the outline's own: noise exceeds it once in e^9 harmonics."""
+
+
+def without_noise(points: Floats) -> Floats:
+    """(N, 2) a closed contour's points by those of its harmonics that are more than noise.
+
+    Of noise in its normals a disc seems to tell how far it turned.
+    """
+    n = len(points)
+    harmonics = np.fft.fft(points[:, 0] + 1j * points[:, 1])
+    power = np.abs(harmonics) ** 2
+    order = np.abs(np.fft.fftfreq(n, 1.0 / n))
+    noise = float(np.mean(power[order > 0.375 * n]))
+    kept = np.where((power > ABOVE_NOISE * noise) | (order <= 1), harmonics, 0.0)
+    smooth = np.fft.ifft(kept)
+    return np.column_stack([smooth.real, smooth.imag])
 
 
 CELLS = np.array([0.4, 0.8, 1.2, 1.6])

@@ -97,10 +97,12 @@ def inverse(hand: Floats) -> list[Floats]:
     for front in (1.0, -1.0):
         yaw = math.atan2(front * centre[1], front * centre[0])
         left = frames.about_z(yaw).T @ R @ ZERO.T  # what the pitches, the wrist's yaw and its roll have to do
+        pitch = math.atan2(left[0, 2], left[2, 2])
+        # after that pitch, whatever it is: where the wrist is singular, pitch and roll share one turn
+        rest = frames.about_y(pitch).T @ left
+        aside, roll = math.atan2(-rest[1, 2], rest[2, 2]), math.atan2(-rest[0, 1], rest[0, 0])
         for bent in (angle, -angle):
             shoulder = math.atan2(-up, front * out) - math.atan2(FORE * math.sin(bent), UPPER + FORE * math.cos(bent))
-            aside = math.asin(min(1.0, max(-1.0, -float(left[1, 2]))))
-            pitch, roll = math.atan2(left[0, 2], left[2, 2]), math.atan2(left[1, 0], left[1, 1])
             for over in (0.0, math.pi):
                 a = aside if over == 0.0 else math.pi - aside
                 found.append(_wrapped(np.array([yaw, shoulder, bent, pitch + over - shoulder - bent, a, roll + over])))
