@@ -129,8 +129,9 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
         const double e = ux_ * ex + uy_ * ey;
         offset[axis] = information[axis] = 0;
         if (!(signal > 0)) continue;
-        offset[axis] = std::clamp(-e / (all * gain), -2.5 * stride, 2.5 * stride);
-        information[axis] = gain * gain * signal;
+        // noise in the gradients shortens a shift measured with them
+        offset[axis] = std::clamp(-e / (signal * gain), -2.5 * stride, 2.5 * stride);
+        information[axis] = gain * gain * signal * signal / all;
         rest -= e * e / all;
     }
     const double s2 = std::max(rest, 0.0) / (patch_pixels - 4) + noise * noise;
