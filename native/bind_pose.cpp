@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "pose/follow.hpp"
 #include "pose/solver.hpp"
 
 namespace nb = nanobind;
@@ -273,11 +274,11 @@ nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, co
     target.cy = cy;
     const pose::Seen seen = pose::look_through(pyramid, target.A, cx, cy, 1.0);
     std::vector<double> offset(n, std::numeric_limits<double>::quiet_NaN()), step(n, 0.0), inner(n * pose::inner_pixels);
-    const int span = reach + 16;
+    const int span = reach + pose::beyond;
     std::vector<double> line(static_cast<std::size_t>(2 * span + 1));
     for (std::size_t i = 0; i < n; ++i) {
         pose::EdgeSample s;
-        if (!pose::profile(seen, target.points[i], target.normals[i], span, line.data())) continue;
+        if (!pose::profile(seen, target.points[i], target.normals[i], span, {-span, span}, line.data())) continue;
         pose::find_candidates(line.data(), span, reach, noise, 2, s);
         double best = 0;
         for (std::size_t c = 0; c < static_cast<std::size_t>(s.count); ++c) {

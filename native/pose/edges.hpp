@@ -16,6 +16,8 @@ namespace grasptrack::pose {
 
 constexpr int most_candidates = 6;
 constexpr int farthest = 1000;  // work px within which edges are looked for, whatever is asked for
+constexpr int beyond = 16;      // work px of a profile beyond that, for the filter and for what lies inside an edge
+constexpr int most_profile = 2 * (farthest + beyond) + 1;
 
 struct EdgeSample {
     bool inside = false;
@@ -25,15 +27,31 @@ struct EdgeSample {
     std::array<double, most_candidates> difference{};  // mean square of the inner side's grey levels from the object's own
 };
 
-// Grey levels along p + k n, k = -span..span; NaN outside the image. False where the sample itself is outside.
-inline bool profile(const Seen &seen, Point p, Point n, int span, double *out) {
+// The part of a profile, -span..span, that is looked at.
+struct Part {
+    int first, last;
+};
+
+// As far as edges within `reach` are told by: their filter, and what lies inside them.
+inline Part part_of(int span, int reach, int half) {
+    return {std::max(-span, -reach + inner_first - half), std::min(span, reach + half + 2)};
+}
+
+// Grey levels along p + k n, for k of a part of -span..span; NaN outside the image. False where the sample itself is outside.
+inline bool profile(const Seen &seen, Point p, Point n, int span, Part part, double *out) {
     const Homography &h = seen.H;
     const double x0 = h[0] * p.x + h[1] * p.y + h[2], x1 = h[0] * n.x + h[1] * n.y;
     const double y0 = h[3] * p.x + h[4] * p.y + h[5], y1 = h[3] * n.x + h[4] * n.y;
     const double w0 = h[6] * p.x + h[7] * p.y + h[8], w1 = h[6] * n.x + h[7] * n.y;
-    for (int k = -span; k <= span; ++k) {
+    const auto held = [&](int k) {  // with some room for rounding
+        const double w = w0 + k * w1;
+        return w > 0 && seen.level->holds((x0 + k * x1) / w, (y0 + k * y1) / w, 1e-6);
+    };
+    // what holds both ends holds all between them
+    const bool whole = !seen.level->hidden && held(part.first) && held(part.last);
+    for (int k = part.first; k <= part.last; ++k) {
         const double s = 1.0 / (w0 + k * w1), x = (x0 + k * x1) * s, y = (y0 + k * y1) * s;
-        out[k + span] = seen.level->holds(x, y, 0.0) ? seen.level->at(x, y) : std::numeric_limits<double>::quiet_NaN();
+        out[k + span] = whole || seen.level->holds(x, y, 0.0) ? seen.level->at(x, y) : std::numeric_limits<double>::quiet_NaN();
     }
     return seen.level->holds(x0 / w0, y0 / w0, 3.0);
 }
@@ -42,28 +60,34 @@ inline bool profile(const Seen &seen, Point p, Point n, int span, double *out) {
 // sharp edge, and finds the middle of a blurred one.
 inline void find_candidates(const double *values, int span, int reach, double noise, int half, EdgeSample &out) {
     const int count = 2 * span + 1;
-    std::vector<double> sum(static_cast<std::size_t>(count) + 1), t(static_cast<std::size_t>(count), 0.0), g(t);
+    const int first = std::max(2, span - reach), last = std::min(count - 3, span + reach);
+    // g is needed one px beyond what is searched, and what it is smoothed from, t, two
+    const int begin = std::max(half, first - 2), end = std::min(count - half - 1, last + 2);
+    double sum[most_profile + 1], t[most_profile], g[most_profile];
     bool cut = false;
-    for (int k = 0; k < count; ++k) {
+    double running = sum[begin - half] = 0.0;
+    for (int k = begin - half; k <= end + half; ++k) {
         const bool known = values[k] == values[k];
         cut = cut || !known;
-        sum[static_cast<std::size_t>(k) + 1] = sum[static_cast<std::size_t>(k)] + (known ? values[k] : 0.0);
+        sum[k + 1] = running += known ? values[k] : 0.0;
     }
-    const auto S = [&](int k) { return sum[static_cast<std::size_t>(k)]; };
-    for (int k = half; k + half < count; ++k) {
-        double value = (S(k + half + 1) - S(k + 1) - S(k) + S(k - half)) / half;
+    for (int k = first - 2; k <= last + 2; ++k) t[k] = 0.0;
+    const double share = 1.0 / half;
+    for (int k = begin; k <= end; ++k) {
+        double value = (sum[k + half + 1] - sum[k + 1] - sum[k] + sum[k - half]) * share;
         if (cut)
             for (int j = k - half; j <= k + half; ++j)
                 if (values[j] != values[j]) value = 0.0;
-        t[static_cast<std::size_t>(k)] = value;
+        t[k] = value;
     }
-    for (std::size_t k = 1; k + 1 < t.size(); ++k) g[k] = 0.5 * t[k] + 0.25 * (t[k - 1] + t[k + 1]);
+    for (int k = first - 1; k <= last + 1; ++k) g[k] = 0.5 * t[k] + 0.25 * (t[k - 1] + t[k + 1]);
     const double least = 2.5 * noise * std::sqrt(2.0 / half);
     out.count = 0;
-    for (int k = std::max(2, span - reach); k <= std::min(count - 3, span + reach); ++k) {
-        const auto q = static_cast<std::size_t>(k);
-        const double a = std::abs(g[q]), before = std::abs(g[q - 1]), after = std::abs(g[q + 1]);
-        if (!(a > least && a >= before && a > after && g[q - 1] * g[q] >= 0 && g[q + 1] * g[q] >= 0)) continue;
+    for (int k = first; k <= last; ++k) {
+        const double a = std::abs(g[k]);
+        if (!(a > least)) continue;
+        const double before = std::abs(g[k - 1]), after = std::abs(g[k + 1]);
+        if (!(a >= before && a > after && g[k - 1] * g[k] >= 0 && g[k + 1] * g[k] >= 0)) continue;
         const double bend = before - 2 * a + after;
         const double offset = k - span + (bend != 0 ? 0.5 * (before - after) / bend : 0.0);
         int at = out.count;
@@ -76,7 +100,7 @@ inline void find_candidates(const double *values, int span, int reach, double no
             ++out.count;
         }
         out.offset[static_cast<std::size_t>(at)] = offset;
-        out.step[static_cast<std::size_t>(at)] = g[q];
+        out.step[static_cast<std::size_t>(at)] = g[k];
     }
 }
 
@@ -157,13 +181,13 @@ inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, cons
     view.reach = reach;
     const std::size_t n = target.points.size();
     view.samples.resize(n);
-    const int span = std::min(most_span, reach + 16);
+    const int span = std::min(most_span, reach + beyond);
     std::vector<double> values(static_cast<std::size_t>(2 * span + 1));
     int inside = 0, found = 0;
     const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
     for (std::size_t i = 0; i < n; ++i) {
         EdgeSample &s = view.samples[i];
-        s.inside = profile(seen, target.points[i], target.normals[i], span, values.data());
+        s.inside = profile(seen, target.points[i], target.normals[i], span, part_of(span, reach, half[i]), values.data());
         if (!s.inside) continue;
         ++inside;
         find_candidates(values.data(), span, reach, target.noise, half[i], s);
