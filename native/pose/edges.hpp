@@ -8,6 +8,7 @@
 #include <limits>
 #include <vector>
 
+#include "matrix.hpp"
 #include "order.hpp"
 #include "pyramid.hpp"
 #include "target.hpp"
@@ -216,57 +217,74 @@ struct EdgeNumbers {
     double other_spread;    // of anything else
 };
 
+// What candidates say wherever the outline is expected, for each sample.
+struct EdgeOdds {
+    std::vector<std::array<double, most_candidates>> own;  // that a candidate looks like the object's own edge, against clutter
+    std::vector<double> other;                             // of an edge of the object elsewhere
+};
+
+inline void edge_odds(const Target &target, const EdgeView &view, const EdgeNumbers &numbers, EdgeOdds &out) {
+    const std::size_t n = target.points.size();
+    out.own.resize(n);
+    out.other.assign(n, 1.0);
+    const double s = numbers.inner_spread, sc = numbers.other_spread;
+    const double base = 1.5 * std::log(sc / s), slope = 0.75 * (1 / (s * s) - 1 / (sc * sc));
+    const double signs[2] = {2 * (1 - numbers.same_sign) / view.density, 2 * numbers.same_sign / view.density};
+    for (std::size_t i = 0; i < n; ++i) {
+        const EdgeSample &e = view.samples[i];
+        if (!e.inside) continue;
+        double sum = 0;
+        for (std::size_t q = 0; q < static_cast<std::size_t>(e.count); ++q) {
+            const double looks = std::exp(std::clamp(base - slope * e.difference[q], -8.0, 8.0));
+            out.own[i][q] = looks * signs[(e.step[q] > 0) == (target.contrast[i] > 0)];
+            sum += out.own[i][q];
+        }
+        out.other[i] = numbers.miss + (1 - numbers.miss) * sum / (2 * view.reach + 1);
+    }
+}
+
 struct EdgeLikelihoods {
-    std::vector<double> object, other;  // for each sample: its edge here, or an edge of the object elsewhere; clutter is 1
+    std::vector<double> object;         // for each sample: its edge here; clutter is 1
     std::vector<double> upper, lower;   // probability that the upper, or the lower face's edge was seen
     std::vector<double> upper_offset, lower_offset;
 };
 
-inline double bell(double x, double variance) {
-    return std::exp(-0.5 * x * x / variance) / std::sqrt(2 * 3.14159265358979 * variance);
-}
-
 // `shift`: where each sample's edge is expected; `low`, `low_variance`: how far out the lower face's lies.
-inline EdgeLikelihoods edge_likelihoods(const Target &target, const EdgeView &view, const std::vector<double> &shift,
-                                        const std::vector<double> &low, const std::vector<double> &low_variance,
-                                        const Matrix<8> &P, const EdgeNumbers &numbers) {
+inline void edge_likelihoods(const Target &target, const EdgeView &view, const EdgeOdds &odds, const std::vector<double> &shift,
+                             const std::vector<double> &low, const std::vector<double> &low_variance, const Matrix<8> &P,
+                             const EdgeNumbers &numbers, EdgeLikelihoods &out) {
     const std::size_t n = target.points.size();
-    EdgeLikelihoods out;
-    for (auto *v : {&out.object, &out.other}) v->assign(n, 1.0);
+    out.object.assign(n, 1.0);
     for (auto *v : {&out.upper, &out.lower, &out.upper_offset, &out.lower_offset}) v->assign(n, 0.0);
-    const double s = numbers.inner_spread, sc = numbers.other_spread;
+    const Symmetric<8> spread(P);
     const double found = 1 - numbers.miss;
+    constexpr double circle = 2 * 3.14159265358979;
     for (std::size_t i = 0; i < n; ++i) {
         const EdgeSample &e = view.samples[i];
         if (!e.inside) continue;
-        const double variance = numbers.floor * numbers.floor + quadratic<8>(P, target.rows[i].data());
-        const double wide = variance + low_variance[i];
+        const double variance = numbers.floor * numbers.floor + spread.quadratic(target.rows[i]);
         const bool two = std::abs(low[i]) + std::sqrt(low_variance[i]) > 0.5;
-        double up = 0, down = 0, up_at = 0, down_at = 0, anywhere = 0;
-        for (int c = 0; c < e.count; ++c) {
-            const auto q = static_cast<std::size_t>(c);
-            const double looks =
-                std::exp(std::clamp(1.5 * std::log(sc / s) - 0.75 * e.difference[q] * (1 / (s * s) - 1 / (sc * sc)), -8.0, 8.0));
-            const bool same = (e.step[q] > 0) == (target.contrast[i] > 0);
-            const double A = 2 * looks * (same ? numbers.same_sign : 1 - numbers.same_sign) / view.density;
-            const double N = bell(e.offset[q] - shift[i], variance) * (two ? 0.5 : 1.0) * A;
+        const double top = (two ? 0.5 : 1.0) / std::sqrt(circle * variance), narrow = -0.5 / variance;
+        double up = 0, down = 0, up_at = 0, down_at = 0;
+        for (std::size_t q = 0; q < static_cast<std::size_t>(e.count); ++q) {
+            const double x = e.offset[q] - shift[i], N = top * std::exp(narrow * x * x) * odds.own[i][q];
             up += N;
             up_at += N * e.offset[q];
-            if (two) {
-                const double L = 0.5 * bell(e.offset[q] - shift[i] - low[i], wide) * A;
+        }
+        if (two) {
+            const double wide = variance + low_variance[i], peak = 0.5 / std::sqrt(circle * wide), flat = -0.5 / wide;
+            for (std::size_t q = 0; q < static_cast<std::size_t>(e.count); ++q) {
+                const double x = e.offset[q] - shift[i] - low[i], L = peak * std::exp(flat * x * x) * odds.own[i][q];
                 down += L;
                 down_at += L * e.offset[q];
             }
-            anywhere += A / (2 * view.reach + 1);
         }
         out.object[i] = numbers.miss + found * (up + down);
-        out.other[i] = numbers.miss + found * anywhere;
         out.upper[i] = found * up / out.object[i];
         out.lower[i] = found * down / out.object[i];
         out.upper_offset[i] = up > 0 ? up_at / up : 0.0;
         out.lower_offset[i] = down > 0 ? down_at / down : 0.0;
     }
-    return out;
 }
 
 }  // namespace grasptrack::pose
