@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "pose/estimate.hpp"
 #include "pose/follow.hpp"
 #include "pose/solver.hpp"
 
@@ -248,6 +249,43 @@ struct PoseTarget {
         return array_of(out.data(), {3, 3});
     }
 
+    // (8,) the error that leads from one pose to another; NaN where none does.
+    nb::object difference(const Doubles &from, const Doubles &to) const {
+        pose::Vector<8> d;
+        if (!target.difference(fixed<9>(from, "the first pose"), fixed<9>(to, "the second pose"), d))
+            d.fill(std::numeric_limits<double>::quiet_NaN());
+        return array_of(d.data(), {8});
+    }
+
+    // The contacts in an image, and their covariances.
+    nb::tuple placed(const Doubles &G, const Doubles &P) const {
+        const auto pose = fixed<9>(G, "G");
+        const auto spread = fixed<64>(P, "P");
+        std::vector<double> at, covariance;
+        for (const pose::Point &contact : target.contacts) {
+            const pose::Placed found = pose::placed(target, pose, spread, contact);
+            at.insert(at.end(), {found.at.x, found.at.y});
+            covariance.insert(covariance.end(), found.covariance.begin(), found.covariance.end());
+        }
+        const std::size_t k = target.contacts.size();
+        return nb::make_tuple(array_of(at.data(), {k, 2}), array_of(covariance.data(), {k, 2, 2}));
+    }
+
+    nb::tuple joined(const Doubles &G, const Doubles &P, const Doubles &other, const Doubles &Q) const {
+        const pose::Joined out = pose::joined(target, fixed<9>(G, "the first pose"), fixed<64>(P, "the first covariance"),
+                                              fixed<9>(other, "the second pose"), fixed<64>(Q, "the second covariance"));
+        return nb::make_tuple(out.distance, array_of(out.G.data(), {3, 3}), array_of(out.P.data(), {8, 8}));
+    }
+
+    nb::tuple learned_camera(const Doubles &G, const Doubles &P, const Doubles &theta, const Doubles &theta_covariance, double width,
+                             double height, double pinhole_sd, double keep, double most) const {
+        const pose::CameraBelief out =
+            pose::learned_camera(target, fixed<9>(G, "G"), fixed<64>(P, "P"),
+                                 {fixed<3>(theta, "theta"), fixed<9>(theta_covariance, "theta_covariance")}, width, height,
+                                 {pinhole_sd, keep, most});
+        return nb::make_tuple(array_of(out.theta.data(), {3}), array_of(out.covariance.data(), {3, 3}));
+    }
+
     nb::tuple pinhole(const Doubles &G, const Doubles &theta, double width, double height) const {
         const auto rows = pose::pinhole_rows(target, fixed<9>(G, "G"), fixed<3>(theta, "theta"), width, height);
         return nb::make_tuple(array_of(rows.misfit.data(), {2}), array_of(rows.by_pose[0].data(), {2, 8}),
@@ -291,6 +329,19 @@ nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, co
     return nb::make_tuple(array_of(offset), array_of(step), array_of(inner.data(), {n, pose::inner_pixels}));
 }
 
+double seen_area(const Doubles &G, const Doubles &points) {
+    if (points.ndim() != 2 || points.shape(1) != 2) throw std::invalid_argument("points are of shape (N, 2)");
+    return pose::seen_area(fixed<9>(G, "G"), points.data(), points.shape(0));
+}
+
+double surface_evidence(const Doubles &correlation, const Doubles &usual, const Doubles &shares, const Doubles &prior, double match_spread,
+                        double chance_spread, double independent) {
+    if (count(usual) != count(correlation)) throw std::invalid_argument("each correlation needs what is usual");
+    if (count(prior) != count(shares)) throw std::invalid_argument("each share needs its prior");
+    return pose::surface_evidence(correlation.data(), usual.data(), count(correlation), shares.data(), prior.data(), count(shares),
+                                  {match_spread, chance_spread, independent});
+}
+
 }  // namespace
 
 void bind_pose(nb::module_ &m) {
@@ -306,7 +357,15 @@ void bind_pose(nb::module_ &m) {
              "thickness_variance"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
+        .def("difference", &PoseTarget::difference, "first"_a, "second"_a)
+        .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
+        .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
+        .def("learned_camera", &PoseTarget::learned_camera, "G"_a, "P"_a, "theta"_a, "theta_covariance"_a, "width"_a, "height"_a,
+             "pinhole_sd"_a, "keep"_a, "most"_a)
         .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
+    m.def("seen_area", &seen_area, "G"_a, "points"_a);
+    m.def("surface_evidence", &surface_evidence, "correlation"_a, "usual"_a, "shares"_a, "prior"_a, "match_spread"_a, "chance_spread"_a,
+          "independent"_a);
     m.def("strongest_edges", &strongest_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a);
 }
 

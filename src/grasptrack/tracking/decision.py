@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState
@@ -91,17 +92,9 @@ OCCLUDED_PRIOR = (1.0 - OCCLUDED) ** 2 / ((1.0 - OCCLUDED) ** 2).sum()
 
 def _same_surface(r: Floats, usual: Floats, numbers: Numbers) -> float:
     """Log-likelihood ratio of one level's correlations r (n,), NaN where not seen: this surface, partly covered, or another."""
-    seen = np.isfinite(r)
-    if not seen.any():
-        return 0.0
-    r, usual = r[seen], np.clip(usual[seen], 0.0, 1.0)
-    # what usually agrees little may agree by chance today, and not tomorrow
-    chance = numbers.chance_spread
-    spread = np.sqrt(usual**2 * numbers.match_spread**2 + (1.0 - usual**2) * chance**2)
-    ratio = (chance / spread) * np.exp(0.5 * ((r / chance) ** 2 - ((r - usual) / spread) ** 2))
-    mixed = np.log((1.0 - OCCLUDED[:, None]) * ratio + OCCLUDED[:, None]).sum(axis=1) / numbers.patch_share
-    top = mixed.max()
-    return float(top + math.log((OCCLUDED_PRIOR * np.exp(mixed - top)).sum()))
+    return kernels.surface_evidence(
+        r, usual, OCCLUDED, OCCLUDED_PRIOR, numbers.match_spread, numbers.chance_spread, numbers.patch_share
+    )
 
 
 def strangeness(estimate: PoseEstimate, numbers: Numbers) -> float:
@@ -156,7 +149,8 @@ SAME_ODDS = math.log(20.0)
 
 def variance_of(estimate: PoseEstimate) -> float:
     """px^2 of the worst contact in its worst direction, by the model alone."""
-    return float(np.linalg.eigvalsh(estimate.covariance)[:, -1].max())
+    axes = [(0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)) for (xx, xy), (_, yy) in estimate.covariance.tolist()]
+    return float(max(mean + root for mean, root in axes))
 
 
 LONG = 1e6
