@@ -50,10 +50,19 @@ inline bool profile(const Seen &seen, Point p, Point n, int span, Part part, dou
     };
     // what holds both ends holds all between them
     const bool whole = !seen.level->hidden && held(part.first) && held(part.last);
-    for (int k = part.first; k <= part.last; ++k) {
-        const double s = 1.0 / (w0 + k * w1), x = (x0 + k * x1) * s, y = (y0 + k * y1) * s;
-        out[k + span] = whole || seen.level->holds(x, y, 0.0) ? seen.level->at(x, y) : std::numeric_limits<double>::quiet_NaN();
+    double x[most_profile], y[most_profile];
+    const int length = part.last - part.first + 1;
+    for (int i = 0; i < length; ++i) {
+        const int k = part.first + i;
+        const double s = 1.0 / (w0 + k * w1);
+        x[i] = (x0 + k * x1) * s;
+        y[i] = (y0 + k * y1) * s;
     }
+    double *values = out + span + part.first;
+    if (whole) seen.level->at(x, y, length, values);
+    else
+        for (int i = 0; i < length; ++i)
+            values[i] = seen.level->holds(x[i], y[i], 0.0) ? seen.level->at(x[i], y[i]) : std::numeric_limits<double>::quiet_NaN();
     return seen.level->holds(x0 / w0, y0 / w0, 3.0);
 }
 

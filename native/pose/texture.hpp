@@ -22,10 +22,13 @@ inline bool cut_patch(const Pyramid &pyramid, const Homography &G, double x, dou
     for (int s = -1; s <= 1; ++s)
         for (int t = -1; t <= 1; ++t)
             if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return false;
-    double value[side][side];
+    double value[side][side], at_x[side * side], at_y[side * side];
     for (int j = 0; j < side; ++j)
-        for (int i = 0; i < side; ++i)
-            value[j][i] = seen.level->at(c.x + (i - half) * ux + (j - half) * vx, c.y + (i - half) * uy + (j - half) * vy);
+        for (int i = 0; i < side; ++i) {
+            at_x[j * side + i] = c.x + (i - half) * ux + (j - half) * vx;
+            at_y[j * side + i] = c.y + (i - half) * uy + (j - half) * vy;
+        }
+    seen.level->at(at_x, at_y, side * side, value[0]);
     out.x = x;
     out.y = y;
     double mean = 0, mx = 0, my = 0;
@@ -100,12 +103,13 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
     for (int s = -1; s <= 1; ++s)
         for (int t = -1; t <= 1; ++t)
             if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return out;
-    double value[patch_pixels];
-    int k = 0;
-    for (int j = -half; j <= half; ++j) {
-        const double x = c.x - half * ux + j * vx, y = c.y - half * uy + j * vy;
-        for (int i = 0; i < patch_side; ++i, ++k) value[k] = seen.level->at(x + i * ux, y + i * uy);
-    }
+    double value[patch_pixels], x[patch_pixels], y[patch_pixels];
+    for (int j = -half, k = 0; j <= half; ++j)
+        for (int i = -half; i <= half; ++i, ++k) {
+            x[k] = c.x + i * ux + j * vx;
+            y[k] = c.y + i * uy + j * vy;
+        }
+    seen.level->at(x, y, patch_pixels, value);
     // Each sum in parts that do not wait for each other.
     constexpr int parts = 4, even = patch_pixels / parts * parts;
     double sum[parts] = {};
