@@ -94,22 +94,14 @@ class Solver {
                 }
                 const std::vector<int> half = half_widths(G);
                 view_ = measure_edges(target_, pyramid_, G, reach, half, out.light, 46);
-                if (!fit_edges(G, A, b, d, P, h, vh, out)) return out;
+                if (!fit_edges(round == 0 ? 3 : 4, G, A, b, d, P, h, vh, out)) return out;
             }
-            double moved = 0;
             for (double &value : d) value = std::clamp(value, -target_.radius, target_.radius);
-            for (const Point &p : target_.contacts) {
-                const auto J = target_.jacobian(p.x, p.y);
-                for (const auto &row : J) {
-                    double sum = 0;
-                    for (std::size_t k = 0; k < 8; ++k) sum += row[k] * d[k];
-                    moved = std::max(moved, std::abs(sum));
-                }
-            }
+            const double moved = contacts_moved(d);
             G = target_.moved(G, d);
             if (!finite(G)) return out;
             if (edges) reach = whole(reach_of(P, 3.0, 3.0) + moved, 4, 30);
-            if (moved < 0.02 && round > 0) break;
+            if (moved < settled && round > 0) break;
         }
         out.G = G;
         out.P = P;
@@ -121,6 +113,21 @@ class Solver {
     }
 
   private:
+    static constexpr double settled = 0.02;  // work px: a step that moves no contact by more is the last
+    static constexpr double exact = 0.002;   // the same where edges are weighed anew
+
+    // Work px by which the pose's error d moves a contact at most, along an axis.
+    double contacts_moved(const Vector<8> &d) const {
+        double moved = 0;
+        for (const Point &p : target_.contacts)
+            for (const auto &row : target_.jacobian(p.x, p.y)) {
+                double sum = 0;
+                for (std::size_t k = 0; k < 8; ++k) sum += row[k] * d[k];
+                moved = std::max(moved, std::abs(sum));
+            }
+        return moved;
+    }
+
     double spacing() const {  // mean distance of neighbouring samples
         const std::size_t n = target_.points.size();
         if (n < 2) return 1.0;
@@ -225,7 +232,7 @@ class Solver {
                 if (!finite(G)) return false;
                 double most = 0;
                 for (double value : d) most = std::max(most, std::abs(value));
-                if (most < 0.1 * set.stride) break;
+                if (most < 0.3 * set.stride) break;
             }
         }
         return true;
@@ -278,8 +285,8 @@ class Solver {
         return {numbers_.miss, numbers_.same_sign, numbers_.edge_floor, start_.inner_spread, numbers_.other_spread};
     }
 
-    // Edges and thickness, by expectation and maximisation: which candidate, then the pose, then again.
-    bool fit_edges(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h, double &vh,
+    // Edges and thickness, by expectation and maximisation: which candidate, then the pose, `rounds` times at most.
+    bool fit_edges(int rounds, const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h, double &vh,
                    Solution &out) {
         const std::size_t n = target_.points.size();
         const std::vector<double> parallax = lower_face(G);
@@ -289,7 +296,12 @@ class Solver {
         // of an outline there is one explanation a round; that it lies elsewhere is as likely in all of them
         explained_.resize(n);
         for (std::size_t i = 0; i < n; ++i) explained_[i] = {1.0, 1.0, std::pow(odds_.other[i], power_)};
-        for (int round = 0; round < 4; ++round) {
+        Vector<8> last = d;
+        for (int round = 0; round < rounds; ++round) {
+            Vector<8> change;
+            for (std::size_t k = 0; k < 8; ++k) change[k] = d[k] - last[k];
+            if (round > 1 && contacts_moved(change) < exact) break;
+            last = d;
             for (std::size_t i = 0; i < n; ++i) {
                 shift[i] = 0;
                 for (std::size_t k = 0; k < 8; ++k) shift[i] += target_.rows[i][k] * d[k];
