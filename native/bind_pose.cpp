@@ -225,12 +225,15 @@ struct PoseTarget {
         const pose::Pyramid old = seen(before), now = seen(levels);
         const pose::Homography from = fixed<9>(last, "last"), to = fixed<9>(start, "start");
         const pose::Matrix<8> prior = fixed<64>(P, "P");
-        const std::vector<pose::Point> at = places(centres, "centres");
+        std::vector<pose::Point> at = places(centres, "centres");
         pose::FlowFit fit;
         {
             nb::gil_scoped_release free;
             std::vector<pose::PatchSet> looks;
-            for (double stride : values(strides)) looks.push_back(cut_patches(old, from, at, stride));
+            for (double stride : values(strides)) {
+                looks.push_back(cut_patches(old, from, at, stride));
+                at.resize(std::min(at.size(), std::max(pose::fewest_places, at.size() / 2)));
+            }
             fit = pose::follow_look(target, looks, now, to, prior, target.noise,
                                     {numbers.texture_floor, numbers.texture_independent, numbers.texture_freedom});
         }

@@ -4,12 +4,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <vector>
 
 #include "target.hpp"
 #include "texture.hpp"
 
 namespace grasptrack::pose {
+
+// Each coarser level has half the places, the first ones, but no fewer than these: its patches are twice as wide.
+constexpr std::size_t fewest_places = 24;
 
 // Patches of one look laid on another image, coarse to fine, from a given start. For predictions.
 struct FlowFit {

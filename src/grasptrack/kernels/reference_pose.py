@@ -46,6 +46,8 @@ NAMES = (
     "cell_agreement",
 )
 """Numbers that a target needs."""
+FEWEST_PLACES = 24
+"""Places that coarser levels of a look keep: their patches are wider."""
 AT_ALL, FADING = 3.5, 8.0
 """Work px within which the strongest edge is taken, and square of those at which its strength counts 1/e."""
 
@@ -241,7 +243,7 @@ class PoseTarget:
             before, last: pyramid of the last image, and the pose (3, 3) through which it is looked at.
             levels: pyramid of the next one.
             start, P: a pose (3, 3) in it, and covariance (8, 8) of its error.
-            centres: (m, 2) middles of patches.
+            centres: (m, 2) middles of patches; each coarser level has half of them, the first ones, but 24 if there are so many.
             strides: (l,) work px between their pixels, fine to coarse.
 
         Returns:
@@ -254,7 +256,10 @@ class PoseTarget:
         old, now, at = self._seen(before), self._seen(levels), _places(centres, "centres")
         G, covariance = _fixed(start, "start", 3, 3), _fixed(P, "P", 8, 8)
         numbers = TextureNumbers(*(self.numbers[f"texture_{name}"] for name in TextureNumbers._fields))
-        looks = [_cut(old, _fixed(last, "last", 3, 3), at, stride) for stride in np.ravel(strides)]
+        looks = []
+        for stride in np.ravel(strides):
+            looks.append(_cut(old, _fixed(last, "last", 3, 3), at, stride))
+            at = at[: max(FEWEST_PLACES, len(at) // 2)]
         with np.errstate(all="ignore"):
             fit = follow_look(self.target, looks, now, G, covariance, numbers)
         return {

@@ -352,7 +352,9 @@ def _ring(mask: Grey) -> Floats:
     )
     i = np.clip(np.round(places).astype(int) + reach, 0, [width + 2 * reach - 1, height + 2 * reach - 1])
     inside = (places > -reach).all(axis=1) & (places < [width + reach, height + reach]).all(axis=1)
-    return np.ascontiguousarray(places[~(inside & (grown[i[:, 1], i[:, 0]] > 0))])
+    kept = places[~(inside & (grown[i[:, 1], i[:, 0]] > 0))]
+    # the first of them, which is what coarse levels look at, lie all round
+    return np.ascontiguousarray(np.random.default_rng(0).permutation(kept))
 
 
 def _turns(view: View, A: Floats) -> tuple[Floats, ...]:
