@@ -102,6 +102,21 @@ inline bool is_bounded(const EdgeSample &sample, double contrast) {
     return !sample.inside;
 }
 
+// How many cells of each sample are looked at: all where something has to explain them, the first ones where they tell what is
+// usual here. Empty where nothing has to be explained.
+inline std::vector<std::size_t> cells_asked(const std::vector<double> &visible, const std::vector<bool> &bounded) {
+    std::vector<std::size_t> asked(visible.size(), 0);
+    bool any = false;
+    for (std::size_t i = 0; i < visible.size(); ++i) {
+        const bool open = !(visible[i] > 0.5) && !bounded[i];
+        any = any || open;
+        if (open) asked[i] = region_cells;
+        else if (!(visible[i] < 0.7)) asked[i] = first_cells;
+    }
+    if (!any) asked.clear();
+    return asked;
+}
+
 // Log-likelihood ratio of "some stretch shows another shape" against "this shape, partly occluded".
 inline double other_shape(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<double> &visible,
                           const std::vector<bool> &bounded, Light light, const RegionNumbers &numbers, const States &share, double stay, double power,
@@ -109,10 +124,12 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
     const std::size_t n = target.points.size();
     other.assign(n, 0.0);
     if (n == 0 || target.depth.size() != region_cells) return 0.0;
+    const std::vector<std::size_t> asked = cells_asked(visible, bounded);
+    if (asked.empty()) return -1.0;
     std::vector<double> inner(n * region_cells), outer(n * region_cells);
     const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
     for (std::size_t i = 0; i < n; ++i)
-        for (std::size_t k = 0; k < region_cells; ++k)
+        for (std::size_t k = 0; k < asked[i]; ++k)
             for (int side = 0; side < 2; ++side) {
                 const double d = side == 0 ? -target.depth[k] : target.depth[k];
                 const Point q = carried(seen.H, target.points[i].x + d * target.normals[i].x, target.points[i].y + d * target.normals[i].y);

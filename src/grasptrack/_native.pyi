@@ -256,6 +256,15 @@ def search_sightings(
     least_fall: float,
     most_damping: float,
 ) -> tuple[Floats, Floats, float, bool, float]: ...
+def seen_area(G: Floats, points: Floats) -> float: ...
+def surface_evidence(
+    correlation: Floats,
+    usual: Floats,
+    shares: Floats,
+    match_spread: float,
+    chance_spread: float,
+    independent: float,
+) -> Floats: ...
 def strongest_edges(
     levels: Sequence[NDArray[np.uint8]], A: Floats, points: Floats, normals: Floats, noise: float, reach: int
 ) -> tuple[Floats, Floats, Floats]: ...

@@ -29,6 +29,7 @@ from grasptrack.kernels.reference_outline import trace_edges
 from grasptrack.kernels.reference_peaks import best_quadrilateral, curvature_peaks, select_points
 from grasptrack.kernels.reference_places import carry_places, fixed_places, locate, point_at
 from grasptrack.kernels.reference_pose import PoseTarget, strongest_edges
+from grasptrack.kernels.reference_pose_estimate import seen_area, surface_evidence
 from grasptrack.kernels.reference_ranking import rank_grasps
 from grasptrack.kernels.reference_refine import refine_contacts
 from grasptrack.kernels.reference_registration import register_outline
@@ -88,12 +89,14 @@ __all__ = [
     "register_outline",
     "resample",
     "search_sightings",
+    "seen_area",
     "seen_motion",
     "select_points",
     "settle_edges",
     "soft_threshold",
     "step_state",
     "strongest_edges",
+    "surface_evidence",
     "trace_edges",
     "weigh_edges",
 ]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState
@@ -100,29 +101,15 @@ COVERED_PRIOR = (1.0 - OCCLUDED) ** 12 / ((1.0 - OCCLUDED) ** 12).sum()
 
 def _by_share(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> list[Floats]:
     """For each level the log-likelihood ratio of its correlations, by the share of the surface that is not seen."""
+    spreads = numbers.match_spread, numbers.chance_spread, numbers.patch_share
     return [
-        by_share
-        for r, u in zip(estimate.correlation, usual, strict=True)
-        if (by_share := _same_surface(r, u, numbers)) is not None
+        kernels.surface_evidence(r, u, OCCLUDED, *spreads) for r, u in zip(estimate.correlation, usual, strict=True)
     ]
 
 
 def _marginal(by_share: Floats, prior: Floats) -> float:
     top = by_share.max()
     return float(top + math.log((prior * np.exp(by_share - top)).sum()))
-
-
-def _same_surface(r: Floats, usual: Floats, numbers: Numbers) -> Floats | None:
-    """Log-likelihood ratio of one level's correlations r (n,), NaN where not seen: this surface, partly covered, or another."""
-    seen = np.isfinite(r)
-    if not seen.any():
-        return None
-    r, usual = r[seen], np.clip(usual[seen], 0.0, 1.0)
-    # what usually agrees little may agree by chance today, and not tomorrow
-    chance = numbers.chance_spread
-    spread = np.sqrt(usual**2 * numbers.match_spread**2 + (1.0 - usual**2) * chance**2)
-    ratio = (chance / spread) * np.exp(0.5 * ((r / chance) ** 2 - ((r - usual) / spread) ** 2))
-    return np.asarray(np.log((1.0 - OCCLUDED[:, None]) * ratio + OCCLUDED[:, None]).sum(axis=1) / numbers.patch_share)
 
 
 def strangeness(estimate: PoseEstimate, numbers: Numbers) -> float:
@@ -184,7 +171,8 @@ SAME_ODDS = math.log(20.0)
 
 def variance_of(estimate: PoseEstimate) -> float:
     """px^2 of the worst contact in its worst direction, by the model alone."""
-    return float(np.linalg.eigvalsh(estimate.covariance)[:, -1].max())
+    axes = [(0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)) for (xx, xy), (_, yy) in estimate.covariance.tolist()]
+    return float(max(mean + root for mean, root in axes))
 
 
 LONG = 1e6
