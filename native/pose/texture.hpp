@@ -82,10 +82,17 @@ struct TextureNumbers {
     double freedom;     // of the t distribution of their errors
 };
 
+// Grey levels, of the camera's noise in pixels `stride` apart: halving an image leaves little more than a quarter of it, halving
+// it again the half of that. At least that of 8 bits.
+inline double noise_of(double camera, double stride) {
+    return stride > 1 ? std::max(camera / (2 * stride), std::sqrt(1.0 / 12)) : camera;
+}
+
 // One patch on an image seen through G.
-inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double noise,
+inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double camera,
                               double floor) {
     PatchMatch out;
+    const double noise = noise_of(camera, stride);
     const Seen seen = look_through(pyramid, G, patch.x, patch.y, stride);
     const Point c = carried(seen.H, patch.x, patch.y);
     const auto d = derivatives(seen.H, patch.x, patch.y);
@@ -120,7 +127,7 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
     const double root = std::hypot(0.5 * (patch.axx - patch.ayy), patch.axy);
     const double angle = 0.5 * std::atan2(2 * patch.axy, patch.axx - patch.ayy);
     const double cosine = std::cos(angle), sine = std::sin(angle);
-    const double alone = patch_pixels * noise * noise / (stride * stride * stride * stride);  // twice its mean
+    const double alone = patch_pixels * noise * noise / (stride * stride);  // twice its mean
     double rest = own - 2 * gain * cross + gain * gain * patch.variance;
     double offset[2], information[2];
     for (int axis = 0; axis < 2; ++axis) {
