@@ -91,10 +91,17 @@ struct TextureNumbers {
     double freedom;     // of the t distribution of their errors
 };
 
+// Grey levels, of the camera's noise in pixels `stride` apart: halving an image leaves little more than a quarter of it, halving
+// it again the half of that. At least that of 8 bits.
+inline double noise_of(double camera, double stride) {
+    return stride > 1 ? std::max(camera / (2 * stride), std::sqrt(1.0 / 12)) : camera;
+}
+
 // One patch on an image seen through G.
-inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double noise,
+inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double camera,
                               double floor) {
     PatchMatch out;
+    const double noise = noise_of(camera, stride);
     const Seen seen = look_through(pyramid, G, patch.x, patch.y, stride);
     const Point c = carried(seen.H, patch.x, patch.y);
     const auto d = derivatives(seen.H, patch.x, patch.y);
@@ -137,7 +144,7 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
     const double gain = std::clamp(std::sqrt(std::max(own - grain, 0.0) / std::max(patch.variance, 1e-9)), 0.2, 5.0);
     // Along each of the two axes of the patch's gradients: what noise alone gives of them tells nothing.
     const double cosine = patch.cosine, sine = patch.sine;
-    const double alone = patch_pixels * noise * noise / (stride * stride * stride * stride);  // twice its mean
+    const double alone = patch_pixels * noise * noise / (stride * stride);  // twice its mean
     double rest = own - 2 * gain * cross + gain * gain * patch.variance;
     double offset[2], information[2];
     for (int axis = 0; axis < 2; ++axis) {

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -143,18 +144,27 @@ def _single(values: Floats) -> Floats:
     return values.astype(np.float32).astype(np.float64)
 
 
-def match_patches(pyramid: Pyramid, G: Floats, patches: Patches, noise: float, floor: float) -> Matches:
+def noise_of(camera: float, stride: float) -> float:
+    """Grey levels, of the camera's noise in pixels `stride` apart: at least that of 8 bits.
+
+    Halving an image leaves little more than a quarter of it, halving it again the half of that.
+    """
+    return max(camera / (2.0 * stride), math.sqrt(1.0 / 12.0)) if stride > 1.0 else camera
+
+
+def match_patches(pyramid: Pyramid, G: Floats, patches: Patches, camera: float, floor: float) -> Matches:
     """What patches say of the pose G (3, 3) of an image.
 
     Args:
         pyramid, G, patches: the image, the pose, and what is laid on it.
-        noise: grey levels, of the camera.
+        camera: grey levels, of its noise.
         floor: work px, error that the model does not explain.
     """
     m, stride = len(patches), patches.stride
     inside, values = _lattice(pyramid, G, patches.places, stride, SIDE // 2)
     value = values.reshape(m, PIXELS)
     value = value - value.mean(axis=1, keepdims=True)
+    noise = noise_of(camera, patches.stride)
     grain = PIXELS * noise * noise
     own, cross = (value * value).sum(axis=1), (value * patches.value).sum(axis=1)
     ex, ey = (value * patches.gx).sum(axis=1), (value * patches.gy).sum(axis=1)
@@ -168,7 +178,7 @@ def match_patches(pyramid: Pyramid, G: Floats, patches: Patches, noise: float, f
     cosine, sine = np.cos(angle), np.sin(angle)
     axes = np.stack([np.column_stack([cosine, sine]), np.column_stack([-sine, cosine])])
     power = np.stack([mean + root, mean - root])
-    signal = power - PIXELS * noise * noise / stride**4  # twice the mean of noise alone
+    signal = power - PIXELS * noise * noise / stride**2  # twice the mean of noise alone
     tells = signal > 0
     e = axes[..., 0] * ex + axes[..., 1] * ey
     # noise in the gradients shortens a shift measured with them

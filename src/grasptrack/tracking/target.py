@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH
 from grasptrack.contour import View
+from grasptrack.kernels.reference_pose_texture import noise_of
 from grasptrack.projective import apply_homography, similarity
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.transfer.alignment import alignments, as_similarity
@@ -180,7 +181,8 @@ def make_target(
     length = math.sqrt(area)
     s = min(1.0, numbers.work_size / length)
     margin = 0.2 * length + 12.0 / s
-    low, high = outer.min(axis=0) - margin, outer.max(axis=0) + margin
+    # whole px: between them interpolation takes up to three quarters of the noise, which would not be measured
+    low, high = np.floor(outer.min(axis=0) - margin), outer.max(axis=0) + margin
     width, height = (int(v) for v in np.ceil((high - low) * s))
     A = np.array([[1.0 / s, 0.0, low[0]], [0.0, 1.0 / s, low[1]], [0.0, 0.0, 1.0]])
     image = _rectified(levels, A, (width, height))
@@ -226,14 +228,14 @@ def make_target(
     while stride == 1 or stride <= size / 16.0:
         inside = _grey(cv2.erode(mask, np.ones((9, 9), np.uint8), iterations=1))
         inside = _grey(cv2.erode(inside, np.ones((PATCH * stride, PATCH * stride), np.uint8), borderValue=0))
-        centres = _textured(reduced, inside, stride, noise / stride, numbers.texture_contrast, count)
+        centres = _textured(reduced, inside, stride, noise_of(noise, stride), numbers.texture_contrast, count)
         counts.append(target.add_texture(levels, centres, float(stride)))
         if stride == 1:
             patches = centres
         reduced, stride, count = _grey(cv2.pyrDown(reduced)), 2 * stride, max(30, count // 2)
     grown = _grey(cv2.dilate(mask, np.ones((9, 9), np.uint8)))
     half = _grey(cv2.pyrDown(image))
-    corners = _textured(half, grown, 2, noise / 2.0, numbers.texture_contrast, CORNERS)
+    corners = _textured(half, grown, 2, noise_of(noise, 2.0), numbers.texture_contrast, CORNERS)
     strides = [float(1 << k) for k in range(1, 5) if k == 1 or (1 << k) <= size / 16.0]
     return Target(
         view,
