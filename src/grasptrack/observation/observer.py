@@ -296,7 +296,7 @@ class Observer:
         return view
 
     def believe(self, view: View, levels: tuple[float, float] = (math.nan, math.nan)) -> None:
-        """Learn the grey levels and the light of an outline that the verdict accepted.
+        """Learn the grey levels and the light of an outline that was accepted.
 
         Args:
             view: the outline.
