@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from grasptrack.contour import View
 from grasptrack.observation.observer import Observer
+from grasptrack.projective import apply_homography
 from grasptrack.tracking.camera import learn_camera, learn_thickness
 from grasptrack.tracking.decision import (
     LONG,
     SAME_PLACE,
-    SUDDEN,
     TURNED,
     Decision,
     checked,
@@ -25,12 +25,14 @@ from grasptrack.tracking.decision import (
     evidence,
     farthest,
     strangeness,
+    texture_evidence,
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
-from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
+from grasptrack.tracking.single import first_state
+from grasptrack.tracking.state import Look, TrackState, process_noise
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
 Floats = NDArray[np.float64]
@@ -73,7 +75,7 @@ class Follower:
         levels = pyramid(grey)
         self.numbers = numbers
         self.target = make_target(levels, view, contacts, numbers, hidden)
-        self.state: TrackState = initial_state(self.target, levels, numbers)
+        self.state: TrackState = first_state(self.target, levels, numbers)
         self.state.time = time
         self.redetection = Redetection(self.target, levels, observer, hidden)
         self.state.lookalike = self._equals(self.state.last)
@@ -97,6 +99,7 @@ class Follower:
             estimates += self._estimates(levels, second + self.redetection.search(state, levels))
             decision = decide(state, estimates, expected, unseen, presence, numbers)
         decision = self._against_turns(levels, decision, estimates, expected, unseen, presence)
+        decision = self._named(decision)
         self._learn(levels, decision, predictions.ground, steps)
         if state.lost:
             state.sighted = sighted(state, estimates, numbers)
@@ -129,7 +132,7 @@ class Follower:
                 continue
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
-            found = self._against_turns(levels, found, estimates, expected, unseen, presence)
+            found = self._named(self._against_turns(levels, found, estimates, expected, unseen, presence))
             answer = checked(found, nearest.contacts, numbers)
             if answer.accepted:
                 break
@@ -137,8 +140,9 @@ class Follower:
         return answer, nearest
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
-        """Whether the outline lies elsewhere than it did of late, more than light explains."""
-        return strangeness(estimate, self.numbers) - self.state.strange > SUDDEN
+        """Whether more of the outline is covered than of late, by what may have carried the texture along, or lies elsewhere."""
+        numbers = self.numbers
+        return strangeness(estimate, numbers) - self.state.strange > -numbers.cover_power * math.log1p(-numbers.elsewhere)
 
     def _presence(self) -> float:
         """Prior probability that the object is there."""
@@ -161,6 +165,15 @@ class Follower:
         turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
         estimates += self._estimates(levels, turned)
         return decide(state, estimates, expected, unseen, presence, self.numbers)
+
+    def _named(self, decision: Decision) -> Decision:
+        """The decision, called ambiguous where all that competes is the same outline laid on itself otherwise."""
+        one, other = decision.estimate, decision.rival
+        if decision.code != "other-place" or one is None or other is None:
+            return decision
+        a, b = (apply_homography(e.G, self.target.outline) for e in (one, other))
+        near = np.hypot(*(a[:: max(1, len(a) // OUTLINE), None] - b[None]).transpose(2, 0, 1)).min(axis=1)
+        return replace(decision, code="ambiguous") if near.max() < decision.tolerance else decision
 
     def _expected(self, predictions: Predictions, steps: float) -> tuple[Floats, float]:
         """(k, 2) px, the contacts where they are expected; and how long the object may have moved freely, in frames."""
@@ -212,7 +225,7 @@ class Follower:
                 continue
             # of a lost object only what shows it can be nearly right
             lost = self.state.lost and evidence(estimate, self.state.usual, self.numbers) < 0.0
-            if estimate.elsewhere > self.numbers.elsewhere and not lost:
+            if (estimate.elsewhere > self.numbers.elsewhere or self._falls_short(estimate)) and not lost:
                 farther = Hypothesis(
                     hypothesis.origin,
                     estimate.G,
@@ -224,6 +237,15 @@ class Follower:
                     estimate = other
             found.append(estimate)
         return found
+
+    def _falls_short(self, estimate: PoseEstimate) -> bool:
+        """Whether much less of the surface is seen than usual, as where only its coarse patches found their place."""
+        state, numbers = self.state, self.numbers
+        if not sum(self.target.counts):
+            return False
+        seen = [u + 0.0 * r for u, r in zip(state.usual, estimate.correlation, strict=True)]
+        usual = texture_evidence(replace(estimate, correlation=seen), state.usual, numbers)
+        return texture_evidence(estimate, state.usual, numbers) < LEAST_OF_USUAL * usual
 
     def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
         """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
@@ -316,6 +338,10 @@ class Follower:
             usual[seen] += (r[seen] - usual[seen]) * share
 
 
+LEAST_OF_USUAL = 0.5
+"""Share of the usual evidence of the surface below which a second solution is looked for."""
+OUTLINE = 60
+"""Points of an outline at which it is compared with another."""
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
 UNSURE = 0.5
@@ -327,4 +353,4 @@ ALIKE = 0.5
 CALM = 0.01
 """Share of the process noise that always remains."""
 FIRST = 2
-"""... and images without any likeness that count before the first."""
+"""... and images for which the likeness that noise allows counts before the first."""
