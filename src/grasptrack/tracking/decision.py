@@ -84,6 +84,11 @@ def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbe
     return sum(_marginal(m, OCCLUDED_PRIOR) for m in _by_share(estimate, usual, numbers))
 
 
+def surface_seen(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
+    """As `texture_evidence`, where the outline shows that little of it is covered."""
+    return sum(_marginal(m, COVERED_PRIOR) for m in _by_share(estimate, usual, numbers))
+
+
 def surface_missing(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of the same surface on another outline, so that any share of it may be missing, against a cover."""
     shares = _by_share(estimate, usual, numbers)
@@ -206,13 +211,14 @@ def decide(
     likeness = SEEN_LIKE if state.lookalike and state.lost else numbers.lookalike
     raw = np.array([evidence(e, state.usual, numbers) for e in estimates])
     alike = [k for k, e in enumerate(estimates) if e.origin == TURNED]
-    if alike:  # by its outline a turn fits as well as what it is a turn of, whatever noise says; not as well as other poses
+    if alike:  # by its outline a turn fits as well as what it is a turn of, whatever noise says
         alike.append(max((k for k in range(len(estimates)) if k not in alike), key=lambda k: raw[k], default=alike[0]))
         best_odds = max(estimates[k].log_odds for k in alike)
-        surface = [texture_evidence(estimates[k], state.usual, numbers) for k in alike]
-        for k, own in zip(alike, surface, strict=True):
-            # it is there in one of these ways, so that a surface also speaks against all but one
-            against = min(0.0, own) - min(0.0, max(surface))
+        told = [max(0.0, texture_evidence(estimates[k], state.usual, numbers)) for k in alike]
+        # it lies there in one of these ways: what is not seen of its surface is covered, in all of them
+        seen = [surface_seen(estimates[k], state.usual, numbers) for k in alike]
+        for k, by_all, by_surface in zip(alike, told, seen, strict=True):
+            against = by_surface - max(seen) - (by_all - max(told))
             raw[k] += numbers.temper * (best_odds - estimates[k].log_odds + against)
     centres = np.array([e.contacts.mean(axis=0) for e in estimates])
     scores = []
@@ -233,8 +239,8 @@ def decide(
     best = min(same, key=lambda k: variance_of(estimates[k]))
     chosen = estimates[best]
     others = [math.log(1.0 - presence)]
-    rivals = [e for e in estimates if farthest(e.contacts, chosen.contacts) > allowed]
-    others += [score for e, score in zip(estimates, scores, strict=True) if farthest(e.contacts, chosen.contacts) > allowed]
+    rivals = [k for k, e in enumerate(estimates) if farthest(e.contacts, chosen.contacts) > allowed]
+    others += [scores[k] for k in rivals]
     top = max([*others, scores[best]])
     own = math.exp(scores[best] - top)
     p = own / (own + sum(math.exp(o - top) for o in others))
@@ -253,13 +259,12 @@ def decide(
             code = "other-shape" if chosen.other_shape > 0.0 else "other-surface"
             figures["probability"] = other
         else:
-            rival = max(others[1:], default=-math.inf)
-            nowhere = rival <= others[0]
+            nowhere = max(others[1:], default=-math.inf) <= others[0]
             code = "not-there" if nowhere else "other-place"
             if nowhere and state.lookalike and state.lost:
                 code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
-    rival = rivals[int(np.argmax(others[1:]))] if rivals else None
+    rival = estimates[max(rivals, key=lambda k: scores[k])] if rivals else None
     return Decision(chosen, off, p, math.sqrt(variance), allowed, other, float(raw[best]), code, figures, rival)
 
 

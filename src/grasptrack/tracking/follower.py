@@ -18,6 +18,7 @@ from grasptrack.tracking.camera import learn_camera, learn_thickness
 from grasptrack.tracking.decision import (
     LONG,
     SAME_PLACE,
+    SUDDEN,
     TURNED,
     Decision,
     checked,
@@ -26,8 +27,9 @@ from grasptrack.tracking.decision import (
     farthest,
     strangeness,
     texture_evidence,
+    tolerance,
 )
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose, renamed
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
@@ -99,7 +101,6 @@ class Follower:
             estimates += self._estimates(levels, second + self.redetection.search(state, levels))
             decision = decide(state, estimates, expected, unseen, presence, numbers)
         decision = self._against_turns(levels, decision, estimates, expected, unseen, presence)
-        decision = self._named(decision)
         self._learn(levels, decision, predictions.ground, steps)
         if state.lost:
             state.sighted = sighted(state, estimates, numbers)
@@ -132,7 +133,7 @@ class Follower:
                 continue
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
-            found = self._named(self._against_turns(levels, found, estimates, expected, unseen, presence))
+            found = self._against_turns(levels, found, estimates, expected, unseen, presence)
             answer = checked(found, nearest.contacts, numbers)
             if answer.accepted:
                 break
@@ -140,9 +141,12 @@ class Follower:
         return answer, nearest
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
-        """Whether more of the outline is covered than of late, by what may have carried the texture along, or lies elsewhere."""
-        numbers = self.numbers
-        return strangeness(estimate, numbers) - self.state.strange > -numbers.cover_power * math.log1p(-numbers.elsewhere)
+        """Whether the outline lies elsewhere all at once, or much of it is covered, by what may have carried texture along."""
+        numbers, usual = self.numbers, self.state.strange
+        covered = float(np.mean(estimate.occluded)) if len(estimate.occluded) else 0.0
+        cover = -numbers.cover_power * math.log1p(-min(covered, 0.999))
+        noticed = -numbers.cover_power * math.log1p(-numbers.elsewhere)
+        return strangeness(estimate, numbers) - usual > SUDDEN or cover - usual > noticed
 
     def _presence(self) -> float:
         """Prior probability that the object is there."""
@@ -160,20 +164,33 @@ class Follower:
     ) -> Decision:
         """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
         state, target = self.state, self.target
-        if decision.estimate is None or not decision.accepted or not target.turns or not (state.lost or state.gone):
-            return decision
-        turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
-        estimates += self._estimates(levels, turned)
-        return decide(state, estimates, expected, unseen, presence, self.numbers)
 
-    def _named(self, decision: Decision) -> Decision:
-        """The decision, called ambiguous where all that competes is the same outline laid on itself otherwise."""
-        one, other = decision.estimate, decision.rival
-        if decision.code != "other-place" or one is None or other is None:
-            return decision
+        def decided() -> Decision:
+            own = decision.estimate
+            for k, e in enumerate(estimates):
+                if own is not None and e is not own and self._is_turned(own, e):
+                    estimates[k] = renamed(e, TURNED)
+            return decide(state, estimates, expected, unseen, presence, self.numbers)
+
+        if target.turns and (state.lost or state.gone):
+            if decision.rival is not None and not decision.accepted:
+                decision = decided()
+            if decision.estimate is not None and decision.accepted:
+                turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
+                estimates += self._estimates(levels, turned)
+                decision = decided()
+        own, rival = decision.estimate, decision.rival
+        only_turned = own is not None and rival is not None and self._is_turned(own, rival)
+        return replace(decision, code="ambiguous") if decision.code == "other-place" and only_turned else decision
+
+    def _is_turned(self, one: PoseEstimate, other: PoseEstimate) -> bool:
+        """Whether two estimates put the contacts at different places, but the outline at the same."""
+        allowed = tolerance(one.area, self.numbers)
+        if farthest(one.contacts, other.contacts) <= allowed:
+            return False
         a, b = (apply_homography(e.G, self.target.outline) for e in (one, other))
-        near = np.hypot(*(a[:: max(1, len(a) // OUTLINE), None] - b[None]).transpose(2, 0, 1)).min(axis=1)
-        return replace(decision, code="ambiguous") if near.max() < decision.tolerance else decision
+        away = np.hypot(*(a[:: max(1, len(a) // OUTLINE), None] - b[None]).transpose(2, 0, 1)).min(axis=1)
+        return bool(away.max() < allowed)
 
     def _expected(self, predictions: Predictions, steps: float) -> tuple[Floats, float]:
         """(k, 2) px, the contacts where they are expected; and how long the object may have moved freely, in frames."""
