@@ -351,7 +351,7 @@ def _regions(image: Grey, mask: Grey, points: Floats, normals: Floats, size: flo
 
 
 def _level_along(cells: Floats) -> tuple[Floats, Floats]:
-    """(N,) median of the first cells (N, 16) of a sample and its neighbours, and (N,) how far from it what is not of it lies."""
+    """(N,) median of the first cells (N, 16) of a sample and its neighbours; (N,) how far off a cell is not of that."""
     n, near = len(cells), np.arange(-LEVEL_SAMPLES, LEVEL_SAMPLES + 1)
     if n == 0:
         return np.zeros(0), np.zeros(0)
