@@ -78,12 +78,15 @@ def evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> f
 
 def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of the patches' correlations, given those that are usual: this surface against another one."""
-    return sum(_marginal(m, OCCLUDED_PRIOR) for m in _by_share(estimate, usual, numbers))
+    return _likely_covered(_by_share(estimate, usual, numbers))
 
 
-def surface_missing(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
-    """Log-likelihood ratio of the same surface on another outline, so that any share of it may be missing, against a cover."""
-    shares = _by_share(estimate, usual, numbers)
+def surface_missing(shares: list[Floats]) -> float:
+    """Log-likelihood ratio of the same surface on another outline, so that any share of it may be missing, against a cover.
+
+    Args:
+        shares: of each level, by the share of the surface that is not seen.
+    """
     total = sum(shares, start=np.zeros(len(OCCLUDED)))
     return _marginal(total, ANY_PRIOR) - _marginal(total, COVERED_PRIOR)
 
@@ -108,6 +111,11 @@ def _by_share(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> 
     ]
 
 
+def _likely_covered(shares: list[Floats]) -> float:
+    """Log-likelihood ratio of a surface of which some share is covered, of each level its own."""
+    return float(sum(_marginal(by_share, OCCLUDED_PRIOR) for by_share in shares))
+
+
 def _marginal(by_share: Floats, log_prior: Floats) -> float:
     return float(np.logaddexp.reduce(by_share + log_prior))
 
@@ -130,13 +138,14 @@ SUDDEN = math.log(100.0)
 
 def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
-    surface = texture_evidence(estimate, state.usual, numbers)
+    shares = _by_share(estimate, state.usual, numbers)
+    surface = _likely_covered(shares)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
         jump = max(0.0, strangeness(estimate, numbers) - state.strange)
         # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
         shape += max(jump - max(0.0, surface), min(jump, SUDDEN))
-        shape += surface_missing(estimate, state.usual, numbers)
+        shape += surface_missing(shares)
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (
             estimate.other_shape * math.exp(-state.strange)
