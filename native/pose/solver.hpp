@@ -259,8 +259,8 @@ class Solver {
 
     int reach_of(const Matrix<8> &P, double times_sd, double more) const {
         double most = 0;
-        const Symmetric<8> spread(P);
-        for (const auto &row : target_.rows) most = std::max(most, spread.quadratic(row));
+        const Form<8> spread(P);
+        for (const auto &square : target_.squares) most = std::max(most, spread(square));
         return whole(times_sd * std::sqrt(most) + more, 4, 30);
     }
 
@@ -325,7 +325,7 @@ class Solver {
                 const double mad = 1.4826 * middle(sorted);
                 variance = numbers_.edge_noise * numbers_.edge_noise + mad * mad;
             }
-            Matrix<8> own{};
+            Packed<8> sum{};
             Vector<8> toward{}, across{};  // `across`: with the thickness, the ninth unknown
             double thick = 0, thick_toward = 0;
             for (std::size_t i = 0; i < n; ++i) {
@@ -337,7 +337,8 @@ class Solver {
                 const double u = wu > 1e-9 ? wu : 0.0, l = wl > 1e-9 ? wl : 0.0;
                 if (!(u + l > 0)) continue;
                 const Vector<8> &J = target_.rows[i];
-                add_outer<8>(own, J, u + l);
+                const Packed<8> &square = target_.squares[i];
+                for (std::size_t k = 0; k < square.size(); ++k) sum[k] += (u + l) * square[k];
                 const double drawn = u * likelihoods_.upper_offset[i] + l * likelihoods_.lower_offset[i], shared = l * parallax[i];
                 for (std::size_t a = 0; a < 8; ++a) {
                     toward[a] += drawn * J[a];
@@ -346,7 +347,7 @@ class Solver {
                 thick += shared * parallax[i];
                 thick_toward += shared * likelihoods_.lower_offset[i];
             }
-            mirror<8>(own);
+            const Matrix<8> own = unpacked<8>(sum);
             Matrix<9> A9, P9;
             Vector<9> b9;
             for (std::size_t a = 0; a < 8; ++a) {
