@@ -117,9 +117,3 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         expected=target.A,
         usual=[np.zeros(n) for n in target.counts],
     )
-
-
-def process_noise(size: float, numbers: Numbers) -> Floats:
-    """(8, 8) what a frame may change of the pose when nothing predicts it; `size` in work px."""
-    shares = [numbers.drift] * 2 + [numbers.stretch_rate] * 4 + [numbers.tilt_rate] * 2
-    return np.diag((np.array(shares) * size) ** 2)
