@@ -156,7 +156,7 @@ def other_shape(
     gaps = np.hypot(*(target.points - np.roll(target.points, -1, axis=0)).T)
     length = np.minimum(gaps, target.radius).sum()
     far = whole(numbers.far * 2.0 * target.radius * n / length, 8, n)
-    same, differs = np.where(visible > 0.5, SEEN_ODDS, 1.0), np.where((visible <= 0.5) & ends, BOUNDED_ODDS, 1.0)
+    same, differs = np.where(visible > 0.5, SEEN_ODDS, 1.0), np.where(~(visible > 0.5) & ends, BOUNDED_ODDS, 1.0)
     told, lost = False, numbers.unlikely
     for i in np.flatnonzero(~((visible > 0.5) | ends)):
         back, shift = _levels_near(int(i), visible, beyond, far), _levels_near(int(i), visible, changed, far)
