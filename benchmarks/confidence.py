@@ -14,7 +14,6 @@ import numpy as np
 
 from grasptrack.evaluation.run_folder import read_run
 from grasptrack.evaluation.score import FrameScore
-from grasptrack.verdict import RISKS
 
 BINS = (0.0, 0.9, 0.99, 0.995, 0.999, 1.0)
 
@@ -27,11 +26,6 @@ def answered(folder: Path, method: str) -> list[tuple[str, FrameScore]]:
         for frame in scores.get(method, [])
         if frame.answered and not frame.defining and math.isfinite(frame.confidence)
     ]
-
-
-def bound(wrong: int, frames: int) -> float:
-    """Upper bound, one sigma, of a rate of which so many wrong ones were counted."""
-    return (wrong + 1.0 + math.sqrt(wrong + 0.75)) / frames
 
 
 def main() -> None:
@@ -49,19 +43,11 @@ def main() -> None:
     for low, high in pairwise(BINS):
         which = (told >= low) & ((told < high) | (high == 1.0))
         if which.any():
-            rows.append(
-                (f"{low:g} to {high:g}", int(which.sum()), float((1.0 - told[which]).sum()), int(wrong[which].sum()))
-            )
-    common.table(("confidence", "answers", "wrong expected", "wrong counted"), rows)
-    common.say("By the risk that was told that it is another object, turn or place; the bound is that of one sigma.")
-    risks = sorted(RISKS.values())
-    nearest = np.abs(np.log(np.maximum(1.0 - told, 1e-9))[:, None] - np.log(risks)[None, :]).argmin(axis=1)
-    rows = [
-        (risk, n, int(wrong[nearest == i].sum()), bound(int(wrong[nearest == i].sum()), n))
-        for i, risk in enumerate(risks)
-        if (n := int((nearest == i).sum()))
-    ]
-    common.table(("risk told", "answers", "wrong counted", "bound"), rows)
+            n, counted = int(which.sum()), int(wrong[which].sum())
+            most = (counted + 1.0 + math.sqrt(counted + 0.75)) / n
+            rows.append((f"{low:g} to {high:g}", n, float((1.0 - told[which]).sum()), counted, most))
+    common.say("The bound is that of one sigma on the rate of wrong answers.")
+    common.table(("confidence", "answers", "wrong expected", "wrong counted", "bound"), rows)
     common.finish(asked.output)
 
 

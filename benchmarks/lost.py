@@ -14,66 +14,51 @@ from typing import Any
 import numpy as np
 
 from grasptrack import GraspTracker, kernels
-from grasptrack.carriers import RegistrationCarrier, SilhouetteCarrier
 from grasptrack.evaluation.parts import built_in
 from grasptrack.evaluation.scenes import suite
 from grasptrack.evaluation.sequence import chosen_grasp
-from grasptrack.observation.observer import Observer
-from grasptrack.observation.support import OutlineSamples
-from grasptrack.search import Search
-from grasptrack.whereabouts import Whereabouts
+from grasptrack.tracking import follower, redetection
+from grasptrack.tracking.follower import Follower
+from grasptrack.tracking.outlines import Outlines
+from grasptrack.tracking.redetection import Keypoints, Redetection
 
 SHAPES = ("bracket", "gasket", "spanner", "hook", "puzzle-piece", "u-clip")
 DISTURBANCES = ("leave", "exchange", "twin", "hand", "clip")
 MOST_MS = 15.0
 GONE, RETURNED = 0.3, 0.98  # of the outline in view
-STEPS: tuple[tuple[str, type, str], ...] = (
-    ("registrations from the prediction", RegistrationCarrier, "carry"),
-    ("edges of a hypothesis", RegistrationCarrier, "on_edges"),
-    ("all the evidence of a hypothesis", RegistrationCarrier, "laid"),
-    ("surfaces where it was", RegistrationCarrier, "led_by_surfaces"),
-    ("transfers on silhouettes", SilhouetteCarrier, "carry"),
-    ("evidence", OutlineSamples, "support"),
-    ("outlines near the prediction", Observer, "near"),
-    ("outlines anywhere", Observer, "anywhere"),
-    ("matches", Search, "_match"),
-    ("where it may be", Whereabouts, "lost"),
+STEPS: tuple[tuple[str, object, str], ...] = (
+    ("pyramid of the image", follower, "pyramid"),
+    ("where it is expected", follower, "predict"),
+    ("which hypotheses promise", Redetection, "promising"),
+    ("pose estimates", Follower, "_estimates"),
+    ("decisions", follower, "decide"),
+    ("the last look, laid anew", redetection, "shifted_looks"),
+    ("keypoints", Keypoints, "find"),
+    ("outlines anywhere", Outlines, "find"),
 )
 NAMES = tuple(dict.fromkeys(name for name, _, _ in STEPS))
 
 
 class Shares:
-    """s that the steps of one update take, from clocks round their methods; of generators, what each item takes."""
+    """s that the steps of one update take, from clocks round their functions."""
 
     def __init__(self) -> None:
         self.taken: dict[str, float] = defaultdict(float)
 
     def watch(self) -> None:
         """From now on, all trackers are clocked."""
-        for name, owner, method in STEPS:
-            setattr(owner, method, self._clocked(name, getattr(owner, method)))
+        for name, owner, function in STEPS:
+            setattr(owner, function, self._clocked(name, getattr(owner, function)))
 
     def _clocked(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def clocked(*args: Any, **options: Any) -> Any:
             start = time.perf_counter()
             try:
-                given = call(*args, **options)
+                return call(*args, **options)
             finally:
                 self.taken[name] += time.perf_counter() - start
-            return self._items(name, given) if hasattr(given, "__next__") else given
 
         return clocked
-
-    def _items(self, name: str, items: Any) -> Any:
-        while True:
-            start = time.perf_counter()
-            try:
-                item = next(items)
-            except StopIteration:
-                return
-            finally:
-                self.taken[name] += time.perf_counter() - start
-            yield item
 
 
 class Absence:

@@ -15,12 +15,12 @@ import numpy as np
 
 import grasptrack as gt
 from grasptrack import kernels
-from grasptrack.analysis import FINGER_WIDTH
-from grasptrack.observation.registration import OutlineRegistration
 from grasptrack.observation.snake import Snake
-from grasptrack.observation.support import OutlineSamples
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES, Camera, demo_scene, tilting_path
+from grasptrack.tracking.estimator import Hypothesis, estimate_pose
+from grasptrack.tracking.follower import Follower
+from grasptrack.tracking.target import pyramid
 from grasptrack.transfer import grasp_line, homography, rrp
 from grasptrack.transfer.alignment import alignments
 
@@ -123,20 +123,20 @@ def time_steps(seen: Views) -> tuple[Measured, Errors]:
 
 
 def time_on_image(count: int, calls: int) -> Measured:
-    """Evidence, registration and the snake's step, of an outline of `count` points on rendered images."""
+    """A pose estimate and the snake's step, of an outline of `count` points on rendered images."""
     frames = list(demo_scene(240, colour=False))[:20]
     outline = gt.View(gt.Contour(resampled(frames[0].outline[0], count)))
     grasp = gt.synthesize(gt.Contour(resampled(frames[0].outline[0], 300)))[0].snapped(outline)
-    width = FINGER_WIDTH * float(np.sqrt(outline.outer.area))
-    samples = OutlineSamples(outline, frames[0].image, grasp.contacts, width, 1)
+    follower = Follower(frames[0].image, outline, grasp.contacts)
+    target, state = follower.target, follower.state
+
+    def estimate(levels: list[np.ndarray], H: np.ndarray) -> None:
+        estimate_pose(target, state, levels, Hypothesis("", target.pose(H), state.P))
+
     order = [*frames, *frames[-2:0:-1]]
     pool = [order[i % len(order)] for i in range(calls)]
-    evidence = ((f.image, np.asarray(f.H_current_reference), f.contacts(grasp.contacts)) for f in pool)
-    us = {"evidence": 1e6 * common.each(samples.support, list(evidence))}
-    registration = OutlineRegistration(outline, frames[0].image, 1)
-    us["registration"] = 1e6 * common.each(
-        registration.refine, [(f.image, np.asarray(f.H_current_reference)) for f in pool]
-    )
+    looks = [(pyramid(f.image), np.asarray(f.H_current_reference)) for f in pool]
+    us = {"pose estimate": 1e6 * common.each(estimate, looks)}
     snake = Snake(outline, frames[0].image, contacts=grasp.contacts)
 
     def step(image: np.ndarray) -> None:

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.analysis import FINGER_WIDTH
 from grasptrack.evaluation.demo import STRATEGIES
 from grasptrack.evaluation.method import Start
 from grasptrack.evaluation.peers import available
@@ -22,14 +21,15 @@ from grasptrack.evaluation.truth import Truth
 from grasptrack.observation.candidate import Candidate
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.outline import localise
-from grasptrack.observation.registration import OutlineRegistration
 from grasptrack.observation.segmentation import objects
 from grasptrack.observation.silhouettes import trace
 from grasptrack.observation.snake import Snake
-from grasptrack.observation.support import OutlineSamples
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SceneFrame, demo_scene
+from grasptrack.tracking.estimator import Hypothesis, estimate_pose
+from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.target import pyramid
 
 SIZES = ((640, 480), (1280, 960), (2000, 1500), (4000, 3000))
 LENGTH, BEGIN = 240, 40
@@ -76,12 +76,15 @@ def time_steps(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[Measu
         localise(image, chain, hole=False, polarity=1)
 
     clock("edge tracing of one outline", edges, ((f.image, c) for f, c in zip(order, chains, strict=True)))
-    width = FINGER_WIDTH * float(np.sqrt(view.outer.area))
-    samples = OutlineSamples(view, first.image, grasp, width, 1)
-    pool = ((f.image, H, apply_homography(H, grasp)) for f, H in zip(order, moves, strict=True))
-    clock("evidence", samples.support, pool)
-    registration = OutlineRegistration(view, first.image, 1)
-    clock("registration", registration.refine, ((f.image, H) for f, H in zip(order, moves, strict=True)))
+    follower = Follower(first.image, view, grasp)
+    target, state = follower.target, follower.state
+    clock("pyramid of the image", pyramid, ((f.image,) for f in order))
+
+    def estimate(levels: list[np.ndarray], H: np.ndarray) -> None:
+        estimate_pose(target, state, levels, Hypothesis("", target.pose(H), state.P))
+
+    pool = ((pyramid(f.image), H) for f, H in zip(order, moves, strict=True))
+    clock("pose estimate", estimate, pool)
     snake = Snake(view, first.image, contacts=grasp)
 
     def step(image: np.ndarray) -> None:

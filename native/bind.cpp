@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where kernels meet Python: arrays in, checks, arrays and tuples out. Those of synthesis are in
-// bind_grasp.cpp, those of images in bind_images.cpp, those of evidence in bind_evidence.cpp, of the servo in bind_servo.cpp.
+// bind_grasp.cpp, of images in bind_images.cpp, of matching in bind_match.cpp, of the pose in bind_pose.cpp, of the servo
+// in bind_servo.cpp.
 
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
@@ -15,7 +16,6 @@
 
 #include "alignment.hpp"
 #include "arrays.hpp"
-#include "bind_evidence.hpp"
 #include "bind_grasp.hpp"
 #include "bind_images.hpp"
 #include "bind_match.hpp"
@@ -326,7 +326,6 @@ NB_MODULE(_native, m) {
     m.def("resample", &py_resample, "points"_a, "count"_a, "smooth"_a);
     m.def("select_points", &py_select_points, "points"_a, "arc"_a, "curvature"_a, "separation"_a, "prominence"_a);
     bind_images(m);
-    bind_evidence(m);
     bind_match(m);
     bind_grasp(m);
     bind_servo(m);

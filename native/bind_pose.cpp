@@ -14,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "pose/estimate.hpp"
+#include "pose/follow.hpp"
 #include "pose/solver.hpp"
 
 namespace nb = nanobind;
@@ -225,12 +227,15 @@ struct PoseTarget {
         const pose::Pyramid old = seen(before), now = seen(levels);
         const pose::Homography from = fixed<9>(last, "last"), to = fixed<9>(start, "start");
         const pose::Matrix<8> prior = fixed<64>(P, "P");
-        const std::vector<pose::Point> at = places(centres, "centres");
+        std::vector<pose::Point> at = places(centres, "centres");
         pose::FlowFit fit;
         {
             nb::gil_scoped_release free;
             std::vector<pose::PatchSet> looks;
-            for (double stride : values(strides)) looks.push_back(cut_patches(old, from, at, stride));
+            for (double stride : values(strides)) {
+                looks.push_back(cut_patches(old, from, at, stride));
+                at.resize(std::min(at.size(), std::max(pose::fewest_places, at.size() / 2)));
+            }
             fit = pose::follow_look(target, looks, now, to, prior, target.noise,
                                     {numbers.texture_floor, numbers.texture_independent, numbers.texture_freedom});
         }
@@ -247,6 +252,43 @@ struct PoseTarget {
     nb::object moved(const Doubles &G, const Doubles &d) const {
         const auto out = target.moved(fixed<9>(G, "G"), fixed<8>(d, "d"));
         return array_of(out.data(), {3, 3});
+    }
+
+    // (8,) the error that leads from one pose to another; NaN where none does.
+    nb::object difference(const Doubles &from, const Doubles &to) const {
+        pose::Vector<8> d;
+        if (!target.difference(fixed<9>(from, "the first pose"), fixed<9>(to, "the second pose"), d))
+            d.fill(std::numeric_limits<double>::quiet_NaN());
+        return array_of(d.data(), {8});
+    }
+
+    // The contacts in an image, and their covariances.
+    nb::tuple placed(const Doubles &G, const Doubles &P) const {
+        const auto pose = fixed<9>(G, "G");
+        const auto spread = fixed<64>(P, "P");
+        std::vector<double> at, covariance;
+        for (const pose::Point &contact : target.contacts) {
+            const pose::Placed found = pose::placed(target, pose, spread, contact);
+            at.insert(at.end(), {found.at.x, found.at.y});
+            covariance.insert(covariance.end(), found.covariance.begin(), found.covariance.end());
+        }
+        const std::size_t k = target.contacts.size();
+        return nb::make_tuple(array_of(at.data(), {k, 2}), array_of(covariance.data(), {k, 2, 2}));
+    }
+
+    nb::tuple joined(const Doubles &G, const Doubles &P, const Doubles &other, const Doubles &Q) const {
+        const pose::Joined out = pose::joined(target, fixed<9>(G, "the first pose"), fixed<64>(P, "the first covariance"),
+                                              fixed<9>(other, "the second pose"), fixed<64>(Q, "the second covariance"));
+        return nb::make_tuple(out.distance, array_of(out.G.data(), {3, 3}), array_of(out.P.data(), {8, 8}));
+    }
+
+    nb::tuple learned_camera(const Doubles &G, const Doubles &P, const Doubles &theta, const Doubles &theta_covariance, double width,
+                             double height, double pinhole_sd, double keep, double most) const {
+        const pose::CameraBelief out =
+            pose::learned_camera(target, fixed<9>(G, "G"), fixed<64>(P, "P"),
+                                 {fixed<3>(theta, "theta"), fixed<9>(theta_covariance, "theta_covariance")}, width, height,
+                                 {pinhole_sd, keep, most});
+        return nb::make_tuple(array_of(out.theta.data(), {3}), array_of(out.covariance.data(), {3, 3}));
     }
 
     nb::tuple pinhole(const Doubles &G, const Doubles &theta, double width, double height) const {
@@ -280,7 +322,7 @@ nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, co
     std::vector<double> line(static_cast<std::size_t>(2 * span + 1));
     for (std::size_t i = 0; i < n; ++i) {
         pose::EdgeSample s;
-        if (!pose::profile(seen, target.points[i], target.normals[i], span, line.data())) continue;
+        if (!pose::profile(seen, target.points[i], target.normals[i], span, {-span, span}, line.data())) continue;
         pose::find_candidates(line.data(), span, reach, noise, half, s);
         double best = 0;
         for (std::size_t c = 0; c < static_cast<std::size_t>(s.count); ++c) {
@@ -292,6 +334,18 @@ nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, co
             inner[i * pose::inner_pixels + static_cast<std::size_t>(k)] = line[static_cast<std::size_t>(span + pose::inner_first - (half - pose::least_half) + k)];
     }
     return nb::make_tuple(array_of(offset), array_of(step), array_of(inner.data(), {n, pose::inner_pixels}), array_of(width));
+}
+
+double seen_area(const Doubles &G, const Doubles &points) {
+    if (points.ndim() != 2 || points.shape(1) != 2) throw std::invalid_argument("points are of shape (N, 2)");
+    return pose::seen_area(fixed<9>(G, "G"), points.data(), points.shape(0));
+}
+
+nb::object surface_evidence(const Doubles &correlation, const Doubles &usual, const Doubles &shares, double match_spread,
+                            double chance_spread, double independent) {
+    if (count(usual) != count(correlation)) throw std::invalid_argument("each correlation needs what is usual");
+    return array_of(pose::surface_evidence(correlation.data(), usual.data(), count(correlation), shares.data(), count(shares),
+                                           {match_spread, chance_spread, independent}));
 }
 
 }  // namespace
@@ -309,7 +363,15 @@ void bind_pose(nb::module_ &m) {
              "thickness_variance"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
+        .def("difference", &PoseTarget::difference, "first"_a, "second"_a)
+        .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
+        .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
+        .def("learned_camera", &PoseTarget::learned_camera, "G"_a, "P"_a, "theta"_a, "theta_covariance"_a, "width"_a, "height"_a,
+             "pinhole_sd"_a, "keep"_a, "most"_a)
         .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
+    m.def("seen_area", &seen_area, "G"_a, "points"_a);
+    m.def("surface_evidence", &surface_evidence, "correlation"_a, "usual"_a, "shares"_a, "match_spread"_a, "chance_spread"_a,
+          "independent"_a);
     m.def("strongest_edges", &strongest_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a, "half"_a);
 }
 

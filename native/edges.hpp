@@ -152,11 +152,8 @@ struct Profile {
     }
 };
 
-// The direction in which grey is to change is asked for each point: polarity(k) is +1, -1, or 0 for either. The grey levels
-// on the two sides of an edge are left out where nobody asks for them.
-template <bool Sides = true, typename Pixel, typename Polarity>
-void edge_search_each(const Image<Pixel> &image, Points points, const Vec *normals, double reach, Polarity polarity,
-                      Edge *out) {
+template <typename Pixel>
+void edge_search(const Image<Pixel> &image, Points points, const Vec *normals, double reach, int polarity, Edge *out) {
     const auto half = static_cast<std::ptrdiff_t>(reach / spacing + 1e-9);
     // Beyond its reach an edge is not looked for, but the window of one found near the end needs its samples.
     constexpr auto margin = static_cast<std::ptrdiff_t>((window + 1) / spacing) + 1;
@@ -188,7 +185,7 @@ void edge_search_each(const Image<Pixel> &image, Points points, const Vec *norma
             from = profile.first, to = profile.last;
         }
         if (profile.last - profile.first + 1 < min_samples) continue;
-        const std::ptrdiff_t peak = profile.peak(polarity(k));
+        const std::ptrdiff_t peak = profile.peak(polarity);
         if (peak == profile.first) continue;
         const double strength = profile.slope(peak);
         Profile wide = profile;
@@ -199,17 +196,8 @@ void edge_search_each(const Image<Pixel> &image, Points points, const Vec *norma
         }
         while (wide.first > peak - margin && take(wide.first - 1)) --wide.first;
         while (wide.last < peak + margin && take(wide.last + 1)) ++wide.last;
-        const double offset = wide.centre(strength > 0 ? 1.0 : -1.0, Profile::at(peak));
-        if (Sides)
-            out[k] = profile.edge(offset, strength);
-        else
-            out[k].offset = offset, out[k].strength = strength;
+        out[k] = profile.edge(wide.centre(strength > 0 ? 1.0 : -1.0, Profile::at(peak)), strength);
     }
-}
-
-template <typename Pixel>
-void edge_search(const Image<Pixel> &image, Points points, const Vec *normals, double reach, int polarity, Edge *out) {
-    edge_search_each(image, points, normals, reach, [polarity](std::size_t) { return polarity; }, out);
 }
 
 }  // namespace grasptrack

@@ -48,17 +48,11 @@ inline void carry_normal(const double *H, double front, const double *point, con
     out[0] = u, out[1] = v, out[2] = px / size, out[3] = py / size, out[4] = determinant;
 }
 
-// Of every `stride`-th of the points and normals, n in all.
-inline void carry_normals(const double *H, const double *points, const double *normals, std::int64_t n, double *out,
-                          std::int64_t stride = 1) {
+inline void carry_normals(const double *H, const double *points, const double *normals, std::int64_t n, double *out) {
     double front = 0.0;
-    for (std::int64_t k = 0; k < n; ++k) {
-        const double *point = points + 2 * k * stride;
-        front += H[6] * point[0] + H[7] * point[1] + H[8];
-    }
+    for (std::int64_t k = 0; k < n; ++k) front += H[6] * points[2 * k] + H[7] * points[2 * k + 1] + H[8];
     front /= static_cast<double>(n);
-    for (std::int64_t k = 0; k < n; ++k)
-        carry_normal(H, front, points + 2 * k * stride, normals + 2 * k * stride, out + 5 * k);
+    for (std::int64_t k = 0; k < n; ++k) carry_normal(H, front, points + 2 * k, normals + 2 * k, out + 5 * k);
 }
 
 }  // namespace grasptrack

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "evidence.hpp"
+#include "motions.hpp"
 #include "nearest.hpp"
-#include "register.hpp"
 
 namespace grasptrack {
 

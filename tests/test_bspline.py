@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack.errors import ConditioningError, ContourError, StrategyError
-from grasptrack.observation.bspline import ClosedSpline, basis_matrix, fit_spline, fit_within
+from grasptrack.observation.bspline import ClosedSpline, basis_matrix, fit_spline
 from grasptrack.observation.shape_space import Shape, ShapeSpace
 from grasptrack.projective import apply_homography
 
@@ -54,13 +54,6 @@ def test_a_circle_is_fitted_closely_and_more_spans_fit_closer() -> None:
     circle = 100 * np.column_stack([np.cos(t), np.sin(t)])
     gaps = [fit_spline(circle, spans)[1] for spans in (8, 16, 32)]
     assert gaps[0] > gaps[1] > gaps[2] and gaps[1] < 0.01
-
-
-def test_a_polygon_of_few_points_is_followed() -> None:
-    octagon = np.array([[0, 0], [90, 0], [120, 30], [120, 70], [90, 100], [30, 100], [0, 70], [0, 30]], dtype=float)
-    spline, rms = fit_within(octagon, 0.5)
-    assert rms <= 0.5 and spline.spans < 96
-    assert fit_within(octagon, 1e-9, max_spans=20)[0].spans == 20
 
 
 @given(st.floats(-3, 3), st.floats(0.1, 5), numbers, numbers)

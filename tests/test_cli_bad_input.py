@@ -185,7 +185,7 @@ def test_what_is_nobodys_mistake_is_status_1_and_still_one_line(
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("two\nlines")
 
-    monkeypatch.setattr("grasptrack.tracker.GraspTracker.update", broken)
+    monkeypatch.setattr("grasptrack.tracking.tracker.GraspTracker.update", broken)
     given = tracking(plates(tmp_path / "in", 2), tmp_path)
     assert "RuntimeError: two lines" in refused(given, capsys, status=1)
     monkeypatch.setenv("GRASPTRACK_DEBUG", "1")

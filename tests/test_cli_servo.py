@@ -22,7 +22,7 @@ from grasptrack.evaluation.schedule.outcome import Outcome
 from grasptrack.hand import Hand
 from grasptrack.projective import apply_homography, similarity
 from grasptrack.simulation import SHAPES
-from grasptrack.tracker import GraspTracker
+from grasptrack.tracking.tracker import GraspTracker
 
 
 def needs_mujoco() -> None:

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack import kernels
 from grasptrack.contour import Contour
 from grasptrack.observation.channel import PLAIN, clearest
 from grasptrack.projective import apply_homography
@@ -151,15 +150,3 @@ def test_a_mixture_that_shows_one_part_very_well_and_another_not_at_all_is_not_t
     assert clearest(image, outline) is PLAIN
     image[60:180, 200:260] = RED
     assert clearest(image, outline) is not PLAIN
-
-
-def test_of_an_object_of_several_colours_each_edge_keeps_its_direction() -> None:
-    image = np.full((80, 120), 100, np.uint8)
-    image[:, 60:] = 160
-    points, normals = np.array([[59.5, 20.0], [59.5, 40.0], [59.5, 60.0]]), np.tile([1.0, 0.0], (3, 1))
-    for strength, found in ((20.0, True), (-20.0, False)):
-        seen = kernels.outline_support(
-            image, np.eye(3), points, normals, np.array([strength, strength, np.inf]), points[:1].copy(), 0,
-            1000.0, 0.02, 3.0, 12.0, 2.0, 0.3, 0.3, 0.25,
-        )  # fmt: skip
-        assert seen[6].tolist() == [found, found, True]

@@ -258,7 +258,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
         ("matplotlib", {"view"}),
         ("cv2", {"evaluation", "io", "observation", "simulation", "suitability", "tracking", "view"}),
         ("grasptrack.simulation", {"simulation", "evaluation"}),
-        ("grasptrack.observation.snake", {"observation", "carriers", "evaluation", "tracking"}),
+        ("grasptrack.observation.snake", {"observation", "evaluation", "tracking"}),
         ("grasptrack._native", {"kernels"}),
     ],
 )

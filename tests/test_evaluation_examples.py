@@ -44,7 +44,7 @@ def test_the_demonstration_writes_truth_and_a_folder_for_each_strategy(tmp_path:
 def test_auto_follows_the_demonstration() -> None:
     from grasptrack.evaluation.score import Score
     from grasptrack.evaluation.truth import Truth
-    from grasptrack.tracker import GraspTracker
+    from grasptrack.tracking.tracker import GraspTracker
 
     tracker, score = GraspTracker(), Score("auto")
     for frame in demo_scene(60):

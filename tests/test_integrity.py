@@ -242,8 +242,6 @@ def test_a_new_grasp_is_chosen_on_the_object_that_needs_one() -> None:
     assert run.wrong == []
     tracker = run.tracker
     tracker.friction = 1e-3  # nothing is stable any longer: the next refusal asks for a new grasp
-    assert tracker._reference is not None
-    tracker._reference.friction = 1e-3
     H = pose(112.0, 120.0, scale=45.0)
     assert run.see(photo([(PLATE, H), (GASKET, pose(240.0, 120.0, scale=55.0))]), H).status == "unstable"
     tracker.friction = 0.5

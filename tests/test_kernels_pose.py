@@ -241,6 +241,49 @@ def test_moves_and_pinholes(seed: int, size: float) -> None:
 
 
 @FEW
+@given(SEEDS, st.floats(0.1, 50.0))
+def test_what_is_told_of_poses(seed: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    first, second = both(0, 30)
+    G, other = view(rng, size), view(rng, size)
+    P, Q = (spread @ spread.T + 0.01 * np.eye(8) for spread in rng.normal(size=(2, 8, 8)))
+    same(first.difference(G, other), second.difference(G, other))
+    same(first.placed(G, P), second.placed(G, P))
+    same(first.joined(G, P, other, Q), second.joined(G, P, other, Q))
+    points = CENTRE + rng.uniform(-400.0, 400.0, (int(rng.integers(0, 9)), 2))
+    same(native.seen_area(G, points), reference.seen_area(G, points))
+    wide, theta = rng.normal(size=(3, 3)), rng.uniform(-1.0, 1.0, 3)
+    asked = G, 1e-4 * P, theta, 0.1 * (wide @ wide.T + 0.1 * np.eye(3)), WIDTH, HEIGHT, 0.005, 0.5, 1.2
+    same(first.learned_camera(*asked), second.learned_camera(*asked), rtol=1e-5, atol=1e-6)
+
+
+def test_what_cannot_be_told_of_poses() -> None:
+    none, P = np.zeros((3, 3)), np.eye(8)
+    for made in both(0, 30):
+        assert np.isnan(made.difference(none, A)).all() and np.isnan(made.difference(A, none)).all()
+        distance, G, kept = made.joined(A, P, A, -P)
+        assert distance == np.inf and (G == A).all() and (kept == P).all()
+    for module in (native, reference):
+        behind = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
+        assert np.isnan(module.seen_area(behind, np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]])))
+        assert np.isnan(module.seen_area(np.full((3, 3), np.nan), CONTACTS))
+        with pytest.raises(ValueError, match="shape"):
+            module.seen_area(A, np.zeros(4))
+
+
+@FEW
+@given(SEEDS, st.integers(0, 300), st.integers(1, 30))
+def test_evidence_of_surfaces(seed: int, n: int, m: int) -> None:
+    rng = np.random.default_rng(seed)
+    r = np.where(rng.random(n) < 0.2, np.nan, rng.uniform(-1.0, 1.0, n))
+    asked = r, rng.uniform(-0.2, 1.2, n), rng.uniform(0.0, 1.0, m), 0.18, 0.33, 3.0
+    same(native.surface_evidence(*asked), reference.surface_evidence(*asked))
+    for module in (native, reference):
+        with pytest.raises(ValueError, match="usual"):
+            module.surface_evidence(r, np.zeros(n + 1), *asked[2:])
+
+
+@FEW
 @given(SEEDS, st.integers(0, 40), st.sampled_from([0, 1, 4, 30]), st.booleans())
 def test_edges(seed: int, n: int, reach: int, plain: bool) -> None:
     rng = np.random.default_rng(seed)

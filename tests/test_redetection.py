@@ -8,12 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from grasptrack.contour import Contour, View
 from grasptrack.evaluation.parts import built_in
 from grasptrack.evaluation.scenes import run_case, suite
-from grasptrack.matching import Sampled
 from grasptrack.projective import apply_homography
-from grasptrack.search import _unlike
 from grasptrack.simulation import SHAPES, Shape
 from stages import HEIGHT, WIDTH, Run, mirrored, photo, pose, twin
 
@@ -89,9 +86,3 @@ def test_a_tangle_beside_the_lost_object_does_not_stop_the_run() -> None:
     scene = suite(built_in(["spoon"]), ["bar"], frames=16)[0]
     frames = run_case((scene, ("auto",)))["auto"]
     assert len(frames) == 16 and not any(f.is_false_accept for f in frames)
-
-
-def test_an_outline_that_encloses_nothing_is_unlike_any() -> None:
-    hair = np.array([[10.0, 10.0], [30.0, 10.0], [50.0, 10.0], [30.0, 10.0]])
-    outline = Sampled(View(Contour(SHAPES["bracket"]().outer * 40.0)))
-    assert _unlike(outline, hair) == math.inf

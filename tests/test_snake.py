@@ -107,21 +107,16 @@ def error(snake: Snake, fit: SnakeFit, H: Floats) -> float:
 def test_contacts_over_sixty_frames(shape: Shape, shear: float) -> None:
     view = part()
     snake = Snake(view, render(view, np.eye(3), 0), shape)
-    errors, honest = [], []
+    errors = []
     for k in range(60):
         if k:
             snake.predict()
         fit = snake.update(render(view, path(k, shear), k))
         assert fit.ok, f"frame {k}: {fit.reason}"
         errors.append(error(snake, fit, path(k, shear)))
-        grasp = grasp_of(snake)
-        gap = apply_homography(fit.homography, grasp.contacts) - apply_homography(path(k, shear), grasp.contacts)
-        honest += [g @ np.linalg.solve(C, g) for g, C in zip(gap, fit.covariance_at(grasp.contacts), strict=True)]
         assert fit.support > 0.9 and fit.outside == 0.0
     assert max(errors) < 0.2, max(errors)
     assert np.sqrt(np.mean(np.square(errors))) < 0.12
-    # 95 % of the errors lie within the 99 % ellipse
-    assert np.quantile(honest, 0.95) < 9.2
 
 
 def test_the_light_may_fade_slowly() -> None:
@@ -195,8 +190,8 @@ def test_a_covered_contact_is_not_seen() -> None:
     snake = Snake(view, render(view, np.eye(3), 0))
     snake.predict()
     fit = snake.update(render(view, np.eye(3), 1, cover=bar(245, 44, 0.0)))
-    places = Grasp([[245.0, 168.0], [400.0, 160.0]]).on(snake.template)
-    hidden, free = fit.seen_at(places)
+    from_contact = np.hypot(*(snake.template.points[:, None] - [[245.0, 168.0], [400.0, 160.0]]).transpose(2, 0, 1))
+    hidden, free = (fit.seen[np.argsort(d)[:13]].mean() for d in from_contact.T)
     assert hidden < 0.2 and free > 0.5
 
 
@@ -230,7 +225,7 @@ def test_out_of_the_image_is_unobserved_not_wrong() -> None:
 
 
 def test_tilt_is_admitted_and_measured() -> None:
-    """What a similarity cannot follow shows in `misfit`, bends the covariance, and is not called ok for long."""
+    """What a similarity cannot follow shows in `misfit`, and is not called ok for long."""
     view = part()
     snake = Snake(view, render(view, np.eye(3), 0))
     to_middle = np.array(((1, 0, -320), (0, 1, -245), (0, 0, 1.0)))
@@ -244,8 +239,6 @@ def test_tilt_is_admitted_and_measured() -> None:
             assert rms < 1.5, f"frame {k}"
         if rms < 3.0:
             assert fit.misfit == pytest.approx(rms, abs=0.35)
-            better = apply_homography(fit.refined, snake.template.points) - apply_homography(H, snake.template.points)
-            assert math.sqrt(np.square(better).sum(axis=1).mean()) < 0.3
     assert not fit.ok
 
 

@@ -48,7 +48,7 @@ def test_a_tracked_frame_tells_all_there_is(strategy: str) -> None:
         assert r.grasp_id == 1
         assert r.strategy == strategy or strategy == "auto"
         assert r.contacts is not None and r.contacts.shape == (2, 2)
-        assert r.seen is not None and (r.seen == 1.0).all()
+        assert r.seen is not None and (r.seen > 0.99).all()
         assert r.analysis is not None and r.analysis.stable and r.analysis.judged_in == "reference"
         assert 0.8 < r.confidence <= 1.0
         assert r.latency_ms > 0.0
@@ -119,9 +119,7 @@ def test_a_grasp_that_closes_only_where_it_is_does_not_close_for_sure(strategy: 
         for r in results[1:]:
             assert r.analysis is not None and r.analysis.stable and r.contacts is not None and 0.0 <= r.chance <= 1.0
             assert r.status == ("unstable" if r.chance < CHANCE else "tracked") and r.grasp_id == 1
-            assert r.reason == (
-                "" if r.chance >= CHANCE else f"the chance that the grasp closes is only {100 * r.chance:.0f} %"
-            )
+            assert r.reason_code == ("" if r.chance >= CHANCE else "slips")
         chances = [r.chance for r in results[1:]]
         if room >= 0.05:
             assert min(chances) > 0.99
@@ -357,4 +355,4 @@ def test_a_strip_of_which_little_tells_of_its_motion_along_itself_is_never_wrong
         H = pose(150.0 + 2 * k, 118.0 + k, 3.0 * k, scale=48.0 + 0.4 * k, tilt=0.6 * k)
         run.see(photo([(strip, H)], seed=k), H)
     assert not run.wrong
-    assert run.results[1].located or "does not fix" in run.results[1].reason
+    assert run.results[1].located or run.results[1].reason_code == "uncertain"

@@ -22,8 +22,8 @@ from grasptrack.evaluation.sequence import chosen_grasp
 from grasptrack.observation.undistortion import MOST, Undistortion
 from grasptrack.projective import apply_homography, similarity
 from grasptrack.simulation import DISTURBANCES, SHAPES, SceneFrame
-from grasptrack.tracker import GraspTracker
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.tracker import GraspTracker
 
 BARREL = Camera([[704, 0, 319.5], [0, 704, 239.5], [0, 0, 1]], (-0.2, 0.03, 0.001, -0.001), size=(640, 480))
 

@@ -15,46 +15,60 @@ struct Chain {
     std::vector<States> posterior;
 };
 
-// Forward-backward. The occluder's likelihood is 1; `power`: how much of an independent measurement a sample is; `mixed`:
-// factor of the probability that an occluder and another shape lie side by side, without the object's edge between them.
-inline Chain stretches(const std::vector<double> &object, const std::vector<double> &other, double power, const States &share,
-                       double stay, bool backward, double mixed = 1.0) {
-    const std::size_t n = object.size();
-    Chain out;
+// Forward-backward, of likelihoods by state. `mixed`: factor of the probability that an occluder and another shape lie side by
+// side, without the object's edge between them.
+inline void explain(const std::vector<States> &likelihood, const States &share, double stay, bool backward, double mixed, Chain &out) {
+    const std::size_t n = likelihood.size();
     out.posterior.resize(n);
-    std::vector<States> likelihood(n);
+    out.log_likelihood = 0;
+    const double apart = 1 - mixed;
+    const States drawn{(1 - stay) * share[0], (1 - stay) * share[1], (1 - stay) * share[2]};
     States before = share;
+    double product = 1;  // of the sums: their logarithm now and then
     for (std::size_t i = 0; i < n; ++i) {
-        likelihood[i] = {std::pow(object[i], power), 1.0, std::pow(other[i], power)};
+        const States &L = likelihood[i];
         States a;
-        double sum = 0;
-        for (std::size_t k = 0; k < 3; ++k) {
-            const double beside = k == 0 ? 0.0 : (1 - mixed) * before[3 - k];
-            const double t = i == 0 ? before[k] : stay * before[k] + (1 - stay) * share[k] * (1 - beside);
-            sum += a[k] = t * likelihood[i][k];
+        if (i == 0) {
+            a = {share[0] * L[0], share[1] * L[1], share[2] * L[2]};
+        } else {
+            a = {(stay * before[0] + drawn[0]) * L[0], (stay * before[1] + drawn[1] * (1 - apart * before[2])) * L[1],
+                 (stay * before[2] + drawn[2] * (1 - apart * before[1])) * L[2]};
         }
-        for (double &value : a) value /= sum;
-        out.log_likelihood += std::log(sum);
-        out.posterior[i] = before = a;
+        const double sum = a[0] + a[1] + a[2], s = 1 / sum;
+        out.posterior[i] = before = {a[0] * s, a[1] * s, a[2] * s};
+        product *= sum;
+        if (!(product > 1e-100 && product < 1e100)) {
+            out.log_likelihood += std::log(product);
+            product = 1;
+        }
     }
-    if (!backward) return out;
+    out.log_likelihood += std::log(product);
+    if (!backward) return;
     States b{1, 1, 1};
     for (std::size_t i = n; i-- > 0;) {
         if (i + 1 < n) {
             const States &L = likelihood[i + 1];
-            const States to{share[0] * L[0] * b[0], share[1] * L[1] * b[1], share[2] * L[2] * b[2]};
+            const States seen{L[0] * b[0], L[1] * b[1], L[2] * b[2]};
+            const States to{drawn[0] * seen[0], drawn[1] * seen[1], drawn[2] * seen[2]};
             const double m = to[0] + to[1] + to[2];
-            double sum = 0;
-            for (std::size_t k = 0; k < 3; ++k) {
-                const double beside = k == 0 ? 0.0 : (1 - mixed) * to[3 - k];
-                sum += b[k] = stay * L[k] * b[k] + (1 - stay) * (m - beside);
-            }
-            for (double &value : b) value *= 3 / sum;
+            b = {stay * seen[0] + m, stay * seen[1] + m - apart * to[2], stay * seen[2] + m - apart * to[1]};
+            const double s = 3 / (b[0] + b[1] + b[2]);
+            for (double &value : b) value *= s;
         }
-        double sum = 0;
-        for (std::size_t k = 0; k < 3; ++k) sum += out.posterior[i][k] *= b[k];
-        for (double &value : out.posterior[i]) value /= sum;
+        States &p = out.posterior[i];
+        p = {p[0] * b[0], p[1] * b[1], p[2] * b[2]};
+        const double s = 1 / (p[0] + p[1] + p[2]);
+        for (double &value : p) value *= s;
     }
+}
+
+// The same, of likelihood ratios against an occluder. `power`: how much of an independent measurement a sample is.
+inline Chain stretches(const std::vector<double> &object, const std::vector<double> &other, double power, const States &share,
+                       double stay, bool backward, double mixed = 1.0) {
+    std::vector<States> likelihood(object.size());
+    for (std::size_t i = 0; i < object.size(); ++i) likelihood[i] = {std::pow(object[i], power), 1.0, std::pow(other[i], power)};
+    Chain out;
+    explain(likelihood, share, stay, backward, mixed, out);
     return out;
 }
 

@@ -8,6 +8,7 @@
 #include <limits>
 #include <vector>
 
+#include "matrix.hpp"
 #include "order.hpp"
 #include "pyramid.hpp"
 #include "target.hpp"
@@ -18,6 +19,8 @@ constexpr int most_candidates = 6;
 constexpr int farthest = 1000;  // work px within which edges are looked for, whatever is asked for
 constexpr int least_half = 2, most_half = 12;  // work px on each side of an edge that are averaged
 constexpr double displaced = 0.55;  // of `half`, by noise as strong as the step; as edges drawn at any angle show
+constexpr int beyond = 16;      // work px of a profile beyond that, for the filter and for what lies inside an edge
+constexpr int most_profile = 2 * (farthest + 2 * most_half) + 1;
 
 struct EdgeSample {
     bool inside = false;
@@ -27,16 +30,41 @@ struct EdgeSample {
     std::array<double, most_candidates> difference{};  // mean square of the inner side's grey levels from the object's own
 };
 
-// Grey levels along p + k n, k = -span..span; NaN outside the image. False where the sample itself is outside.
-inline bool profile(const Seen &seen, Point p, Point n, int span, double *out) {
+// The part of a profile, -span..span, that is looked at.
+struct Part {
+    int first, last;
+};
+
+// As far as edges within `reach` are told by: their filter, and what lies inside them.
+inline Part part_of(int span, int reach, int half) {
+    return {std::max(-span, -reach + inner_first - half), std::min(span, reach + half + 2)};
+}
+
+// Grey levels along p + k n, for k of a part of -span..span; NaN outside the image. False where the sample itself is outside.
+inline bool profile(const Seen &seen, Point p, Point n, int span, Part part, double *out) {
     const Homography &h = seen.H;
     const double x0 = h[0] * p.x + h[1] * p.y + h[2], x1 = h[0] * n.x + h[1] * n.y;
     const double y0 = h[3] * p.x + h[4] * p.y + h[5], y1 = h[3] * n.x + h[4] * n.y;
     const double w0 = h[6] * p.x + h[7] * p.y + h[8], w1 = h[6] * n.x + h[7] * n.y;
-    for (int k = -span; k <= span; ++k) {
-        const double s = 1.0 / (w0 + k * w1), x = (x0 + k * x1) * s, y = (y0 + k * y1) * s;
-        out[k + span] = seen.level->holds(x, y, 0.0) ? seen.level->at(x, y) : std::numeric_limits<double>::quiet_NaN();
+    const auto held = [&](int k) {  // with some room for rounding
+        const double w = w0 + k * w1;
+        return w > 0 && seen.level->holds((x0 + k * x1) / w, (y0 + k * y1) / w, 1e-6);
+    };
+    // what holds both ends holds all between them
+    const bool whole = !seen.level->hidden && held(part.first) && held(part.last);
+    double x[most_profile], y[most_profile];
+    const int length = part.last - part.first + 1;
+    for (int i = 0; i < length; ++i) {
+        const int k = part.first + i;
+        const double s = 1.0 / (w0 + k * w1);
+        x[i] = (x0 + k * x1) * s;
+        y[i] = (y0 + k * y1) * s;
     }
+    double *values = out + span + part.first;
+    if (whole) seen.level->at(x, y, length, values);
+    else
+        for (int i = 0; i < length; ++i)
+            values[i] = seen.level->holds(x[i], y[i], 0.0) ? seen.level->at(x[i], y[i]) : std::numeric_limits<double>::quiet_NaN();
     return seen.level->holds(x0 / w0, y0 / w0, 3.0);
 }
 
@@ -44,28 +72,34 @@ inline bool profile(const Seen &seen, Point p, Point n, int span, double *out) {
 // sharp edge, and finds the middle of a blurred one.
 inline void find_candidates(const double *values, int span, int reach, double noise, int half, EdgeSample &out) {
     const int count = 2 * span + 1;
-    std::vector<double> sum(static_cast<std::size_t>(count) + 1), t(static_cast<std::size_t>(count), 0.0), g(t);
+    const int first = std::max(2, span - reach), last = std::min(count - 3, span + reach);
+    // g is needed one px beyond what is searched, and what it is smoothed from, t, two
+    const int begin = std::max(half, first - 2), end = std::min(count - half - 1, last + 2);
+    double sum[most_profile + 1], t[most_profile], g[most_profile];
     bool cut = false;
-    for (int k = 0; k < count; ++k) {
+    double running = sum[begin - half] = 0.0;
+    for (int k = begin - half; k <= end + half; ++k) {
         const bool known = values[k] == values[k];
         cut = cut || !known;
-        sum[static_cast<std::size_t>(k) + 1] = sum[static_cast<std::size_t>(k)] + (known ? values[k] : 0.0);
+        sum[k + 1] = running += known ? values[k] : 0.0;
     }
-    const auto S = [&](int k) { return sum[static_cast<std::size_t>(k)]; };
-    for (int k = half; k + half < count; ++k) {
-        double value = (S(k + half + 1) - S(k + 1) - S(k) + S(k - half)) / half;
+    for (int k = first - 2; k <= last + 2; ++k) t[k] = 0.0;
+    const double share = 1.0 / half;
+    for (int k = begin; k <= end; ++k) {
+        double value = (sum[k + half + 1] - sum[k + 1] - sum[k] + sum[k - half]) * share;
         if (cut)
             for (int j = k - half; j <= k + half; ++j)
                 if (values[j] != values[j]) value = 0.0;
-        t[static_cast<std::size_t>(k)] = value;
+        t[k] = value;
     }
-    for (std::size_t k = 1; k + 1 < t.size(); ++k) g[k] = 0.5 * t[k] + 0.25 * (t[k - 1] + t[k + 1]);
+    for (int k = first - 1; k <= last + 1; ++k) g[k] = 0.5 * t[k] + 0.25 * (t[k - 1] + t[k + 1]);
     const double least = 2.5 * noise * std::sqrt(2.0 / half);
     out.count = 0;
-    for (int k = std::max(2, span - reach); k <= std::min(count - 3, span + reach); ++k) {
-        const auto q = static_cast<std::size_t>(k);
-        const double a = std::abs(g[q]), before = std::abs(g[q - 1]), after = std::abs(g[q + 1]);
-        if (!(a > least && a >= before && a > after && g[q - 1] * g[q] >= 0 && g[q + 1] * g[q] >= 0)) continue;
+    for (int k = first; k <= last; ++k) {
+        const double a = std::abs(g[k]);
+        if (!(a > least)) continue;
+        const double before = std::abs(g[k - 1]), after = std::abs(g[k + 1]);
+        if (!(a >= before && a > after && g[k - 1] * g[k] >= 0 && g[k + 1] * g[k] >= 0)) continue;
         const double bend = before - 2 * a + after;
         const double offset = k - span + (bend != 0 ? 0.5 * (before - after) / bend : 0.0);
         int at = out.count;
@@ -78,7 +112,7 @@ inline void find_candidates(const double *values, int span, int reach, double no
             ++out.count;
         }
         out.offset[static_cast<std::size_t>(at)] = offset;
-        out.step[static_cast<std::size_t>(at)] = g[q];
+        out.step[static_cast<std::size_t>(at)] = g[k];
     }
 }
 
@@ -171,8 +205,9 @@ inline std::vector<double> edge_widths(const Target &target, const Pyramid &pyra
     std::array<double, 2 * (most_half + 2) + 1> values{};
     const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
     for (std::size_t i = 0; i < target.points.size(); ++i) {
-        profile(seen, target.points[i], target.normals[i], half[i] + 2, values.data());
-        out.push_back(edge_width(values.data(), half[i] + 2, half[i]));
+        const int span = half[i] + 2;
+        profile(seen, target.points[i], target.normals[i], span, {-span, span}, values.data());
+        out.push_back(edge_width(values.data(), span, half[i]));
     }
     return out;
 }
@@ -185,13 +220,13 @@ inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, cons
     view.half = half;
     const std::size_t n = target.points.size();
     view.samples.resize(n);
-    const int span = std::min(most_span, reach + 16);
+    const int span = std::min(most_span, reach + beyond);
     std::vector<double> values(static_cast<std::size_t>(2 * span + 1));
     int inside = 0, found = 0;
     const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
     for (std::size_t i = 0; i < n; ++i) {
         EdgeSample &s = view.samples[i];
-        s.inside = profile(seen, target.points[i], target.normals[i], span, values.data());
+        s.inside = profile(seen, target.points[i], target.normals[i], span, part_of(span, reach, half[i]), values.data());
         if (!s.inside) continue;
         ++inside;
         find_candidates(values.data(), span, reach, target.noise, half[i], s);
@@ -220,60 +255,77 @@ struct EdgeNumbers {
     double other_spread;    // of anything else
 };
 
+// What candidates say wherever the outline is expected, for each sample.
+struct EdgeOdds {
+    std::vector<std::array<double, most_candidates>> own;  // that a candidate looks like the object's own edge, against clutter
+    std::vector<double> other;                             // of an edge of the object elsewhere
+};
+
+inline void edge_odds(const Target &target, const EdgeView &view, const EdgeNumbers &numbers, EdgeOdds &out) {
+    const std::size_t n = target.points.size();
+    out.own.resize(n);
+    out.other.assign(n, 1.0);
+    const double s = numbers.inner_spread, sc = numbers.other_spread;
+    const double base = 1.5 * std::log(sc / s), slope = 0.75 * (1 / (s * s) - 1 / (sc * sc));
+    const double signs[2] = {2 * (1 - numbers.same_sign) / view.density, 2 * numbers.same_sign / view.density};
+    for (std::size_t i = 0; i < n; ++i) {
+        const EdgeSample &e = view.samples[i];
+        if (!e.inside) continue;
+        double sum = 0;
+        for (std::size_t q = 0; q < static_cast<std::size_t>(e.count); ++q) {
+            const double looks = std::exp(std::clamp(base - slope * e.difference[q], -8.0, 8.0));
+            out.own[i][q] = looks * signs[(e.step[q] > 0) == (target.contrast[i] > 0)];
+            sum += out.own[i][q];
+        }
+        out.other[i] = numbers.miss + (1 - numbers.miss) * sum / (2 * view.reach + 1);
+    }
+}
+
 struct EdgeLikelihoods {
-    std::vector<double> object, other;  // for each sample: its edge here, or an edge of the object elsewhere; clutter is 1
+    std::vector<double> object;         // for each sample: its edge here; clutter is 1
     std::vector<double> upper, lower;   // probability that the upper, or the lower face's edge was seen
     std::vector<double> upper_offset, lower_offset;
 };
 
-inline double bell(double x, double variance) {
-    return std::exp(-0.5 * x * x / variance) / std::sqrt(2 * 3.14159265358979 * variance);
-}
-
 // `shift`: where each sample's edge is expected; `low`, `low_variance`: how far out the lower face's lies.
-inline EdgeLikelihoods edge_likelihoods(const Target &target, const EdgeView &view, const std::vector<double> &shift,
-                                        const std::vector<double> &low, const std::vector<double> &low_variance,
-                                        const Matrix<8> &P, const EdgeNumbers &numbers) {
+inline void edge_likelihoods(const Target &target, const EdgeView &view, const EdgeOdds &odds, const std::vector<double> &shift,
+                             const std::vector<double> &low, const std::vector<double> &low_variance, const Matrix<8> &P,
+                             const EdgeNumbers &numbers, EdgeLikelihoods &out) {
     const std::size_t n = target.points.size();
-    EdgeLikelihoods out;
-    for (auto *v : {&out.object, &out.other}) v->assign(n, 1.0);
+    out.object.assign(n, 1.0);
     for (auto *v : {&out.upper, &out.lower, &out.upper_offset, &out.lower_offset}) v->assign(n, 0.0);
-    const double s = numbers.inner_spread, sc = numbers.other_spread;
+    const Symmetric<8> spread(P);
     const double found = 1 - numbers.miss;
+    constexpr double circle = 2 * 3.14159265358979;
     for (std::size_t i = 0; i < n; ++i) {
         const EdgeSample &e = view.samples[i];
         if (!e.inside) continue;
         // noise displaces a wide edge by more, in the reference as here
         const double half = view.half[i], shake = displaced * target.noise / std::max(std::abs(target.contrast[i]), 1e-9);
         const double own = shake * shake * (target.half * target.half + half * half);
-        const double variance = numbers.floor * numbers.floor + own + quadratic<8>(P, target.rows[i].data());
-        const double wide = variance + low_variance[i];
+        const double variance = numbers.floor * numbers.floor + own + spread.quadratic(target.rows[i]);
         const bool two = std::abs(low[i]) + std::sqrt(low_variance[i]) > 0.5;
-        double up = 0, down = 0, up_at = 0, down_at = 0, anywhere = 0;
-        for (int c = 0; c < e.count; ++c) {
-            const auto q = static_cast<std::size_t>(c);
-            const double looks =
-                std::exp(std::clamp(1.5 * std::log(sc / s) - 0.75 * e.difference[q] * (1 / (s * s) - 1 / (sc * sc)), -8.0, 8.0));
-            const bool same = (e.step[q] > 0) == (target.contrast[i] > 0);
-            const double A = 2 * looks * (same ? numbers.same_sign : 1 - numbers.same_sign) / view.density;
-            const double N = bell(e.offset[q] - shift[i], variance) * (two ? 0.5 : 1.0) * A;
+        const double top = (two ? 0.5 : 1.0) / std::sqrt(circle * variance), narrow = -0.5 / variance;
+        double up = 0, down = 0, up_at = 0, down_at = 0;
+        for (std::size_t q = 0; q < static_cast<std::size_t>(e.count); ++q) {
+            const double x = e.offset[q] - shift[i], N = top * std::exp(narrow * x * x) * odds.own[i][q];
             up += N;
             up_at += N * e.offset[q];
-            if (two) {
-                const double L = 0.5 * bell(e.offset[q] - shift[i] - low[i], wide) * A;
+        }
+        if (two) {
+            const double wide = variance + low_variance[i], peak = 0.5 / std::sqrt(circle * wide), flat = -0.5 / wide;
+            for (std::size_t q = 0; q < static_cast<std::size_t>(e.count); ++q) {
+                const double x = e.offset[q] - shift[i] - low[i], L = peak * std::exp(flat * x * x) * odds.own[i][q];
                 down += L;
                 down_at += L * e.offset[q];
             }
-            anywhere += A / (2 * view.reach + 1);
         }
         out.object[i] = numbers.miss + found * (up + down);
-        out.other[i] = numbers.miss + found * anywhere;
         out.upper[i] = found * up / out.object[i];
         out.lower[i] = found * down / out.object[i];
         out.upper_offset[i] = up > 0 ? up_at / up : 0.0;
         out.lower_offset[i] = down > 0 ? down_at / down : 0.0;
     }
-    return out;
 }
 
 }  // namespace grasptrack::pose

@@ -43,12 +43,37 @@ template <std::size_t N> double quadratic(const Matrix<N> &a, const double *x) {
     return sum;
 }
 
-// a += weight x x^T
-template <std::size_t N> void add_outer(Matrix<N> &a, const double *x, double weight) {
+// A symmetric matrix whose quadratic form is asked for often.
+template <std::size_t N> class Symmetric {
+  public:
+    explicit Symmetric(const Matrix<N> &a) {
+        for (std::size_t i = 0; i < N; ++i)
+            for (std::size_t j = 0; j < N; ++j) half_[i * N + j] = j < i ? 0.0 : j == i ? a[i * N + i] : a[i * N + j] + a[j * N + i];
+    }
+    double quadratic(const Vector<N> &x) const {
+        Vector<N> row{};
+        for (std::size_t i = 0; i < N; ++i)
+            for (std::size_t j = i & ~std::size_t{1}; j < N; ++j) row[j] += half_[i * N + j] * x[i];
+        double sum = 0.0;
+        for (std::size_t j = 0; j < N; ++j) sum += row[j] * x[j];
+        return sum;
+    }
+
+  private:
+    Matrix<N> half_;
+};
+
+// a += weight x x^T, of which the part on and above the diagonal is right; `mirror` makes the rest. Two columns at a time.
+template <std::size_t N> void add_outer(Matrix<N> &a, const Vector<N> &x, double weight) {
     for (std::size_t i = 0; i < N; ++i) {
         const double w = weight * x[i];
-        for (std::size_t j = 0; j < N; ++j) a[i * N + j] += w * x[j];
+        for (std::size_t j = i & ~std::size_t{1}; j < N; ++j) a[i * N + j] += w * x[j];
     }
+}
+
+template <std::size_t N> void mirror(Matrix<N> &a) {
+    for (std::size_t i = 0; i < N; ++i)
+        for (std::size_t j = 0; j < i; ++j) a[i * N + j] = a[j * N + i];
 }
 
 // The inverse of a symmetric positive definite matrix by Cholesky; false where it is not one.

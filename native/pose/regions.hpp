@@ -16,7 +16,7 @@ namespace grasptrack::pose {
 
 struct RegionNumbers {
     double unlikely;   // share of cells that nothing explains
-    double far;        // share of the size within which the outline must be seen on both sides
+    double far;        // share of the size within which the outline must be seen, for a notch or tab on both sides
     double power;      // of a sample's agreement: a shape is as sure as the least sure of what it asks for
     double agreement;  // nats a cell, over anything: from here on grey levels speak for what was expected
 };
@@ -25,21 +25,22 @@ constexpr int first_cells = 4;  // beside the outline: what tells the levels her
 
 struct Levels {  // grey levels on one side of the visible outline near a sample
     double level = 0, spread = 0;
-    bool known = false;
+    bool known = false, between = false;  // of what is seen on one side of the stretch at least, on both
 };
 
 // Median and spread of the first cells of the nearest visible samples, beyond the stretch that is not seen; NaN where a cell
-// does not count. Not known where the stretch goes on for `far` samples: nothing is told of what lies far from all that fits.
+// does not count. A side on which the stretch goes on for `far` samples tells nothing: what lies far from all that fits is not known.
 inline Levels levels_near(std::size_t i, const std::vector<double> &visible, const std::vector<double> &cells, int far) {
     constexpr int near = 8, few = 4, asked = 12;  // samples that count, that must, and that are asked on each side
     constexpr double least = 3.0;                 // grey levels, of any spread
     const auto n = static_cast<int>(visible.size());
     std::vector<double> levels;
+    int sides = 0;
     for (int side = -1; side <= 1; side += 2) {
         const auto at = [&](int step) { return static_cast<std::size_t>(((static_cast<int>(i) + side * step) % n + n) % n); };
         int first = 1;
         while (first < n && visible[at(first)] <= 0.5) ++first;
-        if (first > far) return {};
+        if (first > far) continue;
         int found = 0;
         for (int step = first; step < std::min(first + asked, n) && found < near; ++step) {
             const std::size_t j = at(step);
@@ -48,10 +49,11 @@ inline Levels levels_near(std::size_t i, const std::vector<double> &visible, con
             for (std::size_t k = 0; k < first_cells; ++k)
                 if (const double v = cells[j * region_cells + k]; v == v) levels.push_back(v);
         }
-        if (found < few) return {};
+        sides += found >= few;
     }
     Levels out;
-    if (levels.size() < 3 * first_cells) return out;
+    out.between = sides == 2;
+    if (sides == 0 || levels.size() < 3 * first_cells) return out;
     out.level = middle(levels);
     for (double &v : levels) v = std::abs(v - out.level);
     out.spread = 1.4826 * middle(levels) + least;
@@ -100,6 +102,21 @@ inline bool is_bounded(const EdgeSample &sample, double contrast) {
     return !sample.inside;
 }
 
+// How many cells of each sample are looked at: all where something has to explain them, the first ones where they tell what is
+// usual here. Empty where nothing has to be explained.
+inline std::vector<std::size_t> cells_asked(const std::vector<double> &visible, const std::vector<bool> &bounded) {
+    std::vector<std::size_t> asked(visible.size(), 0);
+    bool any = false;
+    for (std::size_t i = 0; i < visible.size(); ++i) {
+        const bool open = !(visible[i] > 0.5) && !bounded[i];
+        any = any || open;
+        if (open) asked[i] = region_cells;
+        else if (!(visible[i] < 0.7)) asked[i] = first_cells;
+    }
+    if (!any) asked.clear();
+    return asked;
+}
+
 // Log-likelihood ratio of "some stretch shows another shape" against "this shape, partly occluded".
 inline double other_shape(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<double> &visible,
                           const std::vector<bool> &bounded, Light light, const RegionNumbers &numbers, const States &share, double stay, double power,
@@ -107,10 +124,12 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
     const std::size_t n = target.points.size();
     other.assign(n, 0.0);
     if (n == 0 || target.depth.size() != region_cells) return 0.0;
+    const std::vector<std::size_t> asked = cells_asked(visible, bounded);
+    if (asked.empty()) return -1.0;
     std::vector<double> inner(n * region_cells), outer(n * region_cells);
     const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
     for (std::size_t i = 0; i < n; ++i)
-        for (std::size_t k = 0; k < region_cells; ++k)
+        for (std::size_t k = 0; k < asked[i]; ++k)
             for (int side = 0; side < 2; ++side) {
                 const double d = side == 0 ? -target.depth[k] : target.depth[k];
                 const Point q = carried(seen.H, target.points[i].x + d * target.normals[i].x, target.points[i].y + d * target.normals[i].y);
@@ -129,7 +148,8 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
     constexpr double bounded_odds = 0.3;  // of another shape, where some boundary lies at the outline
     constexpr double amiss = 0.05;        // share of a notch's or tab's stretch that does not look like one: its own corners
     constexpr double beside = 1e-3;       // factor: an occluder begins just where a notch or tab ends
-    std::vector<double> same(n, 1.0), differs(n, 1.0);
+    constexpr double imitated = 0.05;     // probability that what covers the object looks like its ground, or like itself
+    std::vector<double> same(n, 1.0), differs(n, 1.0), absent(n, 1.0), more(n, 1.0);
     bool any = false;
     double length = 0;
     for (std::size_t i = 0; i < n; ++i) {
@@ -143,7 +163,7 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
             continue;
         }
         if (bounded[i]) {
-            differs[i] = bounded_odds;
+            differs[i] = absent[i] = more[i] = bounded_odds;
             continue;
         }
         const Levels back = levels_near(i, visible, beyond, far), shift = levels_near(i, visible, changed, far);
@@ -169,7 +189,9 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
             return std::exp(std::clamp(numbers.power * (agreement - numbers.agreement), -20.0, 20.0));
         };
         same[i] = ratio(std::min(as_inside, as_outside));
-        differs[i] = amiss + (1 - amiss) * ratio(std::max(notch, tab));
+        if (back.between && shift.between) differs[i] = amiss + (1 - amiss) * ratio(std::max(notch, tab));
+        absent[i] = amiss + (1 - amiss) * ratio(std::min(mean_cells(back_in, 0, first_cells, least), as_outside));
+        more[i] = amiss + (1 - amiss) * ratio(std::min(mean_cells(own_out, 0, first_cells, least), as_inside));
         any = true;
     }
     if (!any) return -1.0;
@@ -179,7 +201,12 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
     without[2] = 1e-12;
     const Chain here = stretches(same, differs, power, without, stay, false, beside);
     for (std::size_t i = 0; i < n; ++i) other[i] = with.posterior[i][2];
-    return with.log_likelihood - here.log_likelihood;
+    // ground where the object should be and the object where it should end, without an end of their own: one alone may be cover
+    double open = 0;
+    for (const auto &side : {absent, more})
+        open += std::clamp(stretches(same, side, power, share, stay, false, beside).log_likelihood - here.log_likelihood, 0.0, -std::log(imitated));
+    const double closing = with.log_likelihood - here.log_likelihood;
+    return open > 0 ? std::max(closing, open) : closing;
 }
 
 }  // namespace grasptrack::pose

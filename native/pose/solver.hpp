@@ -78,8 +78,6 @@ class Solver {
         double h = start_.thickness, vh = start_.thickness_variance;
         const int first = whole(start_.reach, 0, farthest);
         int reach = first;
-        EdgeLikelihoods likelihoods;
-        std::vector<double> low, low_variance;
         constexpr int rounds = 4;
         for (int round = 0; round < rounds; ++round) {
             Matrix<8> A;
@@ -98,22 +96,14 @@ class Solver {
                 }
                 const std::vector<int> half = half_widths(G);
                 view_ = measure_edges(target_, pyramid_, G, reach, half, out.light, 46);
-                if (!fit_edges(G, A, b, d, P, h, vh, likelihoods, low, low_variance, out)) return out;
+                if (!fit_edges(round == 0 ? 3 : 4, G, A, b, d, P, h, vh, out)) return out;
             }
-            double moved = 0;
             for (double &value : d) value = std::clamp(value, -target_.radius, target_.radius);
-            for (const Point &p : target_.contacts) {
-                const auto J = target_.jacobian(p.x, p.y);
-                for (const auto &row : J) {
-                    double sum = 0;
-                    for (std::size_t k = 0; k < 8; ++k) sum += row[k] * d[k];
-                    moved = std::max(moved, std::abs(sum));
-                }
-            }
+            const double moved = contacts_moved(d);
             G = target_.moved(G, d);
             if (!finite(G)) return out;
             if (edges) reach = whole(reach_of(P, 3.0, 3.0) + moved, 4, 30);
-            if (moved < 0.02 && round > 0) break;
+            if (moved < settled && round > 0) break;
         }
         out.G = G;
         out.P = P;
@@ -125,6 +115,21 @@ class Solver {
     }
 
   private:
+    static constexpr double settled = 0.02;  // work px: a step that moves no contact by more is the last
+    static constexpr double exact = 0.002;   // the same where edges are weighed anew
+
+    // Work px by which the pose's error d moves a contact at most, along an axis.
+    double contacts_moved(const Vector<8> &d) const {
+        double moved = 0;
+        for (const Point &p : target_.contacts)
+            for (const auto &row : target_.jacobian(p.x, p.y)) {
+                double sum = 0;
+                for (std::size_t k = 0; k < 8; ++k) sum += row[k] * d[k];
+                moved = std::max(moved, std::abs(sum));
+            }
+        return moved;
+    }
+
     double spacing() const {  // mean distance of neighbouring samples
         const std::size_t n = target_.points.size();
         if (n < 2) return 1.0;
@@ -216,16 +221,11 @@ class Solver {
             const PatchSet &set = target_.texture[level];
             if (set.patches.size() < 4 || (level > 0 && far < set.stride)) continue;
             for (int round = 0; round < 3; ++round) {
-                const TextureFit fit_and = [&] {
-                    Matrix<8> A;
-                    Vector<8> b;
-                    if (!system(G, A, b)) return TextureFit{};
-                    return fit_patches(target_, match_all(level, level + 1, G), A, b, texture_numbers());
-                }();
-                if (!telling(fit_and, set.patches.size())) break;
                 Matrix<8> A, P;
                 Vector<8> b;
-                if (!system(G, A, b)) return false;
+                if (!system(G, A, b)) break;
+                const TextureFit fit_and = fit_patches(target_, match_all(level, level + 1, G), A, b, texture_numbers());
+                if (!telling(fit_and, set.patches.size())) break;
                 for (std::size_t k = 0; k < 64; ++k) A[k] += fit_and.information[k];
                 for (std::size_t k = 0; k < 8; ++k) b[k] += fit_and.gradient[k];
                 if (!invert<8>(A, P)) return false;
@@ -234,7 +234,7 @@ class Solver {
                 if (!finite(G)) return false;
                 double most = 0;
                 for (double value : d) most = std::max(most, std::abs(value));
-                if (most < 0.1 * set.stride) break;
+                if (most < 0.3 * set.stride) break;
             }
         }
         return true;
@@ -261,7 +261,8 @@ class Solver {
 
     int reach_of(const Matrix<8> &P, double times_sd, double more) const {
         double most = 0;
-        for (const auto &row : target_.rows) most = std::max(most, quadratic<8>(P, row.data()));
+        const Symmetric<8> spread(P);
+        for (const auto &row : target_.rows) most = std::max(most, spread.quadratic(row));
         return whole(times_sd * std::sqrt(most) + more, 4, 30);
     }
 
@@ -304,74 +305,77 @@ class Solver {
         return {numbers_.miss, numbers_.same_sign, numbers_.edge_floor, start_.inner_spread, numbers_.other_spread};
     }
 
-    // Edges and thickness, by expectation and maximisation: which candidate, then the pose, then again.
-    bool fit_edges(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h,
-                   double &vh, EdgeLikelihoods &likelihoods, std::vector<double> &low, std::vector<double> &low_variance,
+    // Edges and thickness, by expectation and maximisation: which candidate, then the pose, `rounds` times at most.
+    bool fit_edges(int rounds, const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h, double &vh,
                    Solution &out) {
         const std::size_t n = target_.points.size();
         const std::vector<double> parallax = lower_face(G);
         const double h0 = start_.thickness, v0 = start_.thickness_variance;
-        std::vector<double> shift(n), weight(n), rest(n), sorted;
-        low.resize(n);
-        low_variance.resize(n);
-        std::vector<double> seen_up(n), seen_low(n);
-        Matrix<8> scatter{};
-        for (int round = 0; round < 4; ++round) {
+        std::vector<double> shift(n), low(n), low_variance(n), weight(n), seen_up(n), seen_low(n), sorted;
+        edge_odds(target_, view_, edge_numbers(), odds_);
+        // of an outline there is one explanation a round; that it lies elsewhere is as likely in all of them
+        explained_.resize(n);
+        for (std::size_t i = 0; i < n; ++i) explained_[i] = {1.0, 1.0, std::pow(odds_.other[i], power_)};
+        Vector<8> last = d;
+        for (int round = 0; round < rounds; ++round) {
+            Vector<8> change;
+            for (std::size_t k = 0; k < 8; ++k) change[k] = d[k] - last[k];
+            if (round > 1 && contacts_moved(change) < exact) break;
+            last = d;
             for (std::size_t i = 0; i < n; ++i) {
                 shift[i] = 0;
                 for (std::size_t k = 0; k < 8; ++k) shift[i] += target_.rows[i][k] * d[k];
                 low[i] = parallax[i] * h;
                 low_variance[i] = parallax[i] * parallax[i] * vh;
             }
-            likelihoods = edge_likelihoods(target_, view_, shift, low, low_variance, P, edge_numbers());
-            const Chain chain = stretches(likelihoods.object, likelihoods.other, power_, shares(), stay(), true);
+            edge_likelihoods(target_, view_, odds_, shift, low, low_variance, P, edge_numbers(), likelihoods_);
+            for (std::size_t i = 0; i < n; ++i) explained_[i][0] = std::pow(likelihoods_.object[i], power_);
+            explain(explained_, shares(), stay(), true, 1.0, chain_);
             sorted.clear();
             for (std::size_t i = 0; i < n; ++i) {
-                const double own = chain.posterior[i][0];
-                seen_up[i] = likelihoods.upper[i] * own;
-                seen_low[i] = likelihoods.lower[i] * own;
-                const double up = likelihoods.upper_offset[i] - shift[i];
-                const double down = likelihoods.lower_offset[i] - shift[i] - low[i];
-                rest[i] = seen_up[i] > seen_low[i] ? up : down;
-                if (seen_up[i] + seen_low[i] > 0.5) sorted.push_back(std::abs(rest[i]));
+                const double own = chain_.posterior[i][0];
+                seen_up[i] = likelihoods_.upper[i] * own;
+                seen_low[i] = likelihoods_.lower[i] * own;
+                const double up = likelihoods_.upper_offset[i] - shift[i];
+                const double down = likelihoods_.lower_offset[i] - shift[i] - low[i];
+                if (seen_up[i] + seen_low[i] > 0.5) sorted.push_back(std::abs(seen_up[i] > seen_low[i] ? up : down));
             }
             double variance = 4.0;
             if (sorted.size() > 10) {
                 const double mad = 1.4826 * middle(sorted);
                 variance = numbers_.edge_noise * numbers_.edge_noise + mad * mad;
             }
-            Matrix<9> A9{};
-            Vector<9> b9{};
-            for (std::size_t a = 0; a < 8; ++a) {
-                for (std::size_t c = 0; c < 8; ++c) A9[a * 9 + c] = A[a * 8 + c];
-                b9[a] = b[a];
-            }
-            A9[80] = 1.0 / v0;
-            b9[8] = h0 / v0;
+            Matrix<8> own{};
+            Vector<8> toward{}, across{};  // `across`: with the thickness, the ninth unknown
+            double thick = 0, thick_toward = 0;
             for (std::size_t i = 0; i < n; ++i) {
-                const double up = likelihoods.upper_offset[i] - shift[i];
-                const double down = likelihoods.lower_offset[i] - shift[i] - low[i];
+                const double up = likelihoods_.upper_offset[i] - shift[i];
+                const double down = likelihoods_.lower_offset[i] - shift[i] - low[i];
                 const double wu = seen_up[i] / variance * power_ / (1 + up * up / (9 * variance));
                 const double wl = seen_low[i] / variance * power_ / (1 + down * down / (9 * variance));
                 weight[i] = wu + wl;
+                const double u = wu > 1e-9 ? wu : 0.0, l = wl > 1e-9 ? wl : 0.0;
+                if (!(u + l > 0)) continue;
                 const Vector<8> &J = target_.rows[i];
-                double row[9];
-                for (std::size_t k = 0; k < 8; ++k) row[k] = J[k];
-                row[8] = 0;
-                if (wu > 1e-9) {
-                    for (std::size_t a = 0; a < 8; ++a) {
-                        const double w = wu * row[a];
-                        for (std::size_t c = 0; c < 8; ++c) A9[a * 9 + c] += w * row[c];
-                        b9[a] += w * likelihoods.upper_offset[i];
-                    }
+                add_outer<8>(own, J, u + l);
+                const double drawn = u * likelihoods_.upper_offset[i] + l * likelihoods_.lower_offset[i], shared = l * parallax[i];
+                for (std::size_t a = 0; a < 8; ++a) {
+                    toward[a] += drawn * J[a];
+                    across[a] += shared * J[a];
                 }
-                if (wl > 1e-9) {
-                    row[8] = parallax[i];
-                    add_outer<9>(A9, row, wl);
-                    for (std::size_t a = 0; a < 9; ++a) b9[a] += wl * row[a] * likelihoods.lower_offset[i];
-                }
+                thick += shared * parallax[i];
+                thick_toward += shared * likelihoods_.lower_offset[i];
             }
-            Matrix<9> P9;
+            mirror<8>(own);
+            Matrix<9> A9, P9;
+            Vector<9> b9;
+            for (std::size_t a = 0; a < 8; ++a) {
+                for (std::size_t c = 0; c < 8; ++c) A9[a * 9 + c] = A[a * 8 + c] + own[a * 8 + c];
+                A9[a * 9 + 8] = A9[72 + a] = across[a];
+                b9[a] = b[a] + toward[a];
+            }
+            A9[80] = 1.0 / v0 + thick;
+            b9[8] = h0 / v0 + thick_toward;
             if (!invert<9>(A9, P9)) return false;
             const Vector<9> x = times<9>(P9, b9);
             for (std::size_t a = 0; a < 8; ++a) {
@@ -382,12 +386,11 @@ class Solver {
             vh = P9[80];
             out.edge_sigma = std::sqrt(variance);
         }
-        // correlated residuals: Newey and West along the outline
         std::vector<Vector<8>> scores(n);
         double share = 0;
         sorted.clear();
         for (std::size_t i = 0; i < n; ++i) {
-            double residual = seen_up[i] > seen_low[i] ? likelihoods.upper_offset[i] : likelihoods.lower_offset[i] - parallax[i] * h;
+            double residual = seen_up[i] > seen_low[i] ? likelihoods_.upper_offset[i] : likelihoods_.lower_offset[i] - parallax[i] * h;
             for (std::size_t k = 0; k < 8; ++k) residual -= target_.rows[i][k] * d[k];
             for (std::size_t k = 0; k < 8; ++k) scores[i][k] = weight[i] * residual * target_.rows[i][k];
             share += seen_up[i] + seen_low[i];
@@ -401,24 +404,33 @@ class Solver {
         out.edge_share = share / static_cast<double>(n);
         out.look = 0;
         if (sorted.size() > 20) out.look = middle(sorted);
+        add_correlated(P, scores);
+        return true;
+    }
+
+    // The covariance P with what correlated residuals add: Newey and West along the outline.
+    static void add_correlated(Matrix<8> &P, const std::vector<Vector<8>> &scores) {
+        const std::size_t n = scores.size();
         const std::size_t lags = std::max<std::size_t>(3, static_cast<std::size_t>(0.06 * static_cast<double>(n)));
+        Matrix<8> half{};  // the scatter is this and its transpose
         for (std::size_t i = 0; i < n; ++i) {
-            // window sum of the neighbours' scores, triangular
-            Vector<8> sum{};
+            Vector<8> near;  // window sum of the neighbours' scores, triangular
+            for (std::size_t k = 0; k < 8; ++k) near[k] = 0.5 * scores[i][k];
             for (std::size_t q = 1; q < lags; ++q) {
                 const double w = 1.0 - static_cast<double>(q) / static_cast<double>(lags);
-                const Vector<8> &other = scores[(i + n - q) % n];
-                for (std::size_t k = 0; k < 8; ++k) sum[k] += w * other[k];
+                const Vector<8> &other = scores[i >= q % n ? i - q % n : i + n - q % n];
+                for (std::size_t k = 0; k < 8; ++k) near[k] += w * other[k];
             }
             for (std::size_t a = 0; a < 8; ++a)
-                for (std::size_t c = 0; c < 8; ++c)
-                    scatter[a * 8 + c] += scores[i][a] * scores[i][c] + scores[i][a] * sum[c] + sum[a] * scores[i][c];
+                for (std::size_t c = 0; c < 8; ++c) half[a * 8 + c] += scores[i][a] * near[c];
         }
+        Matrix<8> scatter;
+        for (std::size_t a = 0; a < 8; ++a)
+            for (std::size_t c = 0; c < 8; ++c) scatter[a * 8 + c] = half[a * 8 + c] + half[c * 8 + a];
         const Matrix<8> more = times<8>(times<8>(P, scatter), P);
         for (std::size_t k = 0; k < 64; ++k) P[k] += more[k];
         for (std::size_t a = 0; a < 8; ++a)
             for (std::size_t c = 0; c < a; ++c) P[a * 8 + c] = P[c * 8 + a] = 0.5 * (P[a * 8 + c] + P[c * 8 + a]);
-        return true;
     }
 
     std::vector<double> lower_face(const Homography &G) const {
@@ -449,16 +461,22 @@ class Solver {
                 low[i] = parallax[i] * h;
                 variance[i] = parallax[i] * parallax[i] * vh;
             }
-            const EdgeLikelihoods found = edge_likelihoods(target_, view_, none, low, variance, out.P, edge_numbers());
-            const Chain here = stretches(found.object, found.other, power_, shares(), stay(), true);
+            edge_odds(target_, view_, edge_numbers(), odds_);
+            edge_likelihoods(target_, view_, odds_, none, low, variance, out.P, edge_numbers(), likelihoods_);
+            const EdgeLikelihoods &found = likelihoods_;
+            explained_.resize(n);
+            for (std::size_t i = 0; i < n; ++i) explained_[i] = {std::pow(found.object[i], power_), 1.0, std::pow(odds_.other[i], power_)};
+            explain(explained_, shares(), stay(), true, 1.0, chain_);
+            const Chain &here = chain_;
+            for (States &state : explained_) state[0] = 1.0;
             std::vector<double> upper(n);
-            const std::vector<double> nothing(n, 1.0);
             States share = shares();
             share[2] += share[0];
             share[0] = 1e-12;
             const double total = share[0] + share[1] + share[2];
             for (double &value : share) value /= total;
-            const Chain without = stretches(nothing, found.other, power_, share, stay(), false);
+            Chain without;
+            explain(explained_, share, stay(), false, 1.0, without);
             out.log_odds = here.log_likelihood - without.log_likelihood;
             double elsewhere = 0;
             for (std::size_t i = 0; i < n; ++i) {
@@ -489,61 +507,11 @@ class Solver {
     double power_;
     Matrix<8> prior_{};
     EdgeView view_;
+    EdgeOdds odds_;
+    EdgeLikelihoods likelihoods_;
+    std::vector<States> explained_;
+    Chain chain_;
     mutable std::vector<double> first_sides_;
 };
-
-// A look laid on the next image: patches of the last one, coarse to fine, from a given start. For predictions.
-struct FlowFit {
-    bool valid = false;
-    Homography G{};
-    Matrix<8> covariance{};
-    double agreeing = 0, correlation = 0;
-    int used = 0;
-};
-
-inline FlowFit follow_look(const Target &target, const std::vector<PatchSet> &looks, const Pyramid &pyramid, const Homography &start,
-                           const Matrix<8> &prior_covariance, double noise, const TextureNumbers &numbers) {
-    FlowFit out;
-    Matrix<8> prior;
-    if (!invert<8>(prior_covariance, prior)) return out;
-    Homography G = start;
-    for (std::size_t level = looks.size(); level-- > 0;) {
-        const PatchSet &set = looks[level];
-        if (set.patches.size() < 6) continue;
-        for (int round = 0; round < (level + 1 == looks.size() ? 5 : 3); ++round) {
-            Vector<8> d;
-            if (!target.difference(start, G, d)) return out;
-            Matrix<8> A = prior;
-            Vector<8> b = times<8>(A, d);
-            for (double &value : b) value = -value;
-            std::vector<PatchRow> matches;
-            double sum = 0;
-            for (const Patch &patch : set.patches) {
-                matches.push_back({patch.x, patch.y, match_patch(pyramid, G, patch, set.stride, noise, numbers.floor * set.stride)});
-                sum += matches.back().match.correlation;
-            }
-            const TextureFit fit = fit_patches(target, matches, A, b, numbers);
-            if (fit.used < 6) return out;
-            for (std::size_t k = 0; k < 64; ++k) A[k] += fit.information[k];
-            for (std::size_t k = 0; k < 8; ++k) b[k] += fit.gradient[k];
-            Matrix<8> P;
-            if (!invert<8>(A, P)) return out;
-            const Vector<8> step = times<8>(P, b);
-            G = target.moved(G, step);
-            for (double value : G)
-                if (!std::isfinite(value)) return out;
-            out.covariance = P;
-            out.used = fit.used;
-            out.agreeing = fit.agreeing;
-            out.correlation = sum / static_cast<double>(matches.size());
-            double most = 0;
-            for (double value : step) most = std::max(most, std::abs(value));
-            if (most < 0.05 * set.stride) break;
-        }
-    }
-    out.valid = out.used > 0;
-    out.G = G;
-    return out;
-}
 
 }  // namespace grasptrack::pose

@@ -22,6 +22,8 @@ struct Patch {
     double x, y;                                   // centre
     std::array<float, patch_pixels> value, gx, gy;  // less their means; gradients per work px
     double axx, axy, ayy;                          // sums of products of the gradients
+    double cosine, sine;                           // direction of the axis along which they are largest
+    std::array<double, 2> power;                   // sums of their squares along it and across it
     double variance;                               // sum of squares of the values
 };
 

@@ -22,10 +22,13 @@ inline bool cut_patch(const Pyramid &pyramid, const Homography &G, double x, dou
     for (int s = -1; s <= 1; ++s)
         for (int t = -1; t <= 1; ++t)
             if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return false;
-    double value[side][side];
+    double value[side][side], at_x[side * side], at_y[side * side];
     for (int j = 0; j < side; ++j)
-        for (int i = 0; i < side; ++i)
-            value[j][i] = seen.level->at(c.x + (i - half) * ux + (j - half) * vx, c.y + (i - half) * uy + (j - half) * vy);
+        for (int i = 0; i < side; ++i) {
+            at_x[j * side + i] = c.x + (i - half) * ux + (j - half) * vx;
+            at_y[j * side + i] = c.y + (i - half) * uy + (j - half) * vy;
+        }
+    seen.level->at(at_x, at_y, side * side, value[0]);
     out.x = x;
     out.y = y;
     double mean = 0, mx = 0, my = 0;
@@ -66,6 +69,12 @@ inline bool cut_patch(const Pyramid &pyramid, const Homography &G, double x, dou
         out.axy += gx * gy;
         out.ayy += gy * gy;
     }
+    // the two axes of the gradients, each with what it holds of them
+    const double half_mean = 0.5 * (out.axx + out.ayy), root = std::hypot(0.5 * (out.axx - out.ayy), out.axy);
+    const double angle = 0.5 * std::atan2(2 * out.axy, out.axx - out.ayy);
+    out.cosine = std::cos(angle);
+    out.sine = std::sin(angle);
+    out.power = {half_mean + root, half_mean - root};
     return true;
 }
 
@@ -101,43 +110,52 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
     for (int s = -1; s <= 1; ++s)
         for (int t = -1; t <= 1; ++t)
             if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return out;
-    double value[patch_pixels], mean = 0;
-    int k = 0;
-    for (int j = -half; j <= half; ++j) {
-        double x = c.x - half * ux + j * vx, y = c.y - half * uy + j * vy;
-        for (int i = 0; i < patch_side; ++i, ++k, x += ux, y += uy) mean += value[k] = seen.level->at(x, y);
-    }
-    mean /= patch_pixels;
-    double own = 0, cross = 0, ex = 0, ey = 0;
-    for (int i = 0; i < patch_pixels; ++i) {
+    double value[patch_pixels], x[patch_pixels], y[patch_pixels];
+    for (int j = -half, k = 0; j <= half; ++j)
+        for (int i = -half; i <= half; ++i, ++k) {
+            x[k] = c.x + i * ux + j * vx;
+            y[k] = c.y + i * uy + j * vy;
+        }
+    seen.level->at(x, y, patch_pixels, value);
+    // Each sum in parts that do not wait for each other.
+    constexpr int parts = 4, even = patch_pixels / parts * parts;
+    double sum[parts] = {};
+    for (int i = 0; i < even; i += parts)
+        for (int p = 0; p < parts; ++p) sum[p] += value[i + p];
+    for (int i = even; i < patch_pixels; ++i) sum[0] += value[i];
+    const double mean = (sum[0] + sum[1] + sum[2] + sum[3]) / patch_pixels;
+    double owns[parts] = {}, crosses[parts] = {}, exs[parts] = {}, eys[parts] = {};
+    const float *own_value = patch.value.data(), *gx = patch.gx.data(), *gy = patch.gy.data();
+    const auto add = [&](int i, int p) {
         const double v = value[i] - mean;
-        const auto q = static_cast<std::size_t>(i);
-        own += v * v;
-        cross += v * patch.value[q];
-        ex += v * patch.gx[q];
-        ey += v * patch.gy[q];
-        value[i] = v;
-    }
+        owns[p] += v * v;
+        crosses[p] += v * static_cast<double>(own_value[i]);
+        exs[p] += v * static_cast<double>(gx[i]);
+        eys[p] += v * static_cast<double>(gy[i]);
+    };
+    for (int i = 0; i < even; i += parts)
+        for (int p = 0; p < parts; ++p) add(i + p, p);
+    for (int i = even; i < patch_pixels; ++i) add(i, 0);
+    const auto all_of = [](const double *s) { return (s[0] + s[1]) + (s[2] + s[3]); };
+    const double own = all_of(owns), cross = all_of(crosses), ex = all_of(exs), ey = all_of(eys);
     out.inside = true;
     const double grain = patch_pixels * noise * noise;
     out.correlation = cross / std::sqrt((own + grain) * (patch.variance + grain));
     const double gain = std::clamp(std::sqrt(std::max(own - grain, 0.0) / std::max(patch.variance, 1e-9)), 0.2, 5.0);
     // Along each of the two axes of the patch's gradients: what noise alone gives of them tells nothing.
-    const double mean_axis = 0.5 * (patch.axx + patch.ayy);
-    const double root = std::hypot(0.5 * (patch.axx - patch.ayy), patch.axy);
-    const double angle = 0.5 * std::atan2(2 * patch.axy, patch.axx - patch.ayy);
-    const double cosine = std::cos(angle), sine = std::sin(angle);
+    const double cosine = patch.cosine, sine = patch.sine;
     const double alone = patch_pixels * noise * noise / (stride * stride);  // twice its mean
     double rest = own - 2 * gain * cross + gain * gain * patch.variance;
     double offset[2], information[2];
     for (int axis = 0; axis < 2; ++axis) {
         const double ux_ = axis == 0 ? cosine : -sine, uy_ = axis == 0 ? sine : cosine;
-        const double all = mean_axis + (axis == 0 ? root : -root), signal = all - alone;
+        const double all = patch.power[static_cast<std::size_t>(axis)], signal = all - alone;
         const double e = ux_ * ex + uy_ * ey;
         offset[axis] = information[axis] = 0;
         if (!(signal > 0)) continue;
-        offset[axis] = std::clamp(-e / (all * gain), -2.5 * stride, 2.5 * stride);
-        information[axis] = gain * gain * signal;
+        // noise in the gradients shortens a shift measured with them
+        offset[axis] = std::clamp(-e / (signal * gain), -2.5 * stride, 2.5 * stride);
+        information[axis] = gain * gain * signal * signal / all;
         rest -= e * e / all;
     }
     const double s2 = std::max(rest, 0.0) / (patch_pixels - 4) + noise * noise;
@@ -192,7 +210,7 @@ inline TextureFit fit_patches(const Target &target, const std::vector<PatchRow> 
             const double yx = m.wxx * m.dx + m.wxy * m.dy, yy = m.wxy * m.dx + m.wyy * m.dy;
             for (std::size_t a = 0; a < 8; ++a) {
                 const double kx = w * (J[0][a] * m.wxx + J[1][a] * m.wxy), ky = w * (J[0][a] * m.wxy + J[1][a] * m.wyy);
-                for (std::size_t c = a; c < 8; ++c) N[a * 8 + c] += kx * J[0][c] + ky * J[1][c];
+                for (std::size_t c = a & ~std::size_t{1}; c < 8; ++c) N[a * 8 + c] += kx * J[0][c] + ky * J[1][c];
                 b[a] += w * (J[0][a] * yx + J[1][a] * yy);
             }
         }

@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     )
     from grasptrack.suitability import Suitability, inspect
     from grasptrack.synthesis import GraspList, RankedGrasp, synthesize
-    from grasptrack.tracker import GraspTracker
     from grasptrack.tracking.result import TrackResult
+    from grasptrack.tracking.tracker import GraspTracker
     from grasptrack.transfer import Transfer, transfer
 
     __version__: str
@@ -92,8 +92,8 @@ _HOME = {
     ),
     "suitability": ("Suitability", "inspect"),
     "synthesis": ("GraspList", "RankedGrasp", "synthesize"),
-    "tracker": ("GraspTracker",),
     "tracking.result": ("TrackResult",),
+    "tracking.tracker": ("GraspTracker",),
     "transfer": ("Transfer", "transfer"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}

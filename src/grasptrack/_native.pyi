@@ -30,64 +30,6 @@ def contact_frames(points: Floats, offsets: NDArray[np.int64], places: Floats, w
 def force_closure(
     contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float
 ) -> tuple[float, float]: ...
-def register_outline(
-    image: NDArray[np.uint8],
-    H: Floats,
-    points: Floats,
-    normals: Floats,
-    strength: Floats,
-    polarity: int,
-    reaches: Floats,
-    motions: NDArray[np.int64],
-    strides: NDArray[np.int64],
-    least_strength: float,
-    relative_strength: float,
-    clear: NDArray[np.uint8] | None = None,
-) -> tuple[Floats, Floats, Floats, float]: ...
-def grey_differences(
-    coarse: NDArray[np.uint8], shrink: float, H: Floats, places: Floats, values: Floats, least_noise: float
-) -> tuple[Floats, float]: ...
-def judge_flanks(
-    coarse: NDArray[np.uint8],
-    shrink: float,
-    H: Floats,
-    places: Floats,
-    values: Floats,
-    contrast: float,
-    against: NDArray[np.bool_],
-    missed: NDArray[np.bool_],
-    ground: bool,
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]: ...
-def converge(
-    image: NDArray[np.uint8],
-    coarse: NDArray[np.uint8],
-    shrink: float,
-    H: Floats,
-    points: Floats,
-    normals: Floats,
-    strength: Floats,
-    polarity: int,
-    reach: float,
-    least_strength: float,
-    relative_strength: float,
-    places: Floats,
-    values: Floats,
-    slopes: Floats,
-    starts: NDArray[np.int64],
-    use: NDArray[np.bool_],
-    caution: float,
-    loose: float,
-    still: float,
-    least: int,
-    most: int,
-    clear: NDArray[np.uint8] | None = None,
-) -> tuple[
-    Floats, int, Floats, float, tuple[Floats, float, Floats, Floats, Floats, Floats, Floats, Floats, Floats]
-]: ...
-def seen_motion(N: Floats, b: Floats, least: float) -> tuple[float, float]: ...
-def contact_covariance(
-    H: Floats, contacts: Floats, centre: Floats, radius: float, basis: Floats, sure: Floats, share: Floats, loose: float
-) -> Floats: ...
 def resample(points: Floats, count: int, smooth: float) -> Floats: ...
 def blend_normals(points: Floats) -> Floats: ...
 def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominence: float) -> NDArray[np.int64]: ...
@@ -132,9 +74,6 @@ def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats: ...
 def settle_edges(
     points: Floats, normals: Floats, edges: Floats, fixed: NDArray[np.bool_], fallback: float, outlier: float
 ) -> tuple[Floats, Floats]: ...
-def projective_step(
-    points: Floats, normals: Floats, offsets: Floats, contacts: Floats, radius: float, loose: float
-) -> tuple[Floats, Floats]: ...
 def soft_threshold(
     image: NDArray[np.uint8], left: int, top: int, right: int, bottom: int, level: float, polarity: int
 ) -> NDArray[np.uint8]: ...
@@ -151,40 +90,6 @@ def trace_edges(
     border: float,
     outlier: float,
 ) -> tuple[Floats, Floats, NDArray[np.bool_], float, float]: ...
-def outline_support(
-    image: NDArray[np.uint8],
-    H: Floats,
-    points: Floats,
-    normals: Floats,
-    strength: Floats,
-    contacts: Floats,
-    polarity: int,
-    area: float,
-    reach_share: float,
-    least_reach: float,
-    most_reach: float,
-    least_strength: float,
-    relative_strength: float,
-    other_ground: float,
-    loose: float,
-) -> tuple[float, float, Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], Floats, Floats]: ...
-def weigh_edges(
-    image: NDArray[np.uint8],
-    points: Floats,
-    normals: Floats,
-    edges: Floats,
-    inside: NDArray[np.bool_],
-    found: NDArray[np.bool_],
-    reference_inside: Floats,
-    reference_outside: Floats,
-    contacts: int,
-    polarity: int,
-    reach: float,
-    size: float,
-    beside: NDArray[np.bool_],
-    known: NDArray[np.bool_],
-    hidden: NDArray[np.uint8] | None,
-) -> tuple[float, float, float, float, Floats, float, tuple[float, float], NDArray[np.bool_]]: ...
 def lay_outlines(
     starts: Floats,
     points: Floats,
@@ -256,6 +161,15 @@ def search_sightings(
     least_fall: float,
     most_damping: float,
 ) -> tuple[Floats, Floats, float, bool, float]: ...
+def seen_area(G: Floats, points: Floats) -> float: ...
+def surface_evidence(
+    correlation: Floats,
+    usual: Floats,
+    shares: Floats,
+    match_spread: float,
+    chance_spread: float,
+    independent: float,
+) -> Floats: ...
 def strongest_edges(
     levels: Sequence[NDArray[np.uint8]], A: Floats, points: Floats, normals: Floats, noise: float, reach: int, half: int
 ) -> tuple[Floats, Floats, Floats, Floats]: ...

@@ -53,13 +53,6 @@ def _apply_to_few(h: Floats, points: Floats) -> Floats:
     return np.array(out, dtype=np.float64).reshape(-1, 2)
 
 
-def applied(H: Floats, x: float, y: float) -> tuple[float, float]:
-    """Eq. (2) at one point that is known not to be sent to infinity."""
-    (a, b, c), (d, e, f), (g, h, i) = H.tolist()
-    w = g * x + h * y + i
-    return (a * x + b * y + c) / w, (d * x + e * y + f) / w
-
-
 def jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]:
     """The four derivatives dx'/dx, dx'/dy, dy'/dx, dy'/dy of eq. (2) at one point."""
     (a, b, c), (d, e, f), (g, h, i) = H.tolist()

@@ -105,7 +105,7 @@ def track(
     from grasptrack.io.masks import open_masks
     from grasptrack.io.run import run_track
     from grasptrack.io.sources import open_source
-    from grasptrack.tracker import GraspTracker
+    from grasptrack.tracking.tracker import GraspTracker
 
     images = open_source(source, fps)
     segmentation = None if masks is None else open_masks(masks, images)

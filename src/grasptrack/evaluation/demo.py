@@ -17,8 +17,8 @@ from grasptrack.io.base import Frame, Source
 from grasptrack.io.run import prepare_output, run_track
 from grasptrack.io.video import VideoWriter
 from grasptrack.simulation import SceneFrame, demo_scene
-from grasptrack.tracker import GraspTracker
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.tracker import GraspTracker
 
 STRATEGIES = ("auto", "rrp", "grasp-line", "homography")
 

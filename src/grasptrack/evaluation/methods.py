@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from grasptrack.errors import GraspError, InputError, StrategyError
 from grasptrack.evaluation import peers
 from grasptrack.evaluation.method import Maker, Method, Start
-from grasptrack.tracker import GraspTracker
 from grasptrack.tracking.result import TrackResult
-from grasptrack.tracking.tracker import GraspTracker as CoreTracker
+from grasptrack.tracking.tracker import GraspTracker
 
-CORE = "core"
-"""The tracker on the new core."""
 OURS = ("auto", "rrp", "grasp-line", "homography")
 """Strategies of the tracker, in the order of tables."""
 
@@ -27,15 +24,14 @@ class Tracker:
     Args:
         start: the contacts, and the pixel if there is one.
         strategy: of the tracker.
-        kind: which of the two trackers.
     """
 
-    def __init__(self, start: Start, strategy: str, kind: type[GraspTracker] | type[CoreTracker]) -> None:
+    def __init__(self, start: Start, strategy: str) -> None:
         self._refused = ""
         self._frame = -1
-        self._tracker: GraspTracker | CoreTracker | None = None
+        self._tracker: GraspTracker | None = None
         try:
-            self._tracker = kind(strategy=strategy, grasp=start.contacts, object_at=start.object_at)
+            self._tracker = GraspTracker(strategy=strategy, grasp=start.contacts, object_at=start.object_at)
         except StrategyError as error:
             self._refused = str(error)
 
@@ -59,23 +55,19 @@ def makers(names: Sequence[str]) -> dict[str, Maker]:
     found: dict[str, Maker] = {}
     for name in names:
         if name in OURS:
-            found[name] = _ours(name, GraspTracker)
-        elif name == CORE:
-            found[name] = _ours("auto", CoreTracker)
+            found[name] = _ours(name)
         elif name in peers.PEERS:
             missing = peers.missing()
             if name in missing:
                 raise InputError(f'method "{name}" cannot be used here: {missing[name]}', method=name)
             found[name] = peers.PEERS[name]
         else:
-            raise InputError(
-                f'unknown method "{name}"; choose from {", ".join((*OURS, CORE, *peers.PEERS))}', method=name
-            )
+            raise InputError(f'unknown method "{name}"; choose from {", ".join((*OURS, *peers.PEERS))}', method=name)
     return found
 
 
-def _ours(strategy: str, kind: type[GraspTracker] | type[CoreTracker]) -> Maker:
+def _ours(strategy: str) -> Maker:
     def make(start: Start) -> Method:
-        return Tracker(start, strategy, kind)
+        return Tracker(start, strategy)
 
     return make

@@ -30,7 +30,7 @@ from grasptrack.evaluation.sequence import Shown, follow
 from grasptrack.evaluation.truth import Truth
 from grasptrack.io.sources import Frame, open_source
 from grasptrack.projective import apply_homography
-from grasptrack.tracker import GraspTracker
+from grasptrack.tracking.tracker import GraspTracker
 
 Floats = NDArray[np.float64]
 

@@ -9,18 +9,15 @@ position on a contour of n points is a vertex index plus the fraction of the seg
 
 from grasptrack.kernels.reference_alignment import align_outlines
 from grasptrack.kernels.reference_contact import contact_frames
-from grasptrack.kernels.reference_converging import contact_covariance, converge, seen_motion
 from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvature, curvature_vector, resample
 from grasptrack.kernels.reference_edges import edge_search
-from grasptrack.kernels.reference_evidence import carry_normals, projective_step, settle_edges
+from grasptrack.kernels.reference_evidence import carry_normals, settle_edges
 from grasptrack.kernels.reference_filtering import advance_state, filter_sighting
 from grasptrack.kernels.reference_fingers import finger_rooms
-from grasptrack.kernels.reference_flanks import judge_flanks
 from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
 from grasptrack.kernels.reference_homography import distortion, fit_homography, homography_4
 from grasptrack.kernels.reference_inertia import inertia
 from grasptrack.kernels.reference_laying import lay_outlines, outline_gaps
-from grasptrack.kernels.reference_light import grey_differences
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
 from grasptrack.kernels.reference_links import edge_links
 from grasptrack.kernels.reference_matching import match_curvature
@@ -29,16 +26,14 @@ from grasptrack.kernels.reference_outline import trace_edges
 from grasptrack.kernels.reference_peaks import best_quadrilateral, curvature_peaks, select_points
 from grasptrack.kernels.reference_places import carry_places, fixed_places, locate, point_at
 from grasptrack.kernels.reference_pose import PoseTarget, strongest_edges
+from grasptrack.kernels.reference_pose_estimate import seen_area, surface_evidence
 from grasptrack.kernels.reference_ranking import rank_grasps
 from grasptrack.kernels.reference_refine import refine_contacts
-from grasptrack.kernels.reference_registration import register_outline
 from grasptrack.kernels.reference_searching import search_sightings
 from grasptrack.kernels.reference_sightings import expected_sightings, step_state
 from grasptrack.kernels.reference_starts import outline_starts
-from grasptrack.kernels.reference_support import outline_support
 from grasptrack.kernels.reference_threshold import soft_threshold
 from grasptrack.kernels.reference_triples import closing_triples
-from grasptrack.kernels.reference_weighing import weigh_edges
 from grasptrack.kernels.reference_wrench import force_closure
 
 __all__ = [
@@ -52,9 +47,7 @@ __all__ = [
     "carry_normals",
     "carry_places",
     "closing_triples",
-    "contact_covariance",
     "contact_frames",
-    "converge",
     "crossings",
     "curvature",
     "curvature_peaks",
@@ -69,10 +62,8 @@ __all__ = [
     "fixed_places",
     "force_closure",
     "grasp_line",
-    "grey_differences",
     "homography_4",
     "inertia",
-    "judge_flanks",
     "lay_outlines",
     "locate",
     "match_curvature",
@@ -80,20 +71,17 @@ __all__ = [
     "opposed_pairs",
     "outline_gaps",
     "outline_starts",
-    "outline_support",
     "point_at",
-    "projective_step",
     "rank_grasps",
     "refine_contacts",
-    "register_outline",
     "resample",
     "search_sightings",
-    "seen_motion",
+    "seen_area",
     "select_points",
     "settle_edges",
     "soft_threshold",
     "step_state",
     "strongest_edges",
+    "surface_evidence",
     "trace_edges",
-    "weigh_edges",
 ]

@@ -58,11 +58,6 @@ def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats:
         return np.column_stack([u, v, nx / size, ny / size, determinant])
 
 
-STEP_ROUNDS = 3
-LEAST_NOISE = 0.2
-"""px; edges are never believed to be better than this."""
-SLIDING = 0.16
-"""A motion whose part along the normals is, rms, less than this share of itself is not seen."""
 SLIGHT = 1e-6
 """Motions that displace the outline by less than the root of this, relative to the largest, are none of their own."""
 
@@ -105,47 +100,6 @@ def near_identity(x: Floats, centre: Floats, radius: float) -> Floats:
     N = np.array([[1.0, 0.0, -centre[0]], [0.0, 1.0, -centre[1]], [0.0, 0.0, radius]]) / radius
     back = np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
     return np.asarray(back @ M @ N, dtype=np.float64)
-
-
-def projective_step(
-    points: Floats, normals: Floats, offsets: Floats, contacts: Floats, radius: float, loose: float
-) -> tuple[Floats, Floats]:
-    """By how much a homography refined on the edges of an outline would still move the contacts, and how surely.
-
-    One robust Gauss-Newton step of a registration, point to tangent line, from the normal equations with Huber weights.
-
-    Args:
-        points, normals: (m, 2) px, (m, 2) unit: the outline where a transfer puts it.
-        offsets: (m,) px along the normals at which edges were found.
-        contacts: (k, 2) px.
-        radius: px, the outline's, which makes the 8 parameters alike to begin with.
-        loose: px; standard deviation, rms along the outline, that each motion has before any edge is looked at, so that
-            what the edges leave open stays that uncertain.
-
-    Returns:
-        (k, 2) px shift of each contact, (k, 2, 2) px^2 its covariance.
-    """
-    centre = points.mean(axis=0) if len(points) else contacts.mean(axis=0)
-    fields = displacement_fields((points - centre) / radius)
-    # motions of their own, each moving the outline by 1 px rms: on a strip the 8 parameters are very unlike
-    own = whitening(fields)
-    A = np.einsum("mi,mij->mj", normals, fields) @ own
-    weight = np.ones(len(points))
-    noise = max(1.4826 * lower_median(np.abs(offsets)), LEAST_NOISE)
-    x, C = np.zeros(8), np.eye(8)
-    for last in (False,) * (STEP_ROUNDS - 1) + (True,):
-        # directions along which the outline slides into itself tell nothing, whatever the normals' noise pretends
-        told, V = np.linalg.eigh(np.einsum("m,mi,mj->ij", weight, A, A))
-        told = np.maximum(told - SLIDING**2 * weight.sum(), 0.0)
-        C = (V / (told / noise**2 + 1.0 / loose**2)) @ V.T
-        share = told / np.maximum(told + SLIDING**2 * weight.sum(), 1e-300)
-        x = C @ (V * share) @ V.T @ (A.T @ (weight * offsets)) / noise**2
-        if not last:
-            residual = np.abs(offsets - A @ x)
-            noise = max(1.4826 * lower_median(residual), LEAST_NOISE)
-            weight = np.minimum(1.0, 2.0 * noise / np.maximum(residual, 1e-12))
-    at = displacement_fields((contacts - centre) / radius) @ own
-    return at @ x, at @ C @ at.transpose(0, 2, 1)
 
 
 def whitening(fields: Floats) -> Floats:

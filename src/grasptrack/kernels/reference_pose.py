@@ -18,6 +18,7 @@ from grasptrack.kernels.reference_pose_edges import (
     find_candidates,
     profiles,
 )
+from grasptrack.kernels.reference_pose_estimate import CameraNumbers, joined, learned_camera, placed
 from grasptrack.kernels.reference_pose_image import Level, Pyramid, level_through
 from grasptrack.kernels.reference_pose_solver import FARTHEST, Solver, Start
 from grasptrack.kernels.reference_pose_target import CELLS, INNER, INNER_FIRST, Patches, Target
@@ -52,6 +53,8 @@ NAMES = (
     "cell_agreement",
 )
 """Numbers that a target needs."""
+FEWEST_PLACES = 24
+"""Places that coarser levels of a look keep: their patches are wider."""
 BESIDE = 1.5
 """Work px by which the strongest edge may lie farther away than half the filter's width."""
 
@@ -255,7 +258,7 @@ class PoseTarget:
             before, last: pyramid of the last image, and the pose (3, 3) through which it is looked at.
             levels: pyramid of the next one.
             start, P: a pose (3, 3) in it, and covariance (8, 8) of its error.
-            centres: (m, 2) middles of patches.
+            centres: (m, 2) middles of patches; each coarser level has half of them, the first ones, but at least 24 or all.
             strides: (l,) work px between their pixels, fine to coarse.
 
         Returns:
@@ -268,7 +271,10 @@ class PoseTarget:
         old, now, at = self._seen(before), self._seen(levels), _places(centres, "centres")
         G, covariance = _fixed(start, "start", 3, 3), _fixed(P, "P", 8, 8)
         numbers = TextureNumbers(*(self.numbers[f"texture_{name}"] for name in TextureNumbers._fields))
-        looks = [_cut(old, _fixed(last, "last", 3, 3), at, stride) for stride in np.ravel(strides)]
+        looks = []
+        for stride in np.ravel(strides):
+            looks.append(_cut(old, _fixed(last, "last", 3, 3), at, stride))
+            at = at[: max(FEWEST_PLACES, len(at) // 2)]
         with np.errstate(all="ignore"):
             fit = follow_look(self.target, looks, now, G, covariance, numbers)
         return {
@@ -284,6 +290,69 @@ class PoseTarget:
         """The pose (3, 3) that G (3, 3) is once its error d (8,), work px, is made good."""
         with np.errstate(all="ignore"):
             return self.target.moved(_fixed(G, "G", 3, 3), _fixed(d, "d", 8))
+
+    def difference(self, first: Floats, second: Floats) -> Floats:
+        """The error d (8,), work px, that leads from one pose (3, 3) to another; NaN where none does."""
+        with np.errstate(all="ignore"):
+            d = self.target.difference(_fixed(first, "the first pose", 3, 3), _fixed(second, "the second pose", 3, 3))
+        return np.full(8, np.nan) if d is None else d
+
+    def placed(self, G: Floats, P: Floats) -> tuple[Floats, Floats]:
+        """(k, 2) px, the contacts at a pose (3, 3), and (k, 2, 2) px^2 by the covariance (8, 8) of its error."""
+        with np.errstate(all="ignore"):
+            return placed(self.target, _fixed(G, "G", 3, 3), _fixed(P, "P", 8, 8))
+
+    def joined(self, G: Floats, P: Floats, other: Floats, Q: Floats) -> tuple[float, Floats, Floats]:
+        """Two independent predictions of a pose, (3, 3) and (8, 8) each, as one.
+
+        Returns:
+            Their squared Mahalanobis distance, infinite where they have none; pose and covariance, the first ones then.
+        """
+        with np.errstate(all="ignore"):
+            return joined(
+                self.target,
+                _fixed(G, "the first pose", 3, 3),
+                _fixed(P, "the first covariance", 8, 8),
+                _fixed(other, "the second pose", 3, 3),
+                _fixed(Q, "the second covariance", 8, 8),
+            )
+
+    def learned_camera(
+        self,
+        G: Floats,
+        P: Floats,
+        theta: Floats,
+        theta_covariance: Floats,
+        width: float,
+        height: float,
+        pinhole_sd: float,
+        keep: float,
+        most: float,
+    ) -> tuple[Floats, Floats]:
+        """A Kalman step on what is known of the camera: an accepted pose must be a pinhole's view of a rigid plane.
+
+        Args:
+            G, P: the pose (3, 3), and covariance (8, 8) of its error.
+            theta, theta_covariance: (3,), (3, 3) before, as of `solve`.
+            width, height: px of the image.
+            pinhole_sd: how far real cameras are from a pinhole, of the pose's two invariants.
+            keep: share of a frame's information that is new.
+            most: of each of theta.
+
+        Returns:
+            theta and its covariance, as before where the pose tells nothing.
+        """
+        with np.errstate(all="ignore"):
+            return learned_camera(
+                self.target,
+                _fixed(G, "G", 3, 3),
+                _fixed(P, "P", 8, 8),
+                _fixed(theta, "theta", 3),
+                _fixed(theta_covariance, "theta_covariance", 3, 3),
+                width,
+                height,
+                CameraNumbers(pinhole_sd, keep, most),
+            )
 
     def pinhole(self, G: Floats, theta: Floats, width: float, height: float) -> tuple[Floats, Floats, Floats]:
         """How far a pose is from a pinhole's view of a rigid plane.

@@ -7,6 +7,7 @@ object should be (a notch), or the object where it should end (a tab).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,8 @@ SEEN_ODDS, BOUNDED_ODDS = 20.0, 0.3
 """Likelihood ratios, against an occluder, of the object's edge where it is seen, and of another shape at some boundary."""
 AMISS = 0.05
 """Share of a notch's or tab's stretch that does not look like one: its own corners."""
+IMITATED = 0.05
+"""Probability that what covers the object looks like the ground, or like the object itself."""
 BESIDE = 1e-3
 """Factor: an occluder begins just where a notch or tab ends."""
 ANY = np.log(256.0)
@@ -50,7 +53,7 @@ class RegionNumbers(NamedTuple):
 
     Attributes:
         unlikely: share of cells that nothing explains.
-        far: share of the size within which the outline must be seen on both sides.
+        far: share of the size within which the outline must be seen, for a notch or tab on both sides.
         power: of a sample's agreement: a shape is as sure as the least sure of what it asks for.
         agreement: nats a cell, over anything, from which on grey levels speak for what was expected.
     """
@@ -157,6 +160,7 @@ def other_shape(
     length = np.minimum(gaps, target.radius).sum()
     far = whole(numbers.far * 2.0 * target.radius * n / length, 8, n)
     same, differs = np.where(visible > 0.5, SEEN_ODDS, 1.0), np.where(~(visible > 0.5) & ends, BOUNDED_ODDS, 1.0)
+    opened = np.vstack([differs, differs])
     told, lost = False, numbers.unlikely
     for i in np.flatnonzero(~((visible > 0.5) | ends)):
         back, shift = _levels_near(int(i), visible, beyond, far), _levels_near(int(i), visible, changed, far)
@@ -164,50 +168,67 @@ def other_shape(
             continue
         # the object's material as it varies here: what is nearly of its level is not of it
         here = _levels_near(int(i), visible, material, far)
-        varied = np.float64(0.0) if here is None else here[1]
-        own = light.gain * (target.inner[i] / target.inner.shape[1]).sum() + light.bias + shift[0]
-        own_in = _log_cells(material[i], expected[i] + shift[0], shift[1], lost)
-        back_in = _log_cells(material[i], back[0], back[1], lost)
-        own_out, back_out = _log_cells(beyond[i], own, varied, lost), _log_cells(beyond[i], back[0], back[1], lost)
+        varied = np.float64(0.0) if here is None else here.spread
+        own = light.gain * (target.inner[i] / target.inner.shape[1]).sum() + light.bias + shift.level
+        own_in = _log_cells(material[i], expected[i] + shift.level, shift.spread, lost)
+        back_in = _log_cells(material[i], back.level, back.spread, lost)
+        own_out = _log_cells(beyond[i], own, varied, lost)
+        back_out = _log_cells(beyond[i], back.level, back.spread, lost)
         as_inside, as_outside = _mean(own_in[:FIRST], 0.0), _mean(back_out[:FIRST], 0.0)
         least = float(np.log(lost))
         notch = min(_closed(back_in, own_in, least), as_outside)
         tab = min(_closed(own_out, back_out, least), as_inside)
-        agreement = np.array([min(as_inside, as_outside), max(notch, tab)]) - numbers.agreement
+        ground, more = min(_mean(back_in[:FIRST], least), as_outside), min(_mean(own_out[:FIRST], least), as_inside)
+        agreement = np.array([min(as_inside, as_outside), max(notch, tab), ground, more]) - numbers.agreement
         ratio = np.exp(np.clip(numbers.power * agreement, -MOST_LOG, MOST_LOG))
-        same[i], differs[i] = ratio[0], AMISS + (1.0 - AMISS) * ratio[1]
+        same[i], ratio = ratio[0], AMISS + (1.0 - AMISS) * ratio
+        if back.between and shift.between:
+            differs[i] = ratio[1]
+        opened[:, i] = ratio[2:]
         told = True
     if not told:
         return -1.0, np.zeros(n)
     chain = stretches(same, differs, power, share, stay, BESIDE)
     without = np.array([share[0] + share[2], share[1], NEVER])
     simply = stretches(same, differs, power, without, stay, BESIDE)
-    return float(chain.log_likelihood - simply.log_likelihood), chain.states[:, 2]
+    # ground where the object should be and the object where it should end, without an end of their own: one alone may be cover
+    either = (stretches(same, side, power, share, stay, BESIDE).log_likelihood for side in opened)
+    open_ = sum(min(max(float(each - simply.log_likelihood), 0.0), -math.log(IMITATED)) for each in either)
+    closing = float(chain.log_likelihood - simply.log_likelihood)
+    return max(closing, open_) if open_ > 0.0 else closing, chain.states[:, 2]
 
 
-def _levels_near(i: int, visible: Floats, cells: Floats, far: int) -> tuple[np.float64, np.float64] | None:
-    """Median and spread of the first cells (n, CELLS) of the nearest visible samples, beyond the stretch that is not seen.
+class _Levels(NamedTuple):
+    """Median and spread of grey levels; `between`: of both sides of a stretch."""
 
-    NaN where a cell does not count. None where the stretch goes on for `far` samples: nothing is told of what lies far from
-    all that fits.
+    level: np.float64
+    spread: np.float64
+    between: bool
+
+
+def _levels_near(i: int, visible: Floats, cells: Floats, far: int) -> _Levels | None:
+    """Levels of the first cells (n, CELLS) of the nearest visible samples, beyond the stretch that is not seen.
+
+    NaN where a cell does not count. A side on which the stretch goes on for `far` samples tells nothing: what lies far from
+    all that fits is not known. None where neither side tells.
     """
     n = len(visible)
     asked: list[int] = []
+    sides = 0
     for side in (-1, 1):
         first = next((step for step in range(1, n) if not visible[(i + side * step) % n] <= 0.5), n)
         if first > far:
-            return None
+            continue
         around = [(i + side * step) % n for step in range(first, min(first + ASKED, n))]
         found = [j for j in around if not visible[j] < SEEN][:NEAR]
-        if len(found) < ENOUGH:
-            return None
+        sides += len(found) >= ENOUGH
         asked += found
     levels = cells[asked, :FIRST].ravel()
     levels = levels[~np.isnan(levels)]
-    if len(levels) < 3 * FIRST:
+    if not sides or len(levels) < 3 * FIRST:
         return None
     level = middle(levels)
-    return level, 1.4826 * middle(np.abs(levels - level)) + LEAST_SPREAD
+    return _Levels(level, 1.4826 * middle(np.abs(levels - level)) + LEAST_SPREAD, sides == 2)
 
 
 def _log_cells(values: Floats, level: Floats | np.float64, spread: np.float64, unlikely: np.float64) -> Floats:

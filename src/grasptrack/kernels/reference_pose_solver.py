@@ -46,7 +46,9 @@ from grasptrack.kernels.reference_pose_texture import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROUNDS, EDGE_ROUNDS, TEXTURE_ROUNDS = 4, 4, 3
+ROUNDS, TEXTURE_ROUNDS = 4, 3
+FIRST_EDGE_ROUNDS, EDGE_ROUNDS = 3, 4
+"""Times that edges are weighed: after the first step they are looked for anew anyway."""
 ENOUGH_EDGES = 30
 """Samples of the outline below which its edges are not looked at."""
 FINE = 3
@@ -59,6 +61,10 @@ STILL = 0.5
 """Work px that may move across an edge for its width to be that at rest."""
 SETTLED = 0.02
 """Work px: a step that moves no contact by more is the last."""
+EXACT = 0.002
+"""The same where edges are weighed anew."""
+NEAR = 0.3
+"""Of a patch's pixel: a step that is no larger is the last on its level. The edges' steps go on with the texture."""
 
 
 @dataclass(frozen=True)
@@ -180,12 +186,13 @@ class Solver:
                 elif round_ == 0 or reach == 0:
                     reach = self._reach(P, 2.5)
                 view = measure_edges(target, self.pyramid, G, reach, self._half_widths(G), out.light, MOST_SPAN)
-                fitted = self._fit_edges(view, G, A, b, d, P, h, vh, out)
+                rounds = EDGE_ROUNDS if round_ else FIRST_EDGE_ROUNDS
+                fitted = self._fit_edges(rounds, view, G, A, b, d, P, h, vh, out)
                 if fitted is None:
                     return out
                 d, P, h, vh = fitted
             d = np.clip(d, -target.radius, target.radius)
-            moved = _largest(np.abs(target.jacobian(target.contacts) @ d))
+            moved = self._contacts_moved(d)
             G = target.moved(G, d)
             if not np.isfinite(G).all():
                 return out
@@ -196,6 +203,10 @@ class Solver:
         out.G, out.P, out.thickness, out.thickness_variance, out.valid = G, P, float(h), float(vh), True
         self._judge(out, edges)
         return out
+
+    def _contacts_moved(self, d: Floats) -> float:
+        """Work px by which the pose's error d (8,) moves a contact at most, along an axis."""
+        return _largest(np.abs(self.target.jacobian(self.target.contacts) @ d))
 
     def _system(self, G: Floats) -> tuple[Floats, Floats] | None:
         """Prior, bounded perspective and pinhole as normal equations (8, 8), (8,) about the pose G."""
@@ -255,7 +266,7 @@ class Solver:
                 G = target.moved(G, d)
                 if not np.isfinite(G).all():
                     return None
-                if np.abs(d).max() < 0.1 * patches.stride:
+                if np.abs(d).max() < NEAR * patches.stride:
                     break
         return G
 
@@ -302,6 +313,7 @@ class Solver:
 
     def _fit_edges(
         self,
+        rounds: int,
         view: Candidates,
         G: Floats,
         A: Floats,
@@ -312,7 +324,7 @@ class Solver:
         vh: np.float64,
         out: Solution,
     ) -> tuple[Floats, Floats, np.float64, np.float64] | None:
-        """Edges and thickness by expectation and maximisation: which candidate, then the pose, then again.
+        """Edges and thickness by expectation and maximisation: which candidate, then the pose, `rounds` times at most.
 
         Returns:
             The pose's error (8,), its covariance (8, 8), thickness and its variance; None where they are not determined.
@@ -320,8 +332,11 @@ class Solver:
         rows, start, numbers = self.target.rows, self.start, self.numbers
         parallax = self._parallax(G)
         h0, v0 = start.thickness, start.thickness_variance
-        for _ in range(EDGE_ROUNDS):
-            shift, low = rows @ d, parallax * h
+        last = d
+        for round_ in range(rounds):
+            if round_ > 1 and self._contacts_moved(d - last) < EXACT:
+                break
+            last, shift, low = d, rows @ d, parallax * h
             found = edge_likelihoods(self.target, view, shift, low, parallax**2 * vh, P, self.edge_numbers)
             own = stretches(found.object, found.other, self.power, self.shares, self.stay).states[:, 0]
             seen_up, seen_low = found.upper * own, found.lower * own

@@ -181,10 +181,12 @@ def match_patches(pyramid: Pyramid, G: Floats, patches: Patches, camera: float, 
     signal = power - PIXELS * noise * noise / stride**2  # twice the mean of noise alone
     tells = signal > 0
     e = axes[..., 0] * ex + axes[..., 1] * ey
-    offset = np.where(tells, np.clip(-e / (power * gain), -2.5 * stride, 2.5 * stride), 0.0)
+    # noise in the gradients shortens a shift measured with them
+    some = np.where(tells, signal, 1.0)
+    offset = np.where(tells, np.clip(-e / (some * gain), -2.5 * stride, 2.5 * stride), 0.0)
     rest = own - 2.0 * gain * cross + gain * gain * patches.variance - np.where(tells, e * e / power, 0.0).sum(axis=0)
     s2 = np.maximum(rest, 0.0) / (PIXELS - 4) + noise * noise
-    information = np.where(tells, gain * gain * signal, 0.0)
+    information = np.where(tells, gain * gain * signal * signal / power, 0.0)
     information = np.where(information > 0, 1.0 / (s2 / information + floor * floor), 0.0)
     shift = np.column_stack([cosine * offset[0] - sine * offset[1], sine * offset[0] + cosine * offset[1]])
     weight = np.column_stack(

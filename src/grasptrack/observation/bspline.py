@@ -116,23 +116,3 @@ def fit_spline(points: ArrayLike, spans: int, per_span: int = PER_SPAN) -> tuple
     gap = observed - spline.sample(each)
     across = np.einsum("ij,ij->i", gap, spline.normals(each))
     return spline, float(np.sqrt(np.mean(across * across)))
-
-
-def fit_within(points: ArrayLike, tolerance: float, max_spans: int = 96) -> tuple[ClosedSpline, float]:
-    """The spline of fewest spans, tried in steps of about a fifth, that follows a closed polygon within a tolerance.
-
-    Args:
-        points: (N, 2) px.
-        tolerance: px, rms across the curve; a smaller one buys sharper corners with more spans.
-        max_spans: where no fewer suffice this many are used, and the rms says how far it falls short.
-
-    Returns:
-        The spline and its rms distance in px.
-    """
-    spans = 8
-    while True:
-        spans = min(spans, max_spans)
-        spline, rms = fit_spline(points, spans)
-        if rms <= tolerance or spans == max_spans:
-            return spline, rms
-        spans += max(2, spans // 5)

@@ -97,14 +97,6 @@ def grow(hidden: Grey | None) -> Grey | None:
     return None if hidden is None else np.asarray(cv2.dilate(hidden, np.ones((5, 5), np.uint8)), dtype=np.uint8)
 
 
-def clearance(hidden: Grey | None) -> Grey | None:
-    """(H, W) px from each pixel to what is hidden, 0 in it and 255 at most; None where nothing is hidden."""
-    if hidden is None or not hidden.any():
-        return None
-    away = cv2.distanceTransform((hidden == 0).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(np.minimum(away, 255.0), dtype=np.uint8)
-
-
 def candidates(
     image: NDArray[Any],
     object_at: tuple[float, float] | None = None,

@@ -168,12 +168,10 @@ class Snake:
         state = self._motion.state if match is None else match.state
         seen = np.zeros(len(edges.nearest), dtype=np.bool_)
         residual, misfit, support, outside = math.inf, math.inf, 0.0, 0.0
-        bias, covariance = np.zeros(8), np.full((8, 8), math.inf)
         if match is not None:
             seen = match.seen[edges.nearest] & edges.relied
             residual, misfit, support = match.residual, match.misfit, match.support
             outside = 1.0 - float(match.visible.mean())
-            bias, covariance = match.bias, match.covariance
         return SnakeFit(
             ok=not reason,
             reason=reason,
@@ -184,11 +182,6 @@ class Snake:
             misfit=misfit,
             support=support,
             outside=outside,
-            bias=bias,
-            covariance=covariance,
-            linear=space.linear(state),
-            offsets=self.template.offsets,
-            space=space,
         )
 
 

@@ -40,10 +40,7 @@ class Match(NamedTuple):
         elsewhere: share of the visible samples that are not supported, but in rows of them lie on an edge beside the
             curve: the outline has moved as the shape space cannot, or something covers it along there.
         state: (dof,) px; noise: (dof, dof) px^2 of it as far as the image's noise goes, for the filter.
-        bias: (8,) what a homography's 8 parameters (see `columns`) would still change: the template's state first, then
-            what the shape space cannot follow.
-        covariance: (8, 8) px^2 of those parameters.
-        misfit: px, rms distance over the outline that they would move it.
+        misfit: px, rms distance over the outline that a homography would still move it.
         spread: px, largest standard deviation of a point of the outline.
         residual: px rms of the supported samples; common: px, rms of what neighbouring residuals still share.
         seen: (m,) supported samples; visible: (m,) samples inside the image.
@@ -52,8 +49,6 @@ class Match(NamedTuple):
 
     state: Floats
     noise: Floats
-    bias: Floats
-    covariance: Floats
     misfit: float
     spread: float
     residual: float
@@ -92,9 +87,8 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
     like = alike
     seen = like & (np.abs(gap) <= SEEN)
     if int(seen.sum()) <= 8:
-        nothing = np.full((8, 8), math.inf)
         noise: Floats = np.full((len(state), len(state)), math.inf)
-        return Match(state, noise, np.zeros(8), nothing, *(math.inf,) * 4, seen, visible, edges)
+        return Match(state, noise, *(math.inf,) * 4, seen, visible, edges)
     (a, b), (c, d) = space.linear(state).tolist()
     X, Y = model.field
     F = (rows.normals @ (a, c))[:, None] * X
@@ -129,8 +123,6 @@ def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Ma
     return Match(
         state,
         noise,
-        bias,
-        covariance,
         math.sqrt(float(moved @ moved) / len(X)),
         math.sqrt(float(spread.max())),
         math.sqrt(float(g @ g) / len(g)),

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState
@@ -17,18 +15,17 @@ MOST = 1.2
 def learn_camera(target: Target, state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> None:
     """A Kalman step on focal length and normal: an accepted pose must be a pinhole's view of a rigid plane."""
     height, width = state.last.levels[0].shape
-    misfit, by_pose, by_camera = target.handle.pinhole(estimate.G, state.theta, float(width), float(height))
-    if not np.isfinite(misfit).all():
-        return
-    # what the image alone says of the misfit: the pose has the camera's own prior in it, which must not confirm itself
-    believed = by_camera @ state.theta_covariance @ by_camera.T + numbers.pinhole_sd**2 * np.eye(2)
-    told = np.linalg.inv(by_pose @ estimate.P @ by_pose.T) - np.linalg.inv(believed)
-    told, axes = np.linalg.eigh(0.5 * (told + told.T))
-    told = np.maximum(told, 0.0)
-    W = (axes * (told / (1.0 + numbers.pinhole_sd**2 * told))) @ axes.T * numbers.camera_keep
-    P = np.linalg.inv(np.linalg.inv(state.theta_covariance) + by_camera.T @ W @ by_camera)
-    state.theta = np.clip(state.theta - P @ (by_camera.T @ (W @ misfit)), -MOST, MOST)
-    state.theta_covariance = 0.5 * (P + P.T)
+    state.theta, state.theta_covariance = target.handle.learned_camera(
+        estimate.G,
+        estimate.P,
+        state.theta,
+        state.theta_covariance,
+        float(width),
+        float(height),
+        numbers.pinhole_sd,
+        numbers.camera_keep,
+        MOST,
+    )
 
 
 def learn_thickness(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> None:

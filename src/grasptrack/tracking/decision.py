@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState
@@ -78,7 +79,14 @@ def evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> f
 
 def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of the patches' correlations, given those that are usual: this surface against another one."""
-    return sum(_same_surface(r, u, numbers) for r, u in zip(estimate.correlation, usual, strict=True))
+    return sum(_marginal(m, OCCLUDED_PRIOR) for m in _by_share(estimate, usual, numbers))
+
+
+def surface_missing(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
+    """Log-likelihood ratio of the same surface on another outline, so that any share of it may be missing, against a cover."""
+    shares = _by_share(estimate, usual, numbers)
+    total = sum(shares, start=np.zeros(len(OCCLUDED)))
+    return _marginal(total, np.full(len(OCCLUDED), 1.0 / len(OCCLUDED))) - _marginal(total, COVERED_PRIOR)
 
 
 TURNED = "turned"
@@ -87,21 +95,21 @@ OCCLUDED = np.linspace(0.02, 0.98, 25)
 """Shares of a surface that may be covered, changed or glaring, ..."""
 OCCLUDED_PRIOR = (1.0 - OCCLUDED) ** 2 / ((1.0 - OCCLUDED) ** 2).sum()
 """... the less probable the more."""
+COVERED_PRIOR = (1.0 - OCCLUDED) ** 12 / ((1.0 - OCCLUDED) ** 12).sum()
+"""The same of what covers the outline as well."""
 
 
-def _same_surface(r: Floats, usual: Floats, numbers: Numbers) -> float:
-    """Log-likelihood ratio of one level's correlations r (n,), NaN where not seen: this surface, partly covered, or another."""
-    seen = np.isfinite(r)
-    if not seen.any():
-        return 0.0
-    r, usual = r[seen], np.clip(usual[seen], 0.0, 1.0)
-    # what usually agrees little may agree by chance today, and not tomorrow
-    chance = numbers.chance_spread
-    spread = np.sqrt(usual**2 * numbers.match_spread**2 + (1.0 - usual**2) * chance**2)
-    ratio = (chance / spread) * np.exp(0.5 * ((r / chance) ** 2 - ((r - usual) / spread) ** 2))
-    mixed = np.log((1.0 - OCCLUDED[:, None]) * ratio + OCCLUDED[:, None]).sum(axis=1) / numbers.patch_share
-    top = mixed.max()
-    return float(top + math.log((OCCLUDED_PRIOR * np.exp(mixed - top)).sum()))
+def _by_share(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> list[Floats]:
+    """For each level the log-likelihood ratio of its correlations, by the share of the surface that is not seen."""
+    spreads = numbers.match_spread, numbers.chance_spread, numbers.patch_share
+    return [
+        kernels.surface_evidence(r, u, OCCLUDED, *spreads) for r, u in zip(estimate.correlation, usual, strict=True)
+    ]
+
+
+def _marginal(by_share: Floats, prior: Floats) -> float:
+    top = by_share.max()
+    return float(top + math.log((prior * np.exp(by_share - top)).sum()))
 
 
 def strangeness(estimate: PoseEstimate, numbers: Numbers) -> float:
@@ -117,13 +125,20 @@ EXCHANGED = 0.1
 """Prior probability that something else lies in its place, after an image that showed it."""
 
 
+SUDDEN = math.log(100.0)
+"""Odds against light that hides edges from one image to the next."""
+
+
 def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
     surface = texture_evidence(estimate, state.usual, numbers)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
         covered = float(np.mean(estimate.other + estimate.occluded))
-        shape += max(0.0, strangeness(estimate, numbers) - state.strange - max(0.0, surface))
+        jump = max(0.0, strangeness(estimate, numbers) - state.strange)
+        # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
+        shape += max(jump - max(0.0, surface), min(jump, SUDDEN))
+        shape += surface_missing(estimate, state.usual, numbers)
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (
             estimate.other_shape * math.exp(-state.strange)
@@ -156,7 +171,8 @@ SAME_ODDS = math.log(20.0)
 
 def variance_of(estimate: PoseEstimate) -> float:
     """px^2 of the worst contact in its worst direction, by the model alone."""
-    return float(np.linalg.eigvalsh(estimate.covariance)[:, -1].max())
+    axes = [(0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)) for (xx, xy), (_, yy) in estimate.covariance.tolist()]
+    return float(max(mean + root for mean, root in axes))
 
 
 LONG = 1e6

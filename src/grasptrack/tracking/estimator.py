@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.projective import apply_homography
+from grasptrack import kernels
 from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
 
@@ -105,14 +105,14 @@ def estimate_pose(
     if not found["valid"] or not is_sane(target, found["G"]):
         return None
     G, P = found["G"], found["P"]
-    contacts, covariance = contact_covariances(target, G, P)
+    contacts, covariance = target.handle.placed(G, P)
     return PoseEstimate(
         hypothesis.origin,
         G,
         P,
         contacts,
         covariance,
-        abs(signed_area(apply_homography(G, target.outline))),
+        abs(kernels.seen_area(G, target.outline)),
         found["thickness"],
         found["thickness_variance"],
         found["edge_width"],
@@ -139,47 +139,10 @@ def renamed(estimate: PoseEstimate, origin: str) -> PoseEstimate:
     return replace(estimate, origin=origin)
 
 
-def contact_covariances(target: Target, G: Floats, P: Floats) -> tuple[Floats, Floats]:
-    """(k, 2) px contacts and (k, 2, 2) px^2 covariances of a pose."""
-    w = target.work_contacts
-    J = pose_jacobian(target, w)
-    lam = w @ G[2, :2] + G[2, 2]
-    at = (w @ G[:2, :2].T + G[:2, 2]) / lam[:, None]
-    M = (G[None, :2, :2] - at[:, :, None] * G[None, 2:3, :2]) / lam[:, None, None]
-    K = M @ J
-    return at, K @ P @ K.transpose(0, 2, 1)
-
-
-def pose_jacobian(target: Target, points: Floats) -> Floats:
-    """(n, 2, 8) derivatives of the places of work points (n, 2) by the pose's error."""
-    radius = target.size / 2.0
-    u, v = ((points - target.outline.mean(axis=0)) / radius).T
-    one, zero = np.ones_like(u), np.zeros_like(u)
-    return np.stack(
-        [
-            np.stack([one, zero, u, v, zero, zero, u * u, u * v], axis=1),
-            np.stack([zero, one, zero, zero, u, v, u * v, v * v], axis=1),
-        ],
-        axis=1,
-    )
-
-
-def signed_area(points: Floats) -> float:
-    """px^2 of a polygon (N, 2)."""
-    x, y = points.T
-    return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
-
-
 SMALLEST, LARGEST = 0.02, 30.0
 """Areas relative to the first view's between which an object is looked for: seven times as far, five times as near."""
 
 
 def is_sane(target: Target, G: Floats) -> bool:
     """Whether G is a view of the plane's front that keeps the object in front of the camera, at a size to be seen."""
-    if not np.isfinite(G).all():
-        return False
-    lam = target.outline @ G[2, :2] + G[2, 2]
-    if not (lam > 1e-6).all():
-        return False
-    area = signed_area((target.outline @ G[:2, :2].T + G[:2, 2]) / lam[:, None])
-    return SMALLEST < area / target.area < LARGEST
+    return SMALLEST < kernels.seen_area(G, target.outline) / target.area < LARGEST

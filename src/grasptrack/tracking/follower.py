@@ -17,6 +17,7 @@ from grasptrack.tracking.camera import learn_camera, learn_thickness
 from grasptrack.tracking.decision import (
     LONG,
     SAME_PLACE,
+    SUDDEN,
     TURNED,
     Decision,
     checked,
@@ -87,6 +88,9 @@ class Follower:
         first = self.redetection.continued(levels, predictions.first) if state.lost else predictions.first
         estimates = self._estimates(levels, first)
         decision = decide(state, estimates, expected, unseen, presence, numbers)
+        if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
+            estimates += self._estimates(levels, predictions.second)  # texture may have slid along itself
+            decision = decide(state, estimates, expected, unseen, presence, numbers)
         if not decision.accepted:
             unseen = self._if_gone(levels, predictions, unseen)
             second = self.redetection.promising(levels, predictions.second)
@@ -131,6 +135,10 @@ class Follower:
                 break
         self._learn(levels, found, predictions.ground, steps)  # whatever the strategy makes of it
         return answer, nearest
+
+    def _is_sudden(self, estimate: PoseEstimate) -> bool:
+        """Whether the outline lies elsewhere than it did of late, more than light explains."""
+        return strangeness(estimate, self.numbers) - self.state.strange > SUDDEN
 
     def _presence(self) -> float:
         """Prior probability that the object is there."""

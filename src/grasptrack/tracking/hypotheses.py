@@ -81,13 +81,8 @@ def moving_on(target: Target, state: TrackState, steps: float) -> Floats | None:
 
 def _joined(target: Target, flow: Hypothesis, even: Hypothesis) -> Hypothesis | None:
     """What texture and even motion say together; None where they contradict each other."""
-    d = target.difference(flow.G, even.G)
-    S = flow.P + even.P
-    if not np.isfinite(d).all() or d @ np.linalg.solve(S, d) > AGREE:
-        return None
-    K = flow.P @ np.linalg.inv(S)
-    P = flow.P - K @ flow.P
-    return Hypothesis(flow.origin, target.handle.moved(flow.G, K @ d), 0.5 * (P + P.T))
+    distance, G, P = target.handle.joined(flow.G, flow.P, even.G, even.P)
+    return Hypothesis(flow.origin, G, P) if distance <= AGREE else None
 
 
 AGREE = 20.1

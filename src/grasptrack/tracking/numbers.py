@@ -83,7 +83,7 @@ class Numbers:
     cell_power: float = 12.0
     cell_agreement: float = 1.2
     texture_floor: float = 0.1
-    texture_independent: float = 2.0
+    texture_independent: float = 4.0
     texture_freedom: float = 4.0
     texture_contrast: float = 3.0
     texture_occluded: float = 0.15
@@ -105,7 +105,7 @@ class Numbers:
     hazard: float = 2e-3
     redetected: float = 0.02
     exchanged: float = 1e-4
-    same_surface: float = 0.001
+    same_surface: float = 0.1
     same_shape: float = 1e-4
     lookalike: float = 1e-6
     travel: float = 0.1

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import cv2
@@ -127,34 +128,44 @@ class Target:
 
     def seen(self, visible: Floats) -> Floats:
         """(k,) 0 to 1: how much of the edge under each finger shows, of the samples' probabilities (N,) to be visible."""
+        return np.asarray(visible @ self._under, dtype=np.float64)
+
+    @cached_property
+    def _under(self) -> Floats:
+        """(N, k) how much each sample counts for the edge under each finger."""
         away = np.hypot(*(self.points[:, None] - self.work_contacts[None]).transpose(2, 0, 1))
         under = away <= 0.5 * FINGER_WIDTH * self.size
-        return np.asarray((under * visible[:, None]).sum(axis=0) / np.maximum(under.sum(axis=0), 1), dtype=np.float64)
+        return np.asarray(under / np.maximum(under.sum(axis=0), 1), dtype=np.float64)
 
     def difference(self, G0: Floats, G: Floats) -> Floats:
         """(8,) the pose's error, work px at the half size, that leads from G0 to G; NaN where none does."""
-        r, (x, y) = self.size / 2.0, self.outline.mean(axis=0)
-        T = np.array([[1.0 / r, 0.0, -x / r], [0.0, 1.0 / r, -y / r], [0.0, 0.0, 1.0]])
-        D = T @ np.linalg.inv(G0) @ G @ np.linalg.inv(T)
-        D = D / D[2, 2] - np.eye(3)
-        return np.array([sign * r * D[i, j] for i, j, sign in POSE_ENTRIES])
+        return np.asarray(self.handle.difference(G0, G), dtype=np.float64)
 
     def homography_covariance(self, G: Floats, P: Floats) -> Floats:
         """(9, 9) of the entries of `homography(G)`, row by row, the last one being 1, by the pose's covariance P (8, 8)."""
+        moved = G @ self._generators
+        H = self.homography(G)
+        J = (moved - H * moved[:, 2:, 2:]).reshape(8, 9).T / (G @ self._back)[2, 2]
+        return np.asarray(J @ P @ J.T, dtype=np.float64)
+
+    @cached_property
+    def _generators(self) -> Floats:
+        """(8, 3, 3) by which G is to be multiplied for its derivatives, as a map from px of the first view, by its error."""
         r, (x, y) = self.size / 2.0, self.outline.mean(axis=0)
         T = np.array([[1.0 / r, 0.0, -x / r], [0.0, 1.0 / r, -y / r], [0.0, 0.0, 1.0]])
         E = np.zeros((8, 3, 3))
         for k, (i, j, sign) in enumerate(POSE_ENTRIES):
             E[k, i, j] = sign / r
-        moved = G @ np.linalg.inv(T) @ E @ T @ np.linalg.inv(self.A)
-        H = G @ np.linalg.inv(self.A)
-        scale = H[2, 2]
-        J = (moved / scale - (H / scale) * (moved[:, 2:, 2:] / scale)).reshape(8, 9).T
-        return np.asarray(J @ P @ J.T, dtype=np.float64)
+        return np.asarray(np.linalg.inv(T) @ E @ T @ self._back, dtype=np.float64)
+
+    @cached_property
+    def _back(self) -> Floats:
+        """(3, 3) px of the first view -> work px."""
+        return np.asarray(np.linalg.inv(self.A), dtype=np.float64)
 
     def homography(self, G: Floats) -> Floats:
         """(3, 3) H_current_reference of a pose G."""
-        H = G @ np.linalg.inv(self.A)
+        H = G @ self._back
         return np.asarray(H / H[2, 2], dtype=np.float64)
 
     def pose(self, H: Floats) -> Floats:
@@ -391,7 +402,9 @@ def _ring(mask: Grey) -> Floats:
     )
     i = np.clip(np.round(places).astype(int) + reach, 0, [width + 2 * reach - 1, height + 2 * reach - 1])
     inside = (places > -reach).all(axis=1) & (places < [width + reach, height + reach]).all(axis=1)
-    return np.ascontiguousarray(places[~(inside & (grown[i[:, 1], i[:, 0]] > 0))])
+    kept = places[~(inside & (grown[i[:, 1], i[:, 0]] > 0))]
+    # the first of them, which is what coarse levels look at, lie all round
+    return np.ascontiguousarray(np.random.default_rng(0).permutation(kept))
 
 
 def _turns(view: View, A: Floats) -> tuple[Floats, ...]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from grasptrack.kernels.reference_evidence import SLIDING
+from grasptrack.suitability.motions import SLIDING
 from grasptrack.suitability.words import Row, px, rows
 from grasptrack.view.grasp_panel import LINE, NEIGHBOUR
 from grasptrack.view.grasp_text import INK, MUTED, RULE

@@ -16,8 +16,8 @@ from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand, Length
 from grasptrack.simulation.physical.gripper import MAX_OPENING, PAD_THICKNESS, PAD_WIDTH
 from grasptrack.synthesis import synthesize
-from grasptrack.tracker import GraspTracker
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.tracker import GraspTracker
 
 Floats = NDArray[np.float64]
 

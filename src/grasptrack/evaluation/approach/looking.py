@@ -20,8 +20,8 @@ from grasptrack.contour import View
 from grasptrack.evaluation.approach.choosing import first_look
 from grasptrack.hand import Hand
 from grasptrack.matching import Sampled, match
-from grasptrack.tracker import GraspTracker
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.tracker import GraspTracker
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is told of a pose and its covariance."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.kernels.reference_pose_camera import pinhole_rows
+from grasptrack.kernels.reference_pose_image import carried, derivatives, inverse_definite
+from grasptrack.kernels.reference_pose_target import Target
+
+Floats = NDArray[np.float64]
+
+BEFORE = 1e-6
+"""Of eq. (2)'s lambda: from here on a point lies before the camera."""
+
+
+def seen_area(G: Floats, points: Floats) -> float:
+    """Signed area, px^2, of a polygon (n, 2) seen through G (3, 3).
+
+    Returns:
+        NaN where part of it lies behind the camera, or G is not finite; 0 of no points.
+
+    Raises:
+        ValueError: points of another shape.
+    """
+    G, points = np.asarray(G, dtype=np.float64).reshape(3, 3), np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError("points are of shape (N, 2)")
+    if not np.isfinite(G).all() or not (points @ G[2, :2] + G[2, 2] > BEFORE).all():
+        return float("nan")
+    if not len(points):
+        return 0.0
+    x, y = carried(G, *points.T)
+    x, y = x - x[0], y - y[0]
+    return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+
+
+def surface_evidence(
+    correlation: Floats,
+    usual: Floats,
+    shares: Floats,
+    match_spread: float,
+    chance_spread: float,
+    independent: float,
+) -> Floats:
+    """Log-likelihood ratios of one level's correlations: this surface, each share of it covered, against another one.
+
+    Args:
+        correlation: (n,) of its patches, NaN where not seen.
+        usual: (n,) of late; within 0 and 1.
+        shares: (m,) that may be covered, changed or glaring.
+        match_spread, chance_spread: of a correlation, from 1 where the surface is the same, from 0 where it is not.
+        independent: patches that count as one.
+
+    Returns:
+        (m,), zeros where nothing is seen.
+
+    Raises:
+        ValueError: lengths that do not agree.
+    """
+    r, usual = np.ravel(correlation).astype(np.float64), np.ravel(usual).astype(np.float64)
+    shares = np.ravel(shares).astype(np.float64)
+    if len(r) != len(usual):
+        raise ValueError("each correlation needs what is usual")
+    seen = np.isfinite(r)
+    r, usual = r[seen], np.clip(usual[seen], 0.0, 1.0)
+    # what usually agrees little may agree by chance today, and not tomorrow
+    spread = np.sqrt(usual**2 * match_spread**2 + (1.0 - usual**2) * chance_spread**2)
+    ratio = (chance_spread / spread) * np.exp(0.5 * ((r / chance_spread) ** 2 - ((r - usual) / spread) ** 2))
+    return np.asarray(np.log((1.0 - shares[:, None]) * ratio + shares[:, None]).sum(axis=1) / independent)
+
+
+def placed(target: Target, G: Floats, P: Floats) -> tuple[Floats, Floats]:
+    """(k, 2) px, the contacts seen through G (3, 3), and (k, 2, 2) px^2 by its error's covariance P (8, 8)."""
+    x, y = target.contacts.T
+    D = np.stack(derivatives(G, x, y), axis=1).reshape(-1, 2, 2)
+    K = D @ target.jacobian(target.contacts)
+    return np.column_stack(carried(G, x, y)), K @ P @ K.transpose(0, 2, 1)
+
+
+def joined(target: Target, G: Floats, P: Floats, other: Floats, Q: Floats) -> tuple[float, Floats, Floats]:
+    """Two independent predictions of a pose, (3, 3) and (8, 8) each, as one.
+
+    Returns:
+        Their squared Mahalanobis distance, infinite where they have none; pose and covariance, the first ones then.
+    """
+    d, inverse = target.difference(G, other), inverse_definite(P + Q)
+    if d is None or inverse is None:
+        return float("inf"), G, P
+    gain = P @ inverse
+    less = P - gain @ P
+    return float(d @ inverse @ d), target.moved(G, gain @ d), 0.5 * (less + less.T)
+
+
+class CameraNumbers(NamedTuple):
+    """How a camera is learned.
+
+    Attributes:
+        pinhole_sd: how far real cameras are from a pinhole, of the two invariants.
+        keep: share of a frame's information that is new.
+        most: of each of theta: beyond it a view is not believable.
+    """
+
+    pinhole_sd: float
+    keep: float
+    most: float
+
+
+def learned_camera(
+    target: Target,
+    G: Floats,
+    P: Floats,
+    theta: Floats,
+    theta_covariance: Floats,
+    width: float,
+    height: float,
+    numbers: CameraNumbers,
+) -> tuple[Floats, Floats]:
+    """A Kalman step on theta (3,) and its covariance (3, 3): an accepted pose must be a pinhole's view of a rigid plane.
+
+    Args:
+        target, G, P: an accepted pose (3, 3) and its covariance (8, 8).
+        theta, theta_covariance: before; see `Pinhole`.
+        width, height: px of the image.
+        numbers: see there.
+
+    Returns:
+        Both, as before where the pose tells nothing.
+    """
+    pin = pinhole_rows(target, G, theta, np.float64(width), np.float64(height))
+    if not pin.valid:
+        return theta, theta_covariance
+    by_pose, by_camera, own = pin.by_pose, pin.by_camera, numbers.pinhole_sd**2
+    try:
+        # what the image alone says of the misfit: the pose has the camera's own prior in it, which must not confirm itself
+        believed = by_camera @ theta_covariance @ by_camera.T + own * np.eye(2)
+        told = np.linalg.inv(by_pose @ P @ by_pose.T) - np.linalg.inv(believed)
+        told, axes = np.linalg.eigh(0.5 * (told + told.T))
+        told = np.maximum(told, 0.0)
+        W = (axes * (numbers.keep * told / (1.0 + own * told))) @ axes.T
+        covariance = np.linalg.inv(np.linalg.inv(theta_covariance) + by_camera.T @ W @ by_camera)
+    except np.linalg.LinAlgError:
+        return theta, theta_covariance
+    after = np.clip(theta - covariance @ (by_camera.T @ (W @ pin.misfit)), -numbers.most, numbers.most)
+    return (after, 0.5 * (covariance + covariance.T)) if np.isfinite(after).all() else (theta, theta_covariance)
