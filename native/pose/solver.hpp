@@ -283,7 +283,7 @@ class Solver {
 
     // As far as an edge reaches: two standard deviations of it at rest, and the way that it moves.
     std::vector<int> half_widths(const Homography &G) const {
-        const int rest = whole(2 * start_.edge_width + 0.5, least_half, most_half);
+        const int rest = whole(2 * start_.edge_width, least_half, most_half);
         std::vector<int> half;
         for (double blur : motion_blur(G)) half.push_back(whole(rest + blur, least_half, most_half));
         return half;

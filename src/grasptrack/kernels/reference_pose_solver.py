@@ -298,7 +298,7 @@ class Solver:
 
     def _half_widths(self, G: Floats) -> Ints:
         """(n,) of the edge filter: two standard deviations of an edge at rest, and the way that it moves."""
-        rest = whole(2.0 * self.start.edge_width + 0.5, LEAST_HALF, MOST_HALF)
+        rest = whole(2.0 * self.start.edge_width, LEAST_HALF, MOST_HALF)
         return np.clip(rest + self._motion_blur(G), LEAST_HALF, MOST_HALF).astype(np.int64)
 
     def _width_at_rest(self, G: Floats, half: Ints, seen: Floats) -> float:

@@ -287,7 +287,7 @@ def _edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise
 def _wanted(width: Floats, half: int) -> int:
     """Work px on each side of edges (n,) so wide that tell where they are: two standard deviations."""
     told = width[np.isfinite(width)]
-    return min(max(round(2.0 * float(np.median(told))), LEAST_HALF), MOST_HALF) if len(told) else half
+    return min(max(int(2.0 * float(np.median(told))), LEAST_HALF), MOST_HALF) if len(told) else half
 
 
 def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float, half: int) -> _Edges:
