@@ -271,7 +271,8 @@ class Follower:
         if not state.lost:
             state.lookalike = state.lookalike or self._equals(state.located)
         state.lost += 1
-        state.exchanged = state.exchanged or decision.exchanged > 0.5 < decision.presence
+        seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
+        state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
         state.velocity = None
         state.anchored = state.anchored and ground is not None
         if ground is not None and state.anchored:
@@ -318,6 +319,8 @@ class Follower:
             usual[seen] += (r[seen] - usual[seen]) * share
 
 
+MOST_SEEN = 0.7
+"""Share of the outline that shows from which on what shows another shape lies in the place of the object."""
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
 UNSURE = 0.5

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.observation.observer import Observer
 from grasptrack.projective import apply_homography
-from grasptrack.tracking.decision import TURNED, evidence
+from grasptrack.tracking.decision import TURNED, evidence, exchanged
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, is_sane
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.outlines import Outlines
@@ -232,7 +232,11 @@ WAYS = 6
 
 
 def sighted(state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Floats | None:
-    """(3, 3) of what continuity did not give, the pose for which there is most evidence; None where there is none for any."""
-    found = [(evidence(e, state.usual, numbers), e) for e in estimates if e.origin not in (*CONTINUOUS, TURNED)]
+    """(3, 3) of what continuity did not give and may be the object, the pose for which there is most evidence; or None."""
+    found = [
+        (evidence(e, state.usual, numbers), e)
+        for e in estimates
+        if e.origin not in (*CONTINUOUS, TURNED) and exchanged(state, e, numbers) < 0.5
+    ]
     best = max(found, key=lambda pair: pair[0], default=None)
     return None if best is None or best[0] <= 0.0 else best[1].G

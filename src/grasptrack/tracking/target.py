@@ -369,14 +369,18 @@ def without_noise(points: Floats) -> Floats:
     return np.column_stack([smooth.real, smooth.imag])
 
 
-CELLS, FIRST_CELL, REGION = 16, 2.0, 0.25
-"""Cells beside the outline, from so many work px on, evenly up to this share of sqrt(area): a notch or tab ends within it, what
-lies in front of the object seldom does."""
+CELLS, FIRST_CELL, REGION, WIDER = 16, 2.0, 0.45, 1.6
+"""Cells beside the outline, from so many work px up to this share of sqrt(area), ever wider by this power: a notch or tab ends
+within it."""
+LEVEL_SAMPLES, LEVEL_CELLS, LEVEL_SPREAD = 8, 4, 3.0
+"""Samples on each side and cells of each that tell the level of a side, and grey levels that are added to its spread: as the
+kernel has them."""
 
 
 def _regions(image: Grey, mask: Grey, points: Floats, normals: Floats, size: float) -> tuple[Floats, Floats, Floats]:
     """(16,) depths, work px; (N, 16) grey levels so deep inside, NaN off the material; (N, 16) whether it ends so far out."""
-    depth = np.linspace(FIRST_CELL, max(2.0 * FIRST_CELL, REGION * size), CELLS)
+    last = max(2.0 * FIRST_CELL, REGION * size)
+    depth = FIRST_CELL + (last - FIRST_CELL) * np.linspace(0.0, 1.0, CELLS) ** WIDER
     height, width = mask.shape
 
     def cell(signed: Floats, values: Grey) -> Floats:
@@ -386,8 +390,25 @@ def _regions(image: Grey, mask: Grey, points: Floats, normals: Floats, size: flo
 
     smooth, square = _grey(cv2.blur(image, (3, 3))), np.ones((3, 3), np.uint8)
     inside = np.where(cell(-depth, _grey(cv2.erode(mask, square))) > 0, cell(-depth, smooth), np.nan)
-    outside = (cell(depth, _grey(cv2.dilate(mask, square))) == 0).astype(np.float64)
-    return depth, np.ascontiguousarray(inside), np.ascontiguousarray(outside)
+    outside = np.where(cell(depth, _grey(cv2.dilate(mask, square))) == 0, cell(depth, smooth), np.nan)
+    # what looked like the other side from the first tells of no notch and no tab
+    own, ground = _level_along(inside), _level_along(outside)
+    inside = np.where(np.abs(inside - ground[0][:, None]) < ground[1][:, None], np.nan, inside)
+    told = np.abs(outside - own[0][:, None]) >= own[1][:, None]
+    return depth, np.ascontiguousarray(inside), np.ascontiguousarray(told.astype(np.float64))
+
+
+def _level_along(cells: Floats) -> tuple[Floats, Floats]:
+    """(N,) median of the first cells (N, 16) of a sample and its neighbours; (N,) how far off a cell is not of that."""
+    n, near = len(cells), np.arange(-LEVEL_SAMPLES, LEVEL_SAMPLES + 1)
+    if n == 0:
+        return np.zeros(0), np.zeros(0)
+    around = cells[(np.arange(n)[:, None] + near) % n, :LEVEL_CELLS].reshape(n, -1)
+    known = np.isfinite(around).any(axis=1)
+    around = np.where(known[:, None], around, 0.0)
+    level = np.nanmedian(around, axis=1)
+    spread = 1.4826 * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEVEL_SPREAD
+    return np.where(known, level, np.nan), 3.0 * spread
 
 
 def _ring(mask: Grey) -> Floats:
