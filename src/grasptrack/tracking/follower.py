@@ -261,6 +261,8 @@ class Follower:
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
         self._remember_looks(e)
+        if math.isfinite(e.edge_width):
+            state.edge_width = e.edge_width
         if e.look > 0.0:
             state.inner_spread = _between(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0)
 
