@@ -192,7 +192,8 @@ class Follower:
         size = math.sqrt(own.area)
         wide = wide_prior(self.target)
         places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self.target, look, look.levels)]
-        places += self.redetection.matched(look, look.levels, thorough=not state.lost)
+        if not state.accepted:  # later on, what covers the object may have an outline like it
+            places += self.redetection.matched(look, look.levels)
         for hypothesis in self.redetection.promising(look.levels, places, len(places)):
             still = replace(state, last=Look(look.levels, hypothesis.G))
             other = estimate_pose(self.target, still, look.levels, hypothesis)
