@@ -125,7 +125,7 @@ LEAST_SEEN = 0.3
 """Share of the outline that has an edge of its sign nearby for a pose to be solved. Grained ground offers chance edges for
 about as much, and of what shows less than that nothing is believed."""
 MOST = 2
-"""Poses that are solved for one search: what is best hides no worse one that is right, for searches differ by turns."""
+"""Poses that are solved of one search: they cost more than the search, and a better one will be found in the next turns."""
 
 
 class Redetection:
@@ -157,9 +157,9 @@ class Redetection:
     def search(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
         """Hypotheses that continuity did not give, worth solving, the most promising first.
 
-        What was sighted before, and outlines by the learned grey levels, are cheap and looked at in each image. Of the rest the
-        first image after a loss gets the last look and the keypoints, which find most, and each further one a third of it: what
-        lies in plain view is found in three.
+        What was sighted in the image before, and outlines by the learned grey levels, cost little and are looked at in each
+        image. The last look, the keypoints and what else may show outlines take turns, but for the first image after a loss,
+        which gets both of the former: they find most.
 
         Args:
             state: of the object; `lost` counts the turns.
