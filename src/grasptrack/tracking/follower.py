@@ -193,8 +193,11 @@ class Follower:
         size = math.sqrt(own.area)
         wide = wide_prior(self.target)
         places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self.target, look, look.levels)]
+        if not state.accepted:  # later on, what covers the object may have an outline like it
+            places += self.redetection.matched(look, look.levels)
         for hypothesis in self.redetection.promising(look.levels, places, len(places)):
-            other = estimate_pose(self.target, state, look.levels, hypothesis)
+            still = replace(state, last=Look(look.levels, hypothesis.G))
+            other = estimate_pose(self.target, still, look.levels, hypothesis)
             if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
                 continue
             if evidence(other, state.usual, numbers) > ALIKE * evidence(own, state.usual, numbers) > 0.0:

@@ -57,7 +57,7 @@ class TrackState:
         gone: since it was located its place was seen without it.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
-        sighted: (3, 3) where something like it was seen while it is lost, and not believed to be it; None where nothing was.
+        sighted: (3, 3) where something like it was seen in the last image, but not believed to be it; None where nothing was.
     """
 
     last: Look
