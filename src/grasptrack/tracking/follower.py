@@ -91,8 +91,9 @@ class Follower:
         if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             estimates += self._estimates(levels, predictions.second)  # texture may have slid along itself
             decision = decide(state, estimates, expected, unseen, presence, numbers)
-        known = decision.code == "uncertain" and decision.presence > SURELY and not state.lost
-        if not decision.accepted and not known:  # what is surely there is not looked for elsewhere
+        # what this image alone shows to be there is not looked for elsewhere
+        shown = decision.code == "uncertain" and decision.evidence > -math.log(numbers.risk) and not state.lost
+        if not decision.accepted and not shown:
             unseen = self._if_gone(levels, predictions, unseen)
             second = self.redetection.promising(levels, predictions.second)
             estimates += self._estimates(levels, second + self.redetection.search(state, levels))
@@ -324,8 +325,6 @@ def _between(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-SURELY = 0.99
-"""Presence from which on other places are not looked at where a contact is not fixed by what is seen."""
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
 UNSURE = 0.5
