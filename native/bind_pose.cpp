@@ -121,7 +121,7 @@ struct PoseTarget {
     };
     std::vector<Mask> hidden;
 
-    PoseTarget(const nb::dict &given, const Doubles &A, const Doubles &centre, double radius, double noise, const Doubles &points,
+    PoseTarget(const nb::dict &given, const Doubles &A, const Doubles &centre, double radius, double noise, double half, const Doubles &points,
                const Doubles &normals, const Doubles &contrast, const Doubles &inner, const Doubles &surface,
                const Doubles &surface_value, const Doubles &contacts, const Doubles &depth, const Doubles &inside,
                const Doubles &outside)
@@ -133,6 +133,7 @@ struct PoseTarget {
         target.cy = c[1];
         target.radius = radius;
         target.noise = noise;
+        target.half = half;
         target.points = places(points, "points");
         target.normals = places(normals, "normals");
         target.contrast = values(contrast);
@@ -183,10 +184,10 @@ struct PoseTarget {
 
     nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last, const Doubles &theta,
                    const Doubles &theta_covariance, double thickness, double thickness_variance, double inner_spread,
-                   double gain, double bias, double reach) const {
+                   double gain, double bias, double reach, double edge_width) const {
         const pose::Pyramid pyramid = seen(levels);
         pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), fixed<3>(theta, "theta"),
-                          fixed<9>(theta_covariance, "theta_covariance"), thickness, thickness_variance, inner_spread, reach,
+                          fixed<9>(theta_covariance, "theta_covariance"), thickness, thickness_variance, inner_spread, reach, edge_width,
                           {gain, bias}, static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height)};
         pose::Solution s;
         {
@@ -201,6 +202,7 @@ struct PoseTarget {
         out["thickness_variance"] = s.thickness_variance;
         out["gain"] = s.light.gain;
         out["bias"] = s.light.bias;
+        out["edge_width"] = s.edge_width;
         out["edge_share"] = s.edge_share;
         out["edge_sigma"] = s.edge_sigma;
         out["look"] = s.look;
@@ -299,7 +301,7 @@ struct PoseTarget {
 
 // Positions and signed steps of the strongest candidates: what the target is made from.
 nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, const Doubles &points, const Doubles &normals,
-                          double noise, int reach) {
+                          double noise, int reach, int half) {
     const pose::Pyramid pyramid = pyramid_of(levels);
     pose::Target target{};
     target.A = fixed<9>(A, "A");
@@ -308,6 +310,7 @@ nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, co
     const std::size_t n = target.points.size();
     if (target.normals.size() != n) throw std::invalid_argument("each point needs its normal");
     if (reach < 0 || reach > pose::farthest) throw std::invalid_argument("the reach is from 0 to 1000");
+    if (half < pose::least_half || half > pose::most_half) throw std::invalid_argument("half a width is from 2 to 12");
     target.noise = noise;
     target.inner.assign(n * pose::inner_pixels, 0.0);
     double cx = 0, cy = 0;
@@ -315,22 +318,23 @@ nb::tuple strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, co
     target.cx = cx;
     target.cy = cy;
     const pose::Seen seen = pose::look_through(pyramid, target.A, cx, cy, 1.0);
-    std::vector<double> offset(n, std::numeric_limits<double>::quiet_NaN()), step(n, 0.0), inner(n * pose::inner_pixels);
-    const int span = reach + pose::beyond;
+    std::vector<double> offset(n, std::numeric_limits<double>::quiet_NaN()), step(n, 0.0), inner(n * pose::inner_pixels), width = offset;
+    const int span = reach + 2 * pose::most_half;
     std::vector<double> line(static_cast<std::size_t>(2 * span + 1));
     for (std::size_t i = 0; i < n; ++i) {
         pose::EdgeSample s;
         if (!pose::profile(seen, target.points[i], target.normals[i], span, {-span, span}, line.data())) continue;
-        pose::find_candidates(line.data(), span, reach, noise, 2, s);
+        pose::find_candidates(line.data(), span, reach, noise, half, s);
         double best = 0;
         for (std::size_t c = 0; c < static_cast<std::size_t>(s.count); ++c) {
-            const double score = std::abs(s.step[c]) * std::exp(-s.offset[c] * s.offset[c] / 8);
-            if (std::abs(s.offset[c]) < 3.5 && score > best) best = score, offset[i] = s.offset[c], step[i] = s.step[c];
+            const double score = std::abs(s.step[c]) * std::exp(-s.offset[c] * s.offset[c] / (2 * half * half));
+            if (std::abs(s.offset[c]) < half + 1.5 && score > best) best = score, offset[i] = s.offset[c], step[i] = s.step[c];
         }
+        width[i] = pose::edge_width(line.data(), span, half);
         for (int k = 0; k < pose::inner_pixels; ++k)
-            inner[i * pose::inner_pixels + static_cast<std::size_t>(k)] = line[static_cast<std::size_t>(span + pose::inner_first + k)];
+            inner[i * pose::inner_pixels + static_cast<std::size_t>(k)] = line[static_cast<std::size_t>(span + pose::inner_first - (half - pose::least_half) + k)];
     }
-    return nb::make_tuple(array_of(offset), array_of(step), array_of(inner.data(), {n, pose::inner_pixels}));
+    return nb::make_tuple(array_of(offset), array_of(step), array_of(inner.data(), {n, pose::inner_pixels}), array_of(width));
 }
 
 double seen_area(const Doubles &G, const Doubles &points) {
@@ -349,15 +353,15 @@ nb::object surface_evidence(const Doubles &correlation, const Doubles &usual, co
 
 void bind_pose(nb::module_ &m) {
     nb::class_<PoseTarget>(m, "PoseTarget")
-        .def(nb::init<const nb::dict &, const Doubles &, const Doubles &, double, double, const Doubles &, const Doubles &,
+        .def(nb::init<const nb::dict &, const Doubles &, const Doubles &, double, double, double, const Doubles &, const Doubles &,
                       const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &,
                       const Doubles &>(),
-             "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a, "surface"_a,
+             "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "half"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a, "surface"_a,
              "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
         .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
         .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "theta"_a, "theta_covariance"_a, "thickness"_a,
-             "thickness_variance"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a)
+             "thickness_variance"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
         .def("difference", &PoseTarget::difference, "first"_a, "second"_a)
@@ -369,7 +373,7 @@ void bind_pose(nb::module_ &m) {
     m.def("seen_area", &seen_area, "G"_a, "points"_a);
     m.def("surface_evidence", &surface_evidence, "correlation"_a, "usual"_a, "shares"_a, "match_spread"_a, "chance_spread"_a,
           "independent"_a);
-    m.def("strongest_edges", &strongest_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a);
+    m.def("strongest_edges", &strongest_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a, "half"_a);
 }
 
 }  // namespace grasptrack

@@ -103,7 +103,7 @@ def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = T
     """All that a target is made from."""
     levels = pyramid(draw(A, seed, textured=textured))
     points, normals = outline(n)
-    offset, contrast, inner = reference.strongest_edges(levels, A, points, normals, 1.5, 4)
+    offset, contrast, inner, _ = reference.strongest_edges(levels, A, points, normals, 1.5, 4, 2)
     found = np.isfinite(offset)
     points, normals = points[found] + offset[found, None] * normals[found], normals[found]
     rng = np.random.default_rng(seed)
@@ -117,7 +117,7 @@ def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = T
     inside = np.where(rng.random((len(points), 16)) < 0.1, np.nan, beside(-1.0))
     value = levels[0][tuple((surface + A[:2, 2]).astype(int).T[::-1])].astype(np.float64)
     return [
-        NUMBERS.table() | numbers, A, CENTRE, RADIUS, 1.5, points, normals, contrast[found], inner[found], surface, value,
+        NUMBERS.table() | numbers, A, CENTRE, RADIUS, 1.5, 2.0, points, normals, contrast[found], inner[found], surface, value,
         CONTACTS, depth, inside, (rng.random((len(points), 16)) < 0.9).astype(np.float64),
     ]  # fmt: skip
 
@@ -146,7 +146,7 @@ def question(levels: list[Grey], start: Floats = A, **other: Any) -> list[Any]:
     given_ = {
         "levels": levels, "G": start, "P": known(3.0, 1.0), "last": start, "theta": THETA,
         "theta_covariance": THETA_COVARIANCE, "thickness": 0.0, "thickness_variance": 4.0, "inner_spread": 12.0,
-        "gain": 1.0, "bias": 0.0, "reach": 0.0,
+        "gain": 1.0, "bias": 0.0, "reach": 0.0, "edge_width": 0.8,
     }  # fmt: skip
     return list((given_ | other).values())
 
@@ -188,7 +188,7 @@ def test_poses(seed: int, n: int, reach: float, textured: bool, fast: bool, cove
     G, patch = view(rng, rng.uniform(0.2, 2.0)), None
     if covered:
         patch = CENTRE + rng.uniform(-40.0, 40.0, 2) + rng.uniform(-25.0, 25.0, (3, 2)), rng.choice([70.0, 165.0, 30.0])
-    levels = pyramid(draw(G, seed, blur=rng.uniform(0.6, 2.0), noise=rng.uniform(0.5, 4.0), patch=patch))
+    levels = pyramid(draw(G, seed, blur=rng.uniform(0.6, 4.0), noise=rng.uniform(0.5, 4.0), patch=patch))
     asked = question(
         levels,
         reach=reach,
@@ -198,6 +198,7 @@ def test_poses(seed: int, n: int, reach: float, textured: bool, fast: bool, cove
         theta=rng.uniform(-0.4, 0.4, 3),
         gain=rng.uniform(0.5, 1.5),
         bias=rng.uniform(-40.0, 40.0),
+        edge_width=rng.choice([0.3, 1.0, 2.7, 5.0, 40.0, np.nan]),
     )
     if rng.random() < 0.3:
         hidden = [np.zeros(level.shape, np.uint8) for level in levels]
@@ -289,6 +290,7 @@ def test_edges(seed: int, n: int, reach: int, plain: bool) -> None:
     image = draw(A, seed) if plain else rng.integers(0, 256, (HEIGHT, WIDTH)).astype(np.uint8)
     points, normals = outline(n)
     asked = pyramid(image), view(rng, 4.0), points + rng.normal(0.0, 2.0, (n, 2)), normals, rng.uniform(0.0, 5.0), reach
+    asked = *asked, int(rng.integers(2, 13))
     same(native.strongest_edges(*asked), reference.strongest_edges(*asked))
 
 
@@ -370,7 +372,7 @@ def test_a_cover_hides_the_outline_and_a_notch_is_another_shape(seed: int) -> No
     )
     assert cover["valid"] and notch["valid"]
     assert notch["other_shape"] > 1.0 > 0.0 > cover["other_shape"]
-    gone = np.linalg.norm(np.asarray(ingredients(seed, 60, {}, False)[5]) - middle, axis=1) < 6.0
+    gone = np.linalg.norm(np.asarray(ingredients(seed, 60, {}, False)[6]) - middle, axis=1) < 6.0
     assert cover["visible"][gone].mean() < 0.3 and cover["visible"][~gone].mean() > 0.7
 
 
@@ -502,7 +504,8 @@ def test_the_smallest_images(shape: tuple[int, int]) -> None:
         same(first.solve(*asked), second.solve(*asked))
         flow = levels, A, levels, A, known(3.0, 1.0), points[0], np.array([1.0, 2.0])
         same(first.follow(*flow), second.follow(*flow))
-        same(native.strongest_edges(levels, A, *points, 1.5, 4), reference.strongest_edges(levels, A, *points, 1.5, 4))
+        asked_edges = levels, A, *points, 1.5, 4, 2
+        same(native.strongest_edges(*asked_edges), reference.strongest_edges(*asked_edges))
 
 
 def test_a_pose_before_that_is_none_says_nothing_of_the_speed() -> None:
@@ -523,7 +526,7 @@ def test_both_refuse_the_same() -> None:
     made, levels = ingredients(0, 40, {}), pyramid(draw(A, 0))
     for module in (native, reference):
         for at in range(1, len(made)):
-            if isinstance(made[at], np.ndarray) and at != 11:  # contacts are as many as they are
+            if isinstance(made[at], np.ndarray) and at != 12:  # contacts are as many as they are
                 with pytest.raises(ValueError):
                     module.PoseTarget(*made[:at], np.ascontiguousarray(made[at][:-1]), *made[at + 1 :])
         for name in reference_names():
@@ -551,9 +554,12 @@ def test_both_refuse_the_same() -> None:
             good.solve(*question([np.zeros((4, 4, 3), np.uint8)]))  # type: ignore[list-item]
         for reach in (-1, 1001, -(2**31), 2**31 - 1):
             with pytest.raises(ValueError, match="reach"):
-                module.strongest_edges(levels, A, *outline(9), 1.5, reach)
+                module.strongest_edges(levels, A, *outline(9), 1.5, reach, 2)
+        for half in (-1, 1, 13, 2**31 - 1):
+            with pytest.raises(ValueError, match="width"):
+                module.strongest_edges(levels, A, *outline(9), 1.5, 4, half)
         with pytest.raises(ValueError):
-            module.strongest_edges(levels, A, outline(9)[0], outline(8)[1], 1.5, 4)
+            module.strongest_edges(levels, A, outline(9)[0], outline(8)[1], 1.5, 4, 2)
         good.hide([np.zeros((3, 3), np.uint8)])
         with pytest.raises(ValueError, match="hidden"):
             good.solve(*question(levels))

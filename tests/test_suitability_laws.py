@@ -213,10 +213,12 @@ def on(within: float, round_it: float) -> np.ndarray:
     return np.clip(drawn(ellipse(50.0, 50.0)) + spots, 0, 255).astype(np.uint8)
 
 
-GROUND = pytest.mark.xfail(strict=True, reason="the core's estimates do not rest on the ground yet")
-HONEST = pytest.mark.xfail(
-    strict=True, reason="noise of a plain disc's normals passes for a turn in the core's estimates"
-)
+# A disc's turn carries each patch of its edge along the arc and turns it as much, so that it looks the same. The core takes
+# only a patch's place for what changes its look, so that the bend of the arc seems to tell its place along it. Without the
+# patches that carry the last look along, the disc is refused and the ground fixes it.
+TURN = "patches on the edge of a plain disc seem to tell how far it turned"
+GROUND = pytest.mark.xfail(strict=True, reason=f"{TURN}, and the ground is not asked")
+HONEST = pytest.mark.xfail(strict=True, reason=TURN)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the core measures of the first view."""
+"""Wide edges and noise: what the core measures of them in the first view, and what it learns of focus later."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from grasptrack.contour import Contour, View
+from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.target import Target, make_target, pyramid
 from scenery import L_PLATE, drawn
@@ -40,3 +41,33 @@ def test_noise_is_that_of_the_pixels_wherever_the_object_lies(shift: float) -> N
     """It was measured between them, where interpolation takes most of it: noise passed for a surface."""
     made = target((160.0 + shift, 120.0 + shift), noise=8.0)
     assert made.noise == pytest.approx(8.0, rel=0.15) and made.counts == (0, 0, 0)
+
+
+@pytest.mark.parametrize("noise", [1.5, 6.0])
+@pytest.mark.parametrize("blur", [0.8, 2.0, 4.0, 6.0])
+def test_edges_are_found_by_a_filter_as_wide_as_they_are(blur: float, noise: float) -> None:
+    made = target(blur=blur, noise=noise)
+    assert made.edge_width == pytest.approx(math.hypot(blur, 0.5), rel=0.12, abs=0.15)
+    assert made.edge_share > 0.97
+
+
+@pytest.mark.parametrize("blur", [0.8, 2.0, 4.0, 6.0])
+def test_the_blur_of_the_outline_is_no_surface(blur: float) -> None:
+    """Patches in it drew a pose away from its edges: they look the same wherever they lie on the slope."""
+    assert target(blur=blur, noise=0.5).counts == (0, 0, 0)
+
+
+@pytest.mark.parametrize("last", [3.0, 5.0])
+def test_focus_that_goes_and_comes_is_learned(last: float) -> None:
+    course = [*np.linspace(0.8, last, 8), last, last, *np.linspace(last, 0.8, 8)]
+    follower = Follower(drawn(L_PLATE, noise=3.0), outline(), placed(CONTACTS))
+    for k, blur in enumerate(course):
+        centre, angle = (160.0 + 1.5 * k, 120.0 + k), TURN + 0.01 * k
+        image = drawn(L_PLATE, centres=(centre,), angle=angle, blur=float(blur), noise=3.0, seed=k + 1)
+        decision = follower.update(image)
+        assert decision.accepted, (k, blur, decision.code)
+        assert decision.estimate is not None
+        assert np.abs(decision.estimate.contacts - placed(CONTACTS, centre, angle)).max() < 1.0
+        if 8 <= k < 10:
+            assert follower.state.edge_width == pytest.approx(last, rel=0.25)
+    assert follower.state.edge_width < 1.5

@@ -17,8 +17,10 @@ namespace grasptrack::pose {
 
 constexpr int most_candidates = 6;
 constexpr int farthest = 1000;  // work px within which edges are looked for, whatever is asked for
+constexpr int least_half = 2, most_half = 12;  // work px on each side of an edge that are averaged
+constexpr double displaced = 0.55;  // of `half`, by noise as strong as the step; as edges drawn at any angle show
 constexpr int beyond = 16;      // work px of a profile beyond that, for the filter and for what lies inside an edge
-constexpr int most_profile = 2 * (farthest + beyond) + 1;
+constexpr int most_profile = 2 * (farthest + 2 * most_half) + 1;
 
 struct EdgeSample {
     bool inside = false;
@@ -111,6 +113,18 @@ inline void find_candidates(const double *values, int span, int reach, double no
     }
 }
 
+// Standard deviation of the edge in the middle of a profile, work px, by the area between its profile and a step: that of a blurred edge is
+// sqrt(2 / pi) times its step. `half`: twice what is expected, so that the step is whole beyond; the span is longer by 2. NaN where it cannot be told.
+inline double edge_width(const double *values, int span, int half) {
+    constexpr double nothing = std::numeric_limits<double>::quiet_NaN();
+    const double *v = values + span;
+    const double out = 0.5 * (v[half + 1] + v[half + 2]), in = 0.5 * (v[-half - 1] + v[-half - 2]);
+    double area = 0.5 * (out - in);
+    for (int k = 1; k <= half; ++k) area += out - v[k] + v[-k] - in;
+    const double width = std::sqrt(0.5 * 3.14159265358979) * area / (out - in);
+    return width > 0 && std::isfinite(width) ? width : nothing;
+}
+
 struct Light {
     double gain = 1, bias = 0;
 };
@@ -178,14 +192,29 @@ inline Light surface_light(const Target &target, const Pyramid &pyramid, const H
 struct EdgeView {
     int reach = 0;
     double density = 0;  // clutter: candidates for each work px of a normal
+    std::vector<int> half;  // px on each side of each sample's edge that were averaged
     std::vector<EdgeSample> samples;
 };
+
+// Standard deviation of each sample's edge, work px, in an image seen through G; NaN where it cannot be told.
+inline std::vector<double> edge_widths(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<int> &half) {
+    std::vector<double> out;
+    std::array<double, 2 * (most_half + 2) + 1> values{};
+    const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
+    for (std::size_t i = 0; i < target.points.size(); ++i) {
+        const int span = half[i] + 2;
+        profile(seen, target.points[i], target.normals[i], span, {-span, span}, values.data());
+        out.push_back(edge_width(values.data(), span, half[i]));
+    }
+    return out;
+}
 
 // All candidates of all samples of an image seen through G. `half`: px on each side of an edge that are averaged.
 inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, const Homography &G, int reach,
                               const std::vector<int> &half, Light light, int most_span) {
     EdgeView view;
     view.reach = reach;
+    view.half = half;
     const std::size_t n = target.points.size();
     view.samples.resize(n);
     const int span = std::min(most_span, reach + beyond);
@@ -268,7 +297,10 @@ inline void edge_likelihoods(const Target &target, const EdgeView &view, const E
     for (std::size_t i = 0; i < n; ++i) {
         const EdgeSample &e = view.samples[i];
         if (!e.inside) continue;
-        const double variance = numbers.floor * numbers.floor + spread(target.squares[i]);
+        // noise displaces a wide edge by more, in the reference as here
+        const double half = view.half[i], shake = displaced * target.noise / std::max(std::abs(target.contrast[i]), 1e-9);
+        const double own = shake * shake * (target.half * target.half + half * half);
+        const double variance = numbers.floor * numbers.floor + own + spread(target.squares[i]);
         const bool two = std::abs(low[i]) + std::sqrt(low_variance[i]) > 0.5;
         const double top = (two ? 0.5 : 1.0) / std::sqrt(circle * variance), narrow = -0.5 / variance;
         double up = 0, down = 0, up_at = 0, down_at = 0;

@@ -35,6 +35,7 @@ struct Start {
     double thickness, thickness_variance;  // work px, work px^2
     double inner_spread;       // grey levels
     double reach;              // work px; 0: from the covariance
+    double edge_width;         // work px, standard deviation of an edge at rest
     Light light;               // of the surface, where it was located last
     double width, height;      // px of the image
 };
@@ -45,6 +46,7 @@ struct Solution {
     Matrix<8> P{};
     double thickness = 0, thickness_variance = 0;
     Light light;
+    double edge_width = std::numeric_limits<double>::quiet_NaN();  // work px, standard deviation of an edge at rest; NaN of few
     double edge_share = 0, edge_sigma = 0, look = 0;  // look: median grey difference of the inner side where the edge is seen
     int texture_used = 0;
     double texture_agreeing = 0, texture_spread = 0;
@@ -264,19 +266,37 @@ class Solver {
         return whole(times_sd * std::sqrt(most) + more, 4, 30);
     }
 
-    // An edge is as wide as what moves across it while it is exposed.
-    std::vector<int> half_widths(const Homography &G) const {
+    // Half of what moves across each sample's edge while it is exposed.
+    std::vector<double> motion_blur(const Homography &G) const {
         const std::size_t n = target_.points.size();
-        std::vector<int> half(n, 2);
+        std::vector<double> blur(n, 0.0);
         Homography inverse;
-        if (!invert_homography(G, inverse)) return half;
+        if (!invert_homography(G, inverse)) return blur;
         const Homography back = times<3>(inverse, start_.last);
         for (std::size_t i = 0; i < n; ++i) {
             const Point p = target_.points[i], m = target_.normals[i], q = carried(back, p.x, p.y);
             const double speed = std::abs((q.x - p.x) * m.x + (q.y - p.y) * m.y);
-            half[i] = whole(2 + numbers_.blur_share * speed, 2, 12);
+            if (speed == speed) blur[i] = numbers_.blur_share * speed;
         }
+        return blur;
+    }
+
+    // As far as an edge reaches: two standard deviations of it at rest, and the way that it moves.
+    std::vector<int> half_widths(const Homography &G) const {
+        const int rest = whole(2 * start_.edge_width, least_half, most_half);
+        std::vector<int> half;
+        for (double blur : motion_blur(G)) half.push_back(whole(rest + blur, least_half, most_half));
         return half;
+    }
+
+    // The median standard deviation of the edges that are seen, where next to nothing moves across them.
+    double width_at_rest(const Homography &G, const std::vector<double> &seen) const {
+        constexpr double still = 0.5;  // work px
+        const std::vector<double> width = edge_widths(target_, pyramid_, G, view_.half), blur = motion_blur(G);
+        std::vector<double> sorted;
+        for (std::size_t i = 0; i < width.size(); ++i)
+            if (seen[i] > 0.5 && blur[i] < still && width[i] == width[i]) sorted.push_back(width[i]);
+        return sorted.size() > 20 ? middle(sorted) : std::numeric_limits<double>::quiet_NaN();
     }
 
     States shares() const { return {numbers_.share_object, numbers_.share_occluded, numbers_.share_other}; }
@@ -459,6 +479,7 @@ class Solver {
             explain(explained_, shares(), stay(), true, 1.0, chain_);
             const Chain &here = chain_;
             for (States &state : explained_) state[0] = 1.0;
+            std::vector<double> upper(n);
             States share = shares();
             share[2] += share[0];
             share[0] = 1e-12;
@@ -470,10 +491,12 @@ class Solver {
             double elsewhere = 0;
             for (std::size_t i = 0; i < n; ++i) {
                 out.visible[i] = here.posterior[i][0] * (found.upper[i] + found.lower[i]);
+                upper[i] = here.posterior[i][0] * found.upper[i];
                 out.occluded[i] = here.posterior[i][1];
                 elsewhere += out.other[i] = here.posterior[i][2];
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
+            out.edge_width = width_at_rest(out.G, upper);
             std::vector<bool> bounded(n);
             for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);
             out.other_shape = other_shape(target_, pyramid_, out.G, out.visible, bounded, out.light,

@@ -36,6 +36,7 @@ struct Target {
     Homography A;              // work px -> reference image
     double cx, cy, radius;     // normalised coordinates: (x - cx) / radius
     double noise;              // grey levels, of the camera
+    double half;               // work px on each side of an edge that were averaged for `contrast`
     std::vector<Point> points, normals;  // outline samples and their outward normals
     std::vector<double> contrast;        // signed step, grey levels, at each
     std::vector<double> inner;           // (n, inner_pixels) grey levels inside each

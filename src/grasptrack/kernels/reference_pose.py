@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.kernels.reference_pose_camera import pinhole_rows
-from grasptrack.kernels.reference_pose_edges import BEYOND, Light, find_candidates, profiles
+from grasptrack.kernels.reference_pose_edges import (
+    LEAST_HALF,
+    MOST_HALF,
+    Light,
+    edge_width,
+    find_candidates,
+    profiles,
+)
 from grasptrack.kernels.reference_pose_estimate import CameraNumbers, joined, learned_camera, placed
 from grasptrack.kernels.reference_pose_image import Level, Pyramid, level_through
 from grasptrack.kernels.reference_pose_solver import FARTHEST, Solver, Start
@@ -48,8 +55,8 @@ NAMES = (
 """Numbers that a target needs."""
 FEWEST_PLACES = 24
 """Places that coarser levels of a look keep: their patches are wider."""
-AT_ALL, FADING = 3.5, 8.0
-"""Work px within which the strongest edge is taken, and square of those at which its strength counts 1/e."""
+BESIDE = 1.5
+"""Work px by which the strongest edge may lie farther away than half the filter's width."""
 
 
 class PoseTarget:
@@ -63,9 +70,10 @@ class PoseTarget:
         A: (3, 3) work px to px of the reference image.
         centre, radius: (2,) and above 0, work px: the error's terms of shape count there.
         noise: grey levels, standard deviation of the camera's.
+        half: work px on each side of an edge that were averaged for its contrast.
         points, normals: (n, 2) samples of the outline in its order, (n, 2) unit, outward.
         contrast: (n,) signed steps there, grey levels.
-        inner: (n, 6) grey levels from 7 to 2 px inside each.
+        inner: (n, 6) grey levels inside each, see `strongest_edges`.
         surface, surface_value: (s, 2) where gain and bias of the light are measured, (s,) grey levels there.
         contacts: (k, 2); their steps say when a pose is settled.
         depth: (16,) distances from the outline.
@@ -83,6 +91,7 @@ class PoseTarget:
         centre: Floats,
         radius: float,
         noise: float,
+        half: float,
         points: Floats,
         normals: Floats,
         contrast: Floats,
@@ -108,6 +117,7 @@ class PoseTarget:
                 _fixed(centre, "the centre", 2),
                 np.float64(radius),
                 np.float64(noise),
+                np.float64(half),
                 points,
                 _fixed(_places(normals, "normals"), "normals", n, 2),
                 _fixed(contrast, "contrast", n),
@@ -156,6 +166,7 @@ class PoseTarget:
         gain: float,
         bias: float,
         reach: float,
+        edge_width: float,
     ) -> dict[str, Any]:
         """The pose near a hypothesis that image, prior and camera model agree on.
 
@@ -169,12 +180,14 @@ class PoseTarget:
             inner_spread: grey levels, by which the object's own inner side differs from what it was.
             gain, bias: of the surface's grey levels, where it was located last.
             reach: work px within which edges are looked for first, at most 1000; 0: by the covariance.
+            edge_width: work px, standard deviation of an edge at rest.
 
         Returns:
             valid: False where there is no such pose; the rest is then void.
             G, P: (3, 3) the pose, (8, 8) covariance of its error, which allows for correlated residuals.
             thickness, thickness_variance: as far as this image tells.
             gain, bias: of the surface's grey levels, from the reference to this image.
+            edge_width: work px, standard deviation of an edge at rest, the median; NaN where few are seen.
             edge_share: of the outline whose edges were found; edge_sigma: work px, of their residuals.
             look: median grey difference of the inner side where they were found; 0 of few.
             texture_used, texture_agreeing, texture_spread: patches in view, share of all that agree, and their median error in
@@ -200,6 +213,7 @@ class PoseTarget:
             np.float64(inner_spread),
             Light(gain, bias),
             float(reach),
+            float(edge_width),
         )
         with np.errstate(all="ignore"):
             s = Solver(self.target, self._seen(levels), start, self.numbers).solve()
@@ -211,6 +225,7 @@ class PoseTarget:
             "thickness_variance": s.thickness_variance,
             "gain": s.light.gain,
             "bias": s.light.bias,
+            "edge_width": s.edge_width,
             "edge_share": s.edge_share,
             "edge_sigma": s.edge_sigma,
             "look": s.look,
@@ -367,8 +382,8 @@ class PoseTarget:
 
 
 def strongest_edges(
-    levels: Sequence[Grey], A: Floats, points: Floats, normals: Floats, noise: float, reach: int
-) -> tuple[Floats, Floats, Floats]:
+    levels: Sequence[Grey], A: Floats, points: Floats, normals: Floats, noise: float, reach: int, half: int
+) -> tuple[Floats, Floats, Floats, Floats]:
     """The strongest edge near each sample of an outline: what a target is made from.
 
     Args:
@@ -376,14 +391,16 @@ def strongest_edges(
         A: (3, 3) work px to px of the image.
         points, normals: (n, 2) work px, (n, 2) unit, outward.
         noise: grey levels, of the camera.
-        reach: work px within which edges are looked for, 0 to 1000; beyond 3.5 none is taken.
+        reach: work px within which edges are looked for, 0 to 1000; farther away than `half` + 1.5 none is taken.
+        half: work px on each side of an edge that are averaged, 2 to 12.
 
     Returns:
-        (n,) work px along the normal, NaN where there is none; (n,) its signed step, grey levels; (n, 6) grey levels from 7 to
-        2 px inside the sample, NaN outside the image. All steps and levels are 0 where a sample lies outside.
+        (n,) work px along the normal, NaN where there is none; (n,) its signed step, grey levels; (n, 6) grey levels inside
+        the sample, from `half` + 5 to `half` px, NaN outside the image; (n,) work px, standard deviation of the edge at
+        the sample, NaN where it cannot be told. All steps and levels are 0 where a sample lies outside.
 
     Raises:
-        ValueError: a length or the reach is none.
+        ValueError: a length, the reach or `half` is none.
     """
     pyramid, H = _pyramid(levels), _fixed(A, "A", 3, 3)
     points = _places(points, "points")
@@ -391,22 +408,25 @@ def strongest_edges(
     normals = _fixed(_places(normals, "normals"), "normals", n, 2)
     if not 0 <= reach <= FARTHEST:
         raise ValueError("the reach is from 0 to 1000")
+    if not LEAST_HALF <= half <= MOST_HALF:
+        raise ValueError("half a width is from 2 to 12")
     offset, step, inner = np.full(n, np.nan), np.zeros(n), np.zeros((n, INNER))
     if n == 0:
-        return offset, step, inner
-    span = reach + BEYOND
+        return offset, step, inner, np.full(n, np.nan)
+    span = reach + 2 * MOST_HALF
     with np.errstate(all="ignore"):
         level, H = level_through(pyramid, H, points.mean(axis=0), 1.0)
         values, inside = profiles(level, H, points, normals, span)
-        counts, offsets, steps = find_candidates(values, span, reach, noise, np.full(n, 2))
+        counts, offsets, steps = find_candidates(values, span, reach, noise, np.full(n, half))
     for i in np.flatnonzero(inside):
         near, strong = offsets[i, : counts[i]], steps[i, : counts[i]]
-        score = np.where(np.abs(near) < AT_ALL, np.abs(strong) * np.exp(-near * near / FADING), 0.0)
+        score = np.where(np.abs(near) < half + BESIDE, np.abs(strong) * np.exp(-near * near / (2 * half * half)), 0.0)
         if len(score) and score.max() > 0:
             best = int(score.argmax())
             offset[i], step[i] = near[best], strong[best]
-        inner[i] = values[i, span + INNER_FIRST : span + INNER_FIRST + INNER]
-    return offset, step, inner
+        first = span + INNER_FIRST - (half - LEAST_HALF)
+        inner[i] = values[i, first : first + INNER]
+    return offset, step, inner, np.where(inside, edge_width(values, np.full(n, half)), np.nan)
 
 
 def _fixed(values: ArrayLike, name: str, *shape: int) -> Floats:

@@ -18,6 +18,10 @@ Bools = NDArray[np.bool_]
 
 MOST = 6
 """Candidates of a sample at most: the strongest."""
+LEAST_HALF, MOST_HALF = 2, 12
+"""Work px on each side of an edge that are averaged."""
+DISPLACED = 0.55
+"""Of `half`, by noise as strong as the step: standard deviation of an edge's place, as edges drawn at any angle show."""
 BEYOND = 16
 """Work px of a profile beyond the reach, for the filter and for what lies inside an edge."""
 LEAST = 2.5
@@ -46,6 +50,7 @@ class Candidates:
     Attributes:
         reach: work px within which they were looked for.
         density: candidates for each work px of a normal, on the average.
+        half: (n,) px on each side of an edge that were averaged.
         inside: (n,) False where a sample lies outside the image.
         count: (n,) candidates of each.
         offset: (n, MOST) work px along the outward normal; the first `count` of each row count.
@@ -55,6 +60,7 @@ class Candidates:
 
     reach: int
     density: float
+    half: Ints
     inside: Bools
     count: Ints
     offset: Floats
@@ -137,6 +143,41 @@ def find_candidates(values: Floats, span: int, reach: int, noise: float, half: I
     return counts, offsets, steps
 
 
+def edge_width(values: Floats, half: Ints) -> Floats:
+    """Standard deviation of the edges in the middle of profiles, by the area between their profiles and a step.
+
+    That of a blurred edge is sqrt(2 / pi) times its standard deviation and its step.
+
+    Args:
+        values: (n, 2 span + 1) profiles, the span `half` + 2 at least.
+        half: (n,) px, twice the deviation that is expected, so that the step is whole beyond.
+
+    Returns:
+        (n,) px; NaN where it cannot be told.
+    """
+    n, length = values.shape
+    at = length // 2
+    out = np.full(n, np.nan)
+    for h in np.unique(half):
+        rows = half == h
+        v = values[rows]
+        outer = 0.5 * (v[:, at + h + 1] + v[:, at + h + 2])
+        inner = 0.5 * (v[:, at - h - 1] + v[:, at - h - 2])
+        beyond = (outer[:, None] - v[:, at + 1 : at + h + 1]).sum(axis=1) + (v[:, at - h : at] - inner[:, None]).sum(
+            axis=1
+        )
+        width = np.sqrt(0.5 * np.pi) * (0.5 * (outer - inner) + beyond) / (outer - inner)
+        out[rows] = np.where((width > 0) & (width < np.inf), width, np.nan)
+    return out
+
+
+def edge_widths(target: Target, pyramid: Pyramid, G: Floats, half: Ints) -> Floats:
+    """(n,) work px, standard deviation of each sample's edge in an image seen through G (3, 3), see `edge_width`."""
+    level, H = level_through(pyramid, G, target.centre, 1.0)
+    values, _ = profiles(level, H, target.points, target.normals, MOST_HALF + 2)
+    return edge_width(values, half)
+
+
 def measure_edges(
     target: Target, pyramid: Pyramid, G: Floats, reach: int, half: Ints, light: Light, most_span: int
 ) -> Candidates:
@@ -163,7 +204,7 @@ def measure_edges(
     off = seen - (light.gain * target.inner + light.bias)[:, None]
     difference = np.where(np.isnan(off), 0.0, off * off).sum(axis=2) / INNER
     density = max(CLUTTER, float(counts.sum()) / max(1, int(inside.sum())) / (2 * reach + 1))
-    return Candidates(reach, density, inside, counts, offsets, steps, difference)
+    return Candidates(reach, density, half, inside, counts, offsets, steps, difference)
 
 
 def _rounded(x: Floats) -> Ints:
@@ -257,7 +298,10 @@ def edge_likelihoods(
         numbers: see there.
     """
     s, sc, found = numbers.inner_spread, numbers.other_spread, 1.0 - numbers.miss
-    variance = numbers.floor**2 + ((target.rows @ P) * target.rows).sum(axis=1)
+    # noise displaces a wide edge by more, in the reference as here
+    shake = DISPLACED * target.noise / np.maximum(np.abs(target.contrast), 1e-9)
+    own = shake**2 * (target.half**2 + view.half**2)
+    variance = numbers.floor**2 + own + ((target.rows @ P) * target.rows).sum(axis=1)
     two = np.abs(low) + np.sqrt(low_variance) > 0.5
     looks = 1.5 * np.log(sc / s) - 0.75 * view.difference * (1.0 / (s * s) - 1.0 / (sc * sc))
     same = (view.step > 0) == (target.contrast > 0)[:, None]

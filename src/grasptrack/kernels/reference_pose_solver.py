@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_pose_camera import Pinhole, pinhole_rows
 from grasptrack.kernels.reference_pose_edges import (
+    LEAST_HALF,
+    MOST_HALF,
     Candidates,
     EdgeNumbers,
     Light,
     edge_likelihoods,
+    edge_widths,
     measure_edges,
     surface_light,
 )
@@ -54,6 +57,8 @@ LEAST_REACH, MOST_REACH, FARTHEST = 4, 30, 1000
 """Work px within which edges are looked for; the last bounds what a caller may ask for."""
 MOST_SPAN = 46
 """Work px of a profile on either side of a sample, at most."""
+STILL = 0.5
+"""Work px that may move across an edge for its width to be that at rest."""
 SETTLED = 0.02
 """Work px: a step that moves no contact by more is the last."""
 EXACT = 0.002
@@ -74,6 +79,7 @@ class Start:
         inner_spread: grey levels, see `EdgeNumbers`.
         light: of the surface, where it was located last.
         reach: work px within which edges are looked for first; 0: by the covariance.
+        edge_width: work px, standard deviation of an edge at rest.
     """
 
     G: Floats
@@ -86,6 +92,7 @@ class Start:
     inner_spread: np.float64
     light: Light
     reach: float
+    edge_width: float
 
 
 @dataclass
@@ -98,6 +105,7 @@ class Solution:
     thickness: float = 0.0
     thickness_variance: float = 0.0
     light: Light = field(default_factory=lambda: Light(1.0, 0.0))
+    edge_width: float = np.nan
     edge_share: float = 0.0
     edge_sigma: float = 0.0
     look: float = 0.0
@@ -278,16 +286,26 @@ class Solver:
         variance = ((self.target.rows @ P) * self.target.rows).sum(axis=1)
         return whole(deviations * np.sqrt(_largest(variance)) + 3.0, LEAST_REACH, MOST_REACH)
 
-    def _half_widths(self, G: Floats) -> Ints:
-        """(n,) of the edge filter: an edge is as wide as what moves across it while it is exposed."""
+    def _motion_blur(self, G: Floats) -> Floats:
+        """(n,) work px, half of what moves across each sample's edge while it is exposed."""
         inverse = inverse_homography(G)
         if inverse is None:
-            return np.full(len(self.target.points), 2)
+            return np.zeros(len(self.target.points))
         x, y = self.target.points.T
         u, v = carried(inverse @ self.start.last, x, y)
         speed = np.abs((u - x) * self.target.normals[:, 0] + (v - y) * self.target.normals[:, 1])
-        half = np.clip(2.0 + self.numbers["blur_share"] * speed, 2.0, 12.0)
-        return np.where(np.isnan(half), 2.0, half).astype(np.int64)
+        return np.where(np.isnan(speed), 0.0, self.numbers["blur_share"] * speed)
+
+    def _half_widths(self, G: Floats) -> Ints:
+        """(n,) of the edge filter: two standard deviations of an edge at rest, and the way that it moves."""
+        rest = whole(2.0 * self.start.edge_width, LEAST_HALF, MOST_HALF)
+        return np.clip(rest + self._motion_blur(G), LEAST_HALF, MOST_HALF).astype(np.int64)
+
+    def _width_at_rest(self, G: Floats, half: Ints, seen: Floats) -> float:
+        """The median of the edges that are seen (n,), where next to nothing moves across them; NaN of few."""
+        width = edge_widths(self.target, self.pyramid, G, half)
+        told = (seen > 0.5) & (self._motion_blur(G) < STILL) & ~np.isnan(width)
+        return float(middle(width[told])) if told.sum() > 20 else float("nan")
 
     def _parallax(self, G: Floats) -> Floats:
         """(n,) of the lower face, less what the first view showed, which counts the other way."""
@@ -376,6 +394,7 @@ class Solver:
             out.visible = here.states[:, 0] * (found.upper + found.lower)
             out.occluded, out.other = here.states[:, 1], here.states[:, 2]
             out.elsewhere = float(out.other.sum()) / n
+            out.edge_width = self._width_at_rest(out.G, half, here.states[:, 0] * found.upper)
             regions = RegionNumbers(
                 numbers["cell_unlikely"], numbers["cell_far"], numbers["cell_power"], numbers["cell_agreement"]
             )

@@ -60,6 +60,7 @@ class Target:
         A: (3, 3) work px to px of the reference image.
         centre, radius: (2,), work px.
         noise: grey levels, of the camera.
+        half: work px on each side of an edge that were averaged for `contrast`.
         points, normals: (n, 2) samples of the outline, (n, 2) unit, outward.
         contrast: (n,) signed steps there, grey levels.
         inner: (n, INNER) grey levels inside each.
@@ -76,6 +77,7 @@ class Target:
     centre: Floats
     radius: float
     noise: float
+    half: float
     points: Floats
     normals: Floats
     contrast: Floats

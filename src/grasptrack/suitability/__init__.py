@@ -30,6 +30,7 @@ from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.single import largest_sigma
+from grasptrack.tracking.target import make_target, pyramid
 from grasptrack.tracking.tracker import GraspTracker
 
 __all__ = ["Reason", "Suitability", "inspect"]
@@ -153,7 +154,7 @@ def _looks(first: FirstView, edges: Edges, surface: Relief) -> Looks:
         contrast=float(np.median(edges.contrast[inside])) if inside.any() else 0.0,
         noise=surface.noise,
         grain=1.4826 * float(np.median(np.abs(beyond - ground))) if len(beyond) else math.nan,
-        sharpness=float(np.median(edges.contrast[some] / edges.strength[some])) if some.any() else math.nan,
+        sharpness=_edge_width(first),
         strength=strength,
         clear=float(edges.clear[inside].mean()) if inside.any() else 0.0,
         scatter=scatter(edges, surface.noise),
@@ -161,6 +162,12 @@ def _looks(first: FirstView, edges: Edges, surface: Relief) -> Looks:
         holes=len(view.contours) - 1,
         clipped=view.is_clipped,
     )
+
+
+def _edge_width(first: FirstView) -> float:
+    """px, contrast over steepest slope of the edges, as the tracker measures them; NaN where it sees none."""
+    target = make_target(pyramid(first.grey), first.candidate.view, first.held.contacts, NUMBERS, first.hidden)
+    return math.sqrt(2.0 * math.pi) * target.edge_width * float(target.A[0, 0])
 
 
 def _held(

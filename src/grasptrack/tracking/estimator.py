@@ -44,6 +44,7 @@ class PoseEstimate:
         covariance: (k, 2, 2) px^2 of them, by the model alone.
         area: px^2 of the outline in the image.
         thickness, thickness_variance: work px, work px^2.
+        edge_width: work px, standard deviation of an edge at rest; NaN where too few are seen.
         edge_share: of the outline's samples whose edge was found; edge_sigma: work px, of their residuals.
         look: grey levels by which the inner side differs from the first view's, median.
         light: gain and bias of the surface's grey levels since the first view.
@@ -64,6 +65,7 @@ class PoseEstimate:
     area: float
     thickness: float
     thickness_variance: float
+    edge_width: float
     edge_share: float
     edge_sigma: float
     look: float
@@ -104,6 +106,7 @@ def estimate_pose(
         state.inner_spread,
         *state.light,
         hypothesis.reach,
+        state.edge_width,
     )
     if not found["valid"] or not is_sane(target, found["G"]):
         return None
@@ -118,6 +121,7 @@ def estimate_pose(
         abs(kernels.seen_area(G, target.outline)),
         found["thickness"],
         found["thickness_variance"],
+        found["edge_width"],
         found["edge_share"],
         found["edge_sigma"],
         found["look"],

@@ -194,8 +194,11 @@ class Follower:
         size = math.sqrt(own.area)
         wide = wide_prior(self.target)
         places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self.target, look, look.levels)]
+        if not state.accepted:  # later on, what covers the object may have an outline like it
+            places += self.redetection.matched(look, look.levels)
         for hypothesis in self.redetection.promising(look.levels, places, len(places)):
-            other = estimate_pose(self.target, state, look.levels, hypothesis)
+            still = replace(state, last=Look(look.levels, hypothesis.G))
+            other = estimate_pose(self.target, still, look.levels, hypothesis)
             if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
                 continue
             if evidence(other, state.usual, numbers) > ALIKE * evidence(own, state.usual, numbers) > 0.0:
@@ -262,6 +265,8 @@ class Follower:
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
         self._remember_looks(e)
+        if math.isfinite(e.edge_width):
+            state.edge_width = e.edge_width
         if e.look > 0.0:
             state.inner_spread = _between(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0)
 
@@ -271,7 +276,8 @@ class Follower:
         if not state.lost:
             state.lookalike = state.lookalike or self._equals(state.located)
         state.lost += 1
-        state.exchanged = state.exchanged or decision.exchanged > 0.5 < decision.presence
+        seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
+        state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
         state.velocity = None
         state.anchored = state.anchored and ground is not None
         if ground is not None and state.anchored:
@@ -325,6 +331,8 @@ def _between(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
+MOST_SEEN = 0.7
+"""Share of the outline that shows from which on what shows another shape lies in the place of the object."""
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
 UNSURE = 0.5

@@ -24,7 +24,7 @@ class Numbers:
         elsewhere_power: the same of edges that lie elsewhere.
         stretch: mean length of an occluded stretch, as a share of the outline.
         sample_distance: work px of the outline that carry one independent measurement.
-        blur_share: half the width of the edge filter, as a share of the speed along the normal per frame.
+        blur_share: what motion adds to half the width of the edge filter, as a share of the speed along the normal per frame.
         wide: how far round the answer edges are looked for, as a share of sqrt(area).
         elsewhere: share of the outline found elsewhere that asks for a second solution.
         cell_unlikely: share of the cells beside the outline whose grey level nothing explains.

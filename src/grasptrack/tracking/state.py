@@ -40,6 +40,7 @@ class TrackState:
         theta, theta_covariance: (3,), (3, 3) log of the focal length over the image's width, first normal.
         thickness, thickness_variance: work px, work px^2.
         inner_spread: grey levels, see `Numbers.other_spread`.
+        edge_width: work px, standard deviation of an edge at rest: how far the image is out of focus.
         located: the last image in which the object was located.
         light: gain and bias of the surface there, from the first view on.
         lost: images since.
@@ -56,7 +57,7 @@ class TrackState:
         gone: since it was located its place was seen without it.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
-        sighted: (3, 3) where something like it was seen while it is lost, and not believed to be it; None where nothing was.
+        sighted: (3, 3) where something like it was seen in the last image, but not believed to be it; None where nothing was.
     """
 
     last: Look
@@ -69,6 +70,7 @@ class TrackState:
     thickness: float
     thickness_variance: float
     inner_spread: float
+    edge_width: float
     located: Look
     light: tuple[float, float] = (1.0, 0.0)
     lost: int = 0
@@ -113,6 +115,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         thickness=0.0,
         thickness_variance=(numbers.thickness_sd * target.size) ** 2,
         inner_spread=FIRST_SPREAD,
+        edge_width=target.edge_width,
         located=look,
         expected=target.A,
         usual=[np.zeros(n) for n in target.counts],

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH
 from grasptrack.contour import View
+from grasptrack.kernels.reference_pose_edges import LEAST_HALF, MOST_HALF
 from grasptrack.kernels.reference_pose_texture import noise_of
 from grasptrack.projective import apply_homography, similarity
 from grasptrack.tracking.numbers import Numbers
@@ -95,8 +96,8 @@ class Target:
         strides: work px between the pixels of a patch, fine to coarse.
         patches: (n, 2) work px, of the finest texture.
         counts: of patches on each of the finest levels.
-        edge_count: samples of the outline with an edge.
-        inner_limit: see `Numbers`.
+        edge_share: of the outline's samples, which have an edge; edge_width: work px, their standard deviation, the median.
+        noise: grey levels, of the camera.
         handle: the same for the kernel.
     """
 
@@ -116,6 +117,7 @@ class Target:
     patches: Floats
     counts: tuple[int, ...]
     edge_share: float
+    edge_width: float
     noise: float
     numbers: Numbers
     handle: Any = field(repr=False)
@@ -195,23 +197,16 @@ def make_target(
     image = _rectified(levels, A, (width, height))
     noise = camera_noise(image)
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
-    points, normals = _samples(work)
-    offset, contrast, inner = kernels.strongest_edges(levels, A, points, normals, noise, 4)
-    found = np.isfinite(offset)
-    share = float(found.mean()) if len(found) else 0.0
-    points, normals = points[found] + offset[found, None] * normals[found], normals[found]
-    # again at the edges themselves: sub-pixel positions from the same phase as all later ones
-    if len(points):
-        offset, contrast, inner = kernels.strongest_edges(levels, A, points, normals, noise, 4)
-        found = np.isfinite(offset) & (np.abs(offset) < 1.0) & np.isfinite(inner).all(axis=1)
-        points, normals = points[found] + offset[found, None] * normals[found], normals[found]
-        contrast, inner = contrast[found], inner[found]
+    edges = _edges(levels, A, *_samples(work), noise)
+    points, normals = edges.points, edges.normals
     outline = work[0][0]
     mask: Grey = np.zeros((height, width), np.uint8)
     cv2.fillPoly(mask, [np.round(p).astype(np.int32) for p, _, _ in work], 255)
     size = length * s
     centre, radius = outline.mean(axis=0), size / 2.0
-    surface = _surface(mask)
+    beyond = 2 * edges.half + 3  # the outline's own edge, as wide as it is, is no surface
+    surface_mask = _grey(cv2.erode(mask, np.ones((beyond, beyond), np.uint8)))
+    surface = _surface(surface_mask)
     work_contacts = (contacts - low) * s
     target = kernels.PoseTarget(
         numbers.table(),
@@ -219,10 +214,11 @@ def make_target(
         np.ascontiguousarray(centre),
         radius,
         noise,
+        float(edges.half),
         np.ascontiguousarray(points),
         np.ascontiguousarray(normals),
-        np.ascontiguousarray(contrast),
-        np.ascontiguousarray(inner),
+        np.ascontiguousarray(edges.contrast),
+        np.ascontiguousarray(edges.inner),
         surface,
         image[surface[:, 1].astype(int), surface[:, 0].astype(int)].astype(np.float64),
         np.ascontiguousarray(work_contacts),
@@ -233,8 +229,9 @@ def make_target(
     patches, counts = np.zeros((0, 2)), []
     stride, reduced, count = 1, image, PATCHES
     while stride == 1 or stride <= size / 16.0:
-        inside = _grey(cv2.erode(mask, np.ones((9, 9), np.uint8), iterations=1))
-        inside = _grey(cv2.erode(inside, np.ones((PATCH * stride, PATCH * stride), np.uint8), borderValue=0))
+        inside = _grey(cv2.erode(surface_mask, np.ones((3, 3), np.uint8)))
+        side = PATCH * stride + 2 * (stride - 1)  # a pixel of a halved image takes in its neighbours
+        inside = _grey(cv2.erode(inside, np.ones((side, side), np.uint8), borderValue=0))
         centres = _textured(reduced, inside, stride, noise_of(noise, stride), numbers.texture_contrast, count)
         counts.append(target.add_texture(levels, centres, float(stride)))
         if stride == 1:
@@ -260,11 +257,62 @@ def make_target(
         _turns(view, A),
         patches,
         tuple(counts[:TOLD]),
-        share,
+        edges.share,
+        edges.width,
         noise,
         numbers,
         target,
     )
+
+
+class _Edges(NamedTuple):
+    """Edges of the first view: places and what they show there (n, ...), how wide they are, by and for which filter."""
+
+    points: Floats
+    normals: Floats
+    contrast: Floats
+    inner: Floats
+    share: float
+    width: float
+    half: int
+    wanted: int
+
+
+def _edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float) -> _Edges:
+    """The edges near samples of the outline, by a filter as wide as they are: a narrow one finds only noise on a wide edge."""
+    half, wanted = 0, LEAST_HALF
+    while half < wanted:  # by the outline as it was found: where a narrow filter answers, noise is steep
+        half = wanted
+        wanted = _wanted(kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half)[3], half)
+    while True:
+        edges = _edges_by(levels, A, points, normals, noise, half)
+        if edges.wanted >= half:
+            return edges
+        half = edges.wanted
+
+
+def _wanted(width: Floats, half: int) -> int:
+    """Work px on each side of edges (n,) so wide that tell where they are: two standard deviations."""
+    told = width[np.isfinite(width)]
+    return min(max(int(2.0 * float(np.median(told))), LEAST_HALF), MOST_HALF) if len(told) else half
+
+
+def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float, half: int) -> _Edges:
+    """The same by a filter of which half is so wide, work px."""
+    reach = half + 2
+    offset, contrast, inner, width = kernels.strongest_edges(levels, A, points, normals, noise, reach, half)
+    found = np.isfinite(offset)
+    share = float(found.mean()) if len(found) else 0.0
+    points, normals = points[found] + offset[found, None] * normals[found], normals[found]
+    # again at the edges themselves: sub-pixel positions from the same phase as all later ones
+    if len(points):
+        offset, contrast, inner, width = kernels.strongest_edges(levels, A, points, normals, noise, reach, half)
+        found = np.isfinite(offset) & (np.abs(offset) < 1.0) & np.isfinite(inner).all(axis=1)
+        points, normals = points[found] + offset[found, None] * normals[found], normals[found]
+        contrast, inner, width = contrast[found], inner[found], width[found]
+    told = width[np.isfinite(width)]
+    typical = float(np.median(told)) if len(told) else math.nan
+    return _Edges(points, normals, contrast, inner, share, typical, half, _wanted(width, half))
 
 
 def _rectified(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
@@ -328,14 +376,18 @@ def without_noise(points: Floats) -> Floats:
     return np.column_stack([smooth.real, smooth.imag])
 
 
-CELLS, FIRST_CELL, REGION = 16, 2.0, 0.25
-"""Cells beside the outline, from so many work px on, evenly up to this share of sqrt(area): a notch or tab ends within it, what
-lies in front of the object seldom does."""
+CELLS, FIRST_CELL, REGION, WIDER = 16, 2.0, 0.45, 1.6
+"""Cells beside the outline, from so many work px up to this share of sqrt(area), ever wider by this power: a notch or tab ends
+within it."""
+LEVEL_SAMPLES, LEVEL_CELLS, LEVEL_SPREAD = 8, 4, 3.0
+"""Samples on each side and cells of each that tell the level of a side, and grey levels that are added to its spread: as the
+kernel has them."""
 
 
 def _regions(image: Grey, mask: Grey, points: Floats, normals: Floats, size: float) -> tuple[Floats, Floats, Floats]:
     """(16,) depths, work px; (N, 16) grey levels so deep inside, NaN off the material; (N, 16) whether it ends so far out."""
-    depth = np.linspace(FIRST_CELL, max(2.0 * FIRST_CELL, REGION * size), CELLS)
+    last = max(2.0 * FIRST_CELL, REGION * size)
+    depth = FIRST_CELL + (last - FIRST_CELL) * np.linspace(0.0, 1.0, CELLS) ** WIDER
     height, width = mask.shape
 
     def cell(signed: Floats, values: Grey) -> Floats:
@@ -345,8 +397,25 @@ def _regions(image: Grey, mask: Grey, points: Floats, normals: Floats, size: flo
 
     smooth, square = _grey(cv2.blur(image, (3, 3))), np.ones((3, 3), np.uint8)
     inside = np.where(cell(-depth, _grey(cv2.erode(mask, square))) > 0, cell(-depth, smooth), np.nan)
-    outside = (cell(depth, _grey(cv2.dilate(mask, square))) == 0).astype(np.float64)
-    return depth, np.ascontiguousarray(inside), np.ascontiguousarray(outside)
+    outside = np.where(cell(depth, _grey(cv2.dilate(mask, square))) == 0, cell(depth, smooth), np.nan)
+    # what looked like the other side from the first tells of no notch and no tab
+    own, ground = _level_along(inside), _level_along(outside)
+    inside = np.where(np.abs(inside - ground[0][:, None]) < ground[1][:, None], np.nan, inside)
+    told = np.abs(outside - own[0][:, None]) >= own[1][:, None]
+    return depth, np.ascontiguousarray(inside), np.ascontiguousarray(told.astype(np.float64))
+
+
+def _level_along(cells: Floats) -> tuple[Floats, Floats]:
+    """(N,) median of the first cells (N, 16) of a sample and its neighbours; (N,) how far off a cell is not of that."""
+    n, near = len(cells), np.arange(-LEVEL_SAMPLES, LEVEL_SAMPLES + 1)
+    if n == 0:
+        return np.zeros(0), np.zeros(0)
+    around = cells[(np.arange(n)[:, None] + near) % n, :LEVEL_CELLS].reshape(n, -1)
+    known = np.isfinite(around).any(axis=1)
+    around = np.where(known[:, None], around, 0.0)
+    level = np.nanmedian(around, axis=1)
+    spread = 1.4826 * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEVEL_SPREAD
+    return np.where(known, level, np.nan), 3.0 * spread
 
 
 def _ring(mask: Grey) -> Floats:
@@ -381,8 +450,8 @@ def _turns(view: View, A: Floats) -> tuple[Floats, ...]:
     return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found)
 
 
-def _surface(mask: Grey) -> Floats:
-    inside = np.argwhere(cv2.erode(mask, np.ones((7, 7), np.uint8)) > 0)[:, ::-1]
+def _surface(inside_mask: Grey) -> Floats:
+    inside = np.argwhere(inside_mask > 0)[:, ::-1]
     step = max(1, len(inside) // SURFACE)
     # a stride that does not run down the columns
     order = (
