@@ -91,8 +91,9 @@ class Follower:
         if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             estimates += self._estimates(levels, predictions.second)  # texture may have slid along itself
             decision = decide(state, estimates, expected, unseen, presence, numbers)
-        known = decision.code == "uncertain" and decision.presence > SURELY and not state.lost
-        if not decision.accepted and not known:  # what is surely there is not looked for elsewhere
+        # what this image alone shows to be there is not looked for elsewhere
+        shown = decision.code == "uncertain" and decision.evidence > -math.log(numbers.risk) and not state.lost
+        if not decision.accepted and not shown:
             unseen = self._if_gone(levels, predictions, unseen)
             second = self.redetection.promising(levels, predictions.second)
             estimates += self._estimates(levels, second + self.redetection.search(state, levels))
@@ -330,8 +331,6 @@ def _between(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-SURELY = 0.99
-"""Presence from which on other places are not looked at where a contact is not fixed by what is seen."""
 MOST_SEEN = 0.7
 """Share of the outline that shows from which on what shows another shape lies in the place of the object."""
 MEMORY = 10
