@@ -154,6 +154,7 @@ struct PoseTarget {
             pose::Vector<8> row;
             for (std::size_t k = 0; k < 8; ++k) row[k] = target.normals[i].x * J[0][k] + target.normals[i].y * J[1][k];
             target.rows.push_back(row);
+            target.squares.push_back(pose::outer<8>(row));
         }
     }
 

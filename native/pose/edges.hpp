@@ -85,13 +85,10 @@ inline void find_candidates(const double *values, int span, int reach, double no
     }
     for (int k = first - 2; k <= last + 2; ++k) t[k] = 0.0;
     const double share = 1.0 / half;
-    for (int k = begin; k <= end; ++k) {
-        double value = (sum[k + half + 1] - sum[k + 1] - sum[k] + sum[k - half]) * share;
-        if (cut)
-            for (int j = k - half; j <= k + half; ++j)
-                if (values[j] != values[j]) value = 0.0;
-        t[k] = value;
-    }
+    for (int k = begin; k <= end; ++k) t[k] = (sum[k + half + 1] - sum[k + 1] - sum[k] + sum[k - half]) * share;
+    for (int k = begin; cut && k <= end; ++k)
+        for (int j = k - half; j <= k + half; ++j)
+            if (values[j] != values[j]) t[k] = 0.0;
     for (int k = first - 1; k <= last + 1; ++k) g[k] = 0.5 * t[k] + 0.25 * (t[k - 1] + t[k + 1]);
     const double least = 2.5 * noise * std::sqrt(2.0 / half);
     out.count = 0;
@@ -294,7 +291,7 @@ inline void edge_likelihoods(const Target &target, const EdgeView &view, const E
     const std::size_t n = target.points.size();
     out.object.assign(n, 1.0);
     for (auto *v : {&out.upper, &out.lower, &out.upper_offset, &out.lower_offset}) v->assign(n, 0.0);
-    const Symmetric<8> spread(P);
+    const Form<8> spread(P);
     const double found = 1 - numbers.miss;
     constexpr double circle = 2 * 3.14159265358979;
     for (std::size_t i = 0; i < n; ++i) {
@@ -303,7 +300,7 @@ inline void edge_likelihoods(const Target &target, const EdgeView &view, const E
         // noise displaces a wide edge by more, in the reference as here
         const double half = view.half[i], shake = displaced * target.noise / std::max(std::abs(target.contrast[i]), 1e-9);
         const double own = shake * shake * (target.half * target.half + half * half);
-        const double variance = numbers.floor * numbers.floor + own + spread.quadratic(target.rows[i]);
+        const double variance = numbers.floor * numbers.floor + own + spread(target.squares[i]);
         const bool two = std::abs(low[i]) + std::sqrt(low_variance[i]) > 0.5;
         const double top = (two ? 0.5 : 1.0) / std::sqrt(circle * variance), narrow = -0.5 / variance;
         double up = 0, down = 0, up_at = 0, down_at = 0;

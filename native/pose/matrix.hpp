@@ -43,38 +43,46 @@ template <std::size_t N> double quadratic(const Matrix<N> &a, const double *x) {
     return sum;
 }
 
-// A symmetric matrix whose quadratic form is asked for often.
-template <std::size_t N> class Symmetric {
+// A symmetric matrix by its entries on and above the diagonal, row by row: loops over all of them are straight.
+template <std::size_t N> using Packed = std::array<double, N *(N + 1) / 2>;
+
+// x x^T
+template <std::size_t N> Packed<N> outer(const Vector<N> &x) {
+    Packed<N> out;
+    std::size_t at = 0;
+    for (std::size_t i = 0; i < N; ++i)
+        for (std::size_t j = i; j < N; ++j) out[at++] = x[i] * x[j];
+    return out;
+}
+
+template <std::size_t N> Matrix<N> unpacked(const Packed<N> &a) {
+    Matrix<N> out;
+    std::size_t at = 0;
+    for (std::size_t i = 0; i < N; ++i)
+        for (std::size_t j = i; j < N; ++j) out[i * N + j] = out[j * N + i] = a[at++];
+    return out;
+}
+
+// A matrix whose quadratic form is asked for often, of vectors whose outer products are known.
+template <std::size_t N> class Form {
   public:
-    explicit Symmetric(const Matrix<N> &a) {
+    explicit Form(const Matrix<N> &a) {
+        std::size_t at = 0;
         for (std::size_t i = 0; i < N; ++i)
-            for (std::size_t j = 0; j < N; ++j) half_[i * N + j] = j < i ? 0.0 : j == i ? a[i * N + i] : a[i * N + j] + a[j * N + i];
+            for (std::size_t j = i; j < N; ++j) packed_[at++] = j == i ? a[i * N + i] : a[i * N + j] + a[j * N + i];
     }
-    double quadratic(const Vector<N> &x) const {
-        Vector<N> row{};
-        for (std::size_t i = 0; i < N; ++i)
-            for (std::size_t j = i & ~std::size_t{1}; j < N; ++j) row[j] += half_[i * N + j] * x[i];
-        double sum = 0.0;
-        for (std::size_t j = 0; j < N; ++j) sum += row[j] * x[j];
-        return sum;
+    double operator()(const Packed<N> &outer) const {
+        constexpr std::size_t parts = 4, size = N * (N + 1) / 2, even = size / parts * parts;
+        double sum[parts] = {};
+        for (std::size_t k = 0; k < even; k += parts)
+            for (std::size_t p = 0; p < parts; ++p) sum[p] += packed_[k + p] * outer[k + p];
+        for (std::size_t k = even; k < size; ++k) sum[0] += packed_[k] * outer[k];
+        return (sum[0] + sum[1]) + (sum[2] + sum[3]);
     }
 
   private:
-    Matrix<N> half_;
+    Packed<N> packed_;
 };
-
-// a += weight x x^T, of which the part on and above the diagonal is right; `mirror` makes the rest. Two columns at a time.
-template <std::size_t N> void add_outer(Matrix<N> &a, const Vector<N> &x, double weight) {
-    for (std::size_t i = 0; i < N; ++i) {
-        const double w = weight * x[i];
-        for (std::size_t j = i & ~std::size_t{1}; j < N; ++j) a[i * N + j] += w * x[j];
-    }
-}
-
-template <std::size_t N> void mirror(Matrix<N> &a) {
-    for (std::size_t i = 0; i < N; ++i)
-        for (std::size_t j = 0; j < i; ++j) a[i * N + j] = a[j * N + i];
-}
 
 // The inverse of a symmetric positive definite matrix by Cholesky; false where it is not one.
 template <std::size_t N> bool invert(const Matrix<N> &a, Matrix<N> &out) {

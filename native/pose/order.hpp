@@ -11,7 +11,10 @@ namespace grasptrack::pose {
 // The value of rank n / 2 of at least one; NaN, which `<` does not order, counts as the largest. Reorders them.
 inline double middle(std::vector<double> &values) {
     const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), at, values.end(), [](double a, double b) { return a < b || (b != b && a == a); });
+    if (std::any_of(values.begin(), values.end(), [](double a) { return a != a; }))
+        std::nth_element(values.begin(), at, values.end(), [](double a, double b) { return a < b || (b != b && a == a); });
+    else
+        std::nth_element(values.begin(), at, values.end());
     return *at;
 }
 

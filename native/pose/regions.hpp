@@ -37,9 +37,12 @@ inline Levels levels_near(std::size_t i, const std::vector<double> &visible, con
     std::vector<double> levels;
     int sides = 0;
     for (int side = -1; side <= 1; side += 2) {
-        const auto at = [&](int step) { return static_cast<std::size_t>(((static_cast<int>(i) + side * step) % n + n) % n); };
+        const auto at = [&](int step) {  // less than once round
+            const int j = static_cast<int>(i) + side * step;
+            return static_cast<std::size_t>(j < 0 ? j + n : j < n ? j : j - n);
+        };
         int first = 1;
-        while (first < n && visible[at(first)] <= 0.5) ++first;
+        while (first < n && first <= far && visible[at(first)] <= 0.5) ++first;
         if (first > far) continue;
         int found = 0;
         for (int step = first; step < std::min(first + asked, n) && found < near; ++step) {

@@ -261,8 +261,8 @@ class Solver {
 
     int reach_of(const Matrix<8> &P, double times_sd, double more) const {
         double most = 0;
-        const Symmetric<8> spread(P);
-        for (const auto &row : target_.rows) most = std::max(most, spread.quadratic(row));
+        const Form<8> spread(P);
+        for (const auto &square : target_.squares) most = std::max(most, spread(square));
         return whole(times_sd * std::sqrt(most) + more, 4, 30);
     }
 
@@ -345,7 +345,7 @@ class Solver {
                 const double mad = 1.4826 * middle(sorted);
                 variance = numbers_.edge_noise * numbers_.edge_noise + mad * mad;
             }
-            Matrix<8> own{};
+            Packed<8> sum{};
             Vector<8> toward{}, across{};  // `across`: with the thickness, the ninth unknown
             double thick = 0, thick_toward = 0;
             for (std::size_t i = 0; i < n; ++i) {
@@ -357,7 +357,8 @@ class Solver {
                 const double u = wu > 1e-9 ? wu : 0.0, l = wl > 1e-9 ? wl : 0.0;
                 if (!(u + l > 0)) continue;
                 const Vector<8> &J = target_.rows[i];
-                add_outer<8>(own, J, u + l);
+                const Packed<8> &square = target_.squares[i];
+                for (std::size_t k = 0; k < square.size(); ++k) sum[k] += (u + l) * square[k];
                 const double drawn = u * likelihoods_.upper_offset[i] + l * likelihoods_.lower_offset[i], shared = l * parallax[i];
                 for (std::size_t a = 0; a < 8; ++a) {
                     toward[a] += drawn * J[a];
@@ -366,7 +367,7 @@ class Solver {
                 thick += shared * parallax[i];
                 thick_toward += shared * likelihoods_.lower_offset[i];
             }
-            mirror<8>(own);
+            const Matrix<8> own = unpacked<8>(sum);
             Matrix<9> A9, P9;
             Vector<9> b9;
             for (std::size_t a = 0; a < 8; ++a) {
@@ -412,17 +413,26 @@ class Solver {
     static void add_correlated(Matrix<8> &P, const std::vector<Vector<8>> &scores) {
         const std::size_t n = scores.size();
         const std::size_t lags = std::max<std::size_t>(3, static_cast<std::size_t>(0.06 * static_cast<double>(n)));
-        Matrix<8> half{};  // the scatter is this and its transpose
-        for (std::size_t i = 0; i < n; ++i) {
-            Vector<8> near;  // window sum of the neighbours' scores, triangular
-            for (std::size_t k = 0; k < 8; ++k) near[k] = 0.5 * scores[i][k];
-            for (std::size_t q = 1; q < lags; ++q) {
-                const double w = 1.0 - static_cast<double>(q) / static_cast<double>(lags);
-                const Vector<8> &other = scores[i >= q % n ? i - q % n : i + n - q % n];
-                for (std::size_t k = 0; k < 8; ++k) near[k] += w * other[k];
+        const auto before = [n](std::size_t i, std::size_t q) { return (i + n - q % n) % n; };
+        Vector<8> near{}, plain{};  // sums of the scores before a sample, as far as they count: triangular, and all alike
+        for (std::size_t q = 1; q < lags; ++q)
+            for (std::size_t k = 0; k < 8; ++k) {
+                const double score = scores[before(0, q)][k];
+                near[k] += (1.0 - static_cast<double>(q) / static_cast<double>(lags)) * score;
+                plain[k] += score;
             }
+        Matrix<8> half{};  // the scatter is this and its transpose
+        const double share = 1.0 / static_cast<double>(lags);
+        for (std::size_t i = 0; i < n; ++i) {
+            const Vector<8> &own = scores[i], &last = scores[before(i, lags - 1)];
+            Vector<8> with;
+            for (std::size_t k = 0; k < 8; ++k) with[k] = 0.5 * own[k] + near[k];
             for (std::size_t a = 0; a < 8; ++a)
-                for (std::size_t c = 0; c < 8; ++c) half[a * 8 + c] += scores[i][a] * near[c];
+                for (std::size_t c = 0; c < 8; ++c) half[a * 8 + c] += own[a] * with[c];
+            for (std::size_t k = 0; k < 8; ++k) {  // those of the next sample
+                near[k] += own[k] - share * (own[k] + plain[k]);
+                plain[k] += own[k] - last[k];
+            }
         }
         Matrix<8> scatter;
         for (std::size_t a = 0; a < 8; ++a)

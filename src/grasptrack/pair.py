@@ -39,7 +39,6 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.state import process_noise
 from grasptrack.tracking.strategies import REGISTRATION, Carried, Silhouettes, Snakes
 from grasptrack.tracking.target import make_target, pyramid
 from grasptrack.transfer import STRATEGIES
@@ -203,7 +202,7 @@ class _Scene:
         G = Keypoints(self.target, self._first).find(self._levels[0])
         if G is None:
             return []
-        own = self._exact(Hypothesis("keypoints", G, process_noise(self.target.size, NUMBERS)))
+        own = self._exact(Hypothesis("keypoints", G, self.target.noise_of_motion))
         if own is None or not self._meant(own):
             return []
         return [own, *(self._exact(way) for way in turned_hypotheses(self.target, own, NUMBERS))]

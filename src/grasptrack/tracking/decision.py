@@ -72,31 +72,35 @@ def tolerance(area: float, numbers: Numbers) -> float:
 
 def evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of an estimate: this object there, partly covered, against nothing of its kind."""
-    covered = float(np.mean(estimate.occluded + estimate.other)) if len(estimate.other) else 0.0
-    prior = numbers.cover_power * math.log(max(1.0 - covered, 0.01))
+    prior = numbers.cover_power * math.log(max(1.0 - estimate.covered, 0.01))
     return numbers.temper * (max(0.0, texture_evidence(estimate, usual, numbers)) + estimate.log_odds) + prior
 
 
 def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of the patches' correlations, given those that are usual: this surface against another one."""
-    return sum(_marginal(m, OCCLUDED_PRIOR) for m in _by_share(estimate, usual, numbers))
+    return _likely_covered(_by_share(estimate, usual, numbers))
 
 
-def surface_missing(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
-    """Log-likelihood ratio of the same surface on another outline, so that any share of it may be missing, against a cover."""
-    shares = _by_share(estimate, usual, numbers)
+def surface_missing(shares: list[Floats]) -> float:
+    """Log-likelihood ratio of the same surface on another outline, so that any share of it may be missing, against a cover.
+
+    Args:
+        shares: of each level, by the share of the surface that is not seen.
+    """
     total = sum(shares, start=np.zeros(len(OCCLUDED)))
-    return _marginal(total, np.full(len(OCCLUDED), 1.0 / len(OCCLUDED))) - _marginal(total, COVERED_PRIOR)
+    return _marginal(total, ANY_PRIOR) - _marginal(total, COVERED_PRIOR)
 
 
 TURNED = "turned"
 """Origin of a hypothesis that lays the outline on itself otherwise."""
 OCCLUDED = np.linspace(0.02, 0.98, 25)
 """Shares of a surface that may be covered, changed or glaring, ..."""
-OCCLUDED_PRIOR = (1.0 - OCCLUDED) ** 2 / ((1.0 - OCCLUDED) ** 2).sum()
-"""... the less probable the more."""
-COVERED_PRIOR = (1.0 - OCCLUDED) ** 12 / ((1.0 - OCCLUDED) ** 12).sum()
+OCCLUDED_PRIOR = np.log((1.0 - OCCLUDED) ** 2 / ((1.0 - OCCLUDED) ** 2).sum())
+"""... the less probable the more: logarithms."""
+COVERED_PRIOR = np.log((1.0 - OCCLUDED) ** 12 / ((1.0 - OCCLUDED) ** 12).sum())
 """The same of what covers the outline as well."""
+ANY_PRIOR = np.full(len(OCCLUDED), -math.log(len(OCCLUDED)))
+"""Any share is as probable as any other."""
 
 
 def _by_share(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> list[Floats]:
@@ -107,18 +111,21 @@ def _by_share(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> 
     ]
 
 
-def _marginal(by_share: Floats, prior: Floats) -> float:
-    top = by_share.max()
-    return float(top + math.log((prior * np.exp(by_share - top)).sum()))
+def _likely_covered(shares: list[Floats]) -> float:
+    """Log-likelihood ratio of a surface of which some share is covered, of each level its own."""
+    return float(sum(_marginal(by_share, OCCLUDED_PRIOR) for by_share in shares))
+
+
+def _marginal(by_share: Floats, log_prior: Floats) -> float:
+    return float(np.logaddexp.reduce(by_share + log_prior))
 
 
 def strangeness(estimate: PoseEstimate, numbers: Numbers) -> float:
     """How improbable it is of an outline that so much of it lies elsewhere or is covered: minus the log of the probability."""
     if not len(estimate.other):
         return 0.0
-    elsewhere, covered = float(np.mean(estimate.other)), float(np.mean(estimate.other + estimate.occluded))
-    hidden = numbers.cover_power * math.log1p(-min(covered, 0.999))
-    return -numbers.elsewhere_power * math.log1p(-min(elsewhere, 0.999)) - hidden
+    hidden = numbers.cover_power * math.log1p(-min(estimate.covered, 0.999))
+    return -numbers.elsewhere_power * math.log1p(-min(estimate.elsewhere, 0.999)) - hidden
 
 
 EXCHANGED = 0.1
@@ -131,19 +138,19 @@ SUDDEN = math.log(100.0)
 
 def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
     """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
-    surface = texture_evidence(estimate, state.usual, numbers)
+    shares = _by_share(estimate, state.usual, numbers)
+    surface = _likely_covered(shares)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
-        covered = float(np.mean(estimate.other + estimate.occluded))
         jump = max(0.0, strangeness(estimate, numbers) - state.strange)
         # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
         shape += max(jump - max(0.0, surface), min(jump, SUDDEN))
-        shape += surface_missing(estimate, state.usual, numbers)
+        shape += surface_missing(shares)
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (
             estimate.other_shape * math.exp(-state.strange)
             if estimate.other_shape > 0.0
-            else math.log(numbers.same_shape) * (1.0 - covered)
+            else math.log(numbers.same_shape) * (1.0 - estimate.covered)
         )
     prior = EXCHANGED if state.exchanged else numbers.exchanged
     odds = prior * math.exp(min(50.0, shape)) + numbers.exchanged * math.exp(min(50.0, -surface))
@@ -157,10 +164,16 @@ def place_prior(estimate: PoseEstimate, expected: Floats, steps: float, numbers:
         expected: (k, 2) px, the contacts where continuity has them.
         steps: how long it may have gone unseen, in frames of free motion.
     """
-    to, away = estimate.contacts, estimate.contacts.mean(axis=0) - expected.mean(axis=0)
-    a, b = to - to.mean(axis=0), expected - expected.mean(axis=0)
-    turn = math.atan2(float((b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0]).sum()), float((a * b).sum()))
-    share = float(away @ away) / (numbers.travel**2 * estimate.area) + (turn / numbers.turn) ** 2
+    # number by number: of so few NumPy's calls would cost more
+    to, there = estimate.contacts.tolist(), expected.tolist()
+    k = len(to)
+    (x, y), (u, v) = ((sum(p[0] for p in points) / k, sum(p[1] for p in points) / k) for points in (to, there))
+    across = along = 0.0
+    for (ax, ay), (bx, by) in zip(to, there, strict=True):
+        across += (bx - u) * (ay - y) - (by - v) * (ax - x)
+        along += (ax - x) * (bx - u) + (ay - y) * (by - v)
+    turn, away = math.atan2(across, along), (x - u) ** 2 + (y - v) ** 2
+    share = away / (numbers.travel**2 * estimate.area) + (turn / numbers.turn) ** 2
     nu = numbers.prior_freedom
     return -0.5 * (nu + 3.0) * math.log1p(share / (steps**2 * nu))
 
@@ -223,14 +236,13 @@ def decide(
     same = [
         k
         for k, e in enumerate(estimates)
-        if scores[k] > scores[best] - SAME_ODDS
-        and np.hypot(*(e.contacts - estimates[best].contacts).T).max() < 0.5 * allowed
+        if scores[k] > scores[best] - SAME_ODDS and farthest(e.contacts, estimates[best].contacts) < 0.5 * allowed
     ]
     best = min(same, key=lambda k: variance_of(estimates[k]))
     chosen = estimates[best]
     others = [math.log(1.0 - presence)]
     for e, score in zip(estimates, scores, strict=True):
-        if np.hypot(*(e.contacts - chosen.contacts).T).max() > allowed:
+        if farthest(e.contacts, chosen.contacts) > allowed:
             others.append(score)
     top = max([*others, scores[best]])
     own = math.exp(scores[best] - top)
@@ -261,7 +273,7 @@ def decide(
 
 def farthest(contacts: Floats, others: Floats) -> float:
     """px between contacts (k, 2) where they are farthest apart."""
-    return float(np.hypot(*(contacts - others).T).max())
+    return max(math.hypot(x, y) for x, y in (contacts - others).tolist())
 
 
 def checked(decision: Decision, contacts: Floats, numbers: Numbers) -> Decision:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,11 @@ class PoseEstimate:
     other_shape: float
     differs: Floats
     again: bool = False
+
+    @cached_property
+    def covered(self) -> float:
+        """Share of the outline that is hidden, or whose edge lies elsewhere."""
+        return float((self.occluded.sum() + self.other.sum()) / len(self.other)) if len(self.other) else 0.0
 
 
 def estimate_pose(

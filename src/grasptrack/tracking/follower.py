@@ -30,7 +30,7 @@ from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pos
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
-from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
+from grasptrack.tracking.state import Look, TrackState, initial_state
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
 Floats = NDArray[np.float64]
@@ -91,7 +91,8 @@ class Follower:
         if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             estimates += self._estimates(levels, predictions.second)  # texture may have slid along itself
             decision = decide(state, estimates, expected, unseen, presence, numbers)
-        if not decision.accepted:
+        known = decision.code == "uncertain" and decision.presence > SURELY and not state.lost
+        if not decision.accepted and not known:  # what is surely there is not looked for elsewhere
             unseen = self._if_gone(levels, predictions, unseen)
             second = self.redetection.promising(levels, predictions.second)
             estimates += self._estimates(levels, second + self.redetection.search(state, levels))
@@ -143,7 +144,7 @@ class Follower:
     def _presence(self) -> float:
         """Prior probability that the object is there."""
         numbers = self.numbers
-        return float(np.clip(self.state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard))
+        return _between(self.state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard)
 
     def _against_turns(
         self,
@@ -192,8 +193,11 @@ class Follower:
         size = math.sqrt(own.area)
         wide = wide_prior(self.target)
         places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self.target, look, look.levels)]
+        if not state.accepted:  # later on, what covers the object may have an outline like it
+            places += self.redetection.matched(look, look.levels)
         for hypothesis in self.redetection.promising(look.levels, places, len(places)):
-            other = estimate_pose(self.target, state, look.levels, hypothesis)
+            still = replace(state, last=Look(look.levels, hypothesis.G))
+            other = estimate_pose(self.target, still, look.levels, hypothesis)
             if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
                 continue
             if evidence(other, state.usual, numbers) > ALIKE * evidence(own, state.usual, numbers) > 0.0:
@@ -216,7 +220,7 @@ class Follower:
                 farther = Hypothesis(
                     hypothesis.origin,
                     estimate.G,
-                    estimate.P + process_noise(self.target.size, self.numbers),
+                    estimate.P + self.target.noise_of_motion,
                     self.numbers.wide * self.target.size,
                 )
                 other = estimate_pose(self.target, state, levels, farther, again=True)
@@ -251,7 +255,7 @@ class Follower:
         self._learn_motion(e, ground, steps)
         state.last = Look(levels, e.G)
         state.P = e.P
-        state.presence = float(np.clip(decision.presence, numbers.redetected, 1.0 - numbers.hazard))
+        state.presence = _between(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
         state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
         if not decision.accepted:  # where it is, is known only roughly
             return
@@ -263,7 +267,7 @@ class Follower:
         if math.isfinite(e.edge_width):
             state.edge_width = e.edge_width
         if e.look > 0.0:
-            state.inner_spread = float(np.clip(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0))
+            state.inner_spread = _between(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0)
 
     def _lose(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
         """What remains known of an object that was not found."""
@@ -283,7 +287,7 @@ class Follower:
             state.unseen += max(1.0, steps)
             state.last = Look(levels, state.G if e is None else e.G)
         # what looks like it elsewhere looks like it again and again: that makes it no surer
-        state.presence = float(np.clip(decision.presence, numbers.redetected, UNSURE))
+        state.presence = _between(decision.presence, numbers.redetected, UNSURE)
         if e is not None:
             state.P = e.P
 
@@ -293,17 +297,20 @@ class Follower:
         even = moving_on(target, state, steps)
         if even is not None:
             off = target.difference(even, estimate.G)
-            share = float(np.mean(off**2 / np.diag(process_noise(target.size, numbers))))
-            if np.isfinite(share):
+            share = float(off**2 @ (1.0 / np.diagonal(target.noise_of_motion))) / len(off)
+            if math.isfinite(share):
                 state.moves += 1
                 rate = 1.0 / min(state.moves, MEMORY)
-                state.agility = float(np.clip(state.agility + (share - state.agility) * rate, CALM, 1.0))
+                state.agility = _between(state.agility + (share - state.agility) * rate, CALM, 1.0)
         if ground is not None and not state.lost:
-            away = (estimate.contacts - target.carried(ground)).mean(axis=0)
-            share = math.sqrt(float(away @ away) / estimate.area) / numbers.travel
+            x, y = (
+                sum(part) / len(part)
+                for part in zip(*(estimate.contacts - target.carried(ground)).tolist(), strict=True)
+            )
+            share = math.hypot(x, y) / math.sqrt(estimate.area) / numbers.travel
             state.wanders += 1
             rate = 1.0 / min(state.wanders, MEMORY)
-            state.wander = float(np.clip(state.wander + (share - state.wander) * rate, STILL, 1.0))
+            state.wander = _between(state.wander + (share - state.wander) * rate, STILL, 1.0)
         velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
         state.velocity_P = state.P + estimate.P
         state.velocity = velocity if not state.lost and np.isfinite(velocity).all() else None
@@ -315,10 +322,16 @@ class Follower:
         share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
         state.strange += (strangeness(estimate, self.numbers) - state.strange) * share
         for usual, r in zip(state.usual, estimate.correlation, strict=True):
-            seen = np.isfinite(r)
-            usual[seen] += (r[seen] - usual[seen]) * share
+            np.add(usual, (r - usual) * share, out=usual, where=np.isfinite(r))
 
 
+def _between(value: float, low: float, high: float) -> float:
+    """A value within bounds; of one number NumPy's takes longer than all that it is the bound of."""
+    return min(max(value, low), high)
+
+
+SURELY = 0.99
+"""Presence from which on other places are not looked at where a contact is not fixed by what is seen."""
 MOST_SEEN = 0.7
 """Share of the outline that shows from which on what shows another shape lies in the place of the object."""
 MEMORY = 10

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import Look, TrackState, process_noise
+from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, Target
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
         steps: time since the last image in usual intervals.
         numbers: the core's.
     """
-    Q = process_noise(target.size, numbers) * max(1.0, steps)
+    Q = target.noise_of_motion * max(1.0, steps)
     rest = [Hypothesis("at rest", state.G, state.P + Q)]
     even = moving_on(target, state, steps)
     if even is not None:

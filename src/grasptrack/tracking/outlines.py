@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import View
-from grasptrack.matching import Sampled, judge, match
+from grasptrack.contour import Contour, View
+from grasptrack.matching import Judgement, Sampled, judge, match
+from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
 from grasptrack.matching.starts import BENDS
 from grasptrack.observation.candidate import Candidate, sign_of
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.silhouettes import Silhouette
 from grasptrack.tracking.target import Grey, Target
+from grasptrack.transfer.alignment import alignments, as_similarity
 
 Floats = NDArray[np.float64]
 
@@ -43,12 +45,12 @@ class Outlines:
         self._observer = None if target.view.is_clipped else observer or _observer(grey, target.view, hidden)
         self._outline: Sampled | None = None  # made at the first loss
 
-    def find(self, grey: Grey, area: float, turn: int, *, thorough: bool) -> list[Floats]:
+    def find(self, grey: Grey, H: Floats, turn: int, *, thorough: bool) -> list[Floats]:
         """(3, 3) each, the poses at which the outline lies on one of an image: all ways in which the best of them fits.
 
         Args:
             grey: (H, W).
-            area: px^2 of the object as last known.
+            H: (3, 3) from the first image to where the object was located last. What slides along itself keeps that tilt.
             turn: number of this search: of the thresholds that an image suggests each search tries the next.
             thorough: where the learned grey levels find nothing, try what else there is, which takes longer.
         """
@@ -64,20 +66,25 @@ class Outlines:
                 return math.inf
             return _unlike(own, shape.ring(CHAIN))
 
-        for views in self._observer.anywhere(grey, area, turn, None, unlike):
-            found = [match(own, view, thorough=False) for view in views if not view.is_clipped]
-            told = [t for ways in found if (t := judge(ways)).best is not None]
-            if told:
-                alike = [[t.best, *t.others] for t in sorted(told, key=lambda t: _cost(t.best))]
-                return [self._target.pose(m.homography) for ways in alike for m in ways if m is not None]
+        last = self._target.view.outer.transformed(H)
+        for views in self._observer.anywhere(grey, last.area, turn, None, unlike):
+            told = [(judge(match(own, view, thorough=False)), view) for view in views if not view.is_clipped]
+            fits = [(best.cost / best.size, t, view) for t, view in told if (best := t.best) is not None]
+            if fits:
+                fits.sort(key=lambda fit: fit[0])
+                return [self._target.pose(way) for _, t, view in fits for way in _ways(t, view.outer, last, H)]
             if not thorough:
                 break
         return []
 
 
-def _cost(best: object) -> float:
-    cost, size = getattr(best, "cost", math.inf), getattr(best, "size", 1.0)
-    return float(cost / size)
+def _ways(told: Judgement, outline: Contour, last: Contour, H: Floats) -> list[Floats]:
+    """(3, 3) each, first image -> image: the ways in which the object lies on an outline, `last` being where H had it."""
+    assert told.best is not None
+    if told.best.slack > max(SLIDES * told.best.size, SLIDES_NOISE * told.best.residual) or told.others:
+        return [m.homography for m in (told.best, *told.others)]
+    found = [as_similarity(fit, last, outline) @ H for fit in alignments(last, outline)]
+    return found or [told.best.homography]
 
 
 def _observer(grey: Grey, view: View, hidden: Grey | None) -> Observer | None:

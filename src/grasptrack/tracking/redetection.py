@@ -115,8 +115,8 @@ CONTINUOUS = ("texture", "background", "at rest", "moving on")
 """Origins of hypotheses that continue what was."""
 MATCHED = "matched"
 """Origin of a hypothesis that lays the whole outline on one that was found."""
-LARGE = 100.0
-"""px, sqrt(area) of an object that is kept when images are halved for keypoints: three times a keypoint's own patch."""
+LARGE = 62.0
+"""px, sqrt(area) that is left to an object when images are halved for keypoints: two of their own patches, of 31 px."""
 FEWER = 64
 """Samples of the outline for a first score."""
 KEPT = 0.25
@@ -125,7 +125,7 @@ LEAST_SEEN = 0.3
 """Share of the outline that has an edge of its sign nearby for a pose to be solved. Grained ground offers chance edges for
 about as much, and of what shows less than that nothing is believed."""
 MOST = 2
-"""Poses that are solved for one search: what is best hides no worse one that is right, for searches differ by turns."""
+"""Poses that are solved of one search: they cost more than the search, and a better one will be found in the next turns."""
 
 
 class Redetection:
@@ -157,29 +157,35 @@ class Redetection:
     def search(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
         """Hypotheses that continuity did not give, worth solving, the most promising first.
 
-        What was sighted before, and outlines by the learned grey levels, are cheap and looked at in each image. Of the rest the
-        first image after a loss gets the last look and the keypoints, which find most, and each further one a third of it: what
-        lies in plain view is found in three.
+        What was sighted in the image before, and outlines by the learned grey levels, cost little and are looked at in each
+        image. The last look, the keypoints and what else may show outlines take turns, but for the first image after a loss,
+        which gets both of the former: they find most.
 
         Args:
             state: of the object; `lost` counts the turns.
             levels: pyramid of the image.
         """
         target, turn, wide = self._target, state.lost, wide_prior(self._target)
-        sighted = [] if state.sighted is None else self.promising(levels, [Hypothesis("sighted", state.sighted, wide)])
-        if sighted and turn:  # it is still there, and what it is will show
-            return sighted
-        outline = apply_homography(state.located.G, target.outline).astype(np.float32)
-        ways = self._outlines.find(levels[0], abs(cv2.contourArea(outline)), turn, thorough=turn % 3 == 2)
-        found = self.promising(levels, [Hypothesis(MATCHED, G, wide) for G in ways], WAYS)
-        others: list[Hypothesis] = []
+        found = self.promising(levels, self.matched(state.located, levels, turn, thorough=turn % 3 == 2), WAYS)
+        others = [] if state.sighted is None else [Hypothesis("sighted", state.sighted, wide)]
         if turn % 3 == 0:
             others += [Hypothesis("shifted", G, wide) for G in shifted_looks(target, state.located, levels)]
         if turn % 3 == 1 or not turn:
             G = self._keypoints.find(levels[self._level])
             if G is not None:
                 others.append(Hypothesis("keypoints", G, wide))
-        return found + self.promising(levels, others)
+        return found + self.promising(levels, [h for h in others if not self._known(h, found)])
+
+    def matched(self, look: Look, levels: list[Grey], turn: int = 0, *, thorough: bool = True) -> list[Hypothesis]:
+        """All ways in which the outline lies on those of an image.
+
+        Args:
+            look: where the object was located last.
+            levels: pyramid of the image.
+            turn, thorough: see `Outlines.find`.
+        """
+        poses = self._outlines.find(levels[0], self._target.homography(look.G), turn, thorough=thorough)
+        return [Hypothesis(MATCHED, G, wide_prior(self._target)) for G in poses]
 
     def promising(self, levels: list[Grey], hypotheses: list[Hypothesis], most: int = MOST) -> list[Hypothesis]:
         """Those that are worth solving: of what shows enough of the outline the best, each place once."""
@@ -218,7 +224,7 @@ class Redetection:
         """Whether a hypothesis lies within the uncertainty of another, so that both lead to the same pose."""
         for other in others:
             d = self._target.difference(other.G, hypothesis.G)
-            if np.isfinite(d).all() and d @ np.linalg.solve(other.P, d) < 1.0:
+            if np.isfinite(d).all() and min(d @ np.linalg.solve(P, d) for P in (other.P, hypothesis.P)) < 1.0:
                 return True
         return False
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from grasptrack.tracking.decision import LONG, TURNED, Decision, decide, evidence, farthest, tolerance
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import Look, TrackState, initial_state, process_noise
+from grasptrack.tracking.state import Look, TrackState, initial_state
 from grasptrack.tracking.target import Grey, Target
 
 Floats = NDArray[np.float64]
@@ -34,7 +34,7 @@ def first_state(target: Target, levels: list[Grey], numbers: Numbers) -> TrackSt
 
 def pose_hypothesis(target: Target, origin: str, H: Floats, numbers: Numbers) -> Hypothesis:
     """The object may be where a homography H_current_reference (3, 3) puts it, give or take what a frame may change."""
-    return Hypothesis(origin, target.pose(H), process_noise(target.size, numbers))
+    return Hypothesis(origin, target.pose(H), target.noise_of_motion)
 
 
 def single_estimate(
@@ -61,7 +61,7 @@ def single_estimate(
     found = [e for share in (1.0, numbers.predicted) for e in solved(hypothesis.G, hypothesis.P * share**2)]
     for e in found[:]:
         if e.elsewhere > numbers.elsewhere:
-            found += solved(e.G, e.P + process_noise(target.size, numbers), numbers.wide * target.size)
+            found += solved(e.G, e.P + target.noise_of_motion, numbers.wide * target.size)
     return max(found, key=lambda e: evidence(e, state.usual, numbers), default=None)
 
 
@@ -78,7 +78,7 @@ def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, number
 
 def turned_hypotheses(target: Target, estimate: PoseEstimate, numbers: Numbers) -> list[Hypothesis]:
     """The object as estimated, but for each of the turns in which its outline fits itself."""
-    P = process_noise(target.size, numbers)
+    P = target.noise_of_motion
     return [Hypothesis(TURNED, estimate.G @ T, P) for T in target.turns]
 
 

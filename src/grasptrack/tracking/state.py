@@ -57,7 +57,7 @@ class TrackState:
         gone: since it was located its place was seen without it.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
-        sighted: (3, 3) where something like it was seen while it is lost, and not believed to be it; None where nothing was.
+        sighted: (3, 3) where something like it was seen in the last image, but not believed to be it; None where nothing was.
     """
 
     last: Look
@@ -120,9 +120,3 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         expected=target.A,
         usual=[np.zeros(n) for n in target.counts],
     )
-
-
-def process_noise(size: float, numbers: Numbers) -> Floats:
-    """(8, 8) what a frame may change of the pose when nothing predicts it; `size` in work px."""
-    shares = [numbers.drift] * 2 + [numbers.stretch_rate] * 4 + [numbers.tilt_rate] * 2
-    return np.diag((np.array(shares) * size) ** 2)

@@ -122,6 +122,13 @@ class Target:
     numbers: Numbers
     handle: Any = field(repr=False)
 
+    @cached_property
+    def noise_of_motion(self) -> Floats:
+        """(8, 8) what a frame may change of the pose when nothing predicts it, work px^2."""
+        numbers = self.numbers
+        shares = [numbers.drift] * 2 + [numbers.stretch_rate] * 4 + [numbers.tilt_rate] * 2
+        return np.asarray(np.diag((np.array(shares) * self.size) ** 2), dtype=np.float64)
+
     def carried(self, G: Floats) -> Floats:
         """(k, 2) px, the contacts in an image that shows the target through G."""
         return apply_homography(G, self.work_contacts)
