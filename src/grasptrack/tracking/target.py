@@ -411,7 +411,7 @@ def _level_along(cells: Floats) -> tuple[Floats, Floats]:
     if n == 0:
         return np.zeros(0), np.zeros(0)
     around = cells[(np.arange(n)[:, None] + near) % n, :LEVEL_CELLS].reshape(n, -1)
-    known = np.isfinite(around).any(axis=1)
+    known = np.asarray(np.isfinite(around).any(axis=1))
     around = np.where(known[:, None], around, 0.0)
     level = np.nanmedian(around, axis=1)
     spread = 1.4826 * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEVEL_SPREAD
