@@ -31,6 +31,7 @@ class Decision:
         evidence: log-likelihood ratio of the estimate, against nothing of its kind.
         code: why it is not accepted, one of `CODES`; empty when it is.
         figures: the numbers that go with the code, by name.
+        rival: the most probable of the estimates that put a contact elsewhere.
     """
 
     estimate: PoseEstimate | None
@@ -42,6 +43,7 @@ class Decision:
     evidence: float = 0.0
     code: str = "not-found"
     figures: dict[str, float] = field(default_factory=dict)
+    rival: PoseEstimate | None = None
 
     @property
     def accepted(self) -> bool:
@@ -79,6 +81,11 @@ def evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> f
 def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of the patches' correlations, given those that are usual: this surface against another one."""
     return _likely_covered(_by_share(estimate, usual, numbers))
+
+
+def surface_seen(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
+    """As `texture_evidence`, where the outline shows that little of it is covered."""
+    return sum(_marginal(m, COVERED_PRIOR) for m in _by_share(estimate, usual, numbers))
 
 
 def surface_missing(shares: list[Floats]) -> float:
@@ -217,13 +224,16 @@ def decide(
         return Decision(None)
     likeness = SEEN_LIKE if state.lookalike and state.lost else numbers.lookalike
     raw = np.array([evidence(e, state.usual, numbers) for e in estimates])
-    turned = [k for k, e in enumerate(estimates) if e.origin == TURNED]
-    if turned:  # by its outline a turn fits as well as what it is a turn of, whatever noise says
-        raw = (
-            raw
-            - numbers.temper * np.array([e.log_odds for e in estimates])
-            + numbers.temper * max(e.log_odds for e in estimates)
-        )
+    alike = [k for k, e in enumerate(estimates) if e.origin == TURNED]
+    if alike:  # by its outline a turn fits as well as what it is a turn of, whatever noise says
+        alike.append(max((k for k in range(len(estimates)) if k not in alike), key=lambda k: raw[k], default=alike[0]))
+        best_odds = max(estimates[k].log_odds for k in alike)
+        told = [max(0.0, texture_evidence(estimates[k], state.usual, numbers)) for k in alike]
+        # it lies there in one of these ways: what is not seen of its surface is covered, in all of them
+        seen = [surface_seen(estimates[k], state.usual, numbers) for k in alike]
+        for k, by_all, by_surface in zip(alike, told, seen, strict=True):
+            against = by_surface - max(seen) - (by_all - max(told))
+            raw[k] += numbers.temper * (best_odds - estimates[k].log_odds + against)
     centres = np.array([e.contacts.mean(axis=0) for e in estimates])
     scores = []
     for k, (e, centre) in enumerate(zip(estimates, centres, strict=True)):
@@ -242,9 +252,8 @@ def decide(
     best = min(same, key=lambda k: variance_of(estimates[k]))
     chosen = estimates[best]
     others = [math.log(1.0 - presence)]
-    for e, score in zip(estimates, scores, strict=True):
-        if farthest(e.contacts, chosen.contacts) > allowed:
-            others.append(score)
+    rivals = [k for k, e in enumerate(estimates) if farthest(e.contacts, chosen.contacts) > allowed]
+    others += [scores[k] for k in rivals]
     top = max([*others, scores[best]])
     own = math.exp(scores[best] - top)
     p = own / (own + sum(math.exp(o - top) for o in others))
@@ -263,13 +272,13 @@ def decide(
             code = "other-shape" if chosen.other_shape > 0.0 else "other-surface"
             figures["probability"] = other
         else:
-            rival = max(others[1:], default=-math.inf)
-            nowhere = rival <= others[0]
-            code = "not-there" if nowhere else "ambiguous" if chosen.origin == TURNED else "other-place"
+            nowhere = max(others[1:], default=-math.inf) <= others[0]
+            code = "not-there" if nowhere else "other-place"
             if nowhere and state.lookalike and state.lost:
                 code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
-    return Decision(chosen, off, p, math.sqrt(variance), allowed, other, float(raw[best]), code, figures)
+    rival = estimates[max(rivals, key=lambda k: scores[k])] if rivals else None
+    return Decision(chosen, off, p, math.sqrt(variance), allowed, other, float(raw[best]), code, figures, rival)
 
 
 def farthest(contacts: Floats, others: Floats) -> float:

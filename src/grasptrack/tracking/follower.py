@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from grasptrack.contour import View
 from grasptrack.observation.observer import Observer
+from grasptrack.projective import apply_homography
 from grasptrack.tracking.camera import learn_camera, learn_thickness
 from grasptrack.tracking.decision import (
     LONG,
@@ -25,12 +26,15 @@ from grasptrack.tracking.decision import (
     evidence,
     farthest,
     strangeness,
+    texture_evidence,
+    tolerance,
 )
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose, renamed
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
-from grasptrack.tracking.state import Look, TrackState, initial_state
+from grasptrack.tracking.single import first_state
+from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
 Floats = NDArray[np.float64]
@@ -73,7 +77,7 @@ class Follower:
         levels = pyramid(grey)
         self.numbers = numbers
         self.target = make_target(levels, view, contacts, numbers, hidden)
-        self.state: TrackState = initial_state(self.target, levels, numbers)
+        self.state: TrackState = first_state(self.target, levels, numbers)
         self.state.time = time
         self.redetection = Redetection(self.target, levels, observer, hidden)
         self.state.lookalike = self._equals(self.state.last)
@@ -139,8 +143,12 @@ class Follower:
         return answer, nearest
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
-        """Whether the outline lies elsewhere than it did of late, more than light explains."""
-        return strangeness(estimate, self.numbers) - self.state.strange > SUDDEN
+        """Whether the outline lies elsewhere all at once, or much of it is covered, by what may have carried texture along."""
+        numbers, usual = self.numbers, self.state.strange
+        covered = float(np.mean(estimate.occluded)) if len(estimate.occluded) else 0.0
+        cover = -numbers.cover_power * math.log1p(-min(covered, 0.999))
+        noticed = -numbers.cover_power * math.log1p(-numbers.elsewhere)
+        return strangeness(estimate, numbers) - usual > SUDDEN or cover - usual > noticed
 
     def _presence(self) -> float:
         """Prior probability that the object is there."""
@@ -158,11 +166,33 @@ class Follower:
     ) -> Decision:
         """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
         state, target = self.state, self.target
-        if decision.estimate is None or not decision.accepted or not target.turns or not (state.lost or state.gone):
-            return decision
-        turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
-        estimates += self._estimates(levels, turned)
-        return decide(state, estimates, expected, unseen, presence, self.numbers)
+
+        def decided() -> Decision:
+            own = decision.estimate
+            for k, e in enumerate(estimates):
+                if own is not None and e is not own and self._is_turned(own, e):
+                    estimates[k] = renamed(e, TURNED)
+            return decide(state, estimates, expected, unseen, presence, self.numbers)
+
+        if target.turns and (state.lost or state.gone):
+            if decision.rival is not None and not decision.accepted:
+                decision = decided()
+            if decision.estimate is not None and decision.accepted:
+                turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
+                estimates += self._estimates(levels, turned)
+                decision = decided()
+        own, rival = decision.estimate, decision.rival
+        only_turned = own is not None and rival is not None and self._is_turned(own, rival)
+        return replace(decision, code="ambiguous") if decision.code == "other-place" and only_turned else decision
+
+    def _is_turned(self, one: PoseEstimate, other: PoseEstimate) -> bool:
+        """Whether two estimates put the contacts at different places, but the outline at the same."""
+        allowed = tolerance(one.area, self.numbers)
+        if farthest(one.contacts, other.contacts) <= allowed:
+            return False
+        a, b = (apply_homography(e.G, self.target.outline) for e in (one, other))
+        away = np.hypot(*(a[:: max(1, len(a) // OUTLINE), None] - b[None]).transpose(2, 0, 1)).min(axis=1)
+        return bool(away.max() < allowed)
 
     def _expected(self, predictions: Predictions, steps: float) -> tuple[Floats, float]:
         """(k, 2) px, the contacts where they are expected; and how long the object may have moved freely, in frames."""
@@ -217,7 +247,7 @@ class Follower:
                 continue
             # of a lost object only what shows it can be nearly right
             lost = self.state.lost and evidence(estimate, self.state.usual, self.numbers) < 0.0
-            if estimate.elsewhere > self.numbers.elsewhere and not lost:
+            if (estimate.elsewhere > self.numbers.elsewhere or self._falls_short(estimate)) and not lost:
                 farther = Hypothesis(
                     hypothesis.origin,
                     estimate.G,
@@ -229,6 +259,15 @@ class Follower:
                     estimate = other
             found.append(estimate)
         return found
+
+    def _falls_short(self, estimate: PoseEstimate) -> bool:
+        """Whether much less of the surface is seen than usual, as where only its coarse patches found their place."""
+        state, numbers = self.state, self.numbers
+        if not sum(self.target.counts):
+            return False
+        seen = [u + 0.0 * r for u, r in zip(state.usual, estimate.correlation, strict=True)]
+        usual = texture_evidence(replace(estimate, correlation=seen), state.usual, numbers)
+        return texture_evidence(estimate, state.usual, numbers) < LEAST_OF_USUAL * usual
 
     def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
         """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
@@ -333,6 +372,10 @@ def _between(value: float, low: float, high: float) -> float:
 
 MOST_SEEN = 0.7
 """Share of the outline that shows from which on what shows another shape lies in the place of the object."""
+LEAST_OF_USUAL = 0.5
+"""Share of the usual evidence of the surface below which a second solution is looked for."""
+OUTLINE = 60
+"""Points of an outline at which it is compared with another."""
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
 UNSURE = 0.5
@@ -344,4 +387,4 @@ ALIKE = 0.5
 CALM = 0.01
 """Share of the process noise that always remains."""
 FIRST = 2
-"""... and images without any likeness that count before the first."""
+"""... and images for which the likeness that noise allows counts before the first."""

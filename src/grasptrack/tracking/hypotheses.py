@@ -43,6 +43,8 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     """
     Q = target.noise_of_motion * max(1.0, steps)
     rest = [Hypothesis("at rest", state.G, state.P + Q)]
+    if state.lost:  # what was found since was not believed
+        rest.append(Hypothesis("at rest", state.expected, state.P + Q))
     even = moving_on(target, state, steps)
     if even is not None:
         rest.insert(0, Hypothesis("moving on", even, state.P + Q))

@@ -19,7 +19,7 @@ from grasptrack.kernels.reference_pose_edges import LEAST_HALF, MOST_HALF
 from grasptrack.kernels.reference_pose_texture import noise_of
 from grasptrack.projective import apply_homography, similarity
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.transfer.alignment import alignments, as_similarity
+from grasptrack.transfer.alignment import TIE, alignments, as_similarity
 
 Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -197,7 +197,7 @@ def make_target(
     image = _rectified(levels, A, (width, height))
     noise = camera_noise(image)
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
-    edges = _edges(levels, A, *_samples(work), noise)
+    edges = _edges(levels, A, *_samples(work), noise, numbers)
     points, normals = edges.points, edges.normals
     outline = work[0][0]
     mask: Grey = np.zeros((height, width), np.uint8)
@@ -237,9 +237,12 @@ def make_target(
         if stride == 1:
             patches = centres
         reduced, stride, count = _grey(cv2.pyrDown(reduced)), 2 * stride, max(30, count // 2)
-    grown = _grey(cv2.dilate(mask, np.ones((9, 9), np.uint8)))
+    turns, is_round = _turns(view, A)
+    # the outline of a disc turns on itself: beside it only the ground would tell, which need not turn with it
+    around = np.ones((2 * PATCH + 1, 2 * PATCH + 1) if is_round else (9, 9), np.uint8)
+    followed = _grey(cv2.erode(mask, around, borderValue=0) if is_round else cv2.dilate(mask, around))
     half = _grey(cv2.pyrDown(image))
-    corners = _textured(half, grown, 2, noise_of(noise, 2.0), numbers.texture_contrast, CORNERS)
+    corners = _textured(half, followed, 2, noise_of(noise, 2.0), numbers.texture_contrast, CORNERS)
     strides = [float(1 << k) for k in range(1, 5) if k == 1 or (1 << k) <= size / 16.0]
     return Target(
         view,
@@ -254,7 +257,7 @@ def make_target(
         corners,
         np.array(strides),
         _ring(mask),
-        _turns(view, A),
+        turns,
         patches,
         tuple(counts[:TOLD]),
         edges.share,
@@ -278,14 +281,16 @@ class _Edges(NamedTuple):
     wanted: int
 
 
-def _edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float) -> _Edges:
+def _edges(
+    levels: list[Grey], A: Floats, points: Floats, normals: Floats, bends: Floats, noise: float, numbers: Numbers
+) -> _Edges:
     """The edges near samples of the outline, by a filter as wide as they are: a narrow one finds only noise on a wide edge."""
     half, wanted = 0, LEAST_HALF
     while half < wanted:  # by the outline as it was found: where a narrow filter answers, noise is steep
         half = wanted
         wanted = _wanted(kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half)[3], half)
     while True:
-        edges = _edges_by(levels, A, points, normals, noise, half)
+        edges = _edges_by(levels, A, points, normals, bends, noise, half, numbers)
         if edges.wanted >= half:
             return edges
         half = edges.wanted
@@ -297,17 +302,27 @@ def _wanted(width: Floats, half: int) -> int:
     return min(max(int(2.0 * float(np.median(told))), LEAST_HALF), MOST_HALF) if len(told) else half
 
 
-def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float, half: int) -> _Edges:
+def _edges_by(
+    levels: list[Grey],
+    A: Floats,
+    points: Floats,
+    normals: Floats,
+    bends: Floats,
+    noise: float,
+    half: int,
+    numbers: Numbers,
+) -> _Edges:
     """The same by a filter of which half is so wide, work px."""
     reach = half + 2
     offset, contrast, inner, width = kernels.strongest_edges(levels, A, points, normals, noise, reach, half)
     found = np.isfinite(offset)
     share = float(found.mean()) if len(found) else 0.0
-    points, normals = points[found] + offset[found, None] * normals[found], normals[found]
+    points, normals, bends = points[found] + offset[found, None] * normals[found], normals[found], bends[found]
     # again at the edges themselves: sub-pixel positions from the same phase as all later ones
     if len(points):
         offset, contrast, inner, width = kernels.strongest_edges(levels, A, points, normals, noise, reach, half)
         found = np.isfinite(offset) & (np.abs(offset) < 1.0) & np.isfinite(inner).all(axis=1)
+        offset = _with_neighbours(levels, A, points, normals, noise, reach, half, offset, bends, numbers)
         points, normals = points[found] + offset[found, None] * normals[found], normals[found]
         contrast, inner, width = contrast[found], inner[found], width[found]
     told = width[np.isfinite(width)]
@@ -325,12 +340,38 @@ def _rectified(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
     )
 
 
-def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
-    """Points and outward normals, evenly along all contours; none where the border cuts the object."""
+def _with_neighbours(
+    levels: list[Grey],
+    A: Floats,
+    points: Floats,
+    normals: Floats,
+    noise: float,
+    reach: int,
+    half: int,
+    offset: Floats,
+    bends: Floats,
+    numbers: Numbers,
+) -> Floats:
+    """(N,) offsets of the edges, averaged with those a px along the outline, where it is straight.
+
+    The noise of the first image stays in every answer, and of three px between samples only one is looked at in later ones.
+    """
+    aside = np.column_stack([-normals[:, 1], normals[:, 0]])
+    beside = [
+        kernels.strongest_edges(levels, A, points + step * aside, normals, noise, reach, half)[0]
+        for step in (-1.0, 1.0)
+    ]
+    mean = np.mean([offset, *beside], axis=0)
+    straight = 0.5 * bends < numbers.edge_noise  # px, by which it bends away from its tangent
+    return np.where(straight & np.isfinite(mean) & (np.abs(mean - offset) < 1.0), mean, offset)
+
+
+def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats, Floats]:
+    """Points, outward normals and curvatures, evenly along all contours; none where the border cuts the object."""
     lengths = [float(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum()) for p, _, _ in contours]
     spacing = max(SPACING, sum(lengths) / SAMPLES)
     spacing = min(spacing, sum(lengths) / 60.0)
-    points, normals = [], []
+    points, normals, bends = [], [], []
     for (p, _, clipped), length in zip(contours, lengths, strict=True):
         if length < 8 * spacing:
             continue
@@ -344,7 +385,8 @@ def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
             return np.column_stack([np.interp(t, arc, points[:, 0]), np.interp(t, arc, points[:, 1])])
 
         t = np.linspace(0.0, arc[-1], max(8, round(length / spacing)), endpoint=False)
-        chord = at(t + SPACING, even) - at(t - SPACING, even)
+        before, after = at(t - SPACING, even), at(t + SPACING, even)
+        chord = after - before
         chord /= np.hypot(*chord.T)[:, None] + 1e-9
         keep = np.ones(len(t), dtype=bool)
         if clipped is not None:
@@ -352,9 +394,10 @@ def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
             keep = ~clipped[nearest]
         points.append(at(t, closed)[keep])
         normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
+        bends.append((np.hypot(*(before + after - 2.0 * at(t, even)).T) / SPACING**2)[keep])
     if not points:
-        return np.zeros((0, 2)), np.zeros((0, 2))
-    return np.vstack(points), np.vstack(normals)
+        return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
+    return np.vstack(points), np.vstack(normals), np.concatenate(bends)
 
 
 ABOVE_NOISE = 9.0
@@ -435,19 +478,22 @@ def _ring(mask: Grey) -> Floats:
     return np.ascontiguousarray(np.random.default_rng(0).permutation(kept))
 
 
-def _turns(view: View, A: Floats) -> tuple[Floats, ...]:
-    """(3, 3) each, work px -> work px: turns of the outline onto itself; of a disc some."""
+def _turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
+    """(3, 3) each, work px -> work px: turns of the outline onto itself; of a disc some, and whether it is one."""
     if view.is_clipped:
-        return ()
-    fits = alignments(view.outer, view.outer)
-    if fits:
-        found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > 1e-3]
-    else:
-        _, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
+        return (), False
+    area, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
+    radii = np.hypot(*(view.outer.points - (x, y)).T)
+    # turned anyhow it differs from itself by less than what alignments that fit alike do
+    is_round = float(np.std(radii)) * math.sqrt(2.0) < TIE * math.sqrt(area)
+    if is_round:
         angles = np.arange(1, ROUND_TURNS) * (2.0 * math.pi / ROUND_TURNS)
         found = [similarity(1.0, float(angle), (x, y), (x, y)) for angle in angles]
+    else:
+        fits = alignments(view.outer, view.outer)
+        found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > 1e-3]
     back = np.linalg.inv(A)
-    return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found)
+    return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found), is_round
 
 
 def _surface(inside_mask: Grey) -> Floats:
