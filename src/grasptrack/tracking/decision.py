@@ -120,7 +120,8 @@ def _by_share(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> 
 
 def _likely_covered(shares: list[Floats]) -> float:
     """Log-likelihood ratio of a surface of which some share is covered, of each level its own."""
-    return float(sum(_marginal(by_share, OCCLUDED_PRIOR) for by_share in shares))
+    # a level without patches tells nothing at all, not what rounding leaves of a sum of 1
+    return float(sum(_marginal(by_share, OCCLUDED_PRIOR) for by_share in shares if by_share.any()))
 
 
 def _marginal(by_share: Floats, log_prior: Floats) -> float:

@@ -95,8 +95,9 @@ class Follower:
         if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             estimates += self._estimates(levels, predictions.second)  # texture may have slid along itself
             decision = decide(state, estimates, expected, unseen, presence, numbers)
-        known = decision.code == "uncertain" and decision.presence > SURELY and not state.lost
-        if not decision.accepted and not known:  # what is surely there is not looked for elsewhere
+        # what this image alone shows to be there is not looked for elsewhere
+        shown = decision.code == "uncertain" and decision.evidence > -math.log(numbers.risk) and not state.lost
+        if not decision.accepted and not shown:
             unseen = self._if_gone(levels, predictions, unseen)
             second = self.redetection.promising(levels, predictions.second)
             estimates += self._estimates(levels, second + self.redetection.search(state, levels))
@@ -364,21 +365,17 @@ class Follower:
             np.add(usual, (r - usual) * share, out=usual, where=np.isfinite(r))
 
 
-LEAST_OF_USUAL = 0.5
-"""Share of the usual evidence of the surface below which a second solution is looked for."""
-OUTLINE = 60
-"""Points of an outline at which it is compared with another."""
-
-
 def _between(value: float, low: float, high: float) -> float:
     """A value within bounds; of one number NumPy's takes longer than all that it is the bound of."""
     return min(max(value, low), high)
 
 
-SURELY = 0.99
-"""Presence from which on other places are not looked at where a contact is not fixed by what is seen."""
 MOST_SEEN = 0.7
 """Share of the outline that shows from which on what shows another shape lies in the place of the object."""
+LEAST_OF_USUAL = 0.5
+"""Share of the usual evidence of the surface below which a second solution is looked for."""
+OUTLINE = 60
+"""Points of an outline at which it is compared with another."""
 MEMORY = 10
 """Images over which it is remembered what is usual, ..."""
 UNSURE = 0.5

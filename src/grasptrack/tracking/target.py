@@ -281,14 +281,14 @@ class _Edges(NamedTuple):
     wanted: int
 
 
-def _edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, bends: Floats, noise: float) -> _Edges:
+def _edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float) -> _Edges:
     """The edges near samples of the outline, by a filter as wide as they are: a narrow one finds only noise on a wide edge."""
     half, wanted = 0, LEAST_HALF
     while half < wanted:  # by the outline as it was found: where a narrow filter answers, noise is steep
         half = wanted
         wanted = _wanted(kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half)[3], half)
     while True:
-        edges = _edges_by(levels, A, points, normals, bends, noise, half)
+        edges = _edges_by(levels, A, points, normals, noise, half)
         if edges.wanted >= half:
             return edges
         half = edges.wanted
@@ -300,30 +300,17 @@ def _wanted(width: Floats, half: int) -> int:
     return min(max(int(2.0 * float(np.median(told))), LEAST_HALF), MOST_HALF) if len(told) else half
 
 
-STRAIGHT = 0.05
-"""Work px that an outline may bend away from its tangent a px aside for the edges there to tell the same."""
-
-
-def _edges_by(
-    levels: list[Grey], A: Floats, points: Floats, normals: Floats, bends: Floats, noise: float, half: int
-) -> _Edges:
+def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float, half: int) -> _Edges:
     """The same by a filter of which half is so wide, work px."""
     reach = half + 2
     offset, contrast, inner, width = kernels.strongest_edges(levels, A, points, normals, noise, reach, half)
     found = np.isfinite(offset)
     share = float(found.mean()) if len(found) else 0.0
-    points, normals, bends = points[found] + offset[found, None] * normals[found], normals[found], bends[found]
+    points, normals = points[found] + offset[found, None] * normals[found], normals[found]
     # again at the edges themselves: sub-pixel positions from the same phase as all later ones
     if len(points):
         offset, contrast, inner, width = kernels.strongest_edges(levels, A, points, normals, noise, reach, half)
         found = np.isfinite(offset) & (np.abs(offset) < 1.0) & np.isfinite(inner).all(axis=1)
-        # the noise of the first image stays in every answer, and later ones look at one px in three of the outline
-        aside = np.column_stack([-normals[:, 1], normals[:, 0]])
-        near = [points + step * aside for step in (-1.0, 1.0)]
-        beside = [kernels.strongest_edges(levels, A, at, normals, noise, reach, half)[0] for at in near]
-        mean = np.mean([offset, *beside], axis=0)
-        straight = 0.5 * bends < STRAIGHT
-        offset = np.where(straight & np.isfinite(mean) & (np.abs(mean - offset) < 1.0), mean, offset)
         points, normals = points[found] + offset[found, None] * normals[found], normals[found]
         contrast, inner, width = contrast[found], inner[found], width[found]
     told = width[np.isfinite(width)]
@@ -341,12 +328,12 @@ def _rectified(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
     )
 
 
-def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats, Floats]:
-    """Points, outward normals and curvatures, evenly along all contours; none where the border cuts the object."""
+def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
+    """Points and outward normals, evenly along all contours; none where the border cuts the object."""
     lengths = [float(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum()) for p, _, _ in contours]
     spacing = max(SPACING, sum(lengths) / SAMPLES)
     spacing = min(spacing, sum(lengths) / 60.0)
-    points, normals, bends = [], [], []
+    points, normals = [], []
     for (p, _, clipped), length in zip(contours, lengths, strict=True):
         if length < 8 * spacing:
             continue
@@ -360,8 +347,7 @@ def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats, 
             return np.column_stack([np.interp(t, arc, points[:, 0]), np.interp(t, arc, points[:, 1])])
 
         t = np.linspace(0.0, arc[-1], max(8, round(length / spacing)), endpoint=False)
-        before, after = at(t - SPACING, even), at(t + SPACING, even)
-        chord = after - before
+        chord = at(t + SPACING, even) - at(t - SPACING, even)
         chord /= np.hypot(*chord.T)[:, None] + 1e-9
         keep = np.ones(len(t), dtype=bool)
         if clipped is not None:
@@ -369,10 +355,9 @@ def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats, 
             keep = ~clipped[nearest]
         points.append(at(t, closed)[keep])
         normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
-        bends.append((np.hypot(*(before + after - 2.0 * at(t, even)).T) / SPACING**2)[keep])
     if not points:
-        return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-    return np.vstack(points), np.vstack(normals), np.concatenate(bends)
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    return np.vstack(points), np.vstack(normals)
 
 
 ABOVE_NOISE = 9.0
