@@ -62,7 +62,7 @@ def test_what_comes_back_is_found_soon_wherever_and_however_it_lies(name: str, d
     scene = begun(name)
     for k in range(AWAY):
         assert not scene.follower.update(photo([], seed=10 + k)).accepted
-    H = pose(105.0 + 0.4 * degrees, 115.0, degrees, 60.0, 15.0)
+    H = pose(105.0 + 0.4 * degrees, 115.0, degrees, tilt=15.0)  # the table is seen: nothing on it becomes smaller
     for k in range(SOON):
         decision = scene.follower.update(photo([(scene.shape, H)], seed=30 + k))
         if decision.accepted:

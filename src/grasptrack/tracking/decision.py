@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,8 +145,15 @@ SUDDEN = math.log(100.0)
 """Odds against light that hides edges from one image to the next."""
 
 
-def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> float:
-    """Probability that something else lies in the object's place: its outline differs somewhere, or its surface everywhere."""
+def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: Numbers) -> float:
+    """Probability that something else was taken for the object: its outline differs somewhere, or its surface everywhere.
+
+    Args:
+        state: of the object.
+        estimate: of what was seen.
+        steps: how long the object may have gone unseen, in frames of free motion.
+        numbers: the core's.
+    """
     shares = _by_share(estimate, state.usual, numbers)
     surface = _likely_covered(shares)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
@@ -161,19 +169,60 @@ def exchanged(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> fl
             else math.log(numbers.same_shape) * (1.0 - estimate.covered)
         )
     prior = EXCHANGED if state.exchanged else numbers.exchanged
+    # the longer it was not seen the more probably something else was brought
+    prior = min(EXCHANGED, prior + numbers.hazard * state.lost * left(steps, numbers))
     odds = prior * math.exp(min(50.0, shape)) + numbers.exchanged * math.exp(min(50.0, -surface))
     return odds / (1.0 + odds)
 
 
-def place_prior(estimate: PoseEstimate, expected: Floats, steps: float, numbers: Numbers) -> float:
-    """Log of the prior of a pose's place and turn: how far from where it is expected.
+class Expected(NamedTuple):
+    """Where continuity has the object.
 
-    Args:
-        expected: (k, 2) px, the contacts where continuity has them.
+    Attributes:
+        contacts: (k, 2) px.
         steps: how long it may have gone unseen, in frames of free motion.
+        size: how large it would be anywhere in the image; None where that is not known.
     """
+
+    contacts: Floats
+    steps: float
+    size: ExpectedSize | None = None
+
+
+class ExpectedSize(NamedTuple):
+    """How large an object would be that lies where it lay, or elsewhere in that plane.
+
+    An object may go and turn, but what changes its size is above all the camera.
+
+    Attributes:
+        area: px^2 of the outline at the pose that is expected.
+        depth: that of the plane at px (x, y, 1), up to a factor: the last row of the inverse pose.
+        slope: sd of the change of depth, as a share, over half its size.
+        spread: sd of the log of its size at the expected place.
+    """
+
+    area: float
+    depth: tuple[float, float, float]
+    slope: float
+    spread: float
+
+    def share(self, estimate: PoseEstimate, here: tuple[float, float], there: tuple[float, float]) -> float:
+        """The square of an estimate's deviation from the expected size in sd; it lies there, and is expected here, px."""
+        (u, v), (x, y), (a, b, c) = here, there, self.depth
+        away = math.hypot(x - u, y - v) / math.sqrt(self.area) * 2.0
+        depth = max((a * x + b * y + c) / (a * u + b * v + c), LEAST_DEPTH)
+        size = 0.5 * math.log(estimate.area / self.area) - 1.5 * math.log(depth)
+        return (size / math.hypot(self.spread, 1.5 * self.slope * away)) ** 2
+
+
+LEAST_DEPTH = 0.1
+"""Of a plane that is extended far beyond what was seen of it."""
+
+
+def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) -> float:
+    """Log of the prior of a pose's place, turn and size: how far it is from what is expected."""
     # number by number: of so few NumPy's calls would cost more
-    to, there = estimate.contacts.tolist(), expected.tolist()
+    to, there = estimate.contacts.tolist(), expected.contacts.tolist()
     k = len(to)
     (x, y), (u, v) = ((sum(p[0] for p in points) / k, sum(p[1] for p in points) / k) for points in (to, there))
     across = along = 0.0
@@ -182,8 +231,27 @@ def place_prior(estimate: PoseEstimate, expected: Floats, steps: float, numbers:
         along += (ax - x) * (bx - u) + (ay - y) * (by - v)
     turn, away = math.atan2(across, along), (x - u) ** 2 + (y - v) ** 2
     share = away / (numbers.travel**2 * estimate.area) + (turn / numbers.turn) ** 2
+    share /= expected.steps**2
+    if expected.size is not None:
+        share += expected.size.share(estimate, (u, v), (x, y))
     nu = numbers.prior_freedom
-    return -0.5 * (nu + 3.0) * math.log1p(share / (steps**2 * nu))
+    return -0.5 * (nu + 4.0) * math.log1p(share / nu)
+
+
+def left(steps: float, numbers: Numbers) -> float:
+    """Probability that an object that moved freely for so many frames left its place, so that another may lie there."""
+    nu = numbers.prior_freedom
+    return float((1.0 + (SAME_PLACE / (numbers.travel * steps)) ** 2 / nu) ** (-0.5 * nu))
+
+
+def likeness(state: TrackState, estimate: PoseEstimate, expected: Expected, numbers: Numbers) -> float:
+    """Probability that something just like the object lies where an estimate has it, and not the object."""
+    if not state.lookalike:
+        return numbers.lookalike
+    away = np.hypot(*(estimate.contacts - expected.contacts).mean(axis=0))
+    if not state.lost and away < SAME_PLACE * math.sqrt(estimate.area):
+        return numbers.lookalike
+    return max(numbers.lookalike, SEEN_LIKE * left(expected.steps, numbers))
 
 
 SAME_ODDS = math.log(20.0)
@@ -205,7 +273,7 @@ SAME_PLACE = 0.5
 
 
 def decide(
-    state: TrackState, estimates: list[PoseEstimate], expected: Floats, steps: float, presence: float, numbers: Numbers
+    state: TrackState, estimates: list[PoseEstimate], expected: Expected, presence: float, numbers: Numbers
 ) -> Decision:
     """The most probable estimate, against the others and against none of them.
 
@@ -215,14 +283,12 @@ def decide(
     Args:
         state: of the object.
         estimates: of one image.
-        expected: (k, 2) px, the contacts where continuity has them.
-        steps: how long it may have gone unseen, in frames of free motion.
+        expected: where continuity has it.
         presence: prior probability that it is there.
         numbers: the core's.
     """
     if not estimates:
         return Decision(None)
-    likeness = SEEN_LIKE if state.lookalike and state.lost else numbers.lookalike
     raw = np.array([evidence(e, state.usual, numbers) for e in estimates])
     alike = [k for k, e in enumerate(estimates) if e.origin == TURNED]
     if alike:  # by its outline a turn fits as well as what it is a turn of, whatever noise says
@@ -239,8 +305,8 @@ def decide(
     for k, (e, centre) in enumerate(zip(estimates, centres, strict=True)):
         # poses in one place explain the same pixels: between them all that is seen counts
         shared = raw[np.hypot(*(centres - centre).T) < SAME_PLACE * math.sqrt(e.area)].max()
-        strength = raw[k] - float(np.logaddexp(0.0, shared + math.log(likeness)))
-        scores.append(strength + math.log(presence) + place_prior(e, expected, steps, numbers))
+        strength = raw[k] - float(np.logaddexp(0.0, shared + math.log(likeness(state, e, expected, numbers))))
+        scores.append(strength + math.log(presence) + place_prior(e, expected, numbers))
     best = int(np.argmax(scores))
     allowed = tolerance(estimates[best].area, numbers)
     # of the same answer the one that knows most: a hypothesis from nowhere has no past
@@ -259,7 +325,7 @@ def decide(
     p = own / (own + sum(math.exp(o - top) for o in others))
     variance = variance_of(chosen) * numbers.inflate**2
     inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    other = exchanged(state, chosen, numbers)
+    other = exchanged(state, chosen, expected.steps, numbers)
     off = 1.0 - p * inside * (1.0 - other)
     code, figures = "", {}
     if not off < numbers.risk:
@@ -274,7 +340,7 @@ def decide(
         else:
             nowhere = max(others[1:], default=-math.inf) <= others[0]
             code = "not-there" if nowhere else "other-place"
-            if nowhere and state.lookalike and state.lost:
+            if nowhere and likeness(state, chosen, expected, numbers) > numbers.lookalike:
                 code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
     rival = estimates[max(rivals, key=lambda k: scores[k])] if rivals else None

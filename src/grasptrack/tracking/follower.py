@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import View
+from grasptrack.kernels import seen_area
 from grasptrack.observation.observer import Observer
 from grasptrack.projective import apply_homography
 from grasptrack.tracking.camera import learn_camera, learn_thickness
@@ -21,10 +22,13 @@ from grasptrack.tracking.decision import (
     SUDDEN,
     TURNED,
     Decision,
+    Expected,
+    ExpectedSize,
     checked,
     decide,
     evidence,
     farthest,
+    left,
     strangeness,
     texture_evidence,
     tolerance,
@@ -88,24 +92,28 @@ class Follower:
         levels, steps = pyramid(grey), self._steps(time)
         presence = self._presence()
         predictions = predict(target, state, levels, steps, numbers)
-        expected, unseen = self._expected(predictions, steps)
+        expected = self._expected(predictions, steps)
         first = self.redetection.continued(levels, predictions.first) if state.lost else predictions.first
         estimates = self._estimates(levels, first)
-        decision = decide(state, estimates, expected, unseen, presence, numbers)
+        decision = decide(state, estimates, expected, presence, numbers)
         if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             estimates += self._estimates(levels, predictions.second)  # texture may have slid along itself
-            decision = decide(state, estimates, expected, unseen, presence, numbers)
+            decision = decide(state, estimates, expected, presence, numbers)
         # what this image alone shows to be there is not looked for elsewhere
         shown = decision.code == "uncertain" and decision.evidence > -math.log(numbers.risk) and not state.lost
         if not decision.accepted and not shown:
-            unseen = self._if_gone(levels, predictions, unseen)
+            expected = self._if_gone(levels, predictions, expected)
             second = self.redetection.promising(levels, predictions.second)
             estimates += self._estimates(levels, second + self.redetection.search(state, levels))
-            decision = decide(state, estimates, expected, unseen, presence, numbers)
-        decision = self._against_turns(levels, decision, estimates, expected, unseen, presence)
+            decision = decide(state, estimates, expected, presence, numbers)
+        elif decision.accepted and state.lost and left(expected.steps, numbers) > numbers.risk:
+            # what lies at its place may be another one while it lies elsewhere
+            estimates += self._estimates(levels, self.redetection.search(state, levels))
+            decision = decide(state, estimates, expected, presence, numbers)
+        decision = self._against_turns(levels, decision, estimates, expected, presence)
         self._learn(levels, decision, predictions.ground, steps)
         if state.lost:
-            state.sighted = sighted(state, estimates, numbers)
+            state.sighted = sighted(state, estimates, expected.steps, numbers)
         return decision
 
     def judge(
@@ -121,21 +129,21 @@ class Follower:
         levels, steps = pyramid(grey), self._steps(time)
         presence = self._presence()
         predictions = predict(target, state, levels, steps, numbers)
-        expected, unseen = self._expected(predictions, steps)
+        expected = self._expected(predictions, steps)
         estimates = self._estimates(levels, predictions.first)
-        found = answer = decide(state, estimates, expected, unseen, presence, numbers)
+        found = answer = decide(state, estimates, expected, presence, numbers)
         if not found.accepted:
-            unseen = self._if_gone(levels, predictions, unseen)
+            expected = self._if_gone(levels, predictions, expected)
         proposed, nearest = list[Proposal](), None
         for batch in propose(state.expected if state.lost else predictions.first[0].G):
             proposed += batch
             estimates += self._estimates(levels, [proposal.hypothesis for proposal in batch])
-            found = answer = decide(state, estimates, expected, unseen, presence, numbers)
+            found = answer = decide(state, estimates, expected, presence, numbers)
             if found.estimate is None or not proposed:
                 continue
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
-            found = self._against_turns(levels, found, estimates, expected, unseen, presence)
+            found = self._against_turns(levels, found, estimates, expected, presence)
             answer = checked(found, nearest.contacts, numbers)
             if answer.accepted:
                 break
@@ -160,8 +168,7 @@ class Follower:
         levels: list[Grey],
         decision: Decision,
         estimates: list[PoseEstimate],
-        expected: Floats,
-        unseen: float,
+        expected: Expected,
         presence: float,
     ) -> Decision:
         """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
@@ -172,7 +179,7 @@ class Follower:
             for k, e in enumerate(estimates):
                 if own is not None and e is not own and self._is_turned(own, e):
                     estimates[k] = renamed(e, TURNED)
-            return decide(state, estimates, expected, unseen, presence, self.numbers)
+            return decide(state, estimates, expected, presence, self.numbers)
 
         if target.turns and (state.lost or state.gone):
             if decision.rival is not None and not decision.accepted:
@@ -194,26 +201,33 @@ class Follower:
         away = np.hypot(*(a[:: max(1, len(a) // OUTLINE), None] - b[None]).transpose(2, 0, 1)).min(axis=1)
         return bool(away.max() < allowed)
 
-    def _expected(self, predictions: Predictions, steps: float) -> tuple[Floats, float]:
-        """(k, 2) px, the contacts where they are expected; and how long the object may have moved freely, in frames."""
-        state = self.state
+    def _expected(self, predictions: Predictions, steps: float) -> Expected:
+        """Where it is expected, how long it may have moved freely, and how large it would be."""
+        state, target, numbers = self.state, self.target, self.numbers
+        passed = max(1.0, steps)
         if not state.lost:
-            return self.target.carried(predictions.first[0].G), max(1.0, steps)
-        if predictions.ground is not None and state.anchored:
-            expected, unseen = predictions.ground, state.unseen + state.wander
+            G, unseen, adrift = predictions.first[0].G, passed, 0.0 if predictions.ground is not None else passed
+        elif predictions.ground is not None and state.anchored:
+            G, unseen, adrift = predictions.ground, state.unseen + state.wander, 0.0
         else:
-            expected, unseen = state.expected, state.unseen + max(1.0, steps)
-        return self.target.carried(expected), LONG if state.gone else unseen
+            G, unseen, adrift = state.expected, state.unseen + passed, state.adrift + passed
+        spread = math.hypot(numbers.stretch_rate, numbers.stretch_rate * unseen, numbers.swell * adrift)
+        area = abs(seen_area(G, target.outline))
+        size = None
+        if area > 0.0:
+            a, b, c = np.linalg.inv(G)[2].tolist()
+            size = ExpectedSize(area, (a, b, c), state.slope, spread)
+        return Expected(target.carried(G), LONG if state.gone else unseen, size)
 
-    def _if_gone(self, levels: list[Grey], predictions: Predictions, unseen: float) -> float:
-        """How long it may have moved freely, given whether its place is seen without it."""
+    def _if_gone(self, levels: list[Grey], predictions: Predictions, expected: Expected) -> Expected:
+        """What is expected, given whether its place is seen without it."""
         state = self.state
         if not state.gone:
             G = predictions.first[0].G if not state.lost else state.expected
             if state.lost and predictions.ground is not None and state.anchored:
                 G = predictions.ground
             state.gone = place_is_empty(self.target, state.located, levels, G)
-        return LONG if state.gone else unseen
+        return expected._replace(steps=LONG) if state.gone else expected
 
     def _equals(self, look: Look) -> bool:
         """Whether a look at the object shows something just like it elsewhere."""
@@ -296,10 +310,11 @@ class Follower:
         state.last = Look(levels, e.G)
         state.P = e.P
         state.presence = _between(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
-        state.expected, state.anchored, state.unseen, state.lost = e.G, True, 0.0, 0
+        state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
         if not decision.accepted:  # where it is, is known only roughly
             return
-        state.exchanged, state.sighted = False, None
+        state.exchanged, state.sighted, state.gone = False, None, False
+        state.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * self.target.size)
         state.located, state.light = state.last, e.light
         learn_camera(self.target, state, e, numbers)
         learn_thickness(state, e, numbers)
@@ -318,12 +333,20 @@ class Follower:
         seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
         state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
         state.velocity = None
+        # while something is followed that is more probably the object than another shape or surface, its place is known
+        followed = decision.presence > 1.0 - numbers.risk and decision.probability_off < 0.5
+        if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
+            state.expected, state.anchored, state.unseen, state.adrift = e.G, True, 0.0, 0.0
+            state.last, state.P, state.presence = Look(levels, e.G), e.P, UNSURE
+            return
         state.anchored = state.anchored and ground is not None
         if ground is not None and state.anchored:
             state.expected = ground
             state.last = Look(levels, ground)
             state.unseen += state.wander
+            state.adrift = 0.0
         else:
+            state.adrift += max(1.0, steps)
             state.unseen += max(1.0, steps)
             state.last = Look(levels, state.G if e is None else e.G)
         # what looks like it elsewhere looks like it again and again: that makes it no surer

@@ -138,6 +138,9 @@ def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) ->
     level = float(np.nanmedian(ground))
     spread = 1.4826 * float(np.nanmedian(np.abs(ground - level))) + target.noise + 2.0
     change = float(np.nanmedian(ground_now)) - level
+    light = float(np.median(levels[-1])) - float(np.median(look.levels[-1]))
+    if min(abs(change), abs(change - light)) > ALIKE * spread:  # a cover may be as even as the ground
+        return False
 
     def of_ground(values: Floats, level: float) -> float:
         return float(np.mean(np.abs(values[np.isfinite(values)] - level) < ALIKE * spread))

@@ -56,6 +56,7 @@ class Numbers:
         lookalike: probability that something just like it is at a given other place, as long as none was seen.
         travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
         turn: rad a frame that it may have turned unseen.
+        swell: share a frame by which its size may have changed unseen where the ground does not tell the camera's distance.
         temper: of log-likelihoods: samples and patches are less independent than counted.
         inflate: of the standard deviations: what the model still does not know.
         risk: accepted probability that an answer is wrong.
@@ -110,6 +111,7 @@ class Numbers:
     lookalike: float = 1e-6
     travel: float = 0.1
     turn: float = 0.1
+    swell: float = 0.05
     temper: float = 0.25
     inflate: float = 1.5
     risk: float = 1e-3

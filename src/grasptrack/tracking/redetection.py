@@ -237,12 +237,19 @@ WAYS = 6
 """Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
 
 
-def sighted(state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Floats | None:
-    """(3, 3) of what continuity did not give and may be the object, the pose for which there is most evidence; or None."""
+def sighted(state: TrackState, estimates: list[PoseEstimate], steps: float, numbers: Numbers) -> Floats | None:
+    """(3, 3) of what continuity did not give and may be the object, the pose for which there is most evidence; or None.
+
+    Args:
+        state: of the object.
+        estimates: of the image.
+        steps: how long the object may have gone unseen, in frames of free motion.
+        numbers: the core's.
+    """
     found = [
         (evidence(e, state.usual, numbers), e)
         for e in estimates
-        if e.origin not in (*CONTINUOUS, TURNED) and exchanged(state, e, numbers) < 0.5
+        if e.origin not in (*CONTINUOUS, TURNED) and exchanged(state, e, steps, numbers) < 0.5
     ]
     best = max(found, key=lambda pair: pair[0], default=None)
     return None if best is None or best[0] <= 0.0 else best[1].G

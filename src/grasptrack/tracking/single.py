@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.tracking.decision import LONG, TURNED, Decision, decide, evidence, farthest, tolerance
+from grasptrack.tracking.decision import LONG, TURNED, Decision, Expected, decide, evidence, farthest, tolerance
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import Look, TrackState, initial_state
@@ -67,7 +67,7 @@ def single_estimate(
 
 def decide_single(target: Target, state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Decision:
     """The most probable of some estimates of one image, wherever it lies."""
-    return decide(state, estimates, target.contacts, LONG, PRESENT, numbers)
+    return decide(state, estimates, Expected(target.contacts, LONG), PRESENT, numbers)
 
 
 def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:

@@ -54,6 +54,8 @@ class TrackState:
         wander: how far it left its place on the ground of late, a frame, in `Numbers.travel`; wanders: how often that was
             measured.
         unseen: how far it may have gone since it was located, likewise.
+        slope: sd of the change of depth over half the object, as a share, when it was located.
+        adrift: frames since the ground last told how far the camera is, or the object itself.
         gone: since it was located its place was seen without it.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
@@ -86,6 +88,8 @@ class TrackState:
     wander: float = 1.0
     wanders: int = 0
     unseen: float = 0.0
+    slope: float = 0.0
+    adrift: float = 0.0
     gone: bool = False
     exchanged: bool = False
     lookalike: bool = False
