@@ -161,7 +161,7 @@ def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: 
         jump = max(0.0, strangeness(estimate, numbers) - state.strange)
         # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
         shape += max(jump - max(0.0, surface), min(jump, SUDDEN))
-        shape += surface_missing(shares)
+        shape += surface_missing(shares) if state.accepted else 0.0
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (
             estimate.other_shape * math.exp(-state.strange)
@@ -171,7 +171,9 @@ def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: 
     prior = EXCHANGED if state.exchanged else numbers.exchanged
     # the longer it was not seen the more probably something else was brought
     prior = min(EXCHANGED, prior + numbers.hazard * state.lost * left(steps, numbers))
-    odds = prior * math.exp(min(50.0, shape)) + numbers.exchanged * math.exp(min(50.0, -surface))
+    odds = prior * math.exp(min(50.0, shape))
+    if state.accepted:  # until then an image may show another of its kind, or the same in other light
+        odds += numbers.exchanged * math.exp(min(50.0, -surface))
     return odds / (1.0 + odds)
 
 
