@@ -12,6 +12,7 @@ from grasptrack.errors import AmbiguousError, TransferError
 from grasptrack.pair import REGISTRATION, carry_to
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES, Camera, Conditions, Path, Scene
+from grasptrack.simulation.surfaces import blank
 from grasptrack.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES
 from scenery import L_PLATE, SQUARE, drawn, ellipse
@@ -23,11 +24,13 @@ NEAR, FAR = 0.5, 0.25
 MIDDLE = np.array([240.0, 180.0])
 
 
-def scene(shape, turn, tilt, share, azimuth=1.0):
+def scene(shape, turn, tilt, share, azimuth=1.0, surface=None):
     """Two images: from the front, and turned, tilted, from another distance."""
     distance = [2.0 * shape.radius() * CAMERA.matrix[0, 0] / (s * CAMERA.width) for s in (0.4, share)]
     path = Path(np.zeros((2, 2)), *(np.array(v) for v in (distance, [0.0, turn], [0.0, tilt], [0.0, azimuth])))
-    return Scene(shape, path, camera=CAMERA, conditions=Conditions(), seed=3), path.table_to_image(CAMERA)
+    return Scene(shape, path, camera=CAMERA, conditions=Conditions(), seed=3, surface=surface), path.table_to_image(
+        CAMERA
+    )
 
 
 def reference(shape, H, friction=0.5):
@@ -55,13 +58,23 @@ def test_any_turn_tilt_and_scale(name, turn, tilt, share):
 
 def test_the_other_turns_of_a_symmetric_part_are_told():
     shape = SHAPES["square"]()
-    both, H = scene(shape, 0.2, 0.1, 0.4)
+    both, H = scene(shape, 0.2, 0.1, 0.4, surface=blank(3))
     view, grasp = reference(shape, H[0])
     pair = carry_to(grasp, view, both[0].image, both[1].image, 0.5)
     assert pair.found.status == "ambiguous"
     np.testing.assert_allclose(np.sort(np.abs(pair.turns)), [90, 90, 180], atol=3)
     truth = apply_homography(H[1] @ np.linalg.inv(H[0]), grasp.contacts)
     assert np.hypot(*(pair.outcomes[0].contacts - truth).T).max() < 1.0  # the smallest turn
+
+
+def test_the_grain_of_a_surface_tells_how_a_square_was_turned():
+    shape = SHAPES["square"]()
+    both, H = scene(shape, 0.2, 0.1, 0.4)
+    view, grasp = reference(shape, H[0])
+    pair = carry_to(grasp, view, both[0].image, both[1].image, 0.5)
+    assert pair.found.status == "matched"
+    truth = apply_homography(H[1] @ np.linalg.inv(H[0]), grasp.contacts)
+    assert np.hypot(*(pair.outcomes[0].contacts - truth).T).max() < 0.3
 
 
 def test_a_disc_is_refused_and_so_is_another_object():

