@@ -385,9 +385,8 @@ class Follower:
         share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
         state.strange += (strangeness(estimate, self.numbers) - state.strange) * share
         for usual, r in zip(state.usual, estimate.correlation, strict=True):
-            if (
-                state.accepted == 1
-            ):  # what passed for texture in the first image shows itself in the second: JPEG's noise
+            if state.accepted == 1:
+                # what passed for texture in the first image, as JPEG's noise, shows itself in the second
                 np.minimum(usual, r, out=usual, where=np.isfinite(r))
             np.add(usual, (r - usual) * share, out=usual, where=np.isfinite(r))
 
