@@ -102,12 +102,13 @@ pose::Numbers numbers_of(const nb::dict &given) {
     n.pinhole_sd = number("pinhole_sd");
     n.pinhole_freedom = number("pinhole_freedom");
     n.sample_distance = number("sample_distance");
-    n.blur_share = number("blur_share");
     n.wide = number("wide");
     n.cell_unlikely = number("cell_unlikely");
     n.cell_far = number("cell_far");
     n.cell_power = number("cell_power");
     n.cell_agreement = number("cell_agreement");
+    n.tolerance = number("tolerance");
+    n.tolerance_px = number("tolerance_px");
     return n;
 }
 
@@ -184,10 +185,10 @@ struct PoseTarget {
 
     nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last, const Doubles &theta,
                    const Doubles &theta_covariance, double thickness, double thickness_variance, double inner_spread,
-                   double gain, double bias, double reach, double edge_width) const {
+                   double gain, double bias, double reach, double edge_width, double blur_share) const {
         const pose::Pyramid pyramid = seen(levels);
         pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), fixed<3>(theta, "theta"),
-                          fixed<9>(theta_covariance, "theta_covariance"), thickness, thickness_variance, inner_spread, reach, edge_width,
+                          fixed<9>(theta_covariance, "theta_covariance"), thickness, thickness_variance, inner_spread, reach, edge_width, blur_share,
                           {gain, bias}, static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height)};
         pose::Solution s;
         {
@@ -203,6 +204,7 @@ struct PoseTarget {
         out["gain"] = s.light.gain;
         out["bias"] = s.light.bias;
         out["edge_width"] = s.edge_width;
+        out["blur_share"] = s.blur_share;
         out["edge_share"] = s.edge_share;
         out["edge_sigma"] = s.edge_sigma;
         out["look"] = s.look;
@@ -361,7 +363,7 @@ void bind_pose(nb::module_ &m) {
         .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
         .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "theta"_a, "theta_covariance"_a, "thickness"_a,
-             "thickness_variance"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a)
+             "thickness_variance"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a, "blur_share"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
         .def("difference", &PoseTarget::difference, "first"_a, "second"_a)

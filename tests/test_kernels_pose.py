@@ -146,7 +146,7 @@ def question(levels: list[Grey], start: Floats = A, **other: Any) -> list[Any]:
     given_ = {
         "levels": levels, "G": start, "P": known(3.0, 1.0), "last": start, "theta": THETA,
         "theta_covariance": THETA_COVARIANCE, "thickness": 0.0, "thickness_variance": 4.0, "inner_spread": 12.0,
-        "gain": 1.0, "bias": 0.0, "reach": 0.0, "edge_width": 0.8,
+        "gain": 1.0, "bias": 0.0, "reach": 0.0, "edge_width": 0.8, "blur_share": 0.45,
     }  # fmt: skip
     return list((given_ | other).values())
 
@@ -199,6 +199,7 @@ def test_poses(seed: int, n: int, reach: float, textured: bool, fast: bool, cove
         gain=rng.uniform(0.5, 1.5),
         bias=rng.uniform(-40.0, 40.0),
         edge_width=rng.choice([0.3, 1.0, 2.7, 5.0, 40.0, np.nan]),
+        blur_share=rng.choice([0.0, 0.45, 1.0]),
     )
     if rng.random() < 0.3:
         hidden = [np.zeros(level.shape, np.uint8) for level in levels]

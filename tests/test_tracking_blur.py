@@ -17,6 +17,8 @@ from scenery import L_PLATE, drawn
 
 CONTACTS = np.array([[-20.0, 25.0], [-70.0, 25.0]])
 TURN = 0.3
+STEP = 8.0
+"""px from image to image."""
 
 
 def placed(points: np.ndarray, centre: tuple[float, float] = (160.0, 120.0), angle: float = TURN) -> np.ndarray:
@@ -71,3 +73,23 @@ def test_focus_that_goes_and_comes_is_learned(last: float) -> None:
         if 8 <= k < 10:
             assert follower.state.edge_width == pytest.approx(last, rel=0.25)
     assert follower.state.edge_width < 1.5
+
+
+@pytest.mark.parametrize("exposure", [0.0, 0.3, 0.6, 1.0])
+def test_how_long_the_shutter_is_open_is_learnt_from_what_moves(exposure: float) -> None:
+    """Half of the blur over the way from image to image: an edge filter is wide for a long exposure alone."""
+
+    def at(x: float) -> tuple[float, float]:
+        return (100.0 + x, 120.0)
+
+    def exposed(k: int) -> np.ndarray:
+        offsets = exposure * np.linspace(-0.5, 0.5, 13)
+        images = [drawn(L_PLATE, centres=(at(STEP * (k + s)),), angle=TURN, noise=0.0).astype(float) for s in offsets]
+        noise = np.random.default_rng(k).normal(0.0, 1.0, images[0].shape)
+        return np.clip(np.rint(np.mean(images, axis=0) + noise), 0.0, 255.0).astype(np.uint8)
+
+    first = drawn(L_PLATE, centres=(at(0.0),), angle=TURN, noise=1.0)
+    followed = Follower(first, outline(at(0.0)), placed(CONTACTS, at(0.0)))
+    told = [followed.update(exposed(k)) for k in range(1, 16)]
+    assert [d.accepted for d in told] == [True] * len(told)
+    assert followed.state.blur_share == pytest.approx(0.5 * exposure, abs=0.08)

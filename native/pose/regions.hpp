@@ -19,6 +19,7 @@ struct RegionNumbers {
     double far;        // share of the size within which the outline must be seen, for a notch or tab on both sides
     double power;      // of a sample's agreement: a shape is as sure as the least sure of what it asks for
     double agreement;  // nats a cell, over anything: from here on grey levels speak for what was expected
+    double shallow;    // work px: what differs less deeply is the same shape
 };
 
 constexpr int first_cells = 4;  // beside the outline: what tells the levels here, and whether a side is as it was
@@ -86,8 +87,8 @@ inline double mean_cells(const Cells &cells, std::size_t begin, std::size_t end,
 
 // How well a notch or tab of the best depth explains one side: something else from the outline on, up to a boundary of its own,
 // and beyond that what should be there. What lies in front of the object goes on.
-inline double closed(const Cells &strange, const Cells &usual, double least) {
-    constexpr std::size_t shallow = 2, edge = 1, behind = 2;  // cells: least depth, of the boundary, beyond it
+inline double closed(const Cells &strange, const Cells &usual, std::size_t shallow, double least) {
+    constexpr std::size_t edge = 1, behind = 2;  // cells: of the boundary, beyond it
     double best = -std::numeric_limits<double>::infinity();
     for (std::size_t d = shallow; d + behind < region_cells; ++d)
         best = std::max(best, std::min(mean_cells(strange, 0, d, least),
@@ -120,10 +121,11 @@ inline std::vector<std::size_t> cells_asked(const std::vector<double> &visible, 
     return asked;
 }
 
-// Log-likelihood ratio of "some stretch shows another shape" against "this shape, partly occluded".
+// Log-likelihood ratio of "some stretch shows another shape" against "this shape, partly occluded". `moved`: work px that moved
+// across each sample since the image before: as far as that, blur may mix both sides.
 inline double other_shape(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<double> &visible,
-                          const std::vector<bool> &bounded, Light light, const RegionNumbers &numbers, const States &share, double stay, double power,
-                          std::vector<double> &other) {
+                          const std::vector<bool> &bounded, const std::vector<double> &moved, Light light, const RegionNumbers &numbers,
+                          const States &share, double stay, double power, std::vector<double> &other) {
     const std::size_t n = target.points.size();
     other.assign(n, 0.0);
     if (n == 0 || target.depth.size() != region_cells) return 0.0;
@@ -137,7 +139,8 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
                 const double d = side == 0 ? -target.depth[k] : target.depth[k];
                 const Point q = carried(seen.H, target.points[i].x + d * target.normals[i].x, target.points[i].y + d * target.normals[i].y);
                 (side == 0 ? inner : outer)[i * region_cells + k] =
-                    seen.level->holds(q.x, q.y, 1.0) ? seen.level->at(q.x, q.y) : std::numeric_limits<double>::quiet_NaN();
+                    !(target.depth[k] < moved[i]) && seen.level->holds(q.x, q.y, 1.0) ? seen.level->at(q.x, q.y)
+                                                                                     : std::numeric_limits<double>::quiet_NaN();
             }
     // the inside less what it was, the outside where it is outside: light and background as they are here and now
     const double nothing = std::numeric_limits<double>::quiet_NaN();
@@ -159,6 +162,8 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
         const Point p = target.points[i], q = target.points[(i + 1) % n];
         length += std::min(std::hypot(p.x - q.x, p.y - q.y), target.radius);
     }
+    const auto shallow = static_cast<std::size_t>(
+        std::lower_bound(target.depth.begin(), target.depth.end(), numbers.shallow) - target.depth.begin());
     const int far = whole(numbers.far * 2 * target.radius * static_cast<double>(n) / length, 8, std::max(8, static_cast<int>(n)));
     for (std::size_t i = 0; i < n; ++i) {
         if (visible[i] > 0.5) {
@@ -186,8 +191,8 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
         }
         const double as_inside = mean_cells(own_in, 0, first_cells, 0.0), as_outside = mean_cells(back_out, 0, first_cells, 0.0);
         const double least = std::log(numbers.unlikely);
-        const double notch = std::min(closed(back_in, own_in, least), as_outside);
-        const double tab = std::min(closed(own_out, back_out, least), as_inside);
+        const double notch = std::min(closed(back_in, own_in, shallow, least), as_outside);
+        const double tab = std::min(closed(own_out, back_out, shallow, least), as_inside);
         const auto ratio = [&](double agreement) {
             return std::exp(std::clamp(numbers.power * (agreement - numbers.agreement), -20.0, 20.0));
         };

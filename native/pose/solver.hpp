@@ -21,9 +21,9 @@ struct Numbers {
     double texture_floor, texture_independent, texture_freedom, texture_spread;
     double prior_freedom, perspective, pinhole_sd, pinhole_freedom;
     double sample_distance;  // work px of the outline that carry one independent measurement
-    double blur_share;       // of the speed along the normal: half width of the edge filter
     double wide;             // of the size: how far round the answer edges are looked for
     double cell_unlikely, cell_far, cell_power, cell_agreement;
+    double tolerance, tolerance_px;
 };
 
 struct Start {
@@ -36,6 +36,7 @@ struct Start {
     double inner_spread;       // grey levels
     double reach;              // work px; 0: from the covariance
     double edge_width;         // work px, standard deviation of an edge at rest
+    double blur_share;         // of what moved across an edge since the last image: half of its blur
     Light light;               // of the surface, where it was located last
     double width, height;      // px of the image
 };
@@ -46,7 +47,8 @@ struct Solution {
     Matrix<8> P{};
     double thickness = 0, thickness_variance = 0;
     Light light;
-    double edge_width = std::numeric_limits<double>::quiet_NaN();  // work px, standard deviation of an edge at rest; NaN of few
+    // work px, standard deviation of an edge at rest, and half of what blurs it, of what moved across it; NaN of few
+    double edge_width = std::numeric_limits<double>::quiet_NaN(), blur_share = edge_width;
     double edge_share = 0, edge_sigma = 0, look = 0;  // look: median grey difference of the inner side where the edge is seen
     int texture_used = 0;
     double texture_agreeing = 0, texture_spread = 0;
@@ -266,18 +268,25 @@ class Solver {
         return whole(times_sd * std::sqrt(most) + more, 4, 30);
     }
 
-    // Half of what moves across each sample's edge while it is exposed.
-    std::vector<double> motion_blur(const Homography &G) const {
+    // Work px that moved across each sample's edge since the image before.
+    std::vector<double> moved_across(const Homography &G) const {
         const std::size_t n = target_.points.size();
-        std::vector<double> blur(n, 0.0);
+        std::vector<double> moved(n, 0.0);
         Homography inverse;
-        if (!invert_homography(G, inverse)) return blur;
+        if (!invert_homography(G, inverse)) return moved;
         const Homography back = times<3>(inverse, start_.last);
         for (std::size_t i = 0; i < n; ++i) {
             const Point p = target_.points[i], m = target_.normals[i], q = carried(back, p.x, p.y);
             const double speed = std::abs((q.x - p.x) * m.x + (q.y - p.y) * m.y);
-            if (speed == speed) blur[i] = numbers_.blur_share * speed;
+            if (speed == speed) moved[i] = speed;
         }
+        return moved;
+    }
+
+    // Half of what moves across each sample's edge while it is exposed.
+    std::vector<double> motion_blur(const Homography &G) const {
+        std::vector<double> blur = moved_across(G);
+        for (double &value : blur) value *= start_.blur_share;
         return blur;
     }
 
@@ -289,14 +298,21 @@ class Solver {
         return half;
     }
 
-    // The median standard deviation of the edges that are seen, where next to nothing moves across them.
-    double width_at_rest(const Homography &G, const std::vector<double> &seen) const {
-        constexpr double still = 0.5;  // work px
-        const std::vector<double> width = edge_widths(target_, pyramid_, G, view_.half), blur = motion_blur(G);
-        std::vector<double> sorted;
-        for (std::size_t i = 0; i < width.size(); ++i)
-            if (seen[i] > 0.5 && blur[i] < still && width[i] == width[i]) sorted.push_back(width[i]);
-        return sorted.size() > 20 ? middle(sorted) : std::numeric_limits<double>::quiet_NaN();
+    // How wide the edges are that are seen, where next to nothing moves across them, and what motion adds where much does.
+    void learn_widths(const Homography &G, const std::vector<double> &seen, const std::vector<double> &moved, Solution &out) const {
+        constexpr double still = 1.0, fast = 4.0;  // work px, standard deviations at rest
+        constexpr double blurred = 0.6267;         // sqrt(pi / 8): what `edge_width` makes of a ramp, of its half length
+        constexpr std::size_t few = 20;
+        const std::vector<double> width = edge_widths(target_, pyramid_, G, view_.half);
+        std::vector<double> rest, share;
+        for (std::size_t i = 0; i < width.size(); ++i) {
+            if (!(seen[i] > 0.5) || width[i] != width[i]) continue;
+            if (moved[i] < still) rest.push_back(width[i]);
+            const double more = width[i] * width[i] - start_.edge_width * start_.edge_width;
+            if (moved[i] > fast * start_.edge_width && moved[i] > still) share.push_back(std::sqrt(std::max(0.0, more)) / (blurred * moved[i]));
+        }
+        if (rest.size() > few) out.edge_width = middle(rest);
+        if (share.size() > few) out.blur_share = std::min(1.0, middle(share));
     }
 
     States shares() const { return {numbers_.share_object, numbers_.share_occluded, numbers_.share_other}; }
@@ -496,12 +512,15 @@ class Solver {
                 elsewhere += out.other[i] = here.posterior[i][2];
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
-            out.edge_width = width_at_rest(out.G, upper);
+            const std::vector<double> moved = moved_across(out.G);
+            learn_widths(out.G, upper, moved, out);
             std::vector<bool> bounded(n);
             for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);
-            out.other_shape = other_shape(target_, pyramid_, out.G, out.visible, bounded, out.light,
-                                          {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_agreement}, shares(), stay(), power_,
-                                          out.differs);
+            out.other_shape = other_shape(
+                target_, pyramid_, out.G, out.visible, bounded, moved, out.light,
+                {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_agreement,
+                 std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius)},
+                shares(), stay(), power_, out.differs);
         }
         for (std::size_t level = 0; level < std::min<std::size_t>(3, target_.texture.size()); ++level) {
             out.correlation.emplace_back();

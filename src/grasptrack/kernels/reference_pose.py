@@ -45,12 +45,13 @@ NAMES = (
     "pinhole_sd",
     "pinhole_freedom",
     "sample_distance",
-    "blur_share",
     "wide",
     "cell_unlikely",
     "cell_far",
     "cell_power",
     "cell_agreement",
+    "tolerance",
+    "tolerance_px",
 )
 """Numbers that a target needs."""
 FEWEST_PLACES = 24
@@ -167,13 +168,14 @@ class PoseTarget:
         bias: float,
         reach: float,
         edge_width: float,
+        blur_share: float,
     ) -> dict[str, Any]:
         """The pose near a hypothesis that image, prior and camera model agree on.
 
         Args:
             levels: pyramid of the image.
             G, P: the hypothesis (3, 3), and covariance (8, 8) of its error.
-            last: (3, 3) the pose in the image before: what moves fast is blurred.
+            last: (3, 3) the pose in the image before: what moves fast is blurred; NaN where it is not known.
             theta, theta_covariance: (3,), (3, 3): log of the focal length in image widths, and the reference view's normal
                 (theta_1, theta_2, 1).
             thickness, thickness_variance: of the part, work px and their square.
@@ -181,6 +183,7 @@ class PoseTarget:
             gain, bias: of the surface's grey levels, where it was located last.
             reach: work px within which edges are looked for first, at most 1000; 0: by the covariance.
             edge_width: work px, standard deviation of an edge at rest.
+            blur_share: of what moved across an edge since the last image: half of its blur.
 
         Returns:
             valid: False where there is no such pose; the rest is then void.
@@ -188,6 +191,7 @@ class PoseTarget:
             thickness, thickness_variance: as far as this image tells.
             gain, bias: of the surface's grey levels, from the reference to this image.
             edge_width: work px, standard deviation of an edge at rest, the median; NaN where few are seen.
+            blur_share: half of an edge's blur, of what moved across it since the last image, the median; NaN where few moved.
             edge_share: of the outline whose edges were found; edge_sigma: work px, of their residuals.
             look: median grey difference of the inner side where they were found; 0 of few.
             texture_used, texture_agreeing, texture_spread: patches in view, share of all that agree, and their median error in
@@ -214,6 +218,7 @@ class PoseTarget:
             Light(gain, bias),
             float(reach),
             float(edge_width),
+            float(blur_share),
         )
         with np.errstate(all="ignore"):
             s = Solver(self.target, self._seen(levels), start, self.numbers).solve()
@@ -226,6 +231,7 @@ class PoseTarget:
             "gain": s.light.gain,
             "bias": s.light.bias,
             "edge_width": s.edge_width,
+            "blur_share": s.blur_share,
             "edge_share": s.edge_share,
             "edge_sigma": s.edge_sigma,
             "look": s.look,

@@ -26,8 +26,8 @@ NEAR, ENOUGH, ASKED = 8, 4, 12
 """Seen samples on each side that count for what lies there, that must be there, and samples that are asked."""
 FIRST = 4
 """Cells beside the outline that tell the levels here, and whether a side is as it was."""
-SHALLOW, EDGE, BEHIND = 2, 1, 2
-"""Cells of a notch or tab at least, of its boundary, and beyond it."""
+EDGE, BEHIND = 1, 2
+"""Cells of a notch's or tab's boundary, and beyond it."""
 LEAST_SPREAD = 3.0
 """Grey levels that are added to any spread."""
 CLOSE, FAINT = 2.0, 0.25
@@ -56,12 +56,14 @@ class RegionNumbers(NamedTuple):
         far: share of the size within which the outline must be seen, for a notch or tab on both sides.
         power: of a sample's agreement: a shape is as sure as the least sure of what it asks for.
         agreement: nats a cell, over anything, from which on grey levels speak for what was expected.
+        shallow: work px: what differs less deeply is the same shape.
     """
 
     unlikely: np.float64
     far: np.float64
     power: np.float64
     agreement: np.float64
+    shallow: float
 
 
 class Chain(NamedTuple):
@@ -123,6 +125,7 @@ def other_shape(
     G: Floats,
     visible: Floats,
     ends: Bools,
+    moved: Floats,
     light: Light,
     numbers: RegionNumbers,
     share: Floats,
@@ -135,6 +138,7 @@ def other_shape(
         target, pyramid, G: an image seen through a pose (3, 3).
         visible: (n,) probability that each sample's edge was seen.
         ends: (n,) of `bounded`.
+        moved: (n,) work px that moved across each sample since the image before: as far as that, blur may mix both sides.
         light: of the surface.
         numbers: see there.
         share, stay, power: of `stretches`.
@@ -152,6 +156,9 @@ def other_shape(
         )
         for d in (-target.depth, target.depth)
     )
+    mixed = target.depth[None] < moved[:, None]
+    inner, outer = np.where(mixed, np.nan, inner), np.where(mixed, np.nan, outer)
+    shallow = int(np.searchsorted(target.depth, numbers.shallow))
     # the inside less what it was, the outside where it is outside: light and background as they are here and now
     expected = light.gain * target.inside + light.bias
     material, beyond = np.where(np.isnan(target.inside), np.nan, inner), np.where(target.outside > 0, outer, np.nan)
@@ -176,8 +183,8 @@ def other_shape(
         back_out = _log_cells(beyond[i], back.level, back.spread, lost)
         as_inside, as_outside = _mean(own_in[:FIRST], 0.0), _mean(back_out[:FIRST], 0.0)
         least = float(np.log(lost))
-        notch = min(_closed(back_in, own_in, least), as_outside)
-        tab = min(_closed(own_out, back_out, least), as_inside)
+        notch = min(_closed(back_in, own_in, shallow, least), as_outside)
+        tab = min(_closed(own_out, back_out, shallow, least), as_inside)
         ground, more = min(_mean(back_in[:FIRST], least), as_outside), min(_mean(own_out[:FIRST], least), as_inside)
         agreement = np.array([min(as_inside, as_outside), max(notch, tab), ground, more]) - numbers.agreement
         ratio = np.exp(np.clip(numbers.power * agreement, -MOST_LOG, MOST_LOG))
@@ -243,7 +250,7 @@ def _mean(cells: Floats, none: float) -> float:
     return float(known.sum() / len(known)) if len(known) else none
 
 
-def _closed(strange: Floats, usual: Floats, least: float) -> float:
+def _closed(strange: Floats, usual: Floats, shallow: int, least: float) -> float:
     """How well a notch or tab of the best depth explains one side, nats a cell.
 
     Something else lies from the outline on, up to a boundary of its own, and beyond that what should be there. What lies in
@@ -251,9 +258,10 @@ def _closed(strange: Floats, usual: Floats, least: float) -> float:
 
     Args:
         strange, usual: (CELLS,) nats of either; NaN where a cell does not count.
+        shallow: cells, the least depth.
         least: of a side without cells.
     """
     return max(
         min(_mean(strange[:d], least), _mean(usual[d + EDGE : d + EDGE + BEHIND], 0.0))
-        for d in range(SHALLOW, CELLS - BEHIND)
+        for d in range(shallow, CELLS - BEHIND)
     )

@@ -57,8 +57,12 @@ LEAST_REACH, MOST_REACH, FARTHEST = 4, 30, 1000
 """Work px within which edges are looked for; the last bounds what a caller may ask for."""
 MOST_SPAN = 46
 """Work px of a profile on either side of a sample, at most."""
-STILL = 0.5
-"""Work px that may move across an edge for its width to be that at rest."""
+STILL, FAST = 1.0, 4.0
+"""Work px that may move across an edge for its width to be that at rest, and widths at rest that must for its blur to tell."""
+RAMP = 0.6267
+"""sqrt(pi / 8): the width that `edge_widths` gives a ramp, of its half length."""
+FEW_EDGES = 20
+"""Edges that must tell."""
 SETTLED = 0.02
 """Work px: a step that moves no contact by more is the last."""
 EXACT = 0.002
@@ -80,6 +84,7 @@ class Start:
         light: of the surface, where it was located last.
         reach: work px within which edges are looked for first; 0: by the covariance.
         edge_width: work px, standard deviation of an edge at rest.
+        blur_share: of what moved across an edge since the last image: half of its blur.
     """
 
     G: Floats
@@ -93,6 +98,7 @@ class Start:
     light: Light
     reach: float
     edge_width: float
+    blur_share: float
 
 
 @dataclass
@@ -106,6 +112,7 @@ class Solution:
     thickness_variance: float = 0.0
     light: Light = field(default_factory=lambda: Light(1.0, 0.0))
     edge_width: float = np.nan
+    blur_share: float = np.nan
     edge_share: float = 0.0
     edge_sigma: float = 0.0
     look: float = 0.0
@@ -286,26 +293,35 @@ class Solver:
         variance = ((self.target.rows @ P) * self.target.rows).sum(axis=1)
         return whole(deviations * np.sqrt(_largest(variance)) + 3.0, LEAST_REACH, MOST_REACH)
 
-    def _motion_blur(self, G: Floats) -> Floats:
-        """(n,) work px, half of what moves across each sample's edge while it is exposed."""
+    def _moved_across(self, G: Floats) -> Floats:
+        """(n,) work px that moved across each sample's edge since the image before."""
         inverse = inverse_homography(G)
         if inverse is None:
             return np.zeros(len(self.target.points))
         x, y = self.target.points.T
         u, v = carried(inverse @ self.start.last, x, y)
         speed = np.abs((u - x) * self.target.normals[:, 0] + (v - y) * self.target.normals[:, 1])
-        return np.where(np.isnan(speed), 0.0, self.numbers["blur_share"] * speed)
+        return np.where(np.isnan(speed), 0.0, speed)
+
+    def _motion_blur(self, G: Floats) -> Floats:
+        """(n,) work px, half of what moves across each sample's edge while it is exposed."""
+        return self.start.blur_share * self._moved_across(G)
 
     def _half_widths(self, G: Floats) -> Ints:
         """(n,) of the edge filter: two standard deviations of an edge at rest, and the way that it moves."""
         rest = whole(2.0 * self.start.edge_width, LEAST_HALF, MOST_HALF)
         return np.clip(rest + self._motion_blur(G), LEAST_HALF, MOST_HALF).astype(np.int64)
 
-    def _width_at_rest(self, G: Floats, half: Ints, seen: Floats) -> float:
-        """The median of the edges that are seen (n,), where next to nothing moves across them; NaN of few."""
-        width = edge_widths(self.target, self.pyramid, G, half)
-        told = (seen > 0.5) & (self._motion_blur(G) < STILL) & ~np.isnan(width)
-        return float(middle(width[told])) if told.sum() > 20 else float("nan")
+    def _learn_widths(self, G: Floats, half: Ints, seen: Floats, moved: Floats, out: Solution) -> None:
+        """How wide the edges are that are seen (n,), where next to nothing moves across them, and what much motion adds."""
+        width, own = edge_widths(self.target, self.pyramid, G, half), self.start.edge_width
+        told = (seen > 0.5) & ~np.isnan(width)
+        rest, fast = told & (moved < STILL), told & (moved > STILL) & (moved > FAST * own)
+        if rest.sum() > FEW_EDGES:
+            out.edge_width = float(middle(width[rest]))
+        if fast.sum() > FEW_EDGES:
+            more = np.sqrt(np.maximum(0.0, width[fast] ** 2 - own**2))
+            out.blur_share = min(1.0, float(middle(more / (RAMP * moved[fast]))))
 
     def _parallax(self, G: Floats) -> Floats:
         """(n,) of the lower face, less what the first view showed, which counts the other way."""
@@ -394,13 +410,28 @@ class Solver:
             out.visible = here.states[:, 0] * (found.upper + found.lower)
             out.occluded, out.other = here.states[:, 1], here.states[:, 2]
             out.elsewhere = float(out.other.sum()) / n
-            out.edge_width = self._width_at_rest(out.G, half, here.states[:, 0] * found.upper)
+            moved = self._moved_across(out.G)
+            self._learn_widths(out.G, half, here.states[:, 0] * found.upper, moved, out)
             regions = RegionNumbers(
-                numbers["cell_unlikely"], numbers["cell_far"], numbers["cell_power"], numbers["cell_agreement"]
+                numbers["cell_unlikely"],
+                numbers["cell_far"],
+                numbers["cell_power"],
+                numbers["cell_agreement"],
+                max(float(numbers["tolerance_px"]), float(numbers["tolerance"]) * 2.0 * target.radius),
             )
             ends = bounded(view, target.contrast)
             out.other_shape, out.differs = other_shape(
-                target, self.pyramid, out.G, out.visible, ends, out.light, regions, self.shares, self.stay, self.power
+                target,
+                self.pyramid,
+                out.G,
+                out.visible,
+                ends,
+                moved,
+                out.light,
+                regions,
+                self.shares,
+                self.stay,
+                self.power,
             )
         for level in range(min(FINE, len(target.texture))):
             matches = self._match(level, level + 1, out.G)

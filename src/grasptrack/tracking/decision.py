@@ -270,6 +270,8 @@ LONG = 1e6
 """Frames of free motion after which an object may be anywhere, turned in any way."""
 SEEN_LIKE = 0.5
 """Probability that what looks just like the object is its equal, once one was seen and the object was not for a while."""
+NEVER = 1e-12
+"""Least probability."""
 SAME_PLACE = 0.5
 """Share of sqrt(area) within which two poses lie in one place."""
 
@@ -303,25 +305,29 @@ def decide(
             against = by_surface - max(seen) - (by_all - max(told))
             raw[k] += numbers.temper * (best_odds - estimates[k].log_odds + against)
     centres = np.array([e.contacts.mean(axis=0) for e in estimates])
+    surface = np.array([numbers.temper * max(0.0, texture_evidence(e, state.usual, numbers)) for e in estimates])
+    outline = raw - surface
     scores = []
     for k, (e, centre) in enumerate(zip(estimates, centres, strict=True)):
+        near = np.hypot(*(centres - centre).T) < SAME_PLACE * math.sqrt(e.area)
+        # an outline may be deceived, as by blur; a surface that shows at another place only what chance makes of it is not
+        seen = float(np.logaddexp(raw[k], math.log(numbers.deceived) + surface[k] + outline[near].max()))
         # poses in one place explain the same pixels: between them all that is seen counts
-        shared = raw[np.hypot(*(centres - centre).T) < SAME_PLACE * math.sqrt(e.area)].max()
-        strength = raw[k] - float(np.logaddexp(0.0, shared + math.log(likeness(state, e, expected, numbers))))
+        shared = raw[near].max()
+        strength = seen - float(np.logaddexp(0.0, shared + math.log(likeness(state, e, expected, numbers))))
         scores.append(strength + math.log(presence) + place_prior(e, expected, numbers))
-    best = int(np.argmax(scores))
+    # what shows another shape or surface is no rival of what shows its own
+    kind = [math.log(max(1.0 - exchanged(state, e, expected.steps, numbers), NEVER)) for e in estimates]
+    best = max(range(len(estimates)), key=lambda k: scores[k] + kind[k])
     allowed = tolerance(estimates[best].area, numbers)
     # of the same answer the one that knows most: a hypothesis from nowhere has no past
-    same = [
-        k
-        for k, e in enumerate(estimates)
-        if scores[k] > scores[best] - SAME_ODDS and farthest(e.contacts, estimates[best].contacts) < 0.5 * allowed
-    ]
-    best = min(same, key=lambda k: variance_of(estimates[k]))
+    alike = [k for k, e in enumerate(estimates) if farthest(e.contacts, estimates[best].contacts) < 0.5 * allowed]
+    top = max(scores[k] for k in alike)
+    best = min((k for k in alike if scores[k] > top - SAME_ODDS), key=lambda k: variance_of(estimates[k]))
     chosen = estimates[best]
     others = [math.log(1.0 - presence)]
     rivals = [k for k, e in enumerate(estimates) if farthest(e.contacts, chosen.contacts) > allowed]
-    others += [scores[k] for k in rivals]
+    others += [scores[k] + kind[k] for k in rivals]
     top = max([*others, scores[best]])
     own = math.exp(scores[best] - top)
     p = own / (own + sum(math.exp(o - top) for o in others))
@@ -345,7 +351,7 @@ def decide(
             if nowhere and likeness(state, chosen, expected, numbers) > numbers.lookalike:
                 code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
-    rival = estimates[max(rivals, key=lambda k: scores[k])] if rivals else None
+    rival = estimates[max(rivals, key=lambda k: scores[k] + kind[k])] if rivals else None
     return Decision(chosen, off, p, math.sqrt(variance), allowed, other, float(raw[best]), code, figures, rival)
 
 

@@ -45,6 +45,7 @@ class PoseEstimate:
         area: px^2 of the outline in the image.
         thickness, thickness_variance: work px, work px^2.
         edge_width: work px, standard deviation of an edge at rest; NaN where too few are seen.
+        blur_share: half of an edge's blur, of what moved across it since the last image; NaN where too few moved.
         edge_share: of the outline's samples whose edge was found; edge_sigma: work px, of their residuals.
         look: grey levels by which the inner side differs from the first view's, median.
         light: gain and bias of the surface's grey levels since the first view.
@@ -66,6 +67,7 @@ class PoseEstimate:
     thickness: float
     thickness_variance: float
     edge_width: float
+    blur_share: float
     edge_share: float
     edge_sigma: float
     look: float
@@ -88,17 +90,37 @@ class PoseEstimate:
         return float((self.occluded.sum() + self.other.sum()) / len(self.other)) if len(self.other) else 0.0
 
 
+UNKNOWN = np.full((3, 3), np.nan)
+"""The last pose, where none tells what moved."""
+BEGAN = 1.0
+"""Half the blur of what began to move since the last image, while the shutter was open all the time: as far as it went."""
+
+
 def estimate_pose(
-    target: Target, state: TrackState, levels: list[Grey], hypothesis: Hypothesis, *, again: bool = False
+    target: Target,
+    state: TrackState,
+    levels: list[Grey],
+    hypothesis: Hypothesis,
+    *,
+    again: bool = False,
+    still: bool = False,
 ) -> PoseEstimate | None:
-    """The pose near a hypothesis that image, prior and camera model agree on; None where there is none."""
+    """The pose near a hypothesis that image, prior and camera model agree on; None where there is none.
+
+    Args:
+        target, state: of the object.
+        levels: the image's pyramid.
+        hypothesis: where it may be.
+        again: edges may be blurred by all that moved since the last image.
+        still: the last pose does not tell what moved since.
+    """
     if not is_sane(target, hypothesis.G):
         return None
     found = target.handle.solve(
         levels,
         hypothesis.G,
         hypothesis.P,
-        state.G,
+        UNKNOWN if still else state.G,
         state.theta,
         state.theta_covariance,
         state.thickness,
@@ -107,6 +129,7 @@ def estimate_pose(
         *state.light,
         hypothesis.reach,
         state.edge_width,
+        BEGAN if again else state.blur_share,
     )
     if not found["valid"] or not is_sane(target, found["G"]):
         return None
@@ -122,6 +145,7 @@ def estimate_pose(
         found["thickness"],
         found["thickness_variance"],
         found["edge_width"],
+        found["blur_share"],
         found["edge_share"],
         found["edge_sigma"],
         found["look"],

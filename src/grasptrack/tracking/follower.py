@@ -241,8 +241,7 @@ class Follower:
         if not state.accepted:  # later on, what covers the object may have an outline like it
             places += self.redetection.matched(look, look.levels)
         for hypothesis in self.redetection.promising(look.levels, places, len(places)):
-            still = replace(state, last=Look(look.levels, hypothesis.G))
-            other = estimate_pose(self.target, still, look.levels, hypothesis)
+            other = estimate_pose(self.target, state, look.levels, hypothesis, still=True)
             if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
                 continue
             if evidence(other, state.usual, numbers) > ALIKE * evidence(own, state.usual, numbers) > 0.0:
@@ -254,9 +253,9 @@ class Follower:
         found = []
         for hypothesis in hypotheses:
             state = self.state
-            if hypothesis.origin not in CONTINUOUS:  # where it was a moment ago does not tell how it moves
-                state = replace(state, last=Look(levels, hypothesis.G))
-            estimate = estimate_pose(self.target, state, levels, hypothesis)
+            # where it was a moment ago does not tell how it moves
+            still = bool(state.lost) or hypothesis.origin not in CONTINUOUS
+            estimate = estimate_pose(self.target, state, levels, hypothesis, still=still)
             if estimate is None:
                 continue
             # of a lost object only what shows it can be nearly right
@@ -268,7 +267,7 @@ class Follower:
                     estimate.P + self.target.noise_of_motion,
                     self.numbers.wide * self.target.size,
                 )
-                other = estimate_pose(self.target, state, levels, farther, again=True)
+                other = estimate_pose(self.target, state, levels, farther, again=True, still=still)
                 if other is not None and self._score(other, hypothesis) > self._score(estimate, hypothesis):
                     estimate = other
             found.append(estimate)
@@ -321,6 +320,8 @@ class Follower:
         self._remember_looks(e)
         if math.isfinite(e.edge_width):
             state.edge_width = e.edge_width
+        if math.isfinite(e.blur_share):
+            state.blur_share += BLUR_KEPT * (e.blur_share - state.blur_share)
         if e.look > 0.0:
             state.inner_spread = _between(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0)
 
@@ -398,6 +399,8 @@ def _between(value: float, low: float, high: float) -> float:
 
 MOST_SEEN = 0.7
 """Share of the outline that shows from which on what shows another shape lies in the place of the object."""
+BLUR_KEPT = 0.2
+"""Share of a new measurement of the blur: shutters keep their time, hands do not keep their speed."""
 LEAST_OF_USUAL = 0.5
 """Share of the usual evidence of the surface below which a second solution is looked for."""
 OUTLINE = 60

@@ -24,7 +24,7 @@ class Numbers:
         elsewhere_power: the same of edges that lie elsewhere.
         stretch: mean length of an occluded stretch, as a share of the outline.
         sample_distance: work px of the outline that carry one independent measurement.
-        blur_share: what motion adds to half the width of the edge filter, as a share of the speed along the normal per frame.
+        blur_share: half of an edge's blur, as a share of what moved across it since the last image.
         wide: how far round the answer edges are looked for, as a share of sqrt(area).
         elsewhere: share of the outline found elsewhere that asks for a second solution.
         cell_unlikely: share of the cells beside the outline whose grey level nothing explains.
@@ -54,6 +54,7 @@ class Numbers:
         same_surface: probability that something of another outline shows the object's own surface.
         same_shape: probability that another outline does not show beside what is seen of the object's own.
         lookalike: probability that something just like it is at a given other place, as long as none was seen.
+        deceived: probability that the outline shows an object a little beside where it is, as in blur or along other edges.
         travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
         turn: rad a frame that it may have turned unseen.
         swell: share a frame by which its size may have changed unseen where the ground does not tell the camera's distance.
@@ -109,6 +110,7 @@ class Numbers:
     same_surface: float = 0.1
     same_shape: float = 1e-4
     lookalike: float = 1e-6
+    deceived: float = 1e-5
     travel: float = 0.1
     turn: float = 0.1
     swell: float = 0.05

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from grasptrack.tracking.decision import LONG, TURNED, Decision, Expected, decide, evidence, farthest, tolerance
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import Look, TrackState, initial_state
+from grasptrack.tracking.state import TrackState, initial_state
 from grasptrack.tracking.target import Grey, Target
 
 Floats = NDArray[np.float64]
@@ -54,8 +54,8 @@ def single_estimate(
 
     def solved(G: Floats, P: Floats, reach: float = 0.0) -> list[PoseEstimate]:
         # between two images without a time nothing moved while it was exposed
-        still = replace(state, last=Look(levels, G))
-        found = estimate_pose(target, still, levels, Hypothesis(hypothesis.origin, G, P, reach), again=reach > 0.0)
+        trial = Hypothesis(hypothesis.origin, G, P, reach)
+        found = estimate_pose(target, state, levels, trial, again=reach > 0.0, still=True)
         return [] if found is None else [found]
 
     found = [e for share in (1.0, numbers.predicted) for e in solved(hypothesis.G, hypothesis.P * share**2)]

@@ -41,6 +41,7 @@ class TrackState:
         thickness, thickness_variance: work px, work px^2.
         inner_spread: grey levels, see `Numbers.other_spread`.
         edge_width: work px, standard deviation of an edge at rest: how far the image is out of focus.
+        blur_share: half of an edge's blur, of what moved across it since the last image: how long the shutter is open.
         located: the last image in which the object was located.
         light: gain and bias of the surface there, from the first view on.
         lost: images since.
@@ -73,6 +74,7 @@ class TrackState:
     thickness_variance: float
     inner_spread: float
     edge_width: float
+    blur_share: float
     located: Look
     light: tuple[float, float] = (1.0, 0.0)
     lost: int = 0
@@ -120,6 +122,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         thickness_variance=(numbers.thickness_sd * target.size) ** 2,
         inner_spread=FIRST_SPREAD,
         edge_width=target.edge_width,
+        blur_share=numbers.blur_share,
         located=look,
         expected=target.A,
         usual=[np.zeros(n) for n in target.counts],
