@@ -311,13 +311,14 @@ def decide(
     for k, (e, centre) in enumerate(zip(estimates, centres, strict=True)):
         near = np.hypot(*(centres - centre).T) < SAME_PLACE * math.sqrt(e.area)
         # an outline may be deceived, as by blur; a surface that shows at another place only what chance makes of it is not
-        seen = float(np.logaddexp(raw[k], math.log(numbers.deceived) + surface[k] + outline[near].max()))
+        strength = float(np.logaddexp(raw[k], math.log(numbers.deceived) + surface[k] + outline[near].max()))
         # poses in one place explain the same pixels: between them all that is seen counts
         shared = raw[near].max()
-        strength = seen - float(np.logaddexp(0.0, shared + math.log(likeness(state, e, expected, numbers))))
+        strength -= float(np.logaddexp(0.0, shared + math.log(likeness(state, e, expected, numbers))))
         scores.append(strength + math.log(presence) + place_prior(e, expected, numbers))
     # what shows another shape or surface is no rival of what shows its own
-    kind = [math.log(max(1.0 - exchanged(state, e, expected.steps, numbers), NEVER)) for e in estimates]
+    others_in_place = [exchanged(state, e, expected.steps, numbers) for e in estimates]
+    kind = [math.log(max(1.0 - other, NEVER)) for other in others_in_place]
     best = max(range(len(estimates)), key=lambda k: scores[k] + kind[k])
     allowed = tolerance(estimates[best].area, numbers)
     # of the same answer the one that knows most: a hypothesis from nowhere has no past
@@ -333,7 +334,7 @@ def decide(
     p = own / (own + sum(math.exp(o - top) for o in others))
     variance = variance_of(chosen) * numbers.inflate**2
     inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    other = exchanged(state, chosen, expected.steps, numbers)
+    other = others_in_place[best]
     off = 1.0 - p * inside * (1.0 - other)
     code, figures = "", {}
     if not off < numbers.risk:

@@ -110,6 +110,7 @@ class Follower:
             # what lies at its place may be another one while it lies elsewhere
             estimates += self._estimates(levels, self.redetection.search(state, levels))
             decision = decide(state, estimates, expected, presence, numbers)
+        decision = self._against_slides(levels, decision, estimates, expected, presence)
         decision = self._against_turns(levels, decision, estimates, expected, presence)
         self._learn(levels, decision, predictions.ground, steps)
         if state.lost:
@@ -162,6 +163,40 @@ class Follower:
         """Prior probability that the object is there."""
         numbers = self.numbers
         return _between(self.state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard)
+
+    def _against_slides(
+        self,
+        levels: list[Grey],
+        decision: Decision,
+        estimates: list[PoseEstimate],
+        expected: Expected,
+        presence: float,
+    ) -> Decision:
+        """A decision against the shifts under which the surface looks like itself.
+
+        They are tried where it may have moved by half of one, or where so much of the surface is missing that it may be seen
+        elsewhere.
+        """
+        state, slides, missing = self.state, self.target.slides, -math.log(self.numbers.risk) / self.numbers.temper
+        for _ in slides:  # from one to the next, as far as it slid
+            e = decision.estimate
+            if e is None:
+                break
+            moved = self.target.difference(state.G, e.G)
+            near = float(np.hypot(*moved[:2])) < 0.5 * float(np.hypot(*slides[0]))
+            if (
+                near
+                and not state.lost
+                and self._usual_surface(e) - texture_evidence(e, state.usual, self.numbers) < missing
+            ):
+                break
+            G = [e.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]) for x, y in slides]
+            P = e.P + self.numbers.predicted**2 * self.target.noise_of_motion
+            estimates += self._estimates(levels, [Hypothesis(e.origin, each, P) for each in G])
+            decision = decide(state, estimates, expected, presence, self.numbers)
+            if decision.estimate is None or farthest(decision.estimate.contacts, e.contacts) < decision.tolerance:
+                break
+        return decision
 
     def _against_turns(
         self,
@@ -275,12 +310,16 @@ class Follower:
 
     def _falls_short(self, estimate: PoseEstimate) -> bool:
         """Whether much less of the surface is seen than usual, as where only its coarse patches found their place."""
-        state, numbers = self.state, self.numbers
         if not sum(self.target.counts):
             return False
+        seen = texture_evidence(estimate, self.state.usual, self.numbers)
+        return seen < LEAST_OF_USUAL * self._usual_surface(estimate)
+
+    def _usual_surface(self, estimate: PoseEstimate) -> float:
+        """Log-likelihood ratio of the patches of an estimate if they looked as they usually do."""
+        state = self.state
         seen = [u + 0.0 * r for u, r in zip(state.usual, estimate.correlation, strict=True)]
-        usual = texture_evidence(replace(estimate, correlation=seen), state.usual, numbers)
-        return texture_evidence(estimate, state.usual, numbers) < LEAST_OF_USUAL * usual
+        return texture_evidence(replace(estimate, correlation=seen), state.usual, self.numbers)
 
     def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
         """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""

@@ -93,6 +93,7 @@ class Target:
         corners: (n, 2) work px, places at which motion from image to image is measured.
         ring: (n, 2) work px, places round it, at which the ground's motion is measured.
         turns: (3, 3) work px -> work px each, turns under which the outline fits itself.
+        slides: (n, 2) work px, shifts under which the surface looks like itself, the nearest first.
         strides: work px between the pixels of a patch, fine to coarse.
         patches: (n, 2) work px, of the finest texture.
         counts: of patches on each of the finest levels.
@@ -114,6 +115,7 @@ class Target:
     corner_strides: Floats
     ring: Floats
     turns: tuple[Floats, ...]
+    slides: Floats
     patches: Floats
     counts: tuple[int, ...]
     edge_share: float
@@ -258,6 +260,7 @@ def make_target(
         np.array(strides),
         _ring(mask),
         turns,
+        _slides(image, surface_mask, noise, size, numbers),
         patches,
         tuple(counts[:TOLD]),
         edges.share,
@@ -454,6 +457,58 @@ def _turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
         found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > 1e-3]
     back = np.linalg.inv(A)
     return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found), is_round
+
+
+SLIDE_SIZE = 100.0
+"""Pixels of sqrt(area) at which a surface is laid on itself: what slides by less than a few does not matter."""
+SLIDES = 8
+"""Nearest shifts that are kept: what slides farther slides by one of them first."""
+OVERLAP = 0.5
+"""Share of a surface on which it must look like itself."""
+
+
+def _slides(image: Grey, mask: Grey, noise: float, size: float, numbers: Numbers) -> Floats:
+    """(n, 2) work px: shifts of a surface onto itself, as of a chessboard by two squares, the nearest first.
+
+    By the correlation of its local contrast where it overlaps itself (D. Padfield, "Masked object registration in the Fourier
+    domain", IEEE Transactions on Image Processing 21, 2012, with local means).
+    """
+    scale = min(1.0, SLIDE_SIZE / size)
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
+    inside = cv2.resize(mask, small.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    mean = cv2.boxFilter(small, -1, (PATCH, PATCH))
+    variance = np.maximum(cv2.boxFilter(small**2, -1, (PATCH, PATCH)) - mean**2, 0.0)
+    textured = inside & (variance > numbers.texture_contrast * (noise * scale) ** 2)
+    if float(textured.sum()) < OVERLAP * float(inside.sum()) or not inside.any():
+        return np.zeros((0, 2))
+    contrast = np.where(inside, (small - mean) / np.sqrt(variance + noise**2), 0.0)
+    height, width = (2 * side for side in small.shape)
+
+    def laid(a: Floats, b: Floats) -> Floats:
+        """At (dy, dx), with the origin in the middle: the sum of a where b is, shifted by so much."""
+        product = np.fft.irfft2(
+            np.fft.rfft2(a, (height, width)).conj() * np.fft.rfft2(b, (height, width)), (height, width)
+        )
+        return np.asarray(np.fft.fftshift(product), dtype=np.float64)
+
+    own, there = contrast**2, inside.astype(np.float64)
+    alike = laid(contrast, contrast) / np.sqrt(np.maximum(laid(own, there) * laid(there, own), 1e-6))
+    overlap = laid(there, there) / there.sum()
+    middle = np.array([height // 2, width // 2])
+    peak = (alike > _as_likely(numbers)) & (overlap > OVERLAP) & (alike >= cv2.dilate(alike, np.ones((5, 5))))
+    found = np.argwhere(peak) - middle
+    away = np.hypot(*found.T)
+    order = np.argsort(away, kind="stable")
+    halfway = alike[tuple((found // 2 + middle).T)]
+    kept = [k for k in order if away[k] > numbers.tolerance * size * scale and halfway[k] < _as_likely(numbers)]
+    return np.asarray(found[kept[:SLIDES], ::-1] / scale, dtype=np.float64).reshape(-1, 2)
+
+
+def _as_likely(numbers: Numbers) -> float:
+    """Correlation of a patch that is as probable of the same surface as of another one."""
+    a, b = numbers.match_spread**-2, numbers.chance_spread**-2
+    more = 2.0 * math.log(numbers.match_spread / numbers.chance_spread)
+    return (a - math.sqrt(a * a - (a - b) * (a + more))) / (a - b)
 
 
 def _surface(inside_mask: Grey) -> Floats:
