@@ -121,10 +121,10 @@ inline std::vector<std::size_t> cells_asked(const std::vector<double> &visible, 
     return asked;
 }
 
-// Log-likelihood ratio of "some stretch shows another shape" against "this shape, partly occluded". `moved`: work px that moved
-// across each sample since the image before: as far as that, blur may mix both sides.
+// Log-likelihood ratio of "some stretch shows another shape" against "this shape, partly occluded". `blur`: half of
+// what moves across each sample while it is exposed, work px: so far both sides are mixed.
 inline double other_shape(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<double> &visible,
-                          const std::vector<bool> &bounded, const std::vector<double> &moved, Light light, const RegionNumbers &numbers,
+                          const std::vector<bool> &bounded, const std::vector<double> &blur, Light light, const RegionNumbers &numbers,
                           const States &share, double stay, double power, std::vector<double> &other) {
     const std::size_t n = target.points.size();
     other.assign(n, 0.0);
@@ -139,7 +139,7 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
                 const double d = side == 0 ? -target.depth[k] : target.depth[k];
                 const Point q = carried(seen.H, target.points[i].x + d * target.normals[i].x, target.points[i].y + d * target.normals[i].y);
                 (side == 0 ? inner : outer)[i * region_cells + k] =
-                    !(target.depth[k] < moved[i]) && seen.level->holds(q.x, q.y, 1.0) ? seen.level->at(q.x, q.y)
+                    !(target.depth[k] < blur[i]) && seen.level->holds(q.x, q.y, 1.0) ? seen.level->at(q.x, q.y)
                                                                                      : std::numeric_limits<double>::quiet_NaN();
             }
     // the inside less what it was, the outside where it is outside: light and background as they are here and now

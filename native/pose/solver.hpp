@@ -517,7 +517,7 @@ class Solver {
             std::vector<bool> bounded(n);
             for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);
             out.other_shape = other_shape(
-                target_, pyramid_, out.G, out.visible, bounded, moved, out.light,
+                target_, pyramid_, out.G, out.visible, bounded, motion_blur(out.G), out.light,
                 {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_agreement,
                  std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius)},
                 shares(), stay(), power_, out.differs);

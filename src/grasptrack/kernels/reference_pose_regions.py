@@ -125,7 +125,7 @@ def other_shape(
     G: Floats,
     visible: Floats,
     ends: Bools,
-    moved: Floats,
+    blur: Floats,
     light: Light,
     numbers: RegionNumbers,
     share: Floats,
@@ -138,7 +138,7 @@ def other_shape(
         target, pyramid, G: an image seen through a pose (3, 3).
         visible: (n,) probability that each sample's edge was seen.
         ends: (n,) of `bounded`.
-        moved: (n,) work px that moved across each sample since the image before: as far as that, blur may mix both sides.
+        blur: (n,) work px, half of what moves across each sample while it is exposed: so far both sides are mixed.
         light: of the surface.
         numbers: see there.
         share, stay, power: of `stretches`.
@@ -156,7 +156,7 @@ def other_shape(
         )
         for d in (-target.depth, target.depth)
     )
-    mixed = target.depth[None] < moved[:, None]
+    mixed = target.depth[None] < blur[:, None]
     inner, outer = np.where(mixed, np.nan, inner), np.where(mixed, np.nan, outer)
     shallow = int(np.searchsorted(target.depth, numbers.shallow))
     # the inside less what it was, the outside where it is outside: light and background as they are here and now

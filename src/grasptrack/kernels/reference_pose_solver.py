@@ -426,7 +426,7 @@ class Solver:
                 out.G,
                 out.visible,
                 ends,
-                moved,
+                self._motion_blur(out.G),
                 out.light,
                 regions,
                 self.shares,
