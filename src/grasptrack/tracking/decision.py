@@ -184,11 +184,13 @@ class Expected(NamedTuple):
         contacts: (k, 2) px.
         steps: how long it may have gone unseen, in frames of free motion.
         size: how large it would be anywhere in the image; None where that is not known.
+        taken: the same if what hid it took it along.
     """
 
     contacts: Floats
     steps: float
     size: ExpectedSize | None = None
+    taken: float = 0.0
 
 
 class ExpectedSize(NamedTuple):
@@ -233,11 +235,16 @@ def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) ->
         along += (ax - x) * (bx - u) + (ay - y) * (by - v)
     turn, away = math.atan2(across, along), (x - u) ** 2 + (y - v) ** 2
     share = away / (numbers.travel**2 * estimate.area) + (turn / numbers.turn) ** 2
-    share /= expected.steps**2
+    nu, size = numbers.prior_freedom, 0.0
     if expected.size is not None:
-        share += expected.size.share(estimate, (u, v), (x, y))
-    nu = numbers.prior_freedom
-    return -0.5 * (nu + 4.0) * math.log1p(share / nu)
+        size = expected.size.share(estimate, (u, v), (x, y))
+
+    def within(steps: float) -> float:
+        return -0.5 * (nu + 4.0) * math.log1p((share / steps**2 + size) / nu)
+
+    if expected.taken <= expected.steps:
+        return within(expected.steps)
+    return float(np.logaddexp(within(expected.steps), math.log(numbers.taken) + within(expected.taken)))
 
 
 def left(steps: float, numbers: Numbers) -> float:
@@ -270,8 +277,6 @@ LONG = 1e6
 """Frames of free motion after which an object may be anywhere, turned in any way."""
 SEEN_LIKE = 0.5
 """Probability that what looks just like the object is its equal, once one was seen and the object was not for a while."""
-NEVER = 1e-12
-"""Least probability."""
 SAME_PLACE = 0.5
 """Share of sqrt(area) within which two poses lie in one place."""
 
@@ -307,19 +312,19 @@ def decide(
     centres = np.array([e.contacts.mean(axis=0) for e in estimates])
     surface = np.array([numbers.temper * max(0.0, texture_evidence(e, state.usual, numbers)) for e in estimates])
     outline = raw - surface
-    scores = []
-    for k, (e, centre) in enumerate(zip(estimates, centres, strict=True)):
-        near = np.hypot(*(centres - centre).T) < SAME_PLACE * math.sqrt(e.area)
-        # an outline may be deceived, as by blur; a surface that shows at another place only what chance makes of it is not
-        strength = float(np.logaddexp(raw[k], math.log(numbers.deceived) + surface[k] + outline[near].max()))
-        # poses in one place explain the same pixels: between them all that is seen counts
-        shared = raw[near].max()
-        strength -= float(np.logaddexp(0.0, shared + math.log(likeness(state, e, expected, numbers))))
-        scores.append(strength + math.log(presence) + place_prior(e, expected, numbers))
-    # what shows another shape or surface is no rival of what shows its own
-    others_in_place = [exchanged(state, e, expected.steps, numbers) for e in estimates]
-    kind = [math.log(max(1.0 - other, NEVER)) for other in others_in_place]
-    best = max(range(len(estimates)), key=lambda k: scores[k] + kind[k])
+    away = np.hypot(*(centres[:, None] - centres[None]).transpose(2, 0, 1))
+    near = away < SAME_PLACE * np.sqrt([e.area for e in estimates])[:, None]
+    # an outline may be deceived, as by blur; a surface that shows at another place only what chance makes of it is not
+    deceived = math.log(numbers.deceived) + surface + np.where(near, outline, -np.inf).max(axis=1)
+    strength = np.logaddexp(raw, deceived)
+    # poses in one place explain the same pixels: between them all that is seen counts
+    shared = np.where(near, strength, -np.inf).max(axis=1)
+    alone = [math.log(likeness(state, e, expected, numbers)) for e in estimates]
+    prior = [math.log(presence) + place_prior(e, expected, numbers) for e in estimates]
+    # what shows its outline and not its surface is another one
+    missing = [surface_missing(_by_share(e, state.usual, numbers)) if state.accepted else 0.0 for e in estimates]
+    scores = (strength - np.logaddexp(0.0, shared + alone) + prior - numbers.temper * np.maximum(missing, 0.0)).tolist()
+    best = max(range(len(estimates)), key=scores.__getitem__)
     allowed = tolerance(estimates[best].area, numbers)
     # of the same answer the one that knows most: a hypothesis from nowhere has no past
     alike = [k for k, e in enumerate(estimates) if farthest(e.contacts, estimates[best].contacts) < 0.5 * allowed]
@@ -328,13 +333,13 @@ def decide(
     chosen = estimates[best]
     others = [math.log(1.0 - presence)]
     rivals = [k for k, e in enumerate(estimates) if farthest(e.contacts, chosen.contacts) > allowed]
-    others += [scores[k] + kind[k] for k in rivals]
+    others += [scores[k] for k in rivals]
     top = max([*others, scores[best]])
     own = math.exp(scores[best] - top)
     p = own / (own + sum(math.exp(o - top) for o in others))
     variance = variance_of(chosen) * numbers.inflate**2
     inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    other = others_in_place[best]
+    other = exchanged(state, chosen, expected.steps, numbers)
     off = 1.0 - p * inside * (1.0 - other)
     code, figures = "", {}
     if not off < numbers.risk:
@@ -352,7 +357,7 @@ def decide(
             if nowhere and likeness(state, chosen, expected, numbers) > numbers.lookalike:
                 code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
-    rival = estimates[max(rivals, key=lambda k: scores[k] + kind[k])] if rivals else None
+    rival = estimates[max(rivals, key=scores.__getitem__)] if rivals else None
     return Decision(chosen, off, p, math.sqrt(variance), allowed, other, float(raw[best]), code, figures, rival)
 
 

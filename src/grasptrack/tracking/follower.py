@@ -252,7 +252,7 @@ class Follower:
         if area > 0.0:
             a, b, c = np.linalg.inv(G)[2].tolist()
             size = ExpectedSize(area, (a, b, c), state.slope, spread)
-        return Expected(target.carried(G), LONG if state.gone else unseen, size)
+        return Expected(target.carried(G), LONG if state.gone else unseen, size, state.lost + passed if state.lost else 0.0)
 
     def _if_gone(self, levels: list[Grey], predictions: Predictions, expected: Expected) -> Expected:
         """What is expected, given whether its place is seen without it."""

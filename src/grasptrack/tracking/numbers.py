@@ -55,6 +55,7 @@ class Numbers:
         same_shape: probability that another outline does not show beside what is seen of the object's own.
         lookalike: probability that something just like it is at a given other place, as long as none was seen.
         deceived: probability that the outline shows an object a little beside where it is, as in blur or along other edges.
+        taken: probability that what rested was taken along by what hid it.
         travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
         turn: rad a frame that it may have turned unseen.
         swell: share a frame by which its size may have changed unseen where the ground does not tell the camera's distance.
@@ -111,6 +112,7 @@ class Numbers:
     same_shape: float = 1e-4
     lookalike: float = 1e-6
     deceived: float = 1e-5
+    taken: float = 0.02
     travel: float = 0.1
     turn: float = 0.1
     swell: float = 0.05
