@@ -127,6 +127,15 @@ class SightingEvidence {
     std::vector<double> A, b;
 };
 
+// rad by which a step may turn camera or object: one that tips the object's plane over ends where its back explains almost
+// as much, and no small step leads back.
+constexpr double farthest_turn = 0.5;
+
+inline bool turns_too_far(const double *step) {
+    const auto angle = [](const double *v) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); };
+    return !(std::max(angle(step + unknown::turn), angle(step + unknown::pose)) <= farthest_turn);
+}
+
 struct Searched {
     std::vector<double> state;
     double damping, scale;
@@ -146,9 +155,12 @@ inline Searched search_sightings(SightingEvidence &evidence, const double *start
         damped = evidence.A;
         for (std::size_t i = 0; i < m; ++i) damped[i * m + i] += damping * evidence.A[i * m + i];
         Factors(damped, m).solve(evidence.b.data(), step.data());
-        stepped(now.data(), step.data(), n, tried.data());
-        evidence.look(tried.data());
-        const double found = evidence.cost(scale);
+        double found = std::numeric_limits<double>::infinity();
+        if (!turns_too_far(step.data())) {
+            stepped(now.data(), step.data(), n, tried.data());
+            evidence.look(tried.data());
+            found = evidence.cost(scale);
+        }
         if (found <= cost) {
             settled = cost - found < least_fall;
             evidence.equations(tried.data(), scale);

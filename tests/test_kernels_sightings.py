@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from grasptrack import kernels
@@ -191,8 +191,10 @@ def test_what_a_filter_learns_adds_up(seed: int, n: int) -> None:
     assert np.abs((information @ step - weighed.T @ off) / scale).max() < 1e-5 * (1.0 + np.abs(off).max())
 
 
-@settings(FEW, derandomize=True)  # one draw in some hundred is not explained, and why is not known yet
+@FEW
 @given(**CASES)
+@example(seed=397, n=3)  # where a first step would tip the object's plane over
+@example(seed=480, n=4)
 def test_a_search_explains_what_was_seen_although_some_is_wrong(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     origin, known, hands, later, points, noise, _ = story(rng, n, 40, wrong=8, exact=True)

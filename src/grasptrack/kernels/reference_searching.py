@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_sightings import (
+    POSE,
+    TURN,
     check_size,
     count_points,
     difference,
@@ -15,6 +17,10 @@ from grasptrack.kernels.reference_sightings import (
 )
 
 Floats = NDArray[np.float64]
+
+FARTHEST = 0.5
+"""rad by which a step may turn camera or object: one that tips the object's plane over ends where its back explains almost
+as much, and no small step leads back."""
 
 
 def search_sightings(
@@ -34,7 +40,8 @@ def search_sightings(
     """The state that explains all sightings best, with what was known before as a prior.
 
     States and steps are those of `reference_sightings`. Residuals of a sighting count together, in Geman and McClure's
-    function: where their rms is `robust` times the scale, a quarter.
+    function: where their rms is `robust` times the scale, a quarter. A step that would turn camera or object by more than
+    half a radian is damped as one that explains less.
 
     Args:
         origin: (39 + 2n,), the most likely state before.
@@ -73,9 +80,12 @@ def search_sightings(
     A, b = evidence.equations(scale)
     settled = False
     for _ in range(steps):
-        tried = step_state(now, np.asarray(np.linalg.solve(A + damping * np.diag(np.diag(A)), b)))
-        evidence.look(tried)
-        found = evidence.cost(scale)
+        step = np.asarray(np.linalg.solve(A + damping * np.diag(np.diag(A)), b))
+        found = np.inf
+        if max(np.linalg.norm(step[TURN]), np.linalg.norm(step[POSE])) <= FARTHEST:
+            tried = step_state(now, step)
+            evidence.look(tried)
+            found = evidence.cost(scale)
         if found <= cost:
             settled = cost - found < least_fall
             now, (A, b), damping = tried, evidence.equations(scale), max(damping / 5.0, 1e-9)
