@@ -68,13 +68,13 @@ nb::object array_of(const double *data, std::initializer_list<std::size_t> shape
 }
 nb::object array_of(const std::vector<double> &v) { return array_of(v.data(), {v.size()}); }
 
-pose::PatchSet cut_patches(const pose::Pyramid &pyramid, const pose::Homography &G, const std::vector<pose::Point> &centres,
-                           double stride) {
+pose::PatchSet cut_patches(const pose::Target &target, const pose::Pyramid &pyramid, const pose::Homography &G,
+                           const std::vector<pose::Point> &centres, double stride) {
     if (!(stride > 0) || !std::isfinite(stride)) throw std::invalid_argument("the stride is above 0");
     pose::PatchSet set{stride, {}};
     for (const pose::Point &c : centres) {
         pose::Patch patch;
-        if (pose::cut_patch(pyramid, G, c.x, c.y, stride, patch)) set.patches.push_back(patch);
+        if (pose::cut_patch(target, pyramid, G, c.x, c.y, stride, patch)) set.patches.push_back(patch);
     }
     return set;
 }
@@ -179,7 +179,7 @@ struct PoseTarget {
 
     // Patches of the reference image, fine to coarse in the order of calls; how many were whole in view.
     std::size_t add_texture(const std::vector<Bytes> &levels, const Doubles &centres, double stride) {
-        target.texture.push_back(cut_patches(seen(levels), target.A, places(centres, "centres"), stride));
+        target.texture.push_back(cut_patches(target, seen(levels), target.A, places(centres, "centres"), stride));
         return target.texture.back().patches.size();
     }
 
@@ -236,7 +236,7 @@ struct PoseTarget {
             nb::gil_scoped_release free;
             std::vector<pose::PatchSet> looks;
             for (double stride : values(strides)) {
-                looks.push_back(cut_patches(old, from, at, stride));
+                looks.push_back(cut_patches(target, old, from, at, stride));
                 at.resize(std::min(at.size(), std::max(pose::fewest_places, at.size() / 2)));
             }
             fit = pose::follow_look(target, looks, now, to, prior, target.noise,

@@ -213,17 +213,9 @@ def on(within: float, round_it: float) -> np.ndarray:
     return np.clip(drawn(ellipse(50.0, 50.0)) + spots, 0, 255).astype(np.uint8)
 
 
-# A disc's turn carries each patch of its edge along the arc and turns it as much, so that it looks the same. The core takes
-# only a patch's place for what changes its look, so that the bend of the arc seems to tell its place along it. Without the
-# patches that carry the last look along, the disc is refused and the ground fixes it.
-TURN = "patches on the edge of a plain disc seem to tell how far it turned"
-GROUND = pytest.mark.xfail(strict=True, reason=f"{TURN}, and the ground is not asked")
-HONEST = pytest.mark.xfail(strict=True, reason=TURN)
-
-
 @pytest.mark.parametrize(
     ("within", "round_it", "by"),
-    [(0, 0, "nothing"), (1, 0, "surface"), pytest.param(0, 1, "ground", marks=GROUND), (1, 1, "surface")],
+    [(0, 0, "nothing"), (1, 0, "surface"), (0, 1, "ground"), (1, 1, "surface")],
 )
 def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int, round_it: int, by: str) -> None:
     image = on(within, round_it)
@@ -239,7 +231,7 @@ def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int
     assert plain.settled is None and plain.by == "nothing" and plain.level == "poor"
 
 
-@pytest.mark.parametrize(("within", "known"), [pytest.param(0, 0, marks=HONEST), (1, 6)])
+@pytest.mark.parametrize(("within", "known"), [(0, 0), (1, 6)])
 def test_the_tracker_rehearses_what_is_foretold(within: int, known: int) -> None:
     rehearsal = inspect(on(within, 0)).rehearsal
     assert rehearsal is not None and rehearsal.located == known and (rehearsal.reason == "") == (known > 0)

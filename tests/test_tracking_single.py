@@ -11,12 +11,12 @@ import pytest
 
 from grasptrack.contour import Contour, View
 from grasptrack.projective import apply_homography
+from grasptrack.tracking.decision import largest_sigma
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.single import (
     decide_single,
     first_state,
-    largest_sigma,
     pose_hypothesis,
     single_estimate,
     turned_hypotheses,

@@ -42,10 +42,10 @@ inline FlowFit follow_look(const Target &target, const std::vector<PatchSet> &lo
             std::vector<PatchRow> matches;
             double sum = 0;
             for (const Patch &patch : set.patches) {
-                matches.push_back({patch.x, patch.y, match_patch(pyramid, G, patch, set.stride, noise, numbers.floor * set.stride)});
+                matches.push_back({&patch, match_patch(pyramid, G, patch, set.stride, noise, numbers.floor * set.stride)});
                 sum += matches.back().match.correlation;
             }
-            const TextureFit fit = fit_patches(target, matches, A, b, numbers);
+            const TextureFit fit = fit_patches(matches, A, b, numbers);
             if (fit.used < 6) return out;
             for (std::size_t k = 0; k < 64; ++k) A[k] += fit.information[k];
             for (std::size_t k = 0; k < 8; ++k) b[k] += fit.gradient[k];

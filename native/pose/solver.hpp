@@ -81,6 +81,7 @@ class Solver {
         const int first = whole(start_.reach, 0, farthest);
         int reach = first;
         constexpr int rounds = 4;
+        Vector<8> last{};
         for (int round = 0; round < rounds; ++round) {
             Matrix<8> A;
             Vector<8> b;
@@ -105,8 +106,12 @@ class Solver {
             G = target_.moved(G, d);
             if (!finite(G)) return out;
             if (edges) reach = whole(reach_of(P, 3.0, 3.0) + moved, 4, 30);
+            last = d;
             if (moved < settled && round > 0) break;
         }
+        // an answer that still moves is not known better than by its last step
+        for (std::size_t a = 0; a < 8; ++a)
+            for (std::size_t c = 0; c < 8; ++c) P[a * 8 + c] += last[a] * last[c];
         out.G = G;
         out.P = P;
         out.thickness = h;
@@ -206,8 +211,7 @@ class Solver {
         for (std::size_t level = first; level < std::min(end, target_.texture.size()); ++level) {
             const PatchSet &set = target_.texture[level];
             for (const Patch &patch : set.patches)
-                rows.push_back({patch.x, patch.y,
-                                match_patch(pyramid_, G, patch, set.stride, target_.noise, numbers_.texture_floor * set.stride)});
+                rows.push_back({&patch, match_patch(pyramid_, G, patch, set.stride, target_.noise, numbers_.texture_floor * set.stride)});
         }
         return rows;
     }
@@ -226,7 +230,7 @@ class Solver {
                 Matrix<8> A, P;
                 Vector<8> b;
                 if (!system(G, A, b)) break;
-                const TextureFit fit_and = fit_patches(target_, match_all(level, level + 1, G), A, b, texture_numbers());
+                const TextureFit fit_and = fit_patches(match_all(level, level + 1, G), A, b, texture_numbers());
                 if (!telling(fit_and, set.patches.size())) break;
                 for (std::size_t k = 0; k < 64; ++k) A[k] += fit_and.information[k];
                 for (std::size_t k = 0; k < 8; ++k) b[k] += fit_and.gradient[k];
@@ -254,7 +258,7 @@ class Solver {
         // coarser levels tell where blur has taken the fine one
         const std::vector<PatchRow> matches = match_all(0, 3, G);
         if (matches.size() < 4) return none;
-        TextureFit fit = fit_patches(target_, matches, A, b, texture_numbers());
+        TextureFit fit = fit_patches(matches, A, b, texture_numbers());
         out.texture_used = fit.used;
         out.texture_agreeing = fit.agreeing;
         out.texture_spread = fit.spread;

@@ -12,8 +12,60 @@
 
 namespace grasptrack::pose {
 
+// Grey levels, of the camera's noise in pixels `stride` apart: halving an image leaves little more than a quarter of it, halving
+// it again the half of that. At least that of 8 bits.
+inline double noise_of(double camera, double stride) {
+    return stride > 1 ? std::max(camera / (2 * stride), std::sqrt(1.0 / 12)) : camera;
+}
+
+// Of the sum of squares of gradients `stride` apart along an axis, what noise alone gives twice.
+inline double alone_of(double noise, double stride) { return patch_pixels * noise * noise / (stride * stride); }
+
+// Sums over a patch of products of two kinds of gradients (xx, xy, yx, yy), by pixels from the middle.
+struct Moments {
+    double plain[4], x[4], y[4], xx[4], xy[4], yy[4];
+};
+
+// What a pose's error changes of the shift that a patch tells, by the places of all its pixels. `all`: of its own gradients and
+// 32 strides times Scharr's.
+// A turn of the pose turns the patch as well, which its gradients take for a shift: the arc of a disc, that comes to lie on
+// itself, tells nothing of how far it turned.
+inline void set_rows(const Target &target, double stride, const Moments &all, Patch &patch) {
+    const double p = (patch.x - target.cx) / target.radius, q = (patch.y - target.cy) / target.radius, e = stride / target.radius;
+    const auto J = target.jacobian(patch.x, patch.y);
+    const double alone = alone_of(noise_of(target.noise, stride), stride), units = 1 / (32 * stride);
+    const double shared = 0.3125 * alone;  // of both kinds of gradients, by the same noise
+    patch.rows = {};
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+        const double ux = axis == 0 ? patch.cosine : -patch.sine, uy = axis == 0 ? patch.sine : patch.cosine;
+        const auto of = [&](const double *m, int k) { return units * (ux * m[k] + uy * m[2 + k]); };
+        Vector<8> change;
+        double quadratic[2][2][2];  // by sx or sy, of p p, p q, and q q
+        for (int k = 0; k < 2; ++k) {
+            const double one = of(all.plain, k), i = e * of(all.x, k), j = e * of(all.y, k);
+            const auto at = static_cast<std::size_t>(k);
+            change[at] = one;
+            change[2 + 2 * at] = p * one + i;
+            change[3 + 2 * at] = q * one + j;
+            quadratic[k][0][0] = p * p * one + 2 * p * i + e * e * of(all.xx, k);
+            quadratic[k][0][1] = quadratic[k][1][0] = p * q * one + p * j + q * i + e * e * of(all.xy, k);
+            quadratic[k][1][1] = q * q * one + 2 * q * j + e * e * of(all.yy, k);
+        }
+        change[6] = quadratic[0][0][0] + quadratic[1][0][1];
+        change[7] = quadratic[0][1][0] + quadratic[1][1][1];
+        const double shift = ux * change[0] + uy * change[1] - shared;
+        if (!(patch.power[axis] > alone && shift > 0)) continue;
+        for (std::size_t a = 0; a < 8; ++a) {
+            const double row = (change[a] - shared * (ux * J[0][a] + uy * J[1][a])) / shift;
+            patch.rows[0][a] += ux * row;
+            patch.rows[1][a] += uy * row;
+        }
+    }
+}
+
 // A patch of an image seen through G; false where it is not whole in view.
-inline bool cut_patch(const Pyramid &pyramid, const Homography &G, double x, double y, double stride, Patch &out) {
+inline bool cut_patch(const Target &target, const Pyramid &pyramid, const Homography &G, double x, double y, double stride,
+                      Patch &out) {
     const Seen seen = look_through(pyramid, G, x, y, stride);
     const Point c = carried(seen.H, x, y);
     const auto d = derivatives(seen.H, x, y);
@@ -60,14 +112,38 @@ inline bool cut_patch(const Pyramid &pyramid, const Homography &G, double x, dou
     // Bias and gain are free: only what a shift changes otherwise tells of it. (The tail of a blurred edge, shifted, is
     // the same tail with another gain.)
     const double s = out.variance > 0 ? 1 / out.variance : 0;
-    for (std::size_t k = 0; k < patch_pixels; ++k) {
-        const double v = out.value[k];
-        const double gx = out.gx[k] - mx - s * tx * v, gy = out.gy[k] - my - s * ty * v;
-        out.gx[k] = static_cast<float>(gx);
-        out.gy[k] = static_cast<float>(gy);
-        out.axx += gx * gx;
-        out.axy += gx * gy;
-        out.ayy += gy * gy;
+    Moments all{};
+    for (int j = 0, k = 0; j < patch_side; ++j) {
+        double plain[4] = {}, once[4] = {}, twice[4] = {};
+        for (int i = 0; i < patch_side; ++i, ++k) {
+            const auto at = static_cast<std::size_t>(k);
+            const double v = out.value[at];
+            const double gx = out.gx[at] - mx - s * tx * v, gy = out.gy[at] - my - s * ty * v;
+            out.gx[at] = static_cast<float>(gx);
+            out.gy[at] = static_cast<float>(gy);
+            out.axx += gx * gx;
+            out.axy += gx * gy;
+            out.ayy += gy * gy;
+            // Scharr's gradients, for their directions: plain differences turn those of a sharp edge by some degrees
+            const double *above = value[j] + i, *here = value[j + 1] + i, *below = value[j + 2] + i;
+            const double sx = 10 * (here[2] - here[0]) + 3 * (above[2] - above[0] + below[2] - below[0]);
+            const double sy = 10 * (below[1] - above[1]) + 3 * (below[0] - above[0] + below[2] - above[2]);
+            const double product[4] = {gx * sx, gx * sy, gy * sx, gy * sy}, along = i - patch_side / 2;
+            for (int m = 0; m < 4; ++m) {
+                plain[m] += product[m];
+                once[m] += along * product[m];
+                twice[m] += along * along * product[m];
+            }
+        }
+        const double down = j - patch_side / 2;
+        for (int m = 0; m < 4; ++m) {
+            all.plain[m] += plain[m];
+            all.x[m] += once[m];
+            all.xx[m] += twice[m];
+            all.y[m] += down * plain[m];
+            all.xy[m] += down * once[m];
+            all.yy[m] += down * down * plain[m];
+        }
     }
     // the two axes of the gradients, each with what it holds of them
     const double half_mean = 0.5 * (out.axx + out.ayy), root = std::hypot(0.5 * (out.axx - out.ayy), out.axy);
@@ -75,6 +151,7 @@ inline bool cut_patch(const Pyramid &pyramid, const Homography &G, double x, dou
     out.cosine = std::cos(angle);
     out.sine = std::sin(angle);
     out.power = {half_mean + root, half_mean - root};
+    set_rows(target, stride, all, out);
     return true;
 }
 
@@ -90,12 +167,6 @@ struct TextureNumbers {
     double independent;  // patches that carry one independent measurement
     double freedom;     // of the t distribution of their errors
 };
-
-// Grey levels, of the camera's noise in pixels `stride` apart: halving an image leaves little more than a quarter of it, halving
-// it again the half of that. At least that of 8 bits.
-inline double noise_of(double camera, double stride) {
-    return stride > 1 ? std::max(camera / (2 * stride), std::sqrt(1.0 / 12)) : camera;
-}
 
 // One patch on an image seen through G.
 inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double camera,
@@ -144,7 +215,7 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
     const double gain = std::clamp(std::sqrt(std::max(own - grain, 0.0) / std::max(patch.variance, 1e-9)), 0.2, 5.0);
     // Along each of the two axes of the patch's gradients: what noise alone gives of them tells nothing.
     const double cosine = patch.cosine, sine = patch.sine;
-    const double alone = patch_pixels * noise * noise / (stride * stride);  // twice its mean
+    const double alone = alone_of(noise, stride);
     double rest = own - 2 * gain * cross + gain * gain * patch.variance;
     double offset[2], information[2];
     for (int axis = 0; axis < 2; ++axis) {
@@ -177,22 +248,20 @@ struct TextureFit {
     std::vector<double> weight;
 };
 
-// A patch, on the level that it belongs to, with what it says.
+// A patch with what it says.
 struct PatchRow {
-    double x, y;
+    const Patch *patch;
     PatchMatch match;
 };
 
 // Robust normal equations of patches about their own best fit together with a prior (information, gradient).
-inline TextureFit fit_patches(const Target &target, const std::vector<PatchRow> &patches, const Matrix<8> &prior,
-                              const Vector<8> &prior_gradient, const TextureNumbers &numbers) {
+inline TextureFit fit_patches(const std::vector<PatchRow> &patches, const Matrix<8> &prior, const Vector<8> &prior_gradient,
+                              const TextureNumbers &numbers) {
     TextureFit fit;
     const std::size_t n = patches.size();
-    std::vector<std::array<Vector<8>, 2>> rows(n);
     fit.weight.assign(n, 0.0);
     for (std::size_t i = 0; i < n; ++i)
         if (patches[i].match.inside) {
-            rows[i] = target.jacobian(patches[i].x, patches[i].y);
             fit.weight[i] = 1.0;
             ++fit.used;
         }
@@ -206,7 +275,7 @@ inline TextureFit fit_patches(const Target &target, const std::vector<PatchRow> 
             const double w = fit.weight[i] / (scale * numbers.independent);
             if (!(w > 0)) continue;
             const PatchMatch &m = patches[i].match;
-            const auto &J = rows[i];
+            const auto &J = patches[i].patch->rows;
             const double yx = m.wxx * m.dx + m.wxy * m.dy, yy = m.wxy * m.dx + m.wyy * m.dy;
             for (std::size_t a = 0; a < 8; ++a) {
                 const double kx = w * (J[0][a] * m.wxx + J[1][a] * m.wxy), ky = w * (J[0][a] * m.wxy + J[1][a] * m.wyy);
@@ -229,10 +298,11 @@ inline TextureFit fit_patches(const Target &target, const std::vector<PatchRow> 
         for (std::size_t i = 0; i < n; ++i) {
             const PatchMatch &m = patches[i].match;
             if (!m.inside) continue;
+            const auto &J = patches[i].patch->rows;
             double ex = m.dx, ey = m.dy;
             for (std::size_t a = 0; a < 8; ++a) {
-                ex -= rows[i][0][a] * d[a];
-                ey -= rows[i][1][a] * d[a];
+                ex -= J[0][a] * d[a];
+                ey -= J[1][a] * d[a];
             }
             distance[i] = m.wxx * ex * ex + 2 * m.wxy * ex * ey + m.wyy * ey * ey;
             sorted.push_back(distance[i]);

@@ -150,7 +150,9 @@ class PoseTarget:
         Raises:
             ValueError: the stride is not above 0, or what is hidden is of another size.
         """
-        self.target.texture.append(_cut(self._seen(levels), self.target.A, _places(centres, "centres"), stride))
+        self.target.texture.append(
+            _cut(self.target, self._seen(levels), self.target.A, _places(centres, "centres"), stride)
+        )
         return len(self.target.texture[-1])
 
     def solve(
@@ -279,7 +281,7 @@ class PoseTarget:
         numbers = TextureNumbers(*(self.numbers[f"texture_{name}"] for name in TextureNumbers._fields))
         looks = []
         for stride in np.ravel(strides):
-            looks.append(_cut(old, _fixed(last, "last", 3, 3), at, stride))
+            looks.append(_cut(self.target, old, _fixed(last, "last", 3, 3), at, stride))
             at = at[: max(FEWEST_PLACES, len(at) // 2)]
         with np.errstate(all="ignore"):
             fit = follow_look(self.target, looks, now, G, covariance, numbers)
@@ -457,8 +459,8 @@ def _pyramid(levels: Sequence[Grey]) -> Pyramid:
     return [Level(np.asarray(level, dtype=np.uint8)) for level in levels]
 
 
-def _cut(pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
+def _cut(target: Target, pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
     if not 0 < stride < np.inf:
         raise ValueError("the stride is above 0")
     with np.errstate(all="ignore"):
-        return cut_patches(pyramid, G, places, np.float64(stride))
+        return cut_patches(target, pyramid, G, places, np.float64(stride))

@@ -175,7 +175,7 @@ class Solver:
         edges = len(target.points) >= ENOUGH_EDGES
         h, vh = start.thickness, start.thickness_variance
         first = whole(start.reach, 0, FARTHEST)
-        reach = first
+        reach, d = first, np.zeros(8)
         for round_ in range(ROUNDS):
             system = self._system(G)
             if system is None:
@@ -207,6 +207,7 @@ class Solver:
                 reach = whole(self._reach(P, 3.0) + moved, LEAST_REACH, MOST_REACH)
             if moved < SETTLED and round_ > 0:
                 break
+        P = P + np.outer(d, d)  # an answer that still moves is not known better than by its last step
         out.G, out.P, out.thickness, out.thickness_variance, out.valid = G, P, float(h), float(vh), True
         self._judge(out, edges)
         return out
@@ -263,7 +264,7 @@ class Solver:
                 system = self._system(G)
                 if system is None:
                     break
-                fit = fit_patches(target, self._match(level, level + 1, G), *system, self.texture_numbers)
+                fit = fit_patches(self._match(level, level + 1, G), *system, self.texture_numbers)
                 if not _tells(fit, len(patches)):
                     break
                 P = inverse_definite(system[0] + fit.information)
@@ -282,7 +283,7 @@ class Solver:
         matches = self._match(0, FINE, G)
         if len(matches.inside) < 4:
             return nothing()
-        fit = fit_patches(self.target, matches, A, b, self.texture_numbers)
+        fit = fit_patches(matches, A, b, self.texture_numbers)
         out.texture_used, out.texture_agreeing, out.texture_spread = fit.used, fit.agreeing, fit.spread
         return fit if _tells(fit, len(matches.inside)) else nothing()
 

@@ -32,6 +32,7 @@ class Patches:
         gx, gy: (m, 49) gradients per work px, less what a gain or a bias of the light would change as well.
         axx, axy, ayy: (m,) sums of the gradients' products.
         variance: (m,) sums of the squares of `value`.
+        rows: (m, 2, 8) derivatives of the shift that each tells by the pose's error: by the places of all its pixels.
     """
 
     stride: float
@@ -43,6 +44,7 @@ class Patches:
     axy: Floats
     ayy: Floats
     variance: Floats
+    rows: Floats
 
     def __len__(self) -> int:
         return len(self.places)

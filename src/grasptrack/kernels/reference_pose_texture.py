@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,14 +48,14 @@ class Matches(NamedTuple):
     """What patches say of a pose.
 
     Attributes:
-        places: (m, 2) work px, their middles.
+        rows: (m, 2, 8) derivatives of `shift` by the pose's error.
         inside: (m,) whether each is whole in view; else the rest is 0.
         correlation: (m,) with the camera's noise in the denominator.
         shift: (m, 2) work px, by which the pose is off there.
         weight: (m, 3) information xx, xy, yy about that, per work px^2.
     """
 
-    places: Floats
+    rows: Floats
     inside: Bools
     correlation: Floats
     shift: Floats
@@ -109,7 +109,7 @@ def _lattice(pyramid: Pyramid, G: Floats, places: Floats, stride: float, half: i
     return inside, values
 
 
-def cut_patches(pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
+def cut_patches(target: Target, pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
     """Patches of an image seen through G (3, 3) round places (m, 2), `stride` work px a pixel; those whole in view."""
     inside, values = _lattice(pyramid, G, places, stride, SIDE // 2 + 1)
     values = values[inside]
@@ -127,7 +127,7 @@ def cut_patches(pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> P
         single - g.mean(axis=1, keepdims=True) - s * (v * single).sum(axis=1, keepdims=True) * v
         for g, single in ((gx, _single(gx)), (gy, _single(gy)))
     )
-    return Patches(
+    patches = Patches(
         stride,
         places[inside],
         value,
@@ -137,7 +137,65 @@ def cut_patches(pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> P
         (gx * gy).sum(axis=1),
         (gy * gy).sum(axis=1),
         variance,
+        np.zeros((m, 2, 8)),
     )
+    return replace(patches, rows=_rows(target, patches, np.stack([gx, gy], axis=1), values))
+
+
+SHARED = 0.5 * 10.0 / 16.0
+"""Of what noise alone gives of gradients, twice its mean, that which Scharr's have in common with plain differences."""
+
+
+def _rows(target: Target, patches: Patches, own: Floats, values: Floats) -> Floats:
+    """(m, 2, 8) derivatives by the pose's error of the shifts that patches tell.
+
+    A turn of the pose turns a patch as well, which its gradients take for a shift: the arc of a disc, that comes to lie on
+    itself, tells nothing of how far it turned.
+
+    Args:
+        target: whose pose it is.
+        patches: all but these rows.
+        own: (m, 2, 49) gradients of which a gain or a bias of the light changes nothing.
+        values: (m, 9, 9) grey levels.
+    """
+    m, half = len(patches), SIDE // 2
+    j, i = np.mgrid[-half : half + 1, -half : half + 1]
+    pixels = patches.places[:, None] + patches.stride * np.column_stack([i.ravel(), j.ravel()])
+    J = target.jacobian(pixels.reshape(-1, 2)).reshape(m, PIXELS, 2, 8)
+    changes = own @ np.einsum("npk,nkpa->nka", _directed(values) / patches.stride, J)
+    axes, power = _axes(patches)
+    alone = _alone(noise_of(target.noise, patches.stride), patches.stride)
+    moved = np.einsum("snp,npa->sna", axes, changes - SHARED * alone * target.jacobian(patches.places))
+    shift = (axes * moved[..., :2]).sum(axis=2)  # a shift along the axis
+    tells = ((power > alone) & (shift > 0))[..., None]
+    rows = np.where(tells, moved / np.where(tells, shift[..., None], 1.0), 0.0)
+    return np.asarray(np.einsum("snp,sna->npa", axes, rows))
+
+
+def _directed(values: Floats) -> Floats:
+    """(m, 2, 49) gradients a pixel of grey levels (m, 9, 9), by Scharr, for their directions.
+
+    Plain differences turn those of a sharp edge by some degrees.
+    """
+    x, y = values[:, :, 2:] - values[:, :, :-2], values[:, 2:] - values[:, :-2]
+    gx = 10.0 * x[:, 1:-1] + 3.0 * (x[:, :-2] + x[:, 2:])
+    gy = 10.0 * y[:, :, 1:-1] + 3.0 * (y[:, :, :-2] + y[:, :, 2:])
+    return np.stack([gx, gy], axis=1).reshape(len(values), 2, PIXELS) / 32.0
+
+
+def _axes(patches: Patches) -> tuple[Floats, Floats]:
+    """(2, m, 2) unit axes of the patches' gradients, along and across the largest; (2, m) sums of their squares on each."""
+    mean = 0.5 * (patches.axx + patches.ayy)
+    root = np.hypot(0.5 * (patches.axx - patches.ayy), patches.axy)
+    angle = 0.5 * np.arctan2(2.0 * patches.axy, patches.axx - patches.ayy)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    axes = np.stack([np.column_stack([cosine, sine]), np.column_stack([-sine, cosine])])
+    return axes, np.stack([mean + root, mean - root])
+
+
+def _alone(noise: float, stride: float) -> float:
+    """Of the sum of squares of gradients `stride` apart along an axis, what noise alone gives twice."""
+    return PIXELS * noise * noise / stride**2
 
 
 def _single(values: Floats) -> Floats:
@@ -172,13 +230,9 @@ def match_patches(pyramid: Pyramid, G: Floats, patches: Patches, camera: float, 
     gain = np.sqrt(np.maximum(own - grain, 0.0) / np.maximum(patches.variance, 1e-9))
     gain = np.clip(gain, 0.2, 5.0)
     # along each of the two axes of the patch's gradients; what noise alone gives of them tells nothing
-    mean = 0.5 * (patches.axx + patches.ayy)
-    root = np.hypot(0.5 * (patches.axx - patches.ayy), patches.axy)
-    angle = 0.5 * np.arctan2(2.0 * patches.axy, patches.axx - patches.ayy)
-    cosine, sine = np.cos(angle), np.sin(angle)
-    axes = np.stack([np.column_stack([cosine, sine]), np.column_stack([-sine, cosine])])
-    power = np.stack([mean + root, mean - root])
-    signal = power - PIXELS * noise * noise / stride**2  # twice the mean of noise alone
+    axes, power = _axes(patches)
+    cosine, sine = axes[0].T
+    signal = power - _alone(noise, stride)
     tells = signal > 0
     e = axes[..., 0] * ex + axes[..., 1] * ey
     # noise in the gradients shortens a shift measured with them
@@ -198,7 +252,7 @@ def match_patches(pyramid: Pyramid, G: Floats, patches: Patches, camera: float, 
     )
     out = inside[:, None]
     return Matches(
-        patches.places,
+        patches.rows,
         inside,
         np.where(inside, correlation, 0.0),
         np.where(out, shift, 0.0),
@@ -209,18 +263,15 @@ def match_patches(pyramid: Pyramid, G: Floats, patches: Patches, camera: float, 
 def joined(parts: list[Matches]) -> Matches:
     """Those of several levels."""
     if not parts:
-        return Matches(np.zeros((0, 2)), np.zeros(0, dtype=bool), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)))
+        return Matches(np.zeros((0, 2, 8)), np.zeros(0, dtype=bool), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)))
     return Matches(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def fit_patches(
-    target: Target, matches: Matches, prior: Floats, gradient: Floats, numbers: TextureNumbers
-) -> TextureFit:
+def fit_patches(matches: Matches, prior: Floats, gradient: Floats, numbers: TextureNumbers) -> TextureFit:
     """Robust normal equations of patches about their own best fit together with a prior.
 
     Args:
-        target: whose pose is off.
-        matches: of its patches.
+        matches: of patches.
         prior, gradient: (8, 8) information about the pose's error, and (8,) that times what it is thought to be.
         numbers: see there.
     """
@@ -229,7 +280,7 @@ def fit_patches(
     fit.used = int(inside.sum())
     if fit.used < 4:
         return fit
-    J = target.jacobian(matches.places[inside])
+    J = matches.rows[inside]
     shift = matches.shift[inside]
     xx, xy, yy = matches.weight[inside].T
     W = np.stack([np.column_stack([xx, xy]), np.column_stack([xy, yy])], axis=1)
@@ -306,7 +357,7 @@ def follow_look(
                 return FlowFit(False, none, covariance, agreeing, correlation, used)
             b = -prior @ d
             matches = match_patches(pyramid, G, patches, target.noise, numbers.floor * patches.stride)
-            fit = fit_patches(target, matches, prior, b, numbers)
+            fit = fit_patches(matches, prior, b, numbers)
             P = inverse_definite(prior + fit.information) if fit.used >= 6 else None
             if P is None:
                 return FlowFit(False, none, covariance, agreeing, correlation, used)

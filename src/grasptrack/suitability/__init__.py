@@ -26,10 +26,10 @@ from grasptrack.suitability.result import Held, Looks, Reason, Suitability, Text
 from grasptrack.suitability.settled import Settled, settled
 from grasptrack.suitability.strategies import peaks_of, recommended, strategies_of
 from grasptrack.suitability.symmetry import Likeness, equals_of, symmetry_of
+from grasptrack.tracking.decision import largest_sigma
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.single import largest_sigma
 from grasptrack.tracking.target import make_target, pyramid
 from grasptrack.tracking.tracker import GraspTracker
 

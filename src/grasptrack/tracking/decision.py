@@ -73,6 +73,11 @@ def tolerance(area: float, numbers: Numbers) -> float:
     return max(numbers.tolerance_px, numbers.tolerance * math.sqrt(area))
 
 
+def largest_sigma(area: float, numbers: Numbers) -> float:
+    """px, the standard deviation from which on a contact of an object of `area` px^2 is not believed."""
+    return tolerance(area, numbers) / math.sqrt(-2.0 * math.log(numbers.risk))
+
+
 def evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of an estimate: this object there, partly covered, against nothing of its kind."""
     prior = numbers.cover_power * math.log(max(1.0 - estimate.covered, 0.01))
@@ -269,7 +274,12 @@ SAME_ODDS = math.log(20.0)
 
 def variance_of(estimate: PoseEstimate) -> float:
     """px^2 of the worst contact in its worst direction, by the model alone."""
-    axes = [(0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)) for (xx, xy), (_, yy) in estimate.covariance.tolist()]
+    return worst_variance(estimate.covariance)
+
+
+def worst_variance(covariance: Floats) -> float:
+    """px^2 of the worst of some places in its worst direction, of their covariances (k, 2, 2)."""
+    axes = [(0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)) for (xx, xy), (_, yy) in covariance.tolist()]
     return float(max(mean + root for mean, root in axes))
 
 

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.kernels import seen_area
+from grasptrack.tracking.decision import largest_sigma, worst_variance
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import Look, TrackState
@@ -58,16 +61,27 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
             joined = _joined(target, hypothesis, calm)
             # what moves over the object may have carried its texture along
             first = [hypothesis, calm] if joined is None else [joined]
-    if flow is not None and state.accepted % GROUND:
+    settled = flow is not None and _settles(target, flow, numbers)
+    if settled and state.accepted % GROUND:
         return Predictions(first, rest, None)
     ground = _laid(target, state, levels, rest, Q, target.ring)
     if ground is None:
         return Predictions(first or rest, rest if first else [], None)
     # what rested on the ground rests on it still
     carried = Hypothesis("background", ground["G"], state.P + ground["P"] + Q * state.wander**2)
+    if first and not settled:
+        joined = _joined(target, carried, first[0])
+        first = first if joined is None else [joined]
     if first:
         return Predictions(first, [*rest, carried], ground["G"])
     return Predictions([carried, *rest], [], ground["G"])
+
+
+def _settles(target: Target, flow: dict[str, Any], numbers: Numbers) -> bool:
+    """Whether its own texture tells where every contact is, as surely as an answer is asked for."""
+    area = abs(seen_area(flow["G"], target.outline))
+    most = worst_variance(target.handle.placed(flow["G"], flow["P"])[1])
+    return math.sqrt(most) < largest_sigma(area, numbers)
 
 
 GROUND = 4

@@ -85,8 +85,3 @@ def turned_hypotheses(target: Target, estimate: PoseEstimate, numbers: Numbers) 
 def same_place(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
     """Whether two estimates put each contact at the same place, as exactly as is asked for."""
     return farthest(one.contacts, other.contacts) <= tolerance(one.area, numbers)
-
-
-def largest_sigma(area: float, numbers: Numbers) -> float:
-    """px, the standard deviation from which on a contact of an object of `area` px^2 is not believed."""
-    return tolerance(area, numbers) / math.sqrt(-2.0 * math.log(numbers.risk))
