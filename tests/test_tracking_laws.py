@@ -56,7 +56,9 @@ def test_contacts_are_followed_to_a_twentieth_of_a_pixel_and_do_not_drift() -> N
     assert errors[-1] < 0.1
 
 
-SLIDES = pytest.mark.xfail(strict=True, reason="0.7 to 0.9 px: a circle under perspective slides along itself")
+SLIDES = pytest.mark.xfail(
+    strict=True, reason="0.5 to 0.9 px: of a blank surface only coarse patches tell the turn, to 0.4 px"
+)
 
 
 @pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=SLIDES)])
