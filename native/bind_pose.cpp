@@ -205,6 +205,7 @@ struct PoseTarget {
         out["bias"] = s.light.bias;
         out["edge_width"] = s.edge_width;
         out["blur_share"] = s.blur_share;
+        out["blur"] = s.blur;
         out["edge_share"] = s.edge_share;
         out["edge_sigma"] = s.edge_sigma;
         out["look"] = s.look;

@@ -514,6 +514,7 @@ def test_a_pose_before_that_is_none_says_nothing_of_the_speed() -> None:
     levels = pyramid(draw(A, 0))
     for made in both(0):
         still, unknown = (made.solve(*question(levels, last=last)) for last in (A, np.full((3, 3), np.nan)))
+        del still["edge_width"], unknown["edge_width"]  # of edges that may be blurred
         same(unknown, still)
 
 

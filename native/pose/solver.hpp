@@ -49,6 +49,7 @@ struct Solution {
     Light light;
     // work px, standard deviation of an edge at rest, and half of what blurs it, of what moved across it; NaN of few
     double edge_width = std::numeric_limits<double>::quiet_NaN(), blur_share = edge_width;
+    double blur = edge_width;  // work px, half of what blurs all but a quarter of the edges; NaN of few
     double edge_share = 0, edge_sigma = 0, look = 0;  // look: median grey difference of the inner side where the edge is seen
     int texture_used = 0;
     double texture_agreeing = 0, texture_spread = 0;
@@ -80,7 +81,7 @@ class Solver {
         double h = start_.thickness, vh = start_.thickness_variance;
         const int first = whole(start_.reach, 0, farthest);
         int reach = first;
-        constexpr int rounds = 4;
+        constexpr int rounds = 8, direct = 4;
         Vector<8> last{};
         for (int round = 0; round < rounds; ++round) {
             Matrix<8> A;
@@ -101,7 +102,8 @@ class Solver {
                 view_ = measure_edges(target_, pyramid_, G, reach, half, out.light, 46);
                 if (!fit_edges(round == 0 ? 3 : 4, G, A, b, d, P, h, vh, out)) return out;
             }
-            for (double &value : d) value = std::clamp(value, -target_.radius, target_.radius);
+            // what does not settle goes to and fro between two answers
+            for (double &value : d) value = std::clamp(round < direct ? value : 0.5 * value, -target_.radius, target_.radius);
             const double moved = contacts_moved(d);
             G = target_.moved(G, d);
             if (!finite(G)) return out;
@@ -303,20 +305,30 @@ class Solver {
     }
 
     // How wide the edges are that are seen, where next to nothing moves across them, and what motion adds where much does.
-    void learn_widths(const Homography &G, const std::vector<double> &seen, const std::vector<double> &moved, Solution &out) const {
+    // Half of what blurs each edge, as far as it moved, or where that is not known as wide as most edges are.
+    std::vector<double> learn_widths(const Homography &G, const std::vector<double> &seen, Solution &out) const {
         constexpr double still = 1.0, fast = 4.0;  // work px, standard deviations at rest
         constexpr double blurred = 0.6267;         // sqrt(pi / 8): what `edge_width` makes of a ramp, of its half length
         constexpr std::size_t few = 20;
         const std::vector<double> width = edge_widths(target_, pyramid_, G, view_.half);
-        std::vector<double> rest, share;
+        const std::vector<double> moved = moved_across(G);
+        const bool known = start_.last[0] == start_.last[0];
+        std::vector<double> rest, share, half;
         for (std::size_t i = 0; i < width.size(); ++i) {
             if (!(seen[i] > 0.5) || width[i] != width[i]) continue;
             if (moved[i] < still) rest.push_back(width[i]);
             const double more = width[i] * width[i] - start_.edge_width * start_.edge_width;
-            if (moved[i] > fast * start_.edge_width && moved[i] > still) share.push_back(std::sqrt(std::max(0.0, more)) / (blurred * moved[i]));
+            half.push_back(std::sqrt(std::max(0.0, more)) / blurred);
+            if (moved[i] > fast * start_.edge_width && moved[i] > still) share.push_back(half.back() / moved[i]);
         }
-        if (rest.size() > few) out.edge_width = middle(rest);
         if (share.size() > few) out.blur_share = std::min(1.0, middle(share));
+        if (known && rest.size() > few) out.edge_width = middle(rest);
+        if (half.size() > few) {
+            std::sort(half.begin(), half.end());
+            out.blur = half[half.size() * 3 / 4];
+            if (!known) return std::vector<double>(width.size(), out.blur);
+        }
+        return motion_blur(G);
     }
 
     States shares() const { return {numbers_.share_object, numbers_.share_occluded, numbers_.share_other}; }
@@ -516,12 +528,11 @@ class Solver {
                 elsewhere += out.other[i] = here.posterior[i][2];
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
-            const std::vector<double> moved = moved_across(out.G);
-            learn_widths(out.G, upper, moved, out);
+            const std::vector<double> blur = learn_widths(out.G, upper, out);
             std::vector<bool> bounded(n);
             for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);
             out.other_shape = other_shape(
-                target_, pyramid_, out.G, out.visible, bounded, motion_blur(out.G), out.light,
+                target_, pyramid_, out.G, out.visible, bounded, blur, out.light,
                 {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_agreement,
                  std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius)},
                 shares(), stay(), power_, out.differs);

@@ -194,6 +194,7 @@ class PoseTarget:
             gain, bias: of the surface's grey levels, from the reference to this image.
             edge_width: work px, standard deviation of an edge at rest, the median; NaN where few are seen.
             blur_share: half of an edge's blur, of what moved across it since the last image, the median; NaN where few moved.
+            blur: work px, half of what blurs all but a quarter of the edges; NaN where few are seen.
             edge_share: of the outline whose edges were found; edge_sigma: work px, of their residuals.
             look: median grey difference of the inner side where they were found; 0 of few.
             texture_used, texture_agreeing, texture_spread: patches in view, share of all that agree, and their median error in
@@ -234,6 +235,7 @@ class PoseTarget:
             "bias": s.light.bias,
             "edge_width": s.edge_width,
             "blur_share": s.blur_share,
+            "blur": s.blur,
             "edge_share": s.edge_share,
             "edge_sigma": s.edge_sigma,
             "look": s.look,

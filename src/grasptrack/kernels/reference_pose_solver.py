@@ -46,7 +46,7 @@ from grasptrack.kernels.reference_pose_texture import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROUNDS, TEXTURE_ROUNDS = 4, 3
+ROUNDS, DIRECT, TEXTURE_ROUNDS = 8, 4, 3
 FIRST_EDGE_ROUNDS, EDGE_ROUNDS = 3, 4
 """Times that edges are weighed: after the first step they are looked for anew anyway."""
 ENOUGH_EDGES = 30
@@ -113,6 +113,7 @@ class Solution:
     light: Light = field(default_factory=lambda: Light(1.0, 0.0))
     edge_width: float = np.nan
     blur_share: float = np.nan
+    blur: float = np.nan
     edge_share: float = 0.0
     edge_sigma: float = 0.0
     look: float = 0.0
@@ -198,7 +199,8 @@ class Solver:
                 if fitted is None:
                     return out
                 d, P, h, vh = fitted
-            d = np.clip(d, -target.radius, target.radius)
+            # what does not settle goes to and fro between two answers
+            d = np.clip(d if round_ < DIRECT else 0.5 * d, -target.radius, target.radius)
             moved = self._contacts_moved(d)
             G = target.moved(G, d)
             if not np.isfinite(G).all():
@@ -311,18 +313,29 @@ class Solver:
     def _half_widths(self, G: Floats) -> Ints:
         """(n,) of the edge filter: two standard deviations of an edge at rest, and the way that it moves."""
         rest = whole(2.0 * self.start.edge_width, LEAST_HALF, MOST_HALF)
-        return np.clip(rest + self._motion_blur(G), LEAST_HALF, MOST_HALF).astype(np.int64)
+        wide = np.clip(rest + self._motion_blur(G), LEAST_HALF, MOST_HALF)
+        return np.where(np.isnan(wide), LEAST_HALF, wide).astype(np.int64)
 
-    def _learn_widths(self, G: Floats, half: Ints, seen: Floats, moved: Floats, out: Solution) -> None:
-        """How wide the edges are that are seen (n,), where next to nothing moves across them, and what much motion adds."""
+    def _learn_widths(self, G: Floats, half: Ints, seen: Floats, out: Solution) -> Floats:
+        """How wide the edges are that are seen (n,), where next to nothing moves across them, and what much motion adds.
+
+        Returns:
+            (n,) half of what blurs each edge, as far as it moved, or where that is not known as wide as most edges are.
+        """
         width, own = edge_widths(self.target, self.pyramid, G, half), self.start.edge_width
+        moved, known = self._moved_across(G), bool(self.start.last[0, 0] == self.start.last[0, 0])
         told = (seen > 0.5) & ~np.isnan(width)
         rest, fast = told & (moved < STILL), told & (moved > STILL) & (moved > FAST * own)
-        if rest.sum() > FEW_EDGES:
+        length = np.sqrt(np.where(width**2 - own**2 > 0.0, width**2 - own**2, 0.0)) / RAMP
+        if known and rest.sum() > FEW_EDGES:
             out.edge_width = float(middle(width[rest]))
         if fast.sum() > FEW_EDGES:
-            more = np.sqrt(np.maximum(0.0, width[fast] ** 2 - own**2))
-            out.blur_share = min(1.0, float(middle(more / (RAMP * moved[fast]))))
+            out.blur_share = min(1.0, float(middle(length[fast] / moved[fast])))
+        if told.sum() > FEW_EDGES:
+            out.blur = float(np.sort(length[told])[told.sum() * 3 // 4])
+            if not known:
+                return np.full(len(width), out.blur)
+        return self._motion_blur(G)
 
     def _parallax(self, G: Floats) -> Floats:
         """(n,) of the lower face, less what the first view showed, which counts the other way."""
@@ -411,8 +424,7 @@ class Solver:
             out.visible = here.states[:, 0] * (found.upper + found.lower)
             out.occluded, out.other = here.states[:, 1], here.states[:, 2]
             out.elsewhere = float(out.other.sum()) / n
-            moved = self._moved_across(out.G)
-            self._learn_widths(out.G, half, here.states[:, 0] * found.upper, moved, out)
+            blur = self._learn_widths(out.G, half, here.states[:, 0] * found.upper, out)
             regions = RegionNumbers(
                 numbers["cell_unlikely"],
                 numbers["cell_far"],
@@ -427,7 +439,7 @@ class Solver:
                 out.G,
                 out.visible,
                 ends,
-                self._motion_blur(out.G),
+                blur,
                 out.light,
                 regions,
                 self.shares,

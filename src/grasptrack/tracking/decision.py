@@ -150,6 +150,12 @@ SUDDEN = math.log(100.0)
 """Odds against light that hides edges from one image to the next."""
 
 
+def _sudden(state: TrackState, estimate: PoseEstimate) -> float:
+    """Log of the odds against edges that hide from one image to the next: less where they are blurred all at once."""
+    more = max(0.0, estimate.blur - state.blur) if math.isfinite(estimate.blur) else 0.0
+    return SUDDEN / (1.0 + (0.5 * more / state.edge_width) ** 2) if more else SUDDEN
+
+
 def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: Numbers) -> float:
     """Probability that something else was taken for the object: its outline differs somewhere, or its surface everywhere.
 
@@ -165,7 +171,7 @@ def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: 
     if len(estimate.other):
         jump = max(0.0, strangeness(estimate, numbers) - state.strange)
         # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
-        shape += max(jump - max(0.0, surface), min(jump, SUDDEN))
+        shape += max(jump - max(0.0, surface), min(jump, _sudden(state, estimate)))
         shape += surface_missing(shares) if state.accepted else 0.0
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (

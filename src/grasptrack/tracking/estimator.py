@@ -46,6 +46,7 @@ class PoseEstimate:
         thickness, thickness_variance: work px, work px^2.
         edge_width: work px, standard deviation of an edge at rest; NaN where too few are seen.
         blur_share: half of an edge's blur, of what moved across it since the last image; NaN where too few moved.
+        blur: work px, half of what blurs all but a quarter of the edges; NaN where too few are seen.
         edge_share: of the outline's samples whose edge was found; edge_sigma: work px, of their residuals.
         look: grey levels by which the inner side differs from the first view's, median.
         light: gain and bias of the surface's grey levels since the first view.
@@ -68,6 +69,7 @@ class PoseEstimate:
     thickness_variance: float
     edge_width: float
     blur_share: float
+    blur: float
     edge_share: float
     edge_sigma: float
     look: float
@@ -146,6 +148,7 @@ def estimate_pose(
         found["thickness_variance"],
         found["edge_width"],
         found["blur_share"],
+        found["blur"],
         found["edge_share"],
         found["edge_sigma"],
         found["look"],

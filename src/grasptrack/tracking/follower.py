@@ -252,7 +252,9 @@ class Follower:
         if area > 0.0:
             a, b, c = np.linalg.inv(G)[2].tolist()
             size = ExpectedSize(area, (a, b, c), state.slope, spread)
-        return Expected(target.carried(G), LONG if state.gone else unseen, size, state.lost + passed if state.lost else 0.0)
+        return Expected(
+            target.carried(G), LONG if state.gone else unseen, size, state.lost + passed if state.lost else 0.0
+        )
 
     def _if_gone(self, levels: list[Grey], predictions: Predictions, expected: Expected) -> Expected:
         """What is expected, given whether its place is seen without it."""
@@ -359,6 +361,8 @@ class Follower:
         self._remember_looks(e)
         if math.isfinite(e.edge_width):
             state.edge_width = e.edge_width
+        if math.isfinite(e.blur):
+            state.blur = e.blur
         if math.isfinite(e.blur_share):
             state.blur_share += BLUR_KEPT * (e.blur_share - state.blur_share)
         if e.look > 0.0:

@@ -42,6 +42,7 @@ class TrackState:
         inner_spread: grey levels, see `Numbers.other_spread`.
         edge_width: work px, standard deviation of an edge at rest: how far the image is out of focus.
         blur_share: half of an edge's blur, of what moved across it since the last image: how long the shutter is open.
+        blur: work px, half of what blurred most edges of late.
         located: the last image in which the object was located.
         light: gain and bias of the surface there, from the first view on.
         lost: images since.
@@ -76,6 +77,7 @@ class TrackState:
     edge_width: float
     blur_share: float
     located: Look
+    blur: float = 0.0
     light: tuple[float, float] = (1.0, 0.0)
     lost: int = 0
     time: float | None = None
