@@ -164,6 +164,21 @@ def estimate_pose(
     )
 
 
+def lead_alike(target: Target, one: Hypothesis | PoseEstimate, other: Hypothesis | PoseEstimate) -> bool:
+    """Whether one of two poses lies within the uncertainty of the other, so that both lead to the same answer."""
+    d = target.difference(other.G, one.G)
+    return bool(np.isfinite(d).all()) and min(float(d @ np.linalg.solve(P, d)) for P in (other.P, one.P)) < 1.0
+
+
+def apart(target: Target, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """Those that lead elsewhere than the ones before them."""
+    kept: list[Hypothesis] = []
+    for hypothesis in hypotheses:
+        if not any(lead_alike(target, hypothesis, other) for other in kept):
+            kept.append(hypothesis)
+    return kept
+
+
 def renamed(estimate: PoseEstimate, origin: str) -> PoseEstimate:
     """The same from elsewhere."""
     return replace(estimate, origin=origin)
