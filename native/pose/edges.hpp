@@ -193,30 +193,20 @@ struct EdgeView {
     int reach = 0;
     double density = 0;  // clutter: candidates for each work px of a normal
     std::vector<int> half;  // px on each side of each sample's edge that were averaged
+    std::vector<double> width;  // work px, standard deviation of each sample's edge, where asked for; NaN where it cannot be told
     std::vector<EdgeSample> samples;
 };
 
-// Standard deviation of each sample's edge, work px, in an image seen through G; NaN where it cannot be told.
-inline std::vector<double> edge_widths(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<int> &half) {
-    std::vector<double> out;
-    std::array<double, 2 * (most_half + 2) + 1> values{};
-    const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
-    for (std::size_t i = 0; i < target.points.size(); ++i) {
-        const int span = half[i] + 2;
-        profile(seen, target.points[i], target.normals[i], span, {-span, span}, values.data());
-        out.push_back(edge_width(values.data(), span, half[i]));
-    }
-    return out;
-}
-
 // All candidates of all samples of an image seen through G. `half`: px on each side of an edge that are averaged.
+// `widths`: tell how wide edges are as well.
 inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, const Homography &G, int reach,
-                              const std::vector<int> &half, Light light, int most_span) {
+                              const std::vector<int> &half, Light light, int most_span, bool widths = false) {
     EdgeView view;
     view.reach = reach;
     view.half = half;
     const std::size_t n = target.points.size();
     view.samples.resize(n);
+    if (widths) view.width.resize(n);
     const int span = std::min(most_span, reach + beyond);
     std::vector<double> values(static_cast<std::size_t>(2 * span + 1));
     int inside = 0, found = 0;
@@ -224,6 +214,7 @@ inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, cons
     for (std::size_t i = 0; i < n; ++i) {
         EdgeSample &s = view.samples[i];
         s.inside = profile(seen, target.points[i], target.normals[i], span, part_of(span, reach, half[i]), values.data());
+        if (widths) view.width[i] = edge_width(values.data(), span, half[i]);
         if (!s.inside) continue;
         ++inside;
         find_candidates(values.data(), span, reach, target.noise, half[i], s);

@@ -303,11 +303,11 @@ class Solver {
     }
 
     // How wide the edges are that are seen, where next to nothing moves across them, and what motion adds where much does.
-    void learn_widths(const Homography &G, const std::vector<double> &seen, const std::vector<double> &moved, Solution &out) const {
+    void learn_widths(const std::vector<double> &seen, const std::vector<double> &moved, Solution &out) const {
         constexpr double still = 1.0, fast = 4.0;  // work px, standard deviations at rest
         constexpr double blurred = 0.6267;         // sqrt(pi / 8): what `edge_width` makes of a ramp, of its half length
         constexpr std::size_t few = 20;
-        const std::vector<double> width = edge_widths(target_, pyramid_, G, view_.half);
+        const std::vector<double> &width = view_.width;
         std::vector<double> rest, share;
         for (std::size_t i = 0; i < width.size(); ++i) {
             if (!(seen[i] > 0.5) || width[i] != width[i]) continue;
@@ -484,7 +484,7 @@ class Solver {
         out.other.assign(n, 0.0);
         if (edges) {
             const int reach = whole(numbers_.wide * 2 * target_.radius, 0, farthest);
-            view_ = measure_edges(target_, pyramid_, out.G, reach, half_widths(out.G), out.light, 46);
+            view_ = measure_edges(target_, pyramid_, out.G, reach, half_widths(out.G), out.light, 46, true);
             const std::vector<double> parallax = lower_face(out.G), none(n, 0.0);
             std::vector<double> low(n), variance(n);
             for (std::size_t i = 0; i < n; ++i) {
@@ -517,7 +517,7 @@ class Solver {
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
             const std::vector<double> moved = moved_across(out.G);
-            learn_widths(out.G, upper, moved, out);
+            learn_widths(upper, moved, out);
             std::vector<bool> bounded(n);
             for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);
             out.other_shape = other_shape(
