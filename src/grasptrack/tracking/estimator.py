@@ -55,7 +55,7 @@ class PoseEstimate:
         log_odds: of the outline, this object against none.
         elsewhere: share of the outline whose edge lies elsewhere.
         other_shape: log-likelihood ratio of another shape; differs: of each sample, probability that the shape differs there.
-        again: a second solution, from farther away.
+        confirmed: a second solution, from farther away, was no better.
     """
 
     origin: str
@@ -82,7 +82,7 @@ class PoseEstimate:
     elsewhere: float
     other_shape: float
     differs: Floats
-    again: bool = False
+    confirmed: bool = False
 
     @cached_property
     def covered(self) -> float:
@@ -160,7 +160,6 @@ def estimate_pose(
         found["elsewhere"],
         found["other_shape"],
         found["differs"],
-        again,
     )
 
 

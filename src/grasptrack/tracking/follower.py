@@ -312,7 +312,7 @@ class Follower:
         state.lost += 1
         seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
         state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
-        state.velocity = None
+        state.velocity, state.elsewhere = None, 0.0
         # while something is followed that is more probably the object than another shape or surface, its place is known
         followed = decision.presence > 1.0 - numbers.risk and decision.probability_off < 0.5
         if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
@@ -363,6 +363,7 @@ class Follower:
         state = self.state
         state.accepted += 1
         share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
+        state.elsewhere = estimate.elsewhere if estimate.confirmed else min(state.elsewhere, estimate.elsewhere)
         state.strange += (strangeness(estimate, self.numbers) - state.strange) * share
         for usual, r in zip(state.usual, estimate.correlation, strict=True):
             if state.accepted == 1:

@@ -50,10 +50,14 @@ class Solutions:
                 continue
             # of a lost object only what shows it can be nearly right
             lost = self._state.lost and evidence(estimate, self._state.usual, self._numbers) < 0.0
-            if (estimate.elsewhere > self._numbers.elsewhere or self._falls_short(estimate)) and not lost:
+            # what lay elsewhere a moment ago, whatever was tried, lies there still
+            more = estimate.elsewhere - (0.0 if self._state.lost else self._state.elsewhere)
+            if (more > self._numbers.elsewhere or self._falls_short(estimate)) and not lost:
                 other = self._from_farther(estimate, still=still)
                 if other is not None and self._score(other, hypothesis) > self._score(estimate, hypothesis):
                     estimate = other
+                else:
+                    estimate = replace(estimate, confirmed=True)
             self.found.append(estimate)
 
     def _from_farther(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate | None:
