@@ -85,9 +85,25 @@ class PoseEstimate:
     confirmed: bool = False
 
     @cached_property
+    def hidden(self) -> float:
+        """Share of the outline that is hidden."""
+        return float(self.occluded.sum()) / len(self.occluded) if len(self.occluded) else 0.0
+
+    @property
     def covered(self) -> float:
         """Share of the outline that is hidden, or whose edge lies elsewhere."""
-        return float((self.occluded.sum() + self.other.sum()) / len(self.other)) if len(self.other) else 0.0
+        return self.hidden + self.elsewhere
+
+    @cached_property
+    def middle(self) -> tuple[float, float]:
+        """(x, y) px of the contacts."""
+        return middle(self.contacts)
+
+
+def middle(points: Floats) -> tuple[float, float]:
+    """(x, y) of points (k, 2), number by number: of so few NumPy's calls would cost more."""
+    listed = points.tolist()
+    return sum(x for x, _ in listed) / len(listed), sum(y for _, y in listed) / len(listed)
 
 
 UNKNOWN = np.full((3, 3), np.nan)

@@ -32,7 +32,7 @@ from grasptrack.tracking.decision import (
     strangeness,
     tolerance,
 )
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, apart, estimate_pose, renamed
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, apart, estimate_pose, middle, renamed
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
@@ -156,8 +156,7 @@ class Follower:
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
         """Whether the outline lies elsewhere all at once, or much of it is covered, by what may have carried texture along."""
         numbers, usual = self.numbers, self.state.strange
-        covered = float(np.mean(estimate.occluded)) if len(estimate.occluded) else 0.0
-        cover = -numbers.cover_power * math.log1p(-min(covered, 0.999))
+        cover = -numbers.cover_power * math.log1p(-min(estimate.hidden, 0.999))
         noticed = -numbers.cover_power * math.log1p(-numbers.elsewhere)
         return strangeness(estimate, numbers) - usual > SUDDEN or cover - usual > noticed
 
@@ -236,9 +235,11 @@ class Follower:
         area = abs(seen_area(G, target.outline))
         size = None
         if area > 0.0:
-            a, b, c = np.linalg.inv(G)[2].tolist()
-            size = ExpectedSize(area, (a, b, c), state.slope, spread)
-        return Expected(target.carried(G), LONG if state.gone else unseen, size, state.lost + passed if state.lost else 0.0)
+            (a, b, _), (c, d, _), (e, f, _) = G.tolist()
+            size = ExpectedSize(area, (c * f - d * e, b * e - a * f, a * d - b * c), state.slope, spread)
+        return Expected(
+            target.carried(G), LONG if state.gone else unseen, size, state.lost + passed if state.lost else 0.0
+        )
 
     def _if_gone(self, levels: list[Grey], predictions: Predictions, expected: Expected) -> Expected:
         """What is expected, given whether its place is seen without it."""
@@ -263,7 +264,7 @@ class Follower:
             places += self.redetection.matched(look, look.levels)
         for hypothesis in self.redetection.promising(look.levels, places, len(places)):
             other = estimate_pose(self.target, state, look.levels, hypothesis, still=True)
-            if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
+            if other is None or math.dist(other.middle, own.middle) < SAME_PLACE * size:
                 continue
             if evidence(other, state.usual, numbers) > ALIKE * evidence(own, state.usual, numbers) > 0.0:
                 return True
@@ -340,23 +341,20 @@ class Follower:
         even = moving_on(target, state, steps)
         if even is not None:
             off = target.difference(even, estimate.G)
-            share = float(off**2 @ (1.0 / np.diagonal(target.noise_of_motion))) / len(off)
+            share = float(off**2 @ target.precision_of_motion) / len(off)
             if math.isfinite(share):
                 state.moves += 1
                 rate = 1.0 / min(state.moves, MEMORY)
                 state.agility = _between(state.agility + (share - state.agility) * rate, CALM, 1.0)
         if ground is not None and not state.lost:
-            x, y = (
-                sum(part) / len(part)
-                for part in zip(*(estimate.contacts - target.carried(ground)).tolist(), strict=True)
-            )
-            share = math.hypot(x, y) / math.sqrt(estimate.area) / numbers.travel
+            away = math.dist(estimate.middle, middle(target.carried(ground)))
+            share = away / math.sqrt(estimate.area) / numbers.travel
             state.wanders += 1
             rate = 1.0 / min(state.wanders, MEMORY)
             state.wander = _between(state.wander + (share - state.wander) * rate, STILL, 1.0)
         velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
         state.velocity_P = state.P + estimate.P
-        state.velocity = velocity if not state.lost and np.isfinite(velocity).all() else None
+        state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None
 
     def _remember_looks(self, estimate: PoseEstimate) -> None:
         """How much of outline and patches usually looks as it did first: noise, reflections and blur make it less."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from grasptrack.tracking.decision import evidence, texture_evidence
+from grasptrack.tracking.decision import evidence, surface_evidence, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose, lead_alike, renamed
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.redetection import CONTINUOUS
@@ -89,7 +89,7 @@ class Solutions:
         """Log-likelihood ratio of the patches of an estimate if they looked as they usually do."""
         state = self._state
         seen = [u + 0.0 * r for u, r in zip(state.usual, estimate.correlation, strict=True)]
-        return texture_evidence(replace(estimate, correlation=seen), state.usual, self._numbers)
+        return surface_evidence(seen, state.usual, self._numbers)[0]
 
     def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
         """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
