@@ -63,7 +63,7 @@ class Keypoints:
             return None
         source = np.array([self._points[m.queryIdx].pt for m in good], np.float32)
         place = np.array([points[m.trainIdx].pt for m in good], np.float32)
-        H, inliers = cv2.findHomography(source, place, cv2.RANSAC, 4.0)
+        H, inliers = cv2.findHomography(source, place, cv2.USAC_FAST, 4.0)
         if H is None or inliers.sum() < 8:
             return None
         return self._target.pose(self._enlarge @ np.asarray(H, dtype=np.float64) @ np.linalg.inv(self._enlarge))

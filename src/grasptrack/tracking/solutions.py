@@ -40,9 +40,11 @@ class Solutions:
         ] = []  # an answer, and what it led to from farther away
 
     def add(self, hypotheses: list[Hypothesis]) -> None:
-        """Make hypotheses exact."""
+        """Make hypotheses exact; of a lost object those that do not lead to what was found already."""
         for hypothesis in hypotheses:
             state = self._state
+            if state.lost and self._answered(hypothesis):
+                continue
             # where it was a moment ago does not tell how it moves
             still = bool(state.lost) or hypothesis.origin not in CONTINUOUS
             estimate = estimate_pose(self._target, state, self._levels, hypothesis, still=still)
@@ -59,6 +61,13 @@ class Solutions:
                 else:
                     estimate = replace(estimate, confirmed=True)
             self.found.append(estimate)
+
+    def _answered(self, hypothesis: Hypothesis) -> bool:
+        """Whether an answer that shows the object lies where a hypothesis would lead."""
+        return any(
+            lead_alike(self._target, hypothesis, e) and evidence(e, self._state.usual, self._numbers) > 0.0
+            for e in self.found
+        )
 
     def _from_farther(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate | None:
         """A second solution; answers that lead to the same one share it."""
