@@ -82,7 +82,8 @@ class Solver {
         int reach = first;
         constexpr int rounds = 4;
         Vector<8> last{};
-        for (int round = 0; round < rounds; ++round) {
+        bool done = false;
+        for (int round = 0; round < rounds && !done; ++round) {
             Matrix<8> A;
             Vector<8> b;
             if (!system(G, A, b)) return out;
@@ -107,8 +108,9 @@ class Solver {
             if (!finite(G)) return out;
             if (edges) reach = whole(reach_of(P, 3.0, 3.0) + moved, 4, 30);
             last = d;
-            if (moved < settled && round > 0) break;
+            done = moved < settled && round > 0;
         }
+        if (!done) patches_ = match_all(0, told, G);  // else the last step moved none of them
         // an answer that still moves is not known better than by its last step
         for (std::size_t a = 0; a < 8; ++a)
             for (std::size_t c = 0; c < 8; ++c) P[a * 8 + c] += last[a] * last[c];
@@ -122,6 +124,7 @@ class Solver {
     }
 
   private:
+    static constexpr std::size_t told = 3;   // levels of texture, the finest, that are told of; the coarser of them where blur has taken the finest
     static constexpr double settled = 0.02;  // work px: a step that moves no contact by more is the last
     static constexpr double exact = 0.002;   // the same where edges are weighed anew
 
@@ -253,16 +256,15 @@ class Solver {
         return fit.used >= 4 && fit.agreeing * n >= least + chance * n;
     }
 
-    TextureFit texture_rows(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Solution &out) const {
+    TextureFit texture_rows(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Solution &out) {
         TextureFit none;
-        // coarser levels tell where blur has taken the fine one
-        const std::vector<PatchRow> matches = match_all(0, 3, G);
-        if (matches.size() < 4) return none;
-        TextureFit fit = fit_patches(matches, A, b, texture_numbers());
+        patches_ = match_all(0, told, G);
+        if (patches_.size() < 4) return none;
+        TextureFit fit = fit_patches(patches_, A, b, texture_numbers());
         out.texture_used = fit.used;
         out.texture_agreeing = fit.agreeing;
         out.texture_spread = fit.spread;
-        return telling(fit, matches.size()) ? fit : none;
+        return telling(fit, patches_.size()) ? fit : none;
     }
 
     int reach_of(const Matrix<8> &P, double times_sd, double more) const {
@@ -526,10 +528,11 @@ class Solver {
                  std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius)},
                 shares(), stay(), power_, out.differs);
         }
-        for (std::size_t level = 0; level < std::min<std::size_t>(3, target_.texture.size()); ++level) {
+        auto row = patches_.begin();
+        for (std::size_t level = 0; level < std::min(told, target_.texture.size()); ++level) {
             out.correlation.emplace_back();
-            for (const PatchRow &row : match_all(level, level + 1, out.G))
-                out.correlation.back().push_back(row.match.inside ? row.match.correlation : std::numeric_limits<double>::quiet_NaN());
+            for (std::size_t k = 0; k < target_.texture[level].patches.size(); ++k, ++row)
+                out.correlation.back().push_back(row->match.inside ? row->match.correlation : std::numeric_limits<double>::quiet_NaN());
         }
     }
 
@@ -539,6 +542,7 @@ class Solver {
     const Numbers &numbers_;
     double power_;
     Matrix<8> prior_{};
+    std::vector<PatchRow> patches_;  // as they were matched last
     EdgeView view_;
     EdgeOdds odds_;
     EdgeLikelihoods likelihoods_;
