@@ -32,7 +32,7 @@ from grasptrack.tracking.decision import (
     strangeness,
     tolerance,
 )
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, apart, estimate_pose, middle, renamed
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, apart, estimate_pose, lead_alike, middle, renamed
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
@@ -98,8 +98,11 @@ class Follower:
         decision = decide(state, solutions.found, expected, presence, numbers)
         if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             # texture may have slid along itself
+            first = decision.estimate
             solutions.add(apart(target, predictions.second))
             decision = decide(state, solutions.found, expected, presence, numbers)
+            if decision.estimate is not None and lead_alike(target, decision.estimate, first):
+                state.confirmed = strangeness(decision.estimate, numbers)
         # what this image alone shows to be there is not looked for elsewhere
         shown = decision.code == "uncertain" and decision.evidence > -math.log(numbers.risk) and not state.lost
         if not decision.accepted and not shown:
@@ -155,7 +158,7 @@ class Follower:
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
         """Whether the outline lies elsewhere all at once, or much of it is covered, by what may have carried texture along."""
-        numbers, usual = self.numbers, self.state.strange
+        numbers, usual = self.numbers, max(self.state.strange, self.state.confirmed)
         cover = -numbers.cover_power * math.log1p(-min(estimate.hidden, 0.999))
         noticed = -numbers.cover_power * math.log1p(-numbers.elsewhere)
         return strangeness(estimate, numbers) - usual > SUDDEN or cover - usual > noticed
@@ -313,7 +316,7 @@ class Follower:
         state.lost += 1
         seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
         state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
-        state.velocity, state.elsewhere = None, 0.0
+        state.velocity, state.elsewhere, state.confirmed = None, 0.0, 0.0
         # while something is followed that is more probably the object than another shape or surface, its place is known
         followed = decision.presence > 1.0 - numbers.risk and decision.probability_off < 0.5
         if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
@@ -362,7 +365,9 @@ class Follower:
         state.accepted += 1
         share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
         state.elsewhere = estimate.elsewhere if estimate.confirmed else min(state.elsewhere, estimate.elsewhere)
-        state.strange += (strangeness(estimate, self.numbers) - state.strange) * share
+        strange = strangeness(estimate, self.numbers)
+        state.strange += (strange - state.strange) * share
+        state.confirmed = min(state.confirmed, strange)
         for usual, r in zip(state.usual, estimate.correlation, strict=True):
             if state.accepted == 1:
                 # what passed for texture in the first image, as JPEG's noise, shows itself in the second
