@@ -12,6 +12,7 @@
 #include "order.hpp"
 #include "pyramid.hpp"
 #include "target.hpp"
+#include "wide.hpp"
 
 namespace grasptrack::pose {
 
@@ -41,7 +42,7 @@ inline Part part_of(int span, int reach, int half) {
 }
 
 // Grey levels along p + k n, for k of a part of -span..span; NaN outside the image. False where the sample itself is outside.
-inline bool profile(const Seen &seen, Point p, Point n, int span, Part part, double *out) {
+GRASPTRACK_WIDE inline bool profile(const Seen &seen, Point p, Point n, int span, Part part, double *out) {
     const Homography &h = seen.H;
     const double x0 = h[0] * p.x + h[1] * p.y + h[2], x1 = h[0] * n.x + h[1] * n.y;
     const double y0 = h[3] * p.x + h[4] * p.y + h[5], y1 = h[3] * n.x + h[4] * n.y;
@@ -70,7 +71,7 @@ inline bool profile(const Seen &seen, Point p, Point n, int span, Part part, dou
 
 // Extrema of (mean of `half` px outside - mean of `half` px inside) within `reach`. A wide filter does not displace a
 // sharp edge, and finds the middle of a blurred one.
-inline void find_candidates(const double *values, int span, int reach, double noise, int half, EdgeSample &out) {
+GRASPTRACK_WIDE inline void find_candidates(const double *values, int span, int reach, double noise, int half, EdgeSample &out) {
     const int count = 2 * span + 1;
     const int first = std::max(2, span - reach), last = std::min(count - 3, span + reach);
     // g is needed one px beyond what is searched, and what it is smoothed from, t, two
@@ -131,7 +132,7 @@ struct Light {
 
 // Robust gain and bias of the object's surface, reference to current. Where much is covered, the cover is what fits most:
 // the light of before, as far as it still explains some of the surface, is believed rather than a jump of the light.
-inline Light surface_light(const Target &target, const Pyramid &pyramid, const Homography &G, const Light &before) {
+GRASPTRACK_WIDE inline Light surface_light(const Target &target, const Pyramid &pyramid, const Homography &G, const Light &before) {
     std::vector<double> x, y;
     for (std::size_t i = 0; i < target.surface.size(); ++i) {
         const Point p = target.surface[i], q = carried(G, p.x, p.y);
@@ -199,7 +200,7 @@ struct EdgeView {
 
 // All candidates of all samples of an image seen through G. `half`: px on each side of an edge that are averaged.
 // `widths`: tell how wide edges are as well.
-inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, const Homography &G, int reach,
+GRASPTRACK_WIDE inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, const Homography &G, int reach,
                               const std::vector<int> &half, Light light, int most_span, bool widths = false) {
     EdgeView view;
     view.reach = reach;
@@ -276,7 +277,7 @@ struct EdgeLikelihoods {
 };
 
 // `shift`: where each sample's edge is expected; `low`, `low_variance`: how far out the lower face's lies.
-inline void edge_likelihoods(const Target &target, const EdgeView &view, const EdgeOdds &odds, const std::vector<double> &shift,
+GRASPTRACK_WIDE inline void edge_likelihoods(const Target &target, const EdgeView &view, const EdgeOdds &odds, const std::vector<double> &shift,
                              const std::vector<double> &low, const std::vector<double> &low_variance, const Matrix<8> &P,
                              const EdgeNumbers &numbers, EdgeLikelihoods &out) {
     const std::size_t n = target.points.size();

@@ -12,6 +12,7 @@
 #include "edges.hpp"
 #include "regions.hpp"
 #include "texture.hpp"
+#include "wide.hpp"
 
 namespace grasptrack::pose {
 
@@ -328,7 +329,7 @@ class Solver {
     }
 
     // Edges and thickness, by expectation and maximisation: which candidate, then the pose, `rounds` times at most.
-    bool fit_edges(int rounds, const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h, double &vh,
+    GRASPTRACK_WIDE bool fit_edges(int rounds, const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h, double &vh,
                    Solution &out) {
         const std::size_t n = target_.points.size();
         const std::vector<double> parallax = lower_face(G);

@@ -9,6 +9,7 @@
 #include "order.hpp"
 #include "pyramid.hpp"
 #include "target.hpp"
+#include "wide.hpp"
 
 namespace grasptrack::pose {
 
@@ -73,7 +74,7 @@ inline bool holds_square(const Level &level, Point c, double ux, double uy, doub
 }
 
 // A patch of an image seen through G; false where it is not whole in view.
-inline bool cut_patch(const Target &target, const Pyramid &pyramid, const Homography &G, double x, double y, double stride,
+GRASPTRACK_WIDE inline bool cut_patch(const Target &target, const Pyramid &pyramid, const Homography &G, double x, double y, double stride,
                       Patch &out) {
     const Seen seen = look_through(pyramid, G, x, y, stride);
     const Point c = carried(seen.H, x, y);
@@ -176,7 +177,7 @@ struct TextureNumbers {
 };
 
 // One patch on an image seen through G.
-inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double camera,
+GRASPTRACK_WIDE inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double camera,
                               double floor) {
     PatchMatch out;
     const double noise = noise_of(camera, stride);
@@ -260,7 +261,7 @@ struct PatchRow {
 };
 
 // Robust normal equations of patches about their own best fit together with a prior (information, gradient).
-inline TextureFit fit_patches(const std::vector<PatchRow> &patches, const Matrix<8> &prior, const Vector<8> &prior_gradient,
+GRASPTRACK_WIDE inline TextureFit fit_patches(const std::vector<PatchRow> &patches, const Matrix<8> &prior, const Vector<8> &prior_gradient,
                               const TextureNumbers &numbers) {
     TextureFit fit;
     const std::size_t n = patches.size();
