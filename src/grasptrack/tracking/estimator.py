@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +54,8 @@ class PoseEstimate:
         log_odds: of the outline, this object against none.
         elsewhere: share of the outline whose edge lies elsewhere.
         other_shape: log-likelihood ratio of another shape; differs: of each sample, probability that the shape differs there.
+        middle: (x, y) px of the contacts.
+        hidden: share of the outline that is hidden; covered: that, or has its edge elsewhere.
         confirmed: a second solution, from farther away, was no better.
     """
 
@@ -82,22 +83,10 @@ class PoseEstimate:
     elsewhere: float
     other_shape: float
     differs: Floats
+    middle: tuple[float, float]
+    hidden: float
+    covered: float
     confirmed: bool = False
-
-    @cached_property
-    def hidden(self) -> float:
-        """Share of the outline that is hidden."""
-        return float(self.occluded.sum()) / len(self.occluded) if len(self.occluded) else 0.0
-
-    @property
-    def covered(self) -> float:
-        """Share of the outline that is hidden, or whose edge lies elsewhere."""
-        return self.hidden + self.elsewhere
-
-    @cached_property
-    def middle(self) -> tuple[float, float]:
-        """(x, y) px of the contacts."""
-        return middle(self.contacts)
 
 
 def middle(points: Floats) -> tuple[float, float]:
@@ -151,6 +140,8 @@ def estimate_pose(
         return None
     G, P = found["G"], found["P"]
     contacts, covariance = target.handle.placed(G, P)
+    occluded = found["occluded"]
+    hidden = float(occluded.sum()) / len(occluded) if len(occluded) else 0.0
     return PoseEstimate(
         hypothesis.origin,
         G,
@@ -170,12 +161,15 @@ def estimate_pose(
         found["texture_agreeing"],
         found["texture_spread"],
         found["visible"],
-        found["occluded"],
+        occluded,
         found["other"],
         found["log_odds"],
         found["elsewhere"],
         found["other_shape"],
         found["differs"],
+        middle(contacts),
+        hidden,
+        hidden + found["elsewhere"],
     )
 
 
