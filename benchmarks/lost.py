@@ -18,9 +18,9 @@ from grasptrack.evaluation.parts import built_in
 from grasptrack.evaluation.scenes import suite
 from grasptrack.evaluation.sequence import chosen_grasp
 from grasptrack.tracking import follower, redetection
-from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.outlines import Outlines
 from grasptrack.tracking.redetection import Keypoints, Redetection
+from grasptrack.tracking.solutions import Solutions
 
 SHAPES = ("bracket", "gasket", "spanner", "hook", "puzzle-piece", "u-clip")
 DISTURBANCES = ("leave", "exchange", "twin", "hand", "clip")
@@ -30,7 +30,7 @@ STEPS: tuple[tuple[str, object, str], ...] = (
     ("pyramid of the image", follower, "pyramid"),
     ("where it is expected", follower, "predict"),
     ("which hypotheses promise", Redetection, "promising"),
-    ("pose estimates", Follower, "_estimates"),
+    ("pose estimates", Solutions, "add"),
     ("decisions", follower, "decide"),
     ("the last look, laid anew", redetection, "shifted_looks"),
     ("keypoints", Keypoints, "find"),

@@ -345,11 +345,17 @@ double seen_area(const Doubles &G, const Doubles &points) {
     return pose::seen_area(fixed<9>(G, "G"), points.data(), points.shape(0));
 }
 
-nb::object surface_evidence(const Doubles &correlation, const Doubles &usual, const Doubles &shares, double match_spread,
-                            double chance_spread, double independent) {
-    if (count(usual) != count(correlation)) throw std::invalid_argument("each correlation needs what is usual");
-    return array_of(pose::surface_evidence(correlation.data(), usual.data(), count(correlation), shares.data(), count(shares),
-                                           {match_spread, chance_spread, independent}));
+nb::tuple surface_evidence(const std::vector<Doubles> &correlation, const std::vector<Doubles> &usual, const Doubles &shares,
+                           const Doubles &log_prior, double match_spread, double chance_spread, double independent) {
+    if (count(log_prior) != count(shares)) throw std::invalid_argument("each share needs its prior");
+    bool alike = usual.size() == correlation.size();
+    for (std::size_t k = 0; alike && k < usual.size(); ++k) alike = count(usual[k]) == count(correlation[k]);
+    if (!alike) throw std::invalid_argument("each correlation needs what is usual");
+    pose::SurfaceEvidence out{0.0, std::vector<double>(count(shares), 0.0)};
+    for (std::size_t k = 0; k < usual.size(); ++k)
+        pose::add_level(out, correlation[k].data(), usual[k].data(), count(usual[k]), shares.data(), log_prior.data(), count(shares),
+                        {match_spread, chance_spread, independent});
+    return nb::make_tuple(out.odds, array_of(out.by_share));
 }
 
 }  // namespace
@@ -374,8 +380,8 @@ void bind_pose(nb::module_ &m) {
              "pinhole_sd"_a, "keep"_a, "most"_a)
         .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
     m.def("seen_area", &seen_area, "G"_a, "points"_a);
-    m.def("surface_evidence", &surface_evidence, "correlation"_a, "usual"_a, "shares"_a, "match_spread"_a, "chance_spread"_a,
-          "independent"_a);
+    m.def("surface_evidence", &surface_evidence, "correlation"_a, "usual"_a, "shares"_a, "log_prior"_a, "match_spread"_a,
+          "chance_spread"_a, "independent"_a);
     m.def("strongest_edges", &strongest_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a, "half"_a);
 }
 

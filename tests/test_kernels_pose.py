@@ -273,15 +273,19 @@ def test_what_cannot_be_told_of_poses() -> None:
 
 
 @FEW
-@given(SEEDS, st.integers(0, 300), st.integers(1, 30))
-def test_evidence_of_surfaces(seed: int, n: int, m: int) -> None:
+@given(SEEDS, st.lists(st.integers(0, 300), max_size=3), st.integers(1, 30))
+def test_evidence_of_surfaces(seed: int, counts: list[int], m: int) -> None:
     rng = np.random.default_rng(seed)
-    r = np.where(rng.random(n) < 0.2, np.nan, rng.uniform(-1.0, 1.0, n))
-    asked = r, rng.uniform(-0.2, 1.2, n), rng.uniform(0.0, 1.0, m), 0.18, 0.33, 3.0
+    r = [np.where(rng.random(n) < 0.2, np.nan, rng.uniform(-1.0, 1.0, n)) for n in counts]
+    usual = [rng.uniform(-0.2, 1.2, n) for n in counts]
+    asked = r, usual, rng.uniform(0.0, 1.0, m), np.log(rng.uniform(0.01, 1.0, m)), 0.18, 0.33, 3.0
     same(native.surface_evidence(*asked), reference.surface_evidence(*asked))
     for module in (native, reference):
-        with pytest.raises(ValueError, match="usual"):
-            module.surface_evidence(r, np.zeros(n + 1), *asked[2:])
+        for wrong in ([*usual, np.zeros(1)], [np.zeros(len(u) + 1) for u in usual] or [np.zeros(1)]):
+            with pytest.raises(ValueError, match="usual"):
+                module.surface_evidence(r, wrong, *asked[2:])
+        with pytest.raises(ValueError, match="prior"):
+            module.surface_evidence(r, usual, asked[2], np.zeros(m + 1), *asked[4:])
 
 
 @FEW

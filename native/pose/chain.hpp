@@ -62,11 +62,17 @@ inline void explain(const std::vector<States> &likelihood, const States &share, 
     }
 }
 
-// The same, of likelihood ratios against an occluder. `power`: how much of an independent measurement a sample is.
-inline Chain stretches(const std::vector<double> &object, const std::vector<double> &other, double power, const States &share,
-                       double stay, bool backward, double mixed = 1.0) {
+// Likelihood ratios as so much of an independent measurement each.
+inline void temper(std::vector<double> &ratios, double power) {
+    for (double &value : ratios)
+        if (value != 1.0) value = std::pow(value, power);
+}
+
+// The same, of likelihood ratios against an occluder.
+inline Chain stretches(const std::vector<double> &object, const std::vector<double> &other, const States &share, double stay, bool backward,
+                       double mixed) {
     std::vector<States> likelihood(object.size());
-    for (std::size_t i = 0; i < object.size(); ++i) likelihood[i] = {std::pow(object[i], power), 1.0, std::pow(other[i], power)};
+    for (std::size_t i = 0; i < object.size(); ++i) likelihood[i] = {object[i], 1.0, other[i]};
     Chain out;
     explain(likelihood, share, stay, backward, mixed, out);
     return out;

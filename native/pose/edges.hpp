@@ -12,6 +12,7 @@
 #include "order.hpp"
 #include "pyramid.hpp"
 #include "target.hpp"
+#include "wide.hpp"
 
 namespace grasptrack::pose {
 
@@ -41,7 +42,7 @@ inline Part part_of(int span, int reach, int half) {
 }
 
 // Grey levels along p + k n, for k of a part of -span..span; NaN outside the image. False where the sample itself is outside.
-inline bool profile(const Seen &seen, Point p, Point n, int span, Part part, double *out) {
+GRASPTRACK_WIDE inline bool profile(const Seen &seen, Point p, Point n, int span, Part part, double *out) {
     const Homography &h = seen.H;
     const double x0 = h[0] * p.x + h[1] * p.y + h[2], x1 = h[0] * n.x + h[1] * n.y;
     const double y0 = h[3] * p.x + h[4] * p.y + h[5], y1 = h[3] * n.x + h[4] * n.y;
@@ -70,7 +71,7 @@ inline bool profile(const Seen &seen, Point p, Point n, int span, Part part, dou
 
 // Extrema of (mean of `half` px outside - mean of `half` px inside) within `reach`. A wide filter does not displace a
 // sharp edge, and finds the middle of a blurred one.
-inline void find_candidates(const double *values, int span, int reach, double noise, int half, EdgeSample &out) {
+GRASPTRACK_WIDE inline void find_candidates(const double *values, int span, int reach, double noise, int half, EdgeSample &out) {
     const int count = 2 * span + 1;
     const int first = std::max(2, span - reach), last = std::min(count - 3, span + reach);
     // g is needed one px beyond what is searched, and what it is smoothed from, t, two
@@ -131,7 +132,7 @@ struct Light {
 
 // Robust gain and bias of the object's surface, reference to current. Where much is covered, the cover is what fits most:
 // the light of before, as far as it still explains some of the surface, is believed rather than a jump of the light.
-inline Light surface_light(const Target &target, const Pyramid &pyramid, const Homography &G, const Light &before) {
+GRASPTRACK_WIDE inline Light surface_light(const Target &target, const Pyramid &pyramid, const Homography &G, const Light &before) {
     std::vector<double> x, y;
     for (std::size_t i = 0; i < target.surface.size(); ++i) {
         const Point p = target.surface[i], q = carried(G, p.x, p.y);
@@ -193,30 +194,20 @@ struct EdgeView {
     int reach = 0;
     double density = 0;  // clutter: candidates for each work px of a normal
     std::vector<int> half;  // px on each side of each sample's edge that were averaged
+    std::vector<double> width;  // work px, standard deviation of each sample's edge, where asked for; NaN where it cannot be told
     std::vector<EdgeSample> samples;
 };
 
-// Standard deviation of each sample's edge, work px, in an image seen through G; NaN where it cannot be told.
-inline std::vector<double> edge_widths(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<int> &half) {
-    std::vector<double> out;
-    std::array<double, 2 * (most_half + 2) + 1> values{};
-    const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
-    for (std::size_t i = 0; i < target.points.size(); ++i) {
-        const int span = half[i] + 2;
-        profile(seen, target.points[i], target.normals[i], span, {-span, span}, values.data());
-        out.push_back(edge_width(values.data(), span, half[i]));
-    }
-    return out;
-}
-
 // All candidates of all samples of an image seen through G. `half`: px on each side of an edge that are averaged.
-inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, const Homography &G, int reach,
-                              const std::vector<int> &half, Light light, int most_span) {
+// `widths`: tell how wide edges are as well.
+GRASPTRACK_WIDE inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, const Homography &G, int reach,
+                              const std::vector<int> &half, Light light, int most_span, bool widths = false) {
     EdgeView view;
     view.reach = reach;
     view.half = half;
     const std::size_t n = target.points.size();
     view.samples.resize(n);
+    if (widths) view.width.resize(n);
     const int span = std::min(most_span, reach + beyond);
     std::vector<double> values(static_cast<std::size_t>(2 * span + 1));
     int inside = 0, found = 0;
@@ -224,6 +215,7 @@ inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, cons
     for (std::size_t i = 0; i < n; ++i) {
         EdgeSample &s = view.samples[i];
         s.inside = profile(seen, target.points[i], target.normals[i], span, part_of(span, reach, half[i]), values.data());
+        if (widths) view.width[i] = edge_width(values.data(), span, half[i]);
         if (!s.inside) continue;
         ++inside;
         find_candidates(values.data(), span, reach, target.noise, half[i], s);
@@ -285,7 +277,7 @@ struct EdgeLikelihoods {
 };
 
 // `shift`: where each sample's edge is expected; `low`, `low_variance`: how far out the lower face's lies.
-inline void edge_likelihoods(const Target &target, const EdgeView &view, const EdgeOdds &odds, const std::vector<double> &shift,
+GRASPTRACK_WIDE inline void edge_likelihoods(const Target &target, const EdgeView &view, const EdgeOdds &odds, const std::vector<double> &shift,
                              const std::vector<double> &low, const std::vector<double> &low_variance, const Matrix<8> &P,
                              const EdgeNumbers &numbers, EdgeLikelihoods &out) {
     const std::size_t n = target.points.size();

@@ -81,9 +81,9 @@ struct SurfaceNumbers {
     double independent;                  // patches that count as one
 };
 
-// Log-likelihood ratio of correlations, NaN where not seen: this surface, a share of it covered, against another one.
-inline std::vector<double> surface_evidence(const double *correlation, const double *usual, std::size_t n, const double *share,
-                                            std::size_t m, const SurfaceNumbers &numbers) {
+// Log-likelihood ratios of one level's correlations, NaN where not seen: this surface, each share of it covered, against another one.
+inline std::vector<double> level_evidence(const double *correlation, const double *usual, std::size_t n, const double *share,
+                                          std::size_t m, const SurfaceNumbers &numbers) {
     std::vector<double> product(m, 1.0), sum(m, 0.0);
     const double chance = numbers.chance_spread, chance2 = chance * chance, match2 = numbers.match_spread * numbers.match_spread;
     constexpr double far = 1e30;  // a product is taken to a logarithm before it is lost
@@ -110,6 +110,26 @@ inline std::vector<double> surface_evidence(const double *correlation, const dou
     settle();
     for (double &value : sum) value /= numbers.independent;
     return sum;
+}
+
+struct SurfaceEvidence {
+    double odds = 0;               // log-likelihood ratio, of each level with a share of its own
+    std::vector<double> by_share;  // the same where all levels have one share
+};
+
+// The next level, n correlations, added to the evidence of those before. `log_prior`: of the m shares.
+inline void add_level(SurfaceEvidence &out, const double *correlation, const double *usual, std::size_t n, const double *share,
+                      const double *log_prior, std::size_t m, const SurfaceNumbers &numbers) {
+    out.by_share.resize(m, 0.0);
+    if (m == 0 || std::none_of(correlation, correlation + n, [](double r) { return std::isfinite(r); })) return;
+    const std::vector<double> level = level_evidence(correlation, usual, n, share, m, numbers);
+    double most = -std::numeric_limits<double>::infinity(), sum = 0;
+    for (std::size_t k = 0; k < m; ++k) {
+        out.by_share[k] += level[k];
+        most = std::max(most, level[k] + log_prior[k]);
+    }
+    for (std::size_t k = 0; k < m; ++k) sum += std::exp(level[k] + log_prior[k] - most);
+    out.odds += most + std::log(sum);
 }
 
 }  // namespace grasptrack::pose

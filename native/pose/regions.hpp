@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "chain.hpp"
@@ -29,14 +30,19 @@ struct Levels {  // grey levels on one side of the visible outline near a sample
     bool known = false, between = false;  // of what is seen on one side of the stretch at least, on both
 };
 
-// Median and spread of the first cells of the nearest visible samples, beyond the stretch that is not seen; NaN where a cell
-// does not count. A side on which the stretch goes on for `far` samples tells nothing: what lies far from all that fits is not known.
-inline Levels levels_near(std::size_t i, const std::vector<double> &visible, const std::vector<double> &cells, int far) {
+// The nearest visible samples of the outline, beyond the stretch that is not seen. All samples of a stretch share them.
+struct Beside {
+    std::vector<std::size_t> samples;
+    int sides = 0;  // on which there are enough
+
+    bool operator==(const Beside &other) const { return sides == other.sides && samples == other.samples; }
+};
+
+// A side on which the stretch goes on for `far` samples tells nothing: what lies far from all that fits is not known.
+inline Beside beside(std::size_t i, const std::vector<double> &visible, int far) {
     constexpr int near = 8, few = 4, asked = 12;  // samples that count, that must, and that are asked on each side
-    constexpr double least = 3.0;                 // grey levels, of any spread
     const auto n = static_cast<int>(visible.size());
-    std::vector<double> levels;
-    int sides = 0;
+    Beside out;
     for (int side = -1; side <= 1; side += 2) {
         const auto at = [&](int step) {  // less than once round
             const int j = static_cast<int>(i) + side * step;
@@ -47,17 +53,25 @@ inline Levels levels_near(std::size_t i, const std::vector<double> &visible, con
         if (first > far) continue;
         int found = 0;
         for (int step = first; step < std::min(first + asked, n) && found < near; ++step) {
-            const std::size_t j = at(step);
-            if (visible[j] < 0.7) continue;
+            if (visible[at(step)] < 0.7) continue;
             ++found;
-            for (std::size_t k = 0; k < first_cells; ++k)
-                if (const double v = cells[j * region_cells + k]; v == v) levels.push_back(v);
+            out.samples.push_back(at(step));
         }
-        sides += found >= few;
+        out.sides += found >= few;
     }
+    return out;
+}
+
+// Median and spread of the first cells of samples; NaN where a cell does not count.
+inline Levels levels_of(const Beside &near, const std::vector<double> &cells) {
+    constexpr double least = 3.0;  // grey levels, of any spread
+    std::vector<double> levels;
+    for (std::size_t j : near.samples)
+        for (std::size_t k = 0; k < first_cells; ++k)
+            if (const double v = cells[j * region_cells + k]; v == v) levels.push_back(v);
     Levels out;
-    out.between = sides == 2;
-    if (sides == 0 || levels.size() < 3 * first_cells) return out;
+    out.between = near.sides == 2;
+    if (near.sides == 0 || levels.size() < 3 * first_cells) return out;
     out.level = middle(levels);
     for (double &v : levels) v = std::abs(v - out.level);
     out.spread = 1.4826 * middle(levels) + least;
@@ -153,7 +167,7 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
     constexpr double seen_odds = 20.0;  // of the object's edge, where it is seen
     constexpr double bounded_odds = 0.3;  // of another shape, where some boundary lies at the outline
     constexpr double amiss = 0.05;        // share of a notch's or tab's stretch that does not look like one: its own corners
-    constexpr double beside = 1e-3;       // factor: an occluder begins just where a notch or tab ends
+    constexpr double meeting = 1e-3;      // factor: an occluder begins just where a notch or tab ends
     constexpr double imitated = 0.05;     // probability that what covers the object looks like its ground, or like itself
     std::vector<double> same(n, 1.0), differs(n, 1.0), absent(n, 1.0), more(n, 1.0);
     bool any = false;
@@ -165,6 +179,9 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
     const auto shallow = static_cast<std::size_t>(
         std::lower_bound(target.depth.begin(), target.depth.end(), numbers.shallow) - target.depth.begin());
     const int far = whole(numbers.far * 2 * target.radius * static_cast<double>(n) / length, 8, std::max(8, static_cast<int>(n)));
+    Beside near;
+    Levels back, shift;
+    double varied = 0;  // the object's material as it varies here: what is nearly of its level is not of it
     for (std::size_t i = 0; i < n; ++i) {
         if (visible[i] > 0.5) {
             same[i] = seen_odds;
@@ -174,10 +191,13 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
             differs[i] = absent[i] = more[i] = bounded_odds;
             continue;
         }
-        const Levels back = levels_near(i, visible, beyond, far), shift = levels_near(i, visible, changed, far);
+        if (Beside here = beside(i, visible, far); !(here == near)) {
+            near = std::move(here);
+            back = levels_of(near, beyond);
+            shift = levels_of(near, changed);
+            varied = levels_of(near, material).spread;
+        }
         if (!back.known || !shift.known) continue;
-        // the object's material as it varies here: what is nearly of its level is not of it
-        const double varied = levels_near(i, visible, material, far).spread;
         double own = 0;
         for (int k = 0; k < inner_pixels; ++k) own += target.inner[i * inner_pixels + static_cast<std::size_t>(k)] / inner_pixels;
         own = light.gain * own + light.bias + shift.level;
@@ -203,16 +223,17 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
         any = true;
     }
     if (!any) return -1.0;
-    const Chain with = stretches(same, differs, power, share, stay, true, beside);
+    for (auto *ratios : {&same, &differs, &absent, &more}) temper(*ratios, power);
+    const Chain with = stretches(same, differs, share, stay, true, meeting);
     States without = share;
     without[0] += without[2];
     without[2] = 1e-12;
-    const Chain here = stretches(same, differs, power, without, stay, false, beside);
+    const Chain here = stretches(same, differs, without, stay, false, meeting);
     for (std::size_t i = 0; i < n; ++i) other[i] = with.posterior[i][2];
     // ground where the object should be and the object where it should end, without an end of their own: one alone may be cover
     double open = 0;
-    for (const auto &side : {absent, more})
-        open += std::clamp(stretches(same, side, power, share, stay, false, beside).log_likelihood - here.log_likelihood, 0.0, -std::log(imitated));
+    for (const auto *side : {&absent, &more})
+        open += std::clamp(stretches(same, *side, share, stay, false, meeting).log_likelihood - here.log_likelihood, 0.0, -std::log(imitated));
     const double closing = with.log_likelihood - here.log_likelihood;
     return open > 0 ? std::max(closing, open) : closing;
 }

@@ -12,6 +12,7 @@
 #include "edges.hpp"
 #include "regions.hpp"
 #include "texture.hpp"
+#include "wide.hpp"
 
 namespace grasptrack::pose {
 
@@ -83,7 +84,8 @@ class Solver {
         int reach = first;
         constexpr int rounds = 8, direct = 4;
         Vector<8> last{};
-        for (int round = 0; round < rounds; ++round) {
+        bool done = false;
+        for (int round = 0; round < rounds && !done; ++round) {
             Matrix<8> A;
             Vector<8> b;
             if (!system(G, A, b)) return out;
@@ -109,8 +111,9 @@ class Solver {
             if (!finite(G)) return out;
             if (edges) reach = whole(reach_of(P, 3.0, 3.0) + moved, 4, 30);
             last = d;
-            if (moved < settled && round > 0) break;
+            done = moved < settled && round > 0;
         }
+        if (!done) patches_ = match_all(0, told, G);  // else the last step moved none of them
         // an answer that still moves is not known better than by its last step
         for (std::size_t a = 0; a < 8; ++a)
             for (std::size_t c = 0; c < 8; ++c) P[a * 8 + c] += last[a] * last[c];
@@ -124,6 +127,7 @@ class Solver {
     }
 
   private:
+    static constexpr std::size_t told = 3;   // levels of texture, the finest, that are told of; the coarser of them where blur has taken the finest
     static constexpr double settled = 0.02;  // work px: a step that moves no contact by more is the last
     static constexpr double exact = 0.002;   // the same where edges are weighed anew
 
@@ -255,16 +259,15 @@ class Solver {
         return fit.used >= 4 && fit.agreeing * n >= least + chance * n;
     }
 
-    TextureFit texture_rows(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Solution &out) const {
+    TextureFit texture_rows(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Solution &out) {
         TextureFit none;
-        // coarser levels tell where blur has taken the fine one
-        const std::vector<PatchRow> matches = match_all(0, 3, G);
-        if (matches.size() < 4) return none;
-        TextureFit fit = fit_patches(matches, A, b, texture_numbers());
+        patches_ = match_all(0, told, G);
+        if (patches_.size() < 4) return none;
+        TextureFit fit = fit_patches(patches_, A, b, texture_numbers());
         out.texture_used = fit.used;
         out.texture_agreeing = fit.agreeing;
         out.texture_spread = fit.spread;
-        return telling(fit, matches.size()) ? fit : none;
+        return telling(fit, patches_.size()) ? fit : none;
     }
 
     int reach_of(const Matrix<8> &P, double times_sd, double more) const {
@@ -310,7 +313,7 @@ class Solver {
         constexpr double still = 1.0, fast = 4.0;  // work px, standard deviations at rest
         constexpr double blurred = 0.6267;         // sqrt(pi / 8): what `edge_width` makes of a ramp, of its half length
         constexpr std::size_t few = 20;
-        const std::vector<double> width = edge_widths(target_, pyramid_, G, view_.half);
+        const std::vector<double> &width = view_.width;
         const std::vector<double> moved = moved_across(G);
         const bool known = start_.last[0] == start_.last[0];
         std::vector<double> rest, share, half;
@@ -338,7 +341,7 @@ class Solver {
     }
 
     // Edges and thickness, by expectation and maximisation: which candidate, then the pose, `rounds` times at most.
-    bool fit_edges(int rounds, const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h, double &vh,
+    GRASPTRACK_WIDE bool fit_edges(int rounds, const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h, double &vh,
                    Solution &out) {
         const std::size_t n = target_.points.size();
         const std::vector<double> parallax = lower_face(G);
@@ -496,7 +499,7 @@ class Solver {
         out.other.assign(n, 0.0);
         if (edges) {
             const int reach = whole(numbers_.wide * 2 * target_.radius, 0, farthest);
-            view_ = measure_edges(target_, pyramid_, out.G, reach, half_widths(out.G), out.light, 46);
+            view_ = measure_edges(target_, pyramid_, out.G, reach, half_widths(out.G), out.light, 46, true);
             const std::vector<double> parallax = lower_face(out.G), none(n, 0.0);
             std::vector<double> low(n), variance(n);
             for (std::size_t i = 0; i < n; ++i) {
@@ -537,10 +540,11 @@ class Solver {
                  std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius)},
                 shares(), stay(), power_, out.differs);
         }
-        for (std::size_t level = 0; level < std::min<std::size_t>(3, target_.texture.size()); ++level) {
+        auto row = patches_.begin();
+        for (std::size_t level = 0; level < std::min(told, target_.texture.size()); ++level) {
             out.correlation.emplace_back();
-            for (const PatchRow &row : match_all(level, level + 1, out.G))
-                out.correlation.back().push_back(row.match.inside ? row.match.correlation : std::numeric_limits<double>::quiet_NaN());
+            for (std::size_t k = 0; k < target_.texture[level].patches.size(); ++k, ++row)
+                out.correlation.back().push_back(row->match.inside ? row->match.correlation : std::numeric_limits<double>::quiet_NaN());
         }
     }
 
@@ -550,6 +554,7 @@ class Solver {
     const Numbers &numbers_;
     double power_;
     Matrix<8> prior_{};
+    std::vector<PatchRow> patches_;  // as they were matched last
     EdgeView view_;
     EdgeOdds odds_;
     EdgeLikelihoods likelihoods_;

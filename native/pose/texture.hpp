@@ -9,6 +9,7 @@
 #include "order.hpp"
 #include "pyramid.hpp"
 #include "target.hpp"
+#include "wide.hpp"
 
 namespace grasptrack::pose {
 
@@ -63,17 +64,24 @@ inline void set_rows(const Target &target, double stride, const Moments &all, Pa
     }
 }
 
+// Whether a level holds a square about c, of which (ux, uy) and (vx, vy) are halves of the sides.
+inline bool holds_square(const Level &level, Point c, double ux, double uy, double vx, double vy) {
+    const int step = level.hidden ? 1 : 2;  // of what has no holes the corners are enough
+    for (int s = -1; s <= 1; s += step)
+        for (int t = -1; t <= 1; t += step)
+            if (!level.holds(c.x + s * ux + t * vx, c.y + s * uy + t * vy, 1.0)) return false;
+    return true;
+}
+
 // A patch of an image seen through G; false where it is not whole in view.
-inline bool cut_patch(const Target &target, const Pyramid &pyramid, const Homography &G, double x, double y, double stride,
+GRASPTRACK_WIDE inline bool cut_patch(const Target &target, const Pyramid &pyramid, const Homography &G, double x, double y, double stride,
                       Patch &out) {
     const Seen seen = look_through(pyramid, G, x, y, stride);
     const Point c = carried(seen.H, x, y);
     const auto d = derivatives(seen.H, x, y);
     constexpr int half = patch_side / 2 + 1, side = patch_side + 2;
     const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
-    for (int s = -1; s <= 1; ++s)
-        for (int t = -1; t <= 1; ++t)
-            if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return false;
+    if (!holds_square(*seen.level, c, half * ux, half * uy, half * vx, half * vy)) return false;
     double value[side][side], at_x[side * side], at_y[side * side];
     for (int j = 0; j < side; ++j)
         for (int i = 0; i < side; ++i) {
@@ -169,7 +177,7 @@ struct TextureNumbers {
 };
 
 // One patch on an image seen through G.
-inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double camera,
+GRASPTRACK_WIDE inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double camera,
                               double floor) {
     PatchMatch out;
     const double noise = noise_of(camera, stride);
@@ -178,9 +186,7 @@ inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const
     const auto d = derivatives(seen.H, patch.x, patch.y);
     constexpr int half = patch_side / 2;
     const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
-    for (int s = -1; s <= 1; ++s)
-        for (int t = -1; t <= 1; ++t)
-            if (!seen.level->holds(c.x + half * (s * ux + t * vx), c.y + half * (s * uy + t * vy), 1.0)) return out;
+    if (!holds_square(*seen.level, c, half * ux, half * uy, half * vx, half * vy)) return out;
     double value[patch_pixels], x[patch_pixels], y[patch_pixels];
     for (int j = -half, k = 0; j <= half; ++j)
         for (int i = -half; i <= half; ++i, ++k) {
@@ -255,7 +261,7 @@ struct PatchRow {
 };
 
 // Robust normal equations of patches about their own best fit together with a prior (information, gradient).
-inline TextureFit fit_patches(const std::vector<PatchRow> &patches, const Matrix<8> &prior, const Vector<8> &prior_gradient,
+GRASPTRACK_WIDE inline TextureFit fit_patches(const std::vector<PatchRow> &patches, const Matrix<8> &prior, const Vector<8> &prior_gradient,
                               const TextureNumbers &numbers) {
     TextureFit fit;
     const std::size_t n = patches.size();

@@ -163,13 +163,14 @@ def search_sightings(
 ) -> tuple[Floats, Floats, float, bool, float]: ...
 def seen_area(G: Floats, points: Floats) -> float: ...
 def surface_evidence(
-    correlation: Floats,
-    usual: Floats,
+    correlation: Sequence[Floats],
+    usual: Sequence[Floats],
     shares: Floats,
+    log_prior: Floats,
     match_spread: float,
     chance_spread: float,
     independent: float,
-) -> Floats: ...
+) -> tuple[float, Floats]: ...
 def strongest_edges(
     levels: Sequence[NDArray[np.uint8]], A: Floats, points: Floats, normals: Floats, noise: float, reach: int, half: int
 ) -> tuple[Floats, Floats, Floats, Floats]: ...

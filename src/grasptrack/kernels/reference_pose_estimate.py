@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -40,38 +41,52 @@ def seen_area(G: Floats, points: Floats) -> float:
 
 
 def surface_evidence(
-    correlation: Floats,
-    usual: Floats,
+    correlation: Sequence[Floats],
+    usual: Sequence[Floats],
     shares: Floats,
+    log_prior: Floats,
     match_spread: float,
     chance_spread: float,
     independent: float,
-) -> Floats:
-    """Log-likelihood ratios of one level's correlations: this surface, each share of it covered, against another one.
+) -> tuple[float, Floats]:
+    """Log-likelihood ratios of the correlations of some levels: this surface, a share of it covered, against another one.
 
     Args:
-        correlation: (n,) of its patches, NaN where not seen.
+        correlation: (n,) of each level's patches, NaN where not seen.
         usual: (n,) of late; within 0 and 1.
         shares: (m,) that may be covered, changed or glaring.
+        log_prior: (m,) of them.
         match_spread, chance_spread: of a correlation, from 1 where the surface is the same, from 0 where it is not.
         independent: patches that count as one.
 
     Returns:
-        (m,), zeros where nothing is seen.
+        Each level having a share of its own, 0 where nothing is seen; and (m,), all levels having one share.
 
     Raises:
-        ValueError: lengths that do not agree.
+        ValueError: other numbers of correlations than of what is usual, or of shares than of priors.
     """
-    r, usual = np.ravel(correlation).astype(np.float64), np.ravel(usual).astype(np.float64)
-    shares = np.ravel(shares).astype(np.float64)
-    if len(r) != len(usual):
+    if len(log_prior) != len(shares):
+        raise ValueError("each share needs its prior")
+    if [len(r) for r in correlation] != [len(u) for u in usual]:
         raise ValueError("each correlation needs what is usual")
-    seen = np.isfinite(r)
-    r, usual = r[seen], np.clip(usual[seen], 0.0, 1.0)
+    odds, by_share = 0.0, np.zeros(len(shares))
+    for r, u in zip(correlation, usual, strict=True):
+        seen = np.isfinite(r)
+        if not len(shares) or not seen.any():  # tells nothing at all, not what rounding leaves of a sum of 1
+            continue
+        level = _level_evidence(r[seen], u[seen], shares, match_spread, chance_spread) / independent
+        by_share += level
+        odds += float(np.logaddexp.reduce(level + log_prior))
+    return odds, by_share
+
+
+def _level_evidence(r: Floats, usual: Floats, shares: Floats, match_spread: float, chance_spread: float) -> Floats:
+    """(m,) of one level, all of whose patches are seen, each counting."""
+    usual = np.clip(usual, 0.0, 1.0)
     # what usually agrees little may agree by chance today, and not tomorrow
     spread = np.sqrt(usual**2 * match_spread**2 + (1.0 - usual**2) * chance_spread**2)
     ratio = (chance_spread / spread) * np.exp(0.5 * ((r / chance_spread) ** 2 - ((r - usual) / spread) ** 2))
-    return np.asarray(np.log((1.0 - shares[:, None]) * ratio + shares[:, None]).sum(axis=1) / independent)
+    return np.asarray(np.log((1.0 - shares[:, None]) * ratio + shares[:, None]).sum(axis=1))
 
 
 def placed(target: Target, G: Floats, P: Floats) -> tuple[Floats, Floats]:

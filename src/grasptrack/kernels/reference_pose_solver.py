@@ -176,7 +176,7 @@ class Solver:
         edges = len(target.points) >= ENOUGH_EDGES
         h, vh = start.thickness, start.thickness_variance
         first = whole(start.reach, 0, FARTHEST)
-        reach, d = first, np.zeros(8)
+        reach, settled, d = first, False, np.zeros(8)
         for round_ in range(ROUNDS):
             system = self._system(G)
             if system is None:
@@ -207,9 +207,12 @@ class Solver:
                 return out
             if edges:
                 reach = whole(self._reach(P, 3.0) + moved, LEAST_REACH, MOST_REACH)
-            if moved < SETTLED and round_ > 0:
+            settled = moved < SETTLED and round_ > 0
+            if settled:
                 break
         P = P + np.outer(d, d)  # an answer that still moves is not known better than by its last step
+        if not settled:  # else the last step moved none of them
+            self.matches = self._match(0, FINE, G)
         out.G, out.P, out.thickness, out.thickness_variance, out.valid = G, P, float(h), float(vh), True
         self._judge(out, edges)
         return out
@@ -282,7 +285,7 @@ class Solver:
 
     def _texture(self, G: Floats, A: Floats, b: Floats, out: Solution) -> TextureFit:
         """The finest levels; coarser ones tell where blur has taken the finest one."""
-        matches = self._match(0, FINE, G)
+        matches = self.matches = self._match(0, FINE, G)
         if len(matches.inside) < 4:
             return nothing()
         fit = fit_patches(matches, A, b, self.texture_numbers)
@@ -446,9 +449,9 @@ class Solver:
                 self.stay,
                 self.power,
             )
-        for level in range(min(FINE, len(target.texture))):
-            matches = self._match(level, level + 1, out.G)
-            out.correlation.append(np.where(matches.inside, matches.correlation, np.nan))
+        correlation = np.where(self.matches.inside, self.matches.correlation, np.nan)
+        counts = [len(patches) for patches in target.texture[:FINE]]
+        out.correlation = np.split(correlation, np.cumsum(counts)[:-1]) if counts else []
 
 
 LEAST, CHANCE = 4, 0.12

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.tracking.estimator import PoseEstimate
+from grasptrack.tracking.estimator import PoseEstimate, middle
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState
 
@@ -80,28 +80,32 @@ def largest_sigma(area: float, numbers: Numbers) -> float:
 
 def evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of an estimate: this object there, partly covered, against nothing of its kind."""
-    prior = numbers.cover_power * math.log(max(1.0 - estimate.covered, 0.01))
-    return numbers.temper * (max(0.0, texture_evidence(estimate, usual, numbers)) + estimate.log_odds) + prior
+    surface = max(0.0, texture_evidence(estimate, usual, numbers))
+    return numbers.temper * surface + outline_evidence(estimate, numbers)
+
+
+def outline_evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
+    """The part of it that the outline has."""
+    return numbers.temper * estimate.log_odds + numbers.cover_power * math.log(max(1.0 - estimate.covered, 0.01))
 
 
 def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of the patches' correlations, given those that are usual: this surface against another one."""
-    return _likely_covered(_by_share(estimate, usual, numbers))
+    return surface_evidence(estimate.correlation, usual, numbers)[0]
 
 
 def surface_seen(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """As `texture_evidence`, where the outline shows that little of it is covered."""
-    return float(sum(_marginal(m, COVERED_PRIOR) for m in _by_share(estimate, usual, numbers)))
+    return surface_evidence(estimate.correlation, usual, numbers, COVERED_PRIOR)[0]
 
 
-def surface_missing(shares: list[Floats]) -> float:
+def surface_missing(by_share: Floats) -> float:
     """Log-likelihood ratio of the same surface on another outline, so that any share of it may be missing, against a cover.
 
     Args:
-        shares: of each level, by the share of the surface that is not seen.
+        by_share: of the surface, by the share of it that is not seen.
     """
-    total = sum(shares, start=np.zeros(len(OCCLUDED)))
-    return _marginal(total, ANY_PRIOR) - _marginal(total, COVERED_PRIOR)
+    return _marginal(by_share, ANY_PRIOR) - _marginal(by_share, COVERED_PRIOR)
 
 
 TURNED = "turned"
@@ -116,18 +120,12 @@ ANY_PRIOR = np.full(len(OCCLUDED), -math.log(len(OCCLUDED)))
 """Any share is as probable as any other."""
 
 
-def _by_share(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> list[Floats]:
-    """For each level the log-likelihood ratio of its correlations, by the share of the surface that is not seen."""
+def surface_evidence(
+    correlation: list[Floats], usual: list[Floats], numbers: Numbers, log_prior: Floats = OCCLUDED_PRIOR
+) -> tuple[float, Floats]:
+    """Log-likelihood ratio of correlations, a share of each level not being seen; and by the share, where all have the same."""
     spreads = numbers.match_spread, numbers.chance_spread, numbers.patch_share
-    return [
-        kernels.surface_evidence(r, u, OCCLUDED, *spreads) for r, u in zip(estimate.correlation, usual, strict=True)
-    ]
-
-
-def _likely_covered(shares: list[Floats]) -> float:
-    """Log-likelihood ratio of a surface of which some share is covered, of each level its own."""
-    # a level without patches tells nothing at all, not what rounding leaves of a sum of 1
-    return float(sum(_marginal(by_share, OCCLUDED_PRIOR) for by_share in shares if by_share.any()))
+    return kernels.surface_evidence(correlation, usual, OCCLUDED, log_prior, *spreads)
 
 
 def _marginal(by_share: Floats, log_prior: Floats) -> float:
@@ -165,14 +163,13 @@ def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: 
         steps: how long the object may have gone unseen, in frames of free motion.
         numbers: the core's.
     """
-    shares = _by_share(estimate, state.usual, numbers)
-    surface = _likely_covered(shares)
+    surface, by_share = surface_evidence(estimate.correlation, state.usual, numbers)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
         jump = max(0.0, strangeness(estimate, numbers) - state.strange)
         # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
         shape += max(jump - max(0.0, surface), min(jump, _sudden(state, estimate)))
-        shape += surface_missing(shares) if state.accepted else 0.0
+        shape += surface_missing(by_share) if state.accepted else 0.0
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (
             estimate.other_shape * math.exp(-state.strange)
@@ -237,11 +234,9 @@ LEAST_DEPTH = 0.1
 def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) -> float:
     """Log of the prior of a pose's place, turn and size: how far it is from what is expected."""
     # number by number: of so few NumPy's calls would cost more
-    to, there = estimate.contacts.tolist(), expected.contacts.tolist()
-    k = len(to)
-    (x, y), (u, v) = ((sum(p[0] for p in points) / k, sum(p[1] for p in points) / k) for points in (to, there))
+    (x, y), (u, v) = estimate.middle, middle(expected.contacts)
     across = along = 0.0
-    for (ax, ay), (bx, by) in zip(to, there, strict=True):
+    for (ax, ay), (bx, by) in zip(estimate.contacts.tolist(), expected.contacts.tolist(), strict=True):
         across += (bx - u) * (ay - y) - (by - v) * (ax - x)
         along += (ax - x) * (bx - u) + (ay - y) * (by - v)
     turn, away = math.atan2(across, along), (x - u) ** 2 + (y - v) ** 2
@@ -268,7 +263,7 @@ def likeness(state: TrackState, estimate: PoseEstimate, expected: Expected, numb
     """Probability that something just like the object lies where an estimate has it, and not the object."""
     if not state.lookalike:
         return numbers.lookalike
-    away = np.hypot(*(estimate.contacts - expected.contacts).mean(axis=0))
+    away = math.dist(estimate.middle, middle(expected.contacts))
     if not state.lost and away < SAME_PLACE * math.sqrt(estimate.area):
         return numbers.lookalike
     return max(numbers.lookalike, SEEN_LIKE * left(expected.steps, numbers))
@@ -314,32 +309,34 @@ def decide(
     """
     if not estimates:
         return Decision(None)
-    raw = np.array([evidence(e, state.usual, numbers) for e in estimates])
+    told = [surface_evidence(e.correlation, state.usual, numbers) for e in estimates]
+    surface = [numbers.temper * max(0.0, odds) for odds, _ in told]
+    raw = [s + outline_evidence(e, numbers) for s, e in zip(surface, estimates, strict=True)]
     alike = [k for k, e in enumerate(estimates) if e.origin == TURNED]
     if alike:  # by its outline a turn fits as well as what it is a turn of, whatever noise says
         alike.append(max((k for k in range(len(estimates)) if k not in alike), key=lambda k: raw[k], default=alike[0]))
         best_odds = max(estimates[k].log_odds for k in alike)
-        told = [max(0.0, texture_evidence(estimates[k], state.usual, numbers)) for k in alike]
+        by_levels = [max(0.0, told[k][0]) for k in alike]
         # it lies there in one of these ways: what is not seen of its surface is covered, in all of them
         seen = [surface_seen(estimates[k], state.usual, numbers) for k in alike]
-        for k, by_all, by_surface in zip(alike, told, seen, strict=True):
-            against = by_surface - max(seen) - (by_all - max(told))
+        for k, by_all, by_surface in zip(alike, by_levels, seen, strict=True):
+            against = by_surface - max(seen) - (by_all - max(by_levels))
             raw[k] += numbers.temper * (best_odds - estimates[k].log_odds + against)
-    centres = np.array([e.contacts.mean(axis=0) for e in estimates])
-    surface = np.array([numbers.temper * max(0.0, texture_evidence(e, state.usual, numbers)) for e in estimates])
-    outline = raw - surface
-    away = np.hypot(*(centres[:, None] - centres[None]).transpose(2, 0, 1))
-    near = away < SAME_PLACE * np.sqrt([e.area for e in estimates])[:, None]
+    outline = [r - s for r, s in zip(raw, surface, strict=True)]
+    near = [_around(e, estimates) for e in estimates]
     # an outline may be deceived, as by blur; a surface that shows at another place only what chance makes of it is not
-    deceived = math.log(numbers.deceived) + surface + np.where(near, outline, -np.inf).max(axis=1)
-    strength = np.logaddexp(raw, deceived)
-    # poses in one place explain the same pixels: between them all that is seen counts
-    shared = np.where(near, strength, -np.inf).max(axis=1)
-    alone = [math.log(likeness(state, e, expected, numbers)) for e in estimates]
-    prior = [math.log(presence) + place_prior(e, expected, numbers) for e in estimates]
-    # what shows its outline and not its surface is another one
-    missing = [surface_missing(_by_share(e, state.usual, numbers)) if state.accepted else 0.0 for e in estimates]
-    scores = (strength - np.logaddexp(0.0, shared + alone) + prior - numbers.temper * np.maximum(missing, 0.0)).tolist()
+    strength = [
+        _either(own, math.log(numbers.deceived) + shown + max(outline[k] for k in around))
+        for own, shown, around in zip(raw, surface, near, strict=True)
+    ]
+    scores = []
+    for e, (_, by_share), own, around in zip(estimates, told, strength, near, strict=True):
+        # poses in one place explain the same pixels: between them all that is seen counts
+        shared = max(strength[k] for k in around) + math.log(likeness(state, e, expected, numbers))
+        # what shows its outline and not its surface is another one
+        missing = max(0.0, surface_missing(by_share)) if state.accepted else 0.0
+        prior = math.log(presence) + place_prior(e, expected, numbers)
+        scores.append(own - _either(0.0, shared) + prior - numbers.temper * missing)
     best = max(range(len(estimates)), key=scores.__getitem__)
     allowed = tolerance(estimates[best].area, numbers)
     # of the same answer the one that knows most: a hypothesis from nowhere has no past
@@ -374,7 +371,18 @@ def decide(
                 code = "lookalike"
             figures |= {"presence": p, "edges": chosen.edge_share}
     rival = estimates[max(rivals, key=scores.__getitem__)] if rivals else None
-    return Decision(chosen, off, p, math.sqrt(variance), allowed, other, float(raw[best]), code, figures, rival)
+    return Decision(chosen, off, p, math.sqrt(variance), allowed, other, raw[best], code, figures, rival)
+
+
+def _around(estimate: PoseEstimate, estimates: list[PoseEstimate]) -> list[int]:
+    """Which estimates lie where one lies."""
+    reach = SAME_PLACE * math.sqrt(estimate.area)
+    return [k for k, other in enumerate(estimates) if math.dist(estimate.middle, other.middle) < reach]
+
+
+def _either(one: float, other: float) -> float:
+    """The log of the sum of two numbers of which these are the logs."""
+    return max(one, other) + math.log1p(math.exp(-abs(one - other)))
 
 
 def farthest(contacts: Floats, others: Floats) -> float:

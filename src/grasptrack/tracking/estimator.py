@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +55,9 @@ class PoseEstimate:
         log_odds: of the outline, this object against none.
         elsewhere: share of the outline whose edge lies elsewhere.
         other_shape: log-likelihood ratio of another shape; differs: of each sample, probability that the shape differs there.
-        again: a second solution, from farther away.
+        middle: (x, y) px of the contacts.
+        hidden: share of the outline that is hidden; covered: that, or has its edge elsewhere.
+        confirmed: a second solution, from farther away, was no better.
     """
 
     origin: str
@@ -84,12 +85,16 @@ class PoseEstimate:
     elsewhere: float
     other_shape: float
     differs: Floats
-    again: bool = False
+    middle: tuple[float, float]
+    hidden: float
+    covered: float
+    confirmed: bool = False
 
-    @cached_property
-    def covered(self) -> float:
-        """Share of the outline that is hidden, or whose edge lies elsewhere."""
-        return float((self.occluded.sum() + self.other.sum()) / len(self.other)) if len(self.other) else 0.0
+
+def middle(points: Floats) -> tuple[float, float]:
+    """(x, y) of points (k, 2), number by number: of so few NumPy's calls would cost more."""
+    listed = points.tolist()
+    return sum(x for x, _ in listed) / len(listed), sum(y for _, y in listed) / len(listed)
 
 
 UNKNOWN = np.full((3, 3), np.nan)
@@ -137,6 +142,8 @@ def estimate_pose(
         return None
     G, P = found["G"], found["P"]
     contacts, covariance = target.handle.placed(G, P)
+    occluded = found["occluded"]
+    hidden = float(occluded.sum()) / len(occluded) if len(occluded) else 0.0
     return PoseEstimate(
         hypothesis.origin,
         G,
@@ -157,14 +164,31 @@ def estimate_pose(
         found["texture_agreeing"],
         found["texture_spread"],
         found["visible"],
-        found["occluded"],
+        occluded,
         found["other"],
         found["log_odds"],
         found["elsewhere"],
         found["other_shape"],
         found["differs"],
-        again,
+        middle(contacts),
+        hidden,
+        hidden + found["elsewhere"],
     )
+
+
+def lead_alike(target: Target, one: Hypothesis | PoseEstimate, other: Hypothesis | PoseEstimate) -> bool:
+    """Whether one of two poses lies within the uncertainty of the other, so that both lead to the same answer."""
+    d = target.difference(other.G, one.G)
+    return bool(np.isfinite(d).all()) and min(float(d @ np.linalg.solve(P, d)) for P in (other.P, one.P)) < 1.0
+
+
+def apart(target: Target, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """Those that lead elsewhere than the ones before them."""
+    kept: list[Hypothesis] = []
+    for hypothesis in hypotheses:
+        if not any(lead_alike(target, hypothesis, other) for other in kept):
+            kept.append(hypothesis)
+    return kept
 
 
 def renamed(estimate: PoseEstimate, origin: str) -> PoseEstimate:

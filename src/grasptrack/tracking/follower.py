@@ -30,14 +30,14 @@ from grasptrack.tracking.decision import (
     farthest,
     left,
     strangeness,
-    texture_evidence,
     tolerance,
 )
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose, renamed
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, apart, estimate_pose, lead_alike, middle, renamed
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
 from grasptrack.tracking.single import first_state
+from grasptrack.tracking.solutions import Solutions
 from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, make_target, pyramid
 
@@ -93,28 +93,32 @@ class Follower:
         presence = self._presence()
         predictions = predict(target, state, levels, steps, numbers)
         expected = self._expected(predictions, steps)
-        first = self.redetection.continued(levels, predictions.first) if state.lost else predictions.first
-        estimates = self._estimates(levels, first)
-        decision = decide(state, estimates, expected, presence, numbers)
+        solutions = Solutions(target, state, levels, numbers)
+        solutions.add(self.redetection.continued(levels, predictions.first) if state.lost else predictions.first)
+        decision = decide(state, solutions.found, expected, presence, numbers)
         if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
-            estimates += self._estimates(levels, predictions.second)  # texture may have slid along itself
-            decision = decide(state, estimates, expected, presence, numbers)
+            # texture may have slid along itself
+            first = decision.estimate
+            solutions.add(apart(target, predictions.second))
+            decision = decide(state, solutions.found, expected, presence, numbers)
+            if decision.estimate is not None and lead_alike(target, decision.estimate, first):
+                state.confirmed = strangeness(decision.estimate, numbers)
         # what this image alone shows to be there is not looked for elsewhere
         shown = decision.code == "uncertain" and decision.evidence > -math.log(numbers.risk) and not state.lost
         if not decision.accepted and not shown:
             expected = self._if_gone(levels, predictions, expected)
             second = self.redetection.promising(levels, predictions.second)
-            estimates += self._estimates(levels, second + self.redetection.search(state, levels))
-            decision = decide(state, estimates, expected, presence, numbers)
+            solutions.add(second + self.redetection.search(state, levels))
+            decision = decide(state, solutions.found, expected, presence, numbers)
         elif decision.accepted and state.lost and left(expected.steps, numbers) > numbers.risk:
             # what lies at its place may be another one while it lies elsewhere
-            estimates += self._estimates(levels, self.redetection.search(state, levels))
-            decision = decide(state, estimates, expected, presence, numbers)
-        decision = self._against_slides(levels, decision, estimates, expected, presence)
-        decision = self._against_turns(levels, decision, estimates, expected, presence)
+            solutions.add(self.redetection.search(state, levels))
+            decision = decide(state, solutions.found, expected, presence, numbers)
+        decision = self._against_slides(decision, solutions, expected, presence)
+        decision = self._against_turns(decision, solutions, expected, presence)
         self._learn(levels, decision, predictions.ground, steps)
         if state.lost:
-            state.sighted = sighted(state, estimates, expected.steps, numbers)
+            state.sighted = sighted(state, solutions.found, expected.steps, numbers)
         return decision
 
     def judge(
@@ -131,20 +135,21 @@ class Follower:
         presence = self._presence()
         predictions = predict(target, state, levels, steps, numbers)
         expected = self._expected(predictions, steps)
-        estimates = self._estimates(levels, predictions.first)
-        found = answer = decide(state, estimates, expected, presence, numbers)
+        solutions = Solutions(target, state, levels, numbers)
+        solutions.add(predictions.first)
+        found = answer = decide(state, solutions.found, expected, presence, numbers)
         if not found.accepted:
             expected = self._if_gone(levels, predictions, expected)
         proposed, nearest = list[Proposal](), None
         for batch in propose(state.expected if state.lost else predictions.first[0].G):
             proposed += batch
-            estimates += self._estimates(levels, [proposal.hypothesis for proposal in batch])
-            found = answer = decide(state, estimates, expected, presence, numbers)
+            solutions.add([proposal.hypothesis for proposal in batch])
+            found = answer = decide(state, solutions.found, expected, presence, numbers)
             if found.estimate is None or not proposed:
                 continue
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
-            found = self._against_turns(levels, found, estimates, expected, presence)
+            found = self._against_turns(found, solutions, expected, presence)
             answer = checked(found, nearest.contacts, numbers)
             if answer.accepted:
                 break
@@ -153,9 +158,8 @@ class Follower:
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
         """Whether the outline lies elsewhere all at once, or much of it is covered, by what may have carried texture along."""
-        numbers, usual = self.numbers, self.state.strange
-        covered = float(np.mean(estimate.occluded)) if len(estimate.occluded) else 0.0
-        cover = -numbers.cover_power * math.log1p(-min(covered, 0.999))
+        numbers, usual = self.numbers, max(self.state.strange, self.state.confirmed)
+        cover = -numbers.cover_power * math.log1p(-min(estimate.hidden, 0.999))
         noticed = -numbers.cover_power * math.log1p(-numbers.elsewhere)
         return strangeness(estimate, numbers) - usual > SUDDEN or cover - usual > noticed
 
@@ -165,12 +169,7 @@ class Follower:
         return _between(self.state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard)
 
     def _against_slides(
-        self,
-        levels: list[Grey],
-        decision: Decision,
-        estimates: list[PoseEstimate],
-        expected: Expected,
-        presence: float,
+        self, decision: Decision, solutions: Solutions, expected: Expected, presence: float
     ) -> Decision:
         """A decision against the shifts under which the surface looks like itself.
 
@@ -184,30 +183,19 @@ class Follower:
                 break
             moved = self.target.difference(state.G, e.G)
             near = float(np.hypot(*moved[:2])) < 0.5 * float(np.hypot(*slides[0]))
-            if (
-                near
-                and not state.lost
-                and self._usual_surface(e) - texture_evidence(e, state.usual, self.numbers) < missing
-            ):
+            if near and not state.lost and solutions.surface_missing(e) < missing:
                 break
             G = [e.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]) for x, y in slides]
             P = e.P + self.numbers.predicted**2 * self.target.noise_of_motion
-            estimates += self._estimates(levels, [Hypothesis(e.origin, each, P) for each in G])
-            decision = decide(state, estimates, expected, presence, self.numbers)
+            solutions.add([Hypothesis(e.origin, each, P) for each in G])
+            decision = decide(state, solutions.found, expected, presence, self.numbers)
             if decision.estimate is None or farthest(decision.estimate.contacts, e.contacts) < decision.tolerance:
                 break
         return decision
 
-    def _against_turns(
-        self,
-        levels: list[Grey],
-        decision: Decision,
-        estimates: list[PoseEstimate],
-        expected: Expected,
-        presence: float,
-    ) -> Decision:
+    def _against_turns(self, decision: Decision, solutions: Solutions, expected: Expected, presence: float) -> Decision:
         """A decision after a loss against the turns under which the outline fits itself; their estimates are added."""
-        state, target = self.state, self.target
+        state, target, estimates = self.state, self.target, solutions.found
 
         def decided() -> Decision:
             own = decision.estimate
@@ -221,7 +209,7 @@ class Follower:
                 decision = decided()
             if decision.estimate is not None and decision.accepted:
                 turned = [Hypothesis(TURNED, decision.estimate.G @ T, decision.estimate.P) for T in target.turns]
-                estimates += self._estimates(levels, turned)
+                solutions.add(turned)
                 decision = decided()
         own, rival = decision.estimate, decision.rival
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
@@ -250,8 +238,8 @@ class Follower:
         area = abs(seen_area(G, target.outline))
         size = None
         if area > 0.0:
-            a, b, c = np.linalg.inv(G)[2].tolist()
-            size = ExpectedSize(area, (a, b, c), state.slope, spread)
+            (a, b, _), (c, d, _), (e, f, _) = G.tolist()
+            size = ExpectedSize(area, (c * f - d * e, b * e - a * f, a * d - b * c), state.slope, spread)
         return Expected(
             target.carried(G), LONG if state.gone else unseen, size, state.lost + passed if state.lost else 0.0
         )
@@ -279,57 +267,11 @@ class Follower:
             places += self.redetection.matched(look, look.levels)
         for hypothesis in self.redetection.promising(look.levels, places, len(places)):
             other = estimate_pose(self.target, state, look.levels, hypothesis, still=True)
-            if other is None or float(np.hypot(*(other.contacts - own.contacts).mean(axis=0))) < SAME_PLACE * size:
+            if other is None or math.dist(other.middle, own.middle) < SAME_PLACE * size:
                 continue
             if evidence(other, state.usual, numbers) > ALIKE * evidence(own, state.usual, numbers) > 0.0:
                 return True
         return False
-
-    def _estimates(self, levels: list[Grey], hypotheses: list[Hypothesis]) -> list[PoseEstimate]:
-        """Each hypothesis made exact; a second time from farther away where much of the outline lies elsewhere."""
-        found = []
-        for hypothesis in hypotheses:
-            state = self.state
-            # where it was a moment ago does not tell how it moves
-            still = bool(state.lost) or hypothesis.origin not in CONTINUOUS
-            estimate = estimate_pose(self.target, state, levels, hypothesis, still=still)
-            if estimate is None:
-                continue
-            # of a lost object only what shows it can be nearly right
-            lost = self.state.lost and evidence(estimate, self.state.usual, self.numbers) < 0.0
-            if (estimate.elsewhere > self.numbers.elsewhere or self._falls_short(estimate)) and not lost:
-                farther = Hypothesis(
-                    hypothesis.origin,
-                    estimate.G,
-                    estimate.P + self.target.noise_of_motion,
-                    self.numbers.wide * self.target.size,
-                )
-                other = estimate_pose(self.target, state, levels, farther, again=True, still=still)
-                if other is not None and self._score(other, hypothesis) > self._score(estimate, hypothesis):
-                    estimate = other
-            found.append(estimate)
-        return found
-
-    def _falls_short(self, estimate: PoseEstimate) -> bool:
-        """Whether much less of the surface is seen than usual, as where only its coarse patches found their place."""
-        if not sum(self.target.counts):
-            return False
-        seen = texture_evidence(estimate, self.state.usual, self.numbers)
-        return seen < LEAST_OF_USUAL * self._usual_surface(estimate)
-
-    def _usual_surface(self, estimate: PoseEstimate) -> float:
-        """Log-likelihood ratio of the patches of an estimate if they looked as they usually do."""
-        state = self.state
-        seen = [u + 0.0 * r for u, r in zip(state.usual, estimate.correlation, strict=True)]
-        return texture_evidence(replace(estimate, correlation=seen), state.usual, self.numbers)
-
-    def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
-        """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
-        away = self.target.difference(hypothesis.G, estimate.G)
-        distance = float(away @ np.linalg.solve(hypothesis.P, away))
-        freedom = self.numbers.prior_freedom
-        prior = -0.5 * (freedom + len(away)) * math.log1p(distance / freedom)
-        return evidence(estimate, self.state.usual, self.numbers) + prior
 
     def _steps(self, time: float | None) -> float:
         """Time since the last image in usual intervals, 1 where times are not told."""
@@ -376,7 +318,7 @@ class Follower:
         state.lost += 1
         seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
         state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
-        state.velocity = None
+        state.velocity, state.elsewhere, state.confirmed = None, 0.0, 0.0
         # while something is followed that is more probably the object than another shape or surface, its place is known
         followed = decision.presence > 1.0 - numbers.risk and decision.probability_off < 0.5
         if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
@@ -404,30 +346,30 @@ class Follower:
         even = moving_on(target, state, steps)
         if even is not None:
             off = target.difference(even, estimate.G)
-            share = float(off**2 @ (1.0 / np.diagonal(target.noise_of_motion))) / len(off)
+            share = float(off**2 @ target.precision_of_motion) / len(off)
             if math.isfinite(share):
                 state.moves += 1
                 rate = 1.0 / min(state.moves, MEMORY)
                 state.agility = _between(state.agility + (share - state.agility) * rate, CALM, 1.0)
         if ground is not None and not state.lost:
-            x, y = (
-                sum(part) / len(part)
-                for part in zip(*(estimate.contacts - target.carried(ground)).tolist(), strict=True)
-            )
-            share = math.hypot(x, y) / math.sqrt(estimate.area) / numbers.travel
+            away = math.dist(estimate.middle, middle(target.carried(ground)))
+            share = away / math.sqrt(estimate.area) / numbers.travel
             state.wanders += 1
             rate = 1.0 / min(state.wanders, MEMORY)
             state.wander = _between(state.wander + (share - state.wander) * rate, STILL, 1.0)
         velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
         state.velocity_P = state.P + estimate.P
-        state.velocity = velocity if not state.lost and np.isfinite(velocity).all() else None
+        state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None
 
     def _remember_looks(self, estimate: PoseEstimate) -> None:
         """How much of outline and patches usually looks as it did first: noise, reflections and blur make it less."""
         state = self.state
         state.accepted += 1
         share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
-        state.strange += (strangeness(estimate, self.numbers) - state.strange) * share
+        state.elsewhere = estimate.elsewhere if estimate.confirmed else min(state.elsewhere, estimate.elsewhere)
+        strange = strangeness(estimate, self.numbers)
+        state.strange += (strange - state.strange) * share
+        state.confirmed = min(state.confirmed, strange)
         for usual, r in zip(state.usual, estimate.correlation, strict=True):
             if state.accepted == 1:
                 # what passed for texture in the first image, as JPEG's noise, shows itself in the second
@@ -444,8 +386,6 @@ MOST_SEEN = 0.7
 """Share of the outline that shows from which on what shows another shape lies in the place of the object."""
 BLUR_KEPT = 0.2
 """Share of a new measurement of the blur: shutters keep their time, hands do not keep their speed."""
-LEAST_OF_USUAL = 0.5
-"""Share of the usual evidence of the surface below which a second solution is looked for."""
 OUTLINE = 60
 """Points of an outline at which it is compared with another."""
 MEMORY = 10

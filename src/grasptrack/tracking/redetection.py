@@ -14,7 +14,7 @@ from grasptrack import kernels
 from grasptrack.observation.observer import Observer
 from grasptrack.projective import apply_homography
 from grasptrack.tracking.decision import TURNED, evidence, exchanged
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, is_sane
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, is_sane, lead_alike
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.outlines import Outlines
 from grasptrack.tracking.state import Look, TrackState
@@ -63,7 +63,7 @@ class Keypoints:
             return None
         source = np.array([self._points[m.queryIdx].pt for m in good], np.float32)
         place = np.array([points[m.trainIdx].pt for m in good], np.float32)
-        H, inliers = cv2.findHomography(source, place, cv2.RANSAC, 4.0)
+        H, inliers = cv2.findHomography(source, place, cv2.USAC_FAST, 4.0)
         if H is None or inliers.sum() < 8:
             return None
         return self._target.pose(self._enlarge @ np.asarray(H, dtype=np.float64) @ np.linalg.inv(self._enlarge))
@@ -221,12 +221,8 @@ class Redetection:
         return np.ascontiguousarray(rows[:, :2]), np.ascontiguousarray(rows[:, 2:4]), math.sqrt(area)
 
     def _known(self, hypothesis: Hypothesis, others: list[Hypothesis]) -> bool:
-        """Whether a hypothesis lies within the uncertainty of another, so that both lead to the same pose."""
-        for other in others:
-            d = self._target.difference(other.G, hypothesis.G)
-            if np.isfinite(d).all() and min(d @ np.linalg.solve(P, d) for P in (other.P, hypothesis.P)) < 1.0:
-                return True
-        return False
+        """Whether a hypothesis leads to the same pose as another."""
+        return any(lead_alike(self._target, hypothesis, other) for other in others)
 
 
 FIRST_REACH = 3.0

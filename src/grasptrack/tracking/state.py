@@ -50,6 +50,8 @@ class TrackState:
         usual: of each patch of the three finest levels: its correlation of late.
         accepted: images in which the object was located.
         strange: usual strangeness of the outline: edges that no light shows, or not where the first view had them.
+        elsewhere: share of the outline whose edge lies elsewhere although a second solution was tried.
+        confirmed: strangeness of the last image, if other hypotheses led to the same answer there.
         agility: mean square by which even motion was off of late, in process noise; moves: how often that was measured.
         expected: (3, 3) where it was located, carried by the ground since then.
         anchored: the ground carried it ever since, so that the last look is where it is expected.
@@ -85,6 +87,8 @@ class TrackState:
     usual: list[Floats] = field(default_factory=list)
     accepted: int = 0
     strange: float = 0.0
+    elsewhere: float = 0.0
+    confirmed: float = 0.0
     agility: float = 1.0
     moves: int = 0
     expected: Floats = field(default_factory=lambda: np.eye(3))

@@ -131,6 +131,11 @@ class Target:
         shares = [numbers.drift] * 2 + [numbers.stretch_rate] * 4 + [numbers.tilt_rate] * 2
         return np.asarray(np.diag((np.array(shares) * self.size) ** 2), dtype=np.float64)
 
+    @cached_property
+    def precision_of_motion(self) -> Floats:
+        """(8,) the inverse of its diagonal."""
+        return np.asarray(1.0 / np.diagonal(self.noise_of_motion), dtype=np.float64)
+
     def carried(self, G: Floats) -> Floats:
         """(k, 2) px, the contacts in an image that shows the target through G."""
         return apply_homography(G, self.work_contacts)
