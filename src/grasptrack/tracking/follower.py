@@ -30,6 +30,7 @@ from grasptrack.tracking.decision import (
     farthest,
     left,
     strangeness,
+    texture_evidence,
     tolerance,
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, apart, estimate_pose, lead_alike, middle, renamed
@@ -204,7 +205,7 @@ class Follower:
                     estimates[k] = renamed(e, TURNED)
             return decide(state, estimates, expected, presence, self.numbers)
 
-        if target.turns and (state.lost or state.gone):
+        if target.turns and (state.lost or state.gone or not state.accepted):
             if decision.rival is not None and not decision.accepted:
                 decision = decided()
             if decision.estimate is not None and decision.accepted:
@@ -212,6 +213,9 @@ class Follower:
                 solutions.add(turned)
                 decision = decided()
         own, rival = decision.estimate, decision.rival
+        if target.is_round and not state.accepted and decision.accepted and own is not None:
+            if texture_evidence(own, state.usual, self.numbers) < 0.0:  # the surface tells of another turn
+                return replace(decision, code="ambiguous")
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
         return replace(decision, code="ambiguous") if decision.code == "other-place" and only_turned else decision
 

@@ -93,6 +93,7 @@ class Target:
         corners: (n, 2) work px, places at which motion from image to image is measured.
         ring: (n, 2) work px, places round it, at which the ground's motion is measured.
         turns: (3, 3) work px -> work px each, turns under which the outline fits itself.
+        is_round: the outline fits itself in any turn.
         slides: (n, 2) work px, shifts under which the surface looks like itself, the nearest first.
         strides: work px between the pixels of a patch, fine to coarse.
         patches: (n, 2) work px, of the finest texture.
@@ -115,6 +116,7 @@ class Target:
     corner_strides: Floats
     ring: Floats
     turns: tuple[Floats, ...]
+    is_round: bool
     slides: Floats
     patches: Floats
     counts: tuple[int, ...]
@@ -265,6 +267,7 @@ def make_target(
         np.array(strides),
         _ring(mask),
         turns,
+        is_round,
         _slides(image, surface_mask, noise, size, numbers),
         patches,
         tuple(counts[:TOLD]),
