@@ -12,7 +12,8 @@ import pytest
 from grasptrack.contour import Contour, View
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.target import Target, make_target, pyramid
+from grasptrack.tracking.selection import make_target
+from grasptrack.tracking.target import Target, pyramid
 from scenery import L_PLATE, drawn
 
 CONTACTS = np.array([[-20.0, 25.0], [-70.0, 25.0]])

@@ -14,6 +14,7 @@ from grasptrack.projective import apply_homography
 from grasptrack.tracking.decision import largest_sigma
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     decide_single,
     first_state,
@@ -22,7 +23,7 @@ from grasptrack.tracking.single import (
     turned_hypotheses,
 )
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import Target, make_target, pyramid
+from grasptrack.tracking.target import Target, pyramid
 from scenery import L_PLATE, SQUARE, drawn
 
 SIZE = (480, 640)

@@ -13,7 +13,7 @@ from grasptrack.errors import GraspError
 from grasptrack.grasp import Grasp
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES, plain
-from grasptrack.tracking.decision import CODES, Decision, checked
+from grasptrack.tracking.decision import CODES, NOTHING, checked
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.initialization import describable, grasps
@@ -215,7 +215,7 @@ def test_contacts_that_a_strategy_puts_elsewhere_are_not_given_out() -> None:
     assert risks == sorted(risks) and risks[-1] == 1.0
     assert [d.accepted for d in off[:1]] == [True] and off[-1].code == "strategy-off"
     assert off[-1].figures["distance"] == pytest.approx(10.0)
-    assert checked(Decision(None), estimate.contacts, NUMBERS).code == "not-found"
+    assert checked(NOTHING, estimate.contacts, NUMBERS).code == "not-found"
 
 
 def test_a_bar_across_leaves_strategies_nothing_wrong() -> None:

@@ -30,6 +30,7 @@ from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.redetection import Keypoints
+from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     decide_single,
     first_state,
@@ -40,7 +41,7 @@ from grasptrack.tracking.single import (
     turned_hypotheses,
 )
 from grasptrack.tracking.strategies import REGISTRATION, Carried, Silhouettes, Snakes
-from grasptrack.tracking.target import make_target, pyramid
+from grasptrack.tracking.target import pyramid
 from grasptrack.transfer import STRATEGIES
 
 Floats = NDArray[np.float64]

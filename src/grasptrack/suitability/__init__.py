@@ -30,7 +30,8 @@ from grasptrack.tracking.decision import largest_sigma
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.target import make_target, pyramid
+from grasptrack.tracking.selection import make_target
+from grasptrack.tracking.target import pyramid
 from grasptrack.tracking.tracker import GraspTracker
 
 __all__ = ["Reason", "Suitability", "inspect"]

@@ -16,8 +16,9 @@ from grasptrack.tracking.decision import evidence, texture_evidence
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state, pose_hypothesis, single_estimate
-from grasptrack.tracking.target import Grey, Target, make_target, pyramid
+from grasptrack.tracking.target import Grey, Target, pyramid
 
 Floats = NDArray[np.float64]
 By = Literal["outline", "surface", "ground", "nothing"]

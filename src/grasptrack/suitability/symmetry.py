@@ -15,6 +15,7 @@ from grasptrack.suitability.first import FirstView
 from grasptrack.suitability.restaged import Stage
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     first_state,
     pose_hypothesis,
@@ -23,7 +24,7 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.target import make_target, pyramid
+from grasptrack.tracking.target import pyramid
 from grasptrack.transfer.alignment import alignments, as_similarity
 
 EQUAL = 0.03

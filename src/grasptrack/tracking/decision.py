@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,21 +36,24 @@ class Decision:
     """
 
     estimate: PoseEstimate | None
-    probability_off: float = 1.0
-    presence: float = 0.0
-    sigma: float = math.inf
-    tolerance: float = 0.0
-    exchanged: float = 0.0
-    evidence: float = 0.0
-    code: str = "not-found"
-    figures: dict[str, float] = field(default_factory=dict)
-    rival: PoseEstimate | None = None
+    probability_off: float
+    presence: float
+    sigma: float
+    tolerance: float
+    exchanged: float
+    evidence: float
+    code: str
+    figures: dict[str, float]
+    rival: PoseEstimate | None
 
     @property
     def accepted(self) -> bool:
         """Whether the contacts may be given out."""
         return not self.code
 
+
+NOTHING = Decision(None, 1.0, 0.0, math.inf, 0.0, 0.0, 0.0, "not-found", {}, None)
+"""Of an image in which no pose was found."""
 
 CODES = {
     "not-found": "no pose was found",
@@ -308,7 +311,7 @@ def decide(
         numbers: the core's.
     """
     if not estimates:
-        return Decision(None)
+        return NOTHING
     told = [surface_evidence(e.correlation, state.usual, numbers) for e in estimates]
     surface = [numbers.temper * max(0.0, odds) for odds, _ in told]
     raw = [s + outline_evidence(e, numbers) for s, e in zip(surface, estimates, strict=True)]

@@ -37,10 +37,11 @@ from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, apart, estim
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
+from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state
 from grasptrack.tracking.solutions import Solutions
 from grasptrack.tracking.state import Look, TrackState
-from grasptrack.tracking.target import Grey, make_target, pyramid
+from grasptrack.tracking.target import Grey, pyramid
 
 Floats = NDArray[np.float64]
 
@@ -213,9 +214,9 @@ class Follower:
                 solutions.add(turned)
                 decision = decided()
         own, rival = decision.estimate, decision.rival
-        if target.is_round and not state.accepted and decision.accepted and own is not None:
-            if texture_evidence(own, state.usual, self.numbers) < 0.0:  # the surface tells of another turn
-                return replace(decision, code="ambiguous")
+        unknown = target.is_round and not state.accepted and decision.accepted
+        if unknown and own is not None and texture_evidence(own, state.usual, self.numbers) < 0.0:
+            return replace(decision, code="ambiguous")  # the surface tells of another turn
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
         return replace(decision, code="ambiguous") if decision.code == "other-place" and only_turned else decision
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,29 +79,29 @@ class TrackState:
     edge_width: float
     blur_share: float
     located: Look
-    blur: float = 0.0
-    light: tuple[float, float] = (1.0, 0.0)
-    lost: int = 0
-    time: float | None = None
-    interval: float | None = None
-    usual: list[Floats] = field(default_factory=list)
-    accepted: int = 0
-    strange: float = 0.0
-    elsewhere: float = 0.0
-    confirmed: float = 0.0
-    agility: float = 1.0
-    moves: int = 0
-    expected: Floats = field(default_factory=lambda: np.eye(3))
-    anchored: bool = True
-    wander: float = 1.0
-    wanders: int = 0
-    unseen: float = 0.0
-    slope: float = 0.0
-    adrift: float = 0.0
-    gone: bool = False
-    exchanged: bool = False
-    lookalike: bool = False
-    sighted: Floats | None = None
+    blur: float
+    light: tuple[float, float]
+    lost: int
+    time: float | None
+    interval: float | None
+    usual: list[Floats]
+    accepted: int
+    strange: float
+    elsewhere: float
+    confirmed: float
+    agility: float
+    moves: int
+    expected: Floats
+    anchored: bool
+    wander: float
+    wanders: int
+    unseen: float
+    slope: float
+    adrift: float
+    gone: bool
+    exchanged: bool
+    lookalike: bool
+    sighted: Floats | None
 
     @property
     def G(self) -> Floats:  # noqa: N802
@@ -130,6 +130,27 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         edge_width=target.edge_width,
         blur_share=numbers.blur_share,
         located=look,
+        blur=0.0,
+        light=(1.0, 0.0),
+        lost=0,
+        time=None,
+        interval=None,
+        accepted=0,
+        strange=0.0,
+        elsewhere=0.0,
+        confirmed=0.0,
+        agility=1.0,
+        moves=0,
+        anchored=True,
+        wander=1.0,
+        wanders=0,
+        unseen=0.0,
+        slope=0.0,
+        adrift=0.0,
+        gone=False,
+        exchanged=False,
+        lookalike=False,
+        sighted=None,
         expected=target.A,
         usual=[np.zeros(n) for n in target.counts],
     )

@@ -1,48 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was chosen in the first view: outline, texture and contacts, as the estimator looks for them. Never changes."""
+"""What is followed, as the estimator looks for it: outline, texture and contacts of the first view. Never changes."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH
 from grasptrack.contour import View
-from grasptrack.kernels.reference_pose_edges import LEAST_HALF, MOST_HALF
-from grasptrack.kernels.reference_pose_texture import noise_of
-from grasptrack.projective import apply_homography, similarity
+from grasptrack.projective import apply_homography
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.transfer.alignment import TIE, alignments, as_similarity
 
 Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
-
-PATCH = 7
-"""Side of a patch of texture, pixels."""
-SPACING = 3.0
-"""Work px between samples of the outline, ..."""
-SAMPLES = 400
-"""... of which there are so many at most."""
-PATCHES = 120
-"""Patches of texture on the finest level at most; a quarter of that on each coarser one."""
-TOLD = 3
-"""Levels of texture, the finest, whose correlations an estimate tells."""
-RING = 7.0
-"""Places along the side of the first view, at which the ground is looked at."""
-ROUND_TURNS = 12
-"""Turns in which an outline that has no shape of its own is tried."""
-CORNERS = 80
-"""Places at which a look is laid on the next image, at most."""
-SURFACE = 400
-"""Samples of the surface, for its gain and bias."""
-
 
 POSE_ENTRIES = ((0, 2, 1), (1, 2, 1), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1), (2, 0, -1), (2, 1, -1))
 """Row, column and sign of each number of the pose's error in the matrix that it is, in half sizes about the middle."""
@@ -52,30 +27,21 @@ def pyramid(grey: Grey) -> list[Grey]:
     """The image and its halves, down to some 30 px."""
     levels = [np.ascontiguousarray(grey)]
     while min(levels[-1].shape) >= 60:
-        levels.append(_grey(cv2.pyrDown(levels[-1])))
+        levels.append(as_grey(cv2.pyrDown(levels[-1])))
     return levels
 
 
-def _grey(image: NDArray[Any]) -> Grey:
+def as_grey(image: NDArray[Any]) -> Grey:
+    """What OpenCV made of a grey image, as one."""
     return np.asarray(image, dtype=np.uint8)
 
 
 def hidden_levels(hidden: Grey) -> list[Grey]:
     """The mask (H, W) of what is hidden for each level of a pyramid: nonzero where any pixel that was averaged is."""
-    levels = [_grey(cv2.dilate((hidden != 0).astype(np.uint8), np.ones((5, 5), np.uint8)))]
+    levels = [as_grey(cv2.dilate((hidden != 0).astype(np.uint8), np.ones((5, 5), np.uint8)))]
     while min(levels[-1].shape) >= 60:
         levels.append((cv2.pyrDown(levels[-1] * 255) > 0).astype(np.uint8))
     return levels
-
-
-def camera_noise(grey: Grey) -> float:
-    """Grey levels, standard deviation of the camera's noise, by the median second difference; at least that of 8 bits.
-
-    J. Immerkaer, "Fast noise variance estimation", Computer Vision and Image Understanding 64 (1996), with a median.
-    """
-    kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-    second = np.abs(cv2.filter2D(grey, cv2.CV_32F, kernel))
-    return max(1.0, float(np.median(second)) / (6.0 * 0.6745))
 
 
 @dataclass(frozen=True)
@@ -188,380 +154,3 @@ class Target:
         """The G of a homography H_current_reference."""
         G = H @ self.A
         return np.asarray(G / G[2, 2], dtype=np.float64)
-
-
-def make_target(
-    levels: list[Grey], view: View, contacts: Floats, numbers: Numbers, hidden: Grey | None = None
-) -> Target:
-    """A target from the first image's pyramid, the object's outline and contacts in it, px, and the mask of what is hidden."""
-    outer = view.outer.points
-    area = view.outer.area
-    length = math.sqrt(area)
-    s = min(1.0, numbers.work_size / length)
-    margin = 0.2 * length + 12.0 / s
-    # whole px: between them interpolation takes up to three quarters of the noise, which would not be measured
-    low, high = np.floor(outer.min(axis=0) - margin), outer.max(axis=0) + margin
-    width, height = (int(v) for v in np.ceil((high - low) * s))
-    A = np.array([[1.0 / s, 0.0, low[0]], [0.0, 1.0 / s, low[1]], [0.0, 0.0, 1.0]])
-    image = _rectified(levels, A, (width, height))
-    noise = camera_noise(image)
-    work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
-    edges = _edges(levels, A, *_samples(work), noise)
-    points, normals = edges.points, edges.normals
-    outline = work[0][0]
-    mask: Grey = np.zeros((height, width), np.uint8)
-    cv2.fillPoly(mask, [np.round(p).astype(np.int32) for p, _, _ in work], 255)
-    size = length * s
-    centre, radius = outline.mean(axis=0), size / 2.0
-    beyond = 2 * edges.half + 3  # the outline's own edge, as wide as it is, is no surface
-    surface_mask = _grey(cv2.erode(mask, np.ones((beyond, beyond), np.uint8)))
-    surface = _surface(surface_mask)
-    work_contacts = (contacts - low) * s
-    target = kernels.PoseTarget(
-        numbers.table(),
-        A,
-        np.ascontiguousarray(centre),
-        radius,
-        noise,
-        float(edges.half),
-        np.ascontiguousarray(points),
-        np.ascontiguousarray(normals),
-        np.ascontiguousarray(edges.contrast),
-        np.ascontiguousarray(edges.inner),
-        surface,
-        image[surface[:, 1].astype(int), surface[:, 0].astype(int)].astype(np.float64),
-        np.ascontiguousarray(work_contacts),
-        *_regions(image, mask, points, normals, size),
-    )
-    if hidden is not None and hidden.any():
-        target.hide(hidden_levels(hidden))
-    patches, counts = np.zeros((0, 2)), []
-    stride, reduced, count = 1, image, PATCHES
-    while stride == 1 or stride <= size / 16.0:
-        inside = _grey(cv2.erode(surface_mask, np.ones((3, 3), np.uint8)))
-        side = PATCH * stride + 2 * (stride - 1)  # a pixel of a halved image takes in its neighbours
-        inside = _grey(cv2.erode(inside, np.ones((side, side), np.uint8), borderValue=0))
-        centres = _textured(reduced, inside, stride, noise_of(noise, stride), numbers.texture_contrast, count)
-        counts.append(target.add_texture(levels, centres, float(stride)))
-        if stride == 1:
-            patches = centres
-        reduced, stride, count = _grey(cv2.pyrDown(reduced)), 2 * stride, max(30, count // 2)
-    turns, is_round = _turns(view, A)
-    # the outline of a disc turns on itself: beside it only the ground would tell, which need not turn with it
-    around = np.ones((2 * PATCH + 1, 2 * PATCH + 1) if is_round else (9, 9), np.uint8)
-    followed = _grey(cv2.erode(mask, around, borderValue=0) if is_round else cv2.dilate(mask, around))
-    half = _grey(cv2.pyrDown(image))
-    corners = _textured(half, followed, 2, noise_of(noise, 2.0), numbers.texture_contrast, CORNERS)
-    strides = [float(1 << k) for k in range(1, 5) if k == 1 or (1 << k) <= size / 16.0]
-    return Target(
-        view,
-        contacts,
-        area,
-        A,
-        size,
-        work_contacts,
-        outline,
-        points,
-        normals,
-        corners,
-        np.array(strides),
-        _ring(mask),
-        turns,
-        is_round,
-        _slides(image, surface_mask, noise, size, numbers),
-        patches,
-        tuple(counts[:TOLD]),
-        edges.share,
-        edges.width,
-        noise,
-        numbers,
-        target,
-    )
-
-
-class _Edges(NamedTuple):
-    """Edges of the first view: places and what they show there (n, ...), how wide they are, by and for which filter."""
-
-    points: Floats
-    normals: Floats
-    contrast: Floats
-    inner: Floats
-    share: float
-    width: float
-    half: int
-    wanted: int
-
-
-def _edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float) -> _Edges:
-    """The edges near samples of the outline, by a filter as wide as they are: a narrow one finds only noise on a wide edge."""
-    half, wanted = 0, LEAST_HALF
-    while half < wanted:  # by the outline as it was found: where a narrow filter answers, noise is steep
-        half = wanted
-        wanted = _wanted(kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half)[3], half)
-    while True:
-        edges = _edges_by(levels, A, points, normals, noise, half)
-        if edges.wanted >= half:
-            return edges
-        half = edges.wanted
-
-
-def _wanted(width: Floats, half: int) -> int:
-    """Work px on each side of edges (n,) so wide that tell where they are: two standard deviations."""
-    told = width[np.isfinite(width)]
-    return min(max(int(2.0 * float(np.median(told))), LEAST_HALF), MOST_HALF) if len(told) else half
-
-
-def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float, half: int) -> _Edges:
-    """The same by a filter of which half is so wide, work px."""
-    reach = half + 2
-    offset, contrast, inner, width = kernels.strongest_edges(levels, A, points, normals, noise, reach, half)
-    found = np.isfinite(offset)
-    share = float(found.mean()) if len(found) else 0.0
-    points, normals = points[found] + offset[found, None] * normals[found], normals[found]
-    # again at the edges themselves: sub-pixel positions from the same phase as all later ones
-    if len(points):
-        offset, contrast, inner, width = kernels.strongest_edges(levels, A, points, normals, noise, reach, half)
-        found = np.isfinite(offset) & (np.abs(offset) < 1.0) & np.isfinite(inner).all(axis=1)
-        points, normals = points[found] + offset[found, None] * normals[found], normals[found]
-        contrast, inner, width = contrast[found], inner[found], width[found]
-    told = width[np.isfinite(width)]
-    typical = float(np.median(told)) if len(told) else math.nan
-    return _Edges(points, normals, contrast, inner, share, typical, half, _wanted(width, half))
-
-
-def _rectified(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
-    level, G = 0, A
-    while G[0, 0] > 1.6 and level + 1 < len(levels):
-        level, G = level + 1, np.diag([0.5, 0.5, 1.0]) @ G
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(
-        cv2.warpPerspective(levels[level], G, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8
-    )
-
-
-def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
-    """Points and outward normals, evenly along all contours; none where the border cuts the object."""
-    lengths = [float(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum()) for p, _, _ in contours]
-    spacing = max(SPACING, sum(lengths) / SAMPLES)
-    spacing = min(spacing, sum(lengths) / 60.0)
-    points, normals = [], []
-    for (p, _, clipped), length in zip(contours, lengths, strict=True):
-        if length < 8 * spacing:
-            continue
-        smooth = p if clipped is not None else without_noise(p)
-        closed = np.vstack([p, p[:1]])
-        even = np.vstack([smooth, smooth[:1]])
-        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
-
-        def at(t: Floats, points: Floats, arc: Floats = arc) -> Floats:
-            t = t % arc[-1]
-            return np.column_stack([np.interp(t, arc, points[:, 0]), np.interp(t, arc, points[:, 1])])
-
-        t = np.linspace(0.0, arc[-1], max(8, round(length / spacing)), endpoint=False)
-        chord = at(t + SPACING, even) - at(t - SPACING, even)
-        chord /= np.hypot(*chord.T)[:, None] + 1e-9
-        keep = np.ones(len(t), dtype=bool)
-        if clipped is not None:
-            nearest = np.clip(np.searchsorted(arc, t), 0, len(p) - 1)
-            keep = ~clipped[nearest]
-        points.append(at(t, closed)[keep])
-        normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
-    if not points:
-        return np.zeros((0, 2)), np.zeros((0, 2))
-    return np.vstack(points), np.vstack(normals)
-
-
-ABOVE_NOISE = 9.0
-"""Power of a harmonic over that of noise from which on it is the outline's own: noise exceeds it once in e^9 harmonics."""
-
-
-def without_noise(points: Floats) -> Floats:
-    """(N, 2) a closed contour's points by those of its harmonics that are more than noise.
-
-    Of noise in its normals a disc seems to tell how far it turned.
-    """
-    n = len(points)
-    harmonics = np.fft.fft(points[:, 0] + 1j * points[:, 1])
-    power = np.abs(harmonics) ** 2
-    order = np.abs(np.fft.fftfreq(n, 1.0 / n))
-    noise = float(np.mean(power[order > 0.375 * n]))
-    kept = np.where((power > ABOVE_NOISE * noise) | (order <= 1), harmonics, 0.0)
-    smooth = np.fft.ifft(kept)
-    return np.column_stack([smooth.real, smooth.imag])
-
-
-CELLS, FIRST_CELL, REGION, WIDER = 16, 2.0, 0.45, 1.6
-"""Cells beside the outline, from so many work px up to this share of sqrt(area), ever wider by this power: a notch or tab ends
-within it."""
-LEVEL_SAMPLES, LEVEL_CELLS, LEVEL_SPREAD = 8, 4, 3.0
-"""Samples on each side and cells of each that tell the level of a side, and grey levels that are added to its spread: as the
-kernel has them."""
-
-
-def _regions(image: Grey, mask: Grey, points: Floats, normals: Floats, size: float) -> tuple[Floats, Floats, Floats]:
-    """(16,) depths, work px; (N, 16) grey levels so deep inside, NaN off the material; (N, 16) whether it ends so far out."""
-    last = max(2.0 * FIRST_CELL, REGION * size)
-    depth = FIRST_CELL + (last - FIRST_CELL) * np.linspace(0.0, 1.0, CELLS) ** WIDER
-    height, width = mask.shape
-
-    def cell(signed: Floats, values: Grey) -> Floats:
-        at = points[:, None] + signed[None, :, None] * normals[:, None]
-        x, y = (np.clip(np.round(at[..., k]).astype(int), 0, limit - 1) for k, limit in ((0, width), (1, height)))
-        return np.asarray(values[y, x], dtype=np.float64)
-
-    smooth, square = _grey(cv2.blur(image, (3, 3))), np.ones((3, 3), np.uint8)
-    inside = np.where(cell(-depth, _grey(cv2.erode(mask, square))) > 0, cell(-depth, smooth), np.nan)
-    outside = np.where(cell(depth, _grey(cv2.dilate(mask, square))) == 0, cell(depth, smooth), np.nan)
-    # what looked like the other side from the first tells of no notch and no tab
-    own, ground = _level_along(inside), _level_along(outside)
-    inside = np.where(np.abs(inside - ground[0][:, None]) < ground[1][:, None], np.nan, inside)
-    told = np.abs(outside - own[0][:, None]) >= own[1][:, None]
-    return depth, np.ascontiguousarray(inside), np.ascontiguousarray(told.astype(np.float64))
-
-
-def _level_along(cells: Floats) -> tuple[Floats, Floats]:
-    """(N,) median of the first cells (N, 16) of a sample and its neighbours; (N,) how far off a cell is not of that."""
-    n, near = len(cells), np.arange(-LEVEL_SAMPLES, LEVEL_SAMPLES + 1)
-    if n == 0:
-        return np.zeros(0), np.zeros(0)
-    around = cells[(np.arange(n)[:, None] + near) % n, :LEVEL_CELLS].reshape(n, -1)
-    known = np.asarray(np.isfinite(around).any(axis=1))
-    around = np.where(known[:, None], around, 0.0)
-    level = np.nanmedian(around, axis=1)
-    spread = 1.4826 * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEVEL_SPREAD
-    return np.where(known, level, np.nan), 3.0 * spread
-
-
-def _ring(mask: Grey) -> Floats:
-    """(n, 2) work px: a grid round the object, as far as the image of the first view is wide."""
-    height, width = mask.shape
-    step = max(PATCH, math.sqrt(width * height) / RING)
-    x, y = np.meshgrid(np.arange(-0.5 * width, 1.5 * width, step), np.arange(-0.5 * height, 1.5 * height, step))
-    places = np.column_stack([x.ravel(), y.ravel()])
-    reach = 2 * PATCH + 1
-    grown = cv2.dilate(
-        cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT), np.ones((reach, reach), np.uint8)
-    )
-    i = np.clip(np.round(places).astype(int) + reach, 0, [width + 2 * reach - 1, height + 2 * reach - 1])
-    inside = (places > -reach).all(axis=1) & (places < [width + reach, height + reach]).all(axis=1)
-    kept = places[~(inside & (grown[i[:, 1], i[:, 0]] > 0))]
-    # the first of them, which is what coarse levels look at, lie all round
-    return np.ascontiguousarray(np.random.default_rng(0).permutation(kept))
-
-
-def _turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
-    """(3, 3) each, work px -> work px: turns of the outline onto itself; of a disc some, and whether it is one."""
-    if view.is_clipped:
-        return (), False
-    area, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
-    radii = np.hypot(*(view.outer.points - (x, y)).T)
-    # turned anyhow it differs from itself by less than what alignments that fit alike do
-    is_round = float(np.std(radii)) * math.sqrt(2.0) < TIE * math.sqrt(area)
-    if is_round:
-        angles = np.arange(1, ROUND_TURNS) * (2.0 * math.pi / ROUND_TURNS)
-        found = [similarity(1.0, float(angle), (x, y), (x, y)) for angle in angles]
-    else:
-        fits = alignments(view.outer, view.outer)
-        found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > 1e-3]
-    back = np.linalg.inv(A)
-    return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found), is_round
-
-
-SLIDE_SIZE = 100.0
-"""Pixels of sqrt(area) at which a surface is laid on itself: what slides by less than a few does not matter."""
-SLIDES = 8
-"""Nearest shifts that are kept: what slides farther slides by one of them first."""
-OVERLAP = 0.5
-"""Share of a surface on which it must look like itself."""
-
-
-def _slides(image: Grey, mask: Grey, noise: float, size: float, numbers: Numbers) -> Floats:
-    """(n, 2) work px: shifts of a surface onto itself, as of a chessboard by two squares, the nearest first.
-
-    By the correlation of its local contrast where it overlaps itself (D. Padfield, "Masked object registration in the Fourier
-    domain", IEEE Transactions on Image Processing 21, 2012, with local means).
-    """
-    scale = min(1.0, SLIDE_SIZE / size)
-    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
-    inside = cv2.resize(mask, small.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    mean = cv2.boxFilter(small, -1, (PATCH, PATCH))
-    variance = np.maximum(cv2.boxFilter(small**2, -1, (PATCH, PATCH)) - mean**2, 0.0)
-    textured = inside & (variance > numbers.texture_contrast * (noise * scale) ** 2)
-    if float(textured.sum()) < OVERLAP * float(inside.sum()) or not inside.any():
-        return np.zeros((0, 2))
-    contrast = np.where(inside, (small - mean) / np.sqrt(variance + noise**2), 0.0)
-    height, width = (2 * side for side in small.shape)
-
-    def laid(a: Floats, b: Floats) -> Floats:
-        """At (dy, dx), with the origin in the middle: the sum of a where b is, shifted by so much."""
-        product = np.fft.irfft2(
-            np.fft.rfft2(a, (height, width)).conj() * np.fft.rfft2(b, (height, width)), (height, width)
-        )
-        return np.asarray(np.fft.fftshift(product), dtype=np.float64)
-
-    own, there = contrast**2, inside.astype(np.float64)
-    alike = laid(contrast, contrast) / np.sqrt(np.maximum(laid(own, there) * laid(there, own), 1e-6))
-    overlap = laid(there, there) / there.sum()
-    middle = np.array([height // 2, width // 2])
-    peak = (alike > _as_likely(numbers)) & (overlap > OVERLAP) & (alike >= cv2.dilate(alike, np.ones((5, 5))))
-    found = np.argwhere(peak) - middle
-    away = np.hypot(*found.T)
-    order = np.argsort(away, kind="stable")
-    halfway = alike[tuple((found // 2 + middle).T)]
-    kept = [k for k in order if away[k] > numbers.tolerance * size * scale and halfway[k] < _as_likely(numbers)]
-    return np.asarray(found[kept[:SLIDES], ::-1] / scale, dtype=np.float64).reshape(-1, 2)
-
-
-def _as_likely(numbers: Numbers) -> float:
-    """Correlation of a patch that is as probable of the same surface as of another one."""
-    a, b = numbers.match_spread**-2, numbers.chance_spread**-2
-    more = 2.0 * math.log(numbers.match_spread / numbers.chance_spread)
-    return (a - math.sqrt(a * a - (a - b) * (a + more))) / (a - b)
-
-
-def _surface(inside_mask: Grey) -> Floats:
-    inside = np.argwhere(inside_mask > 0)[:, ::-1]
-    step = max(1, len(inside) // SURFACE)
-    # a stride that does not run down the columns
-    order = (
-        np.random.default_rng(0).permutation(len(inside))[: len(inside) // step] if step > 1 else np.arange(len(inside))
-    )
-    return np.ascontiguousarray(inside[order][:SURFACE].astype(np.float64)).reshape(-1, 2)
-
-
-def _textured(image: Grey, mask: Grey, stride: int, noise: float, contrast: float, most: int) -> Floats:
-    """(n, 2) work px: middles of patches that tell how they moved; `image` is reduced by `stride`, `mask` is not."""
-    gradients = [cv2.Sobel(image, cv2.CV_32F, i, 1 - i, ksize=1) * 0.5 for i in (1, 0)]
-    box = (PATCH, PATCH)
-    xx, xy, yy = (
-        cv2.boxFilter(a * b, -1, box, normalize=False)
-        for a, b in ((gradients[0], gradients[0]), (gradients[0], gradients[1]), (gradients[1], gradients[1]))
-    )
-    root = np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
-    least, largest = 0.5 * (xx + yy) - root, 0.5 * (xx + yy) + root
-    own = 0.5 * PATCH * PATCH * noise * noise  # of noise alone
-    height, width = image.shape
-    allowed = mask[::stride, ::stride][:height, :width] > 0
-    score = np.where(allowed[:height, :width], least + 0.1 * largest, 0.0)
-    tells = (least > contrast * own) | (largest > 4.0 * contrast * own)
-    score = np.where(tells, score, 0.0)
-    rows, columns = -(-height // PATCH), -(-width // PATCH)
-    padded = np.zeros((rows * PATCH, columns * PATCH), np.float32)
-    padded[:height, :width] = score
-    cells = padded.reshape(rows, PATCH, columns, PATCH).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
-    best = cells.argmax(axis=1)
-    value = cells[np.arange(len(cells)), best]
-    found = np.flatnonzero(value > 0)
-    y = (found // columns) * PATCH + best[found] // PATCH
-    x = (found % columns) * PATCH + best[found] % PATCH
-    # the best of every region first, then the second best: what lies close together tells the same
-    side = max(PATCH, math.sqrt(float(allowed.sum()) / most))
-    region = (y // side).astype(int) * (width + 1) + (x // side).astype(int)
-    order = np.lexsort((-value[found], region))
-    first = np.r_[True, np.diff(region[order]) != 0] if len(order) else np.zeros(0, bool)
-    start = np.maximum.accumulate(np.where(first, np.arange(len(order)), 0)) if len(order) else np.zeros(0, int)
-    rank = np.empty(len(order), int)
-    rank[order] = np.arange(len(order)) - start
-    chosen = np.lexsort((-value[found], rank))[:most]
-    x, y = x[chosen], y[chosen]
-    return np.ascontiguousarray(np.column_stack([x, y]).astype(np.float64) * stride)
