@@ -326,11 +326,11 @@ def decide(
             against = by_surface - max(seen) - (by_all - max(by_levels))
             raw[k] += numbers.temper * (best_odds - estimates[k].log_odds + against)
     outline = [r - s for r, s in zip(raw, surface, strict=True)]
-    near = [_around(e, estimates) for e in estimates]
+    near = [_around(e, estimates, SAME_PLACE) for e in estimates]
     # an outline may be deceived, as by blur; a surface that shows at another place only what chance makes of it is not
     strength = [
-        _either(own, math.log(numbers.deceived) + shown + max(outline[k] for k in around))
-        for own, shown, around in zip(raw, surface, near, strict=True)
+        _either(r, math.log(numbers.deceived) + s + max(outline[k] for k in _around(e, estimates, numbers.wide)))
+        for r, s, e in zip(raw, surface, estimates, strict=True)
     ]
     scores = []
     for e, (_, by_share), own, around in zip(estimates, told, strength, near, strict=True):
@@ -377,9 +377,9 @@ def decide(
     return Decision(chosen, off, p, math.sqrt(variance), allowed, other, raw[best], code, figures, rival)
 
 
-def _around(estimate: PoseEstimate, estimates: list[PoseEstimate]) -> list[int]:
-    """Which estimates lie where one lies."""
-    reach = SAME_PLACE * math.sqrt(estimate.area)
+def _around(estimate: PoseEstimate, estimates: list[PoseEstimate], share: float) -> list[int]:
+    """Which estimates lie where one lies, within a share of sqrt(area)."""
+    reach = share * math.sqrt(estimate.area)
     return [k for k, other in enumerate(estimates) if math.dist(estimate.middle, other.middle) < reach]
 
 
