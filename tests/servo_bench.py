@@ -39,6 +39,8 @@ class Bench:
         blackout: (from, to) s.
         push: s at which the object jumps, m.
         regrasp: s at which another grasp is chosen on it.
+        narrowing: share by which the object seems to narrow on the way, as one does whose side showed at first, and in which
+            direction, rad from that of the grasp.
         turn, aside, distance: the start: largest turn in degrees, share of the view, times the distance at the goal.
     """
 
@@ -52,6 +54,7 @@ class Bench:
     blackout: tuple[float, float] = (math.inf, math.inf)
     push: tuple[float, float] = (math.inf, 0.0)
     regrasp: float = math.inf
+    narrowing: tuple[float, float] = (0.0, 0.0)
     turn: float = 45.0
     aside: float = 0.4
     distance: float = 2.5
@@ -98,6 +101,7 @@ class Bench:
         self.velocity = along * self.belt * distance / focal
         self._poses: deque[tuple[float, np.ndarray, np.ndarray]] = deque(maxlen=50)
         self._reference = self._plane(self.hand, self.at)
+        self._far = self.camera.from_hand(((self.at - self.hand[:3, 3]) @ self.hand[:3, :3])[None])[0, 2]
         self._remember()
 
     def _start(self, right: np.ndarray, depth: float, rng: np.random.Generator) -> np.ndarray:
@@ -152,7 +156,8 @@ class Bench:
         (t0, h0, a0), (t1, h1, a1) = self._poses[max(after - 1, 0)], self._poses[after]
         share = (shot - t0) / (t1 - t0) if t1 > t0 else 1.0
         taken, hand, at = shot, between(h0, h1, share), a0 + share * (a1 - a0)
-        points = self.camera.project((at + self.shape - hand[:3, 3]) @ hand[:3, :3])
+        narrow = self._narrow(hand, at)
+        points = self.camera.project((at + self.shape @ narrow - hand[:3, 3]) @ hand[:3, :3])
         inside = np.isfinite(points).all() and (points >= 0).all() and (points < (WIDTH, HEIGHT)).all()
         dark = self.blackout[0] <= taken < self.blackout[1]
         self._latest += 1
@@ -161,7 +166,7 @@ class Bench:
                 self._latest, taken, "lost", "covered" if dark else "out of view", grasp_id=self.grasp
             )
         else:
-            H = self._plane(hand, at) @ np.linalg.inv(self._reference)
+            H = self._plane(hand, at) @ narrow @ np.linalg.inv(self._reference)
             k, off = len(points), self.rng.normal(0.0, self.noise, points.shape)
             if self.rng.random() < self.outliers:
                 off = off + self.rng.uniform(-60.0, 60.0, points.shape)
@@ -174,6 +179,17 @@ class Bench:
             )  # fmt: skip
         self.results.append(told)
         return told
+
+    def _narrow(self, hand: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """(3, 3) by which points of the object's plane seem to lie elsewhere: the nearer the hand, the narrower the object."""
+        out, (most, angle) = np.eye(3), self.narrowing
+        if most:
+            way = (rotation((0.0, 0.0, angle)) @ (self.shape[1] - self.shape[0]))[:2]
+            goal = self.camera.from_hand(self.tips.mean(axis=0)[None])[0, 2]
+            now = self.camera.from_hand(((at - hand[:3, 3]) @ hand[:3, :3])[None])[0, 2]
+            share = np.clip((self._far - now) / (self._far - goal), 0.0, 1.0)
+            out[:2, :2] -= most * share * np.outer(way, way) / (way @ way)
+        return out
 
     def move(self, twist: np.ndarray) -> None:
         """One control period; the hand's twist follows the command with a lag."""

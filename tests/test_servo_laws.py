@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,14 +14,18 @@ from hypothesis import strategies as st
 
 import grasptrack as gt
 from grasptrack import kernels
+from grasptrack.projective import apply_homography
+from grasptrack.servo.aim import aim
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.closing import Doubt
+from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.features import Features, spread, wrapped
 from grasptrack.servo.geometry import between, check_pose, inverse, moved, pose_of, rotation, rotation_vector
 from grasptrack.servo.law import twist_for
 from grasptrack.servo.model import SHAPE, Placed, packed, unpacked
 from grasptrack.servo.poses import Poses
-from grasptrack.servo.sighting import FLOOR, MOST, Sighter
+from grasptrack.servo.sighting import FLOOR, MOST, Sighter, Sighting
+from servo_bench import Bench
 
 SEEDS = st.integers(0, 10_000)
 FEW = settings(max_examples=40, deadline=None)
@@ -317,6 +322,46 @@ def test_covariances_of_sightings_are_bounded_and_else_as_told(seed: int, spoilt
     np.testing.assert_allclose(seen.noise[1], told[1] + FLOOR**2 * np.eye(2), rtol=1e-12)
     sizes = np.linalg.eigvalsh(seen.noise)
     assert (sizes > 0.99 * FLOOR**2).all() and (sizes < 1.001 * (MOST**2 + FLOOR**2)).all()
+
+
+@pytest.mark.parametrize("needed", [False, True])
+def test_a_homography_shows_a_square_round_the_contacts(needed: bool) -> None:
+    sighter = Sighter(square=needed)
+    first = gt.TrackResult(0, 0.0, "tracked", "", grasp_id=1, contacts=np.array(GOOD), homography=np.eye(3))
+    H = np.array([[1.1, 0.1, 5.0], [-0.1, 1.2, 3.0], [0.0, 0.0, 1.0]])
+    later = replace(first, contacts=apply_homography(H, np.array(GOOD)), homography=H)
+    one, two = (sighter.sighting(r, 0.0, np.eye(4)) for r in (first, later))
+    assert one is not None and two is not None
+    assert one.contacts == two.contacts == 2 and len(one.points) == len(two.points) == 6
+    np.testing.assert_allclose(two.points, apply_homography(H, one.points), atol=1e-9)
+    middle = one.points[:2].mean(axis=0)
+    np.testing.assert_allclose(one.points[2:].mean(axis=0), middle, atol=1e-9)
+    # an image without one shows other points than those before, and nothing can be made of it
+    assert sighter.sighting(replace(later, homography=None), 0.0, np.eye(4)) is None
+
+
+def test_without_a_homography_contacts_serve_for_four_degrees_of_freedom_alone() -> None:
+    bare = gt.TrackResult(0, 0.0, "tracked", "", grasp_id=1, contacts=np.array(GOOD))
+    seen = Sighter(square=False).sighting(bare, 0.0, np.eye(4))
+    assert seen is not None and len(seen.points) == seen.contacts == 2
+    assert Sighter(square=True).sighting(bare, 0.0, np.eye(4)) is None
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.05, -0.3])
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_seen_at_the_goal_is_there_whatever_was_predicted(seed: int, turn: float) -> None:
+    bench = Bench(seed=seed)
+    hand, goal = bench.right_hand(), bench.goal()
+    right = bench.contacts() - bench.at
+    facing = rotation((0.0, 0.0, turn))
+    object_ = Placed(right[:, :2], facing, bench.at, np.zeros(3), np.eye(3))
+    known = Estimate(packed(bench.camera, object_), 1e-10 * np.eye(SHAPE + 2 * len(right)), 0.0)
+    bench.hand = hand
+    seen = Sighting(0.0, hand, bench.seen(), np.tile(1e-4 * np.eye(2), (2, 1, 1)), 2)
+    found = aim(known, goal, (0, 1), seen, hand, 0.0, dof=4, standoff=0.04, gain=gt.Gain())
+    assert found is not None
+    assert found.aligned and found.error_px < 1e-6
+    assert np.abs(found.twist).max() < 1e-6
 
 
 # --- policies ---------------------------------------------------------------------------------------

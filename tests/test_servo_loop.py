@@ -66,6 +66,26 @@ def test_it_converges_with_a_camera_that_nobody_knows(seed: int, what: dict[str,
     assert bench.commands[-1].error_px <= 1.0 and within(bench, 8e-3 if "outliers" in what else 4e-3)
 
 
+def test_a_grasp_that_seems_to_narrow_on_the_way_misleads_less_than_its_contacts_alone() -> None:
+    """A side of a thick part that shows in the first view alone: the hand would go down too far."""
+
+    def deepest(seed: int, alone: bool) -> float:
+        bench = Bench(seed=seed, narrowing=(0.1, 0.0))
+        servo, depth = servo_for(bench), 0.0
+        while not servo.over and bench.time < 30.0:
+            result = bench.result()
+            told = replace(result, homography=None) if alone else result
+            command = servo.update(told, time=bench.time, pose=bench.hand)
+            depth = max(depth, bench.off()[1])
+            if command.close:
+                break
+            bench.move(command.twist)
+        return depth
+
+    alone, whole = ([deepest(seed, how) for seed in range(8)] for how in (True, False))
+    assert np.mean(whole) < 0.8 * np.mean(alone), (whole, alone)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_it_converges_from_a_nominal_camera_that_is_not_quite_right(seed: int) -> None:
     bench = Bench(seed=seed)

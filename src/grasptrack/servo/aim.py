@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.features import Features
 from grasptrack.servo.geometry import skew, turn_between
@@ -82,17 +83,19 @@ def aim(
     points = known.in_hand(hand, time)[:k]
     right = goal.targets(camera, known.shape()[:k], order)
     normal = known.normal(hand)
-    raised = standoff * _share(points, right, normal if dof == 6 else None, known.relative_error())
+    places = [points] if seen is None else [points, known.in_hand(seen.hand, seen.time)[:k]]
+    pixels = camera.project(np.concatenate(places)).reshape(-1, k, 2)
+    contacts = pixels[0] if seen is None else pixels[0] + seen.points[:k] - pixels[1]
+    if not np.isfinite(contacts).all():
+        return None
+    # what is seen tells how far aside the hand is: a prediction that it does not bear out would keep it at the stand-off
+    here = points if seen is None else _at_depth(camera, contacts, points)
+    raised = standoff * _share(here, right, normal if dof == 6 else None, known.relative_error())
     wanted = right.copy()
     wanted[:, 2] += raised
-    places = [points, right, wanted]
-    if seen is not None:
-        places.append(known.in_hand(seen.hand, seen.time)[:k])
-    pixels = camera.project(np.concatenate(places)).reshape(-1, k, 2)
-    if not np.isfinite(pixels).all():
+    final, goal_px = camera.project(np.concatenate([right, wanted])).reshape(2, k, 2)
+    if not (np.isfinite(final).all() and np.isfinite(goal_px).all()):
         return None
-    contacts = pixels[0] if seen is None else pixels[0] + seen.points[:k] - pixels[3]
-    final, goal_px = pixels[1:3]
     last, features = Features(final, camera.centre), Features(goal_px, camera.centre)
     at, there = (wanted, goal_px) if known.linearised_at_goal else (points, pixels[0])
     slopes = features.slopes(there)
@@ -112,6 +115,12 @@ def aim(
     doing = "goes down" if aligned else "aligns at the stand-off"
     height = float((points - right)[:, 2].sum()) / k
     return Aim(twist, in_the_end, last.off(contacts), height, final, doing, aligned)
+
+
+def _at_depth(camera: HandCamera, contacts: Floats, points: Floats) -> Floats:
+    """Contacts (k, 2) px as points (k, 3) m in the hand's frame, each as far along the approach direction as that given."""
+    rays = camera.rays(contacts)
+    return np.asarray(camera.offset + rays * ((points[:, 2] - camera.offset[2]) / rays[:, 2])[:, None])
 
 
 def _share(points: Floats, right: Floats, normal: Floats | None, relative: float) -> float:

@@ -32,7 +32,7 @@ class Sighting:
     Attributes:
         time: s, when the image was taken.
         hand: (4, 4) pose of the hand in the robot's base at that time.
-        points: (n, 2) px, the contacts first, then the corners of the reference square where they are asked for.
+        points: (n, 2) px, the contacts first, then the corners of the reference square where a homography tells them.
         noise: (n, 2, 2) px^2.
         contacts: how many of the points are contacts.
     """
@@ -68,18 +68,21 @@ def stacked(seen: Sequence[Sighting]) -> tuple[Floats, Floats, Floats, Floats]:
 class Sighter:
     """Makes sightings of results.
 
+    With a homography the corners of a square in the reference view are seen as well. Contacts alone show their distance in one
+    direction: a thick part, of which at first a side showed along one of them, narrows there, and would seem farther away than
+    it is. Nor do two of them show how the plane is tilted.
+
     Args:
-        square: whether the corners of a square in the reference view, carried by the homography, are seen as well: two
-            contacts alone do not show how the plane is tilted.
+        square: nothing is seen without the square, for which contacts alone serve otherwise.
     """
 
     def __init__(self, square: bool) -> None:
-        self._square = square
+        self._needed = square
         self._reference: Floats | None = None
-        self._grasp: int | None = None
+        self._grasp: tuple[int | None] | None = None  # whose square it is
 
     def sighting(self, result: TrackResult, time: float, hand: Floats) -> Sighting | None:
-        """What a result contributes; None where it gives no contacts, or lacks the homography that is asked for."""
+        """What a result contributes; None where it gives no contacts, or lacks the homography that the first one had."""
         if result.contacts is None:
             return None
         points = np.asarray(result.contacts, dtype=np.float64)
@@ -87,17 +90,19 @@ class Sighter:
         noise = FLOORS.repeat(k, axis=0)
         if result.covariance is not None:
             noise += result.covariance if _usual(result.covariance) else _bounded(result.covariance)
-        if self._square:
-            if result.homography is None:
-                return None
-            if self._reference is None or self._grasp != result.grasp_id:
-                self._reference, self._grasp = _square(points, result.homography), result.grasp_id
-            try:
-                corners = apply_homography(result.homography, self._reference)
-            except ConditioningError:
-                return None
-            points = np.vstack([points, corners])
-            noise = np.concatenate([noise, np.broadcast_to(4.0 * noise.mean(axis=0), (4, 2, 2))])
+        H = result.homography
+        if H is None and self._needed:
+            return None
+        try:
+            if self._grasp != (result.grasp_id,):
+                self._reference, self._grasp = None if H is None else _square(points, H), (result.grasp_id,)
+            if self._reference is not None:
+                if H is None:
+                    return None
+                points = np.vstack([points, apply_homography(H, self._reference)])
+                noise = np.concatenate([noise, np.broadcast_to(4.0 * noise.mean(axis=0), (4, 2, 2))])
+        except ConditioningError:
+            return None
         return Sighting(time, hand, points, noise, k) if np.isfinite(points).all() else None
 
 
