@@ -14,7 +14,7 @@ from grasptrack.contour import View
 from grasptrack.evaluation.approach.radial import radial_grasps
 from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand, Length
-from grasptrack.simulation.physical.gripper import MAX_OPENING, PAD_THICKNESS, PAD_WIDTH
+from grasptrack.simulation.physical.gripper import BESIDE, MAX_OPENING, PAD_THICKNESS, PAD_WIDTH
 from grasptrack.synthesis import synthesize
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
@@ -32,10 +32,17 @@ NEARLY_AS_GOOD = 0.7
 """Share of the best quality that a grasp needs to be preferred for asking less of a turn."""
 
 
-def hand_for(size: float) -> Hand:
-    """The hand's limits as shares of an object of sqrt(area) = `size` m, since the scale of the image is not known."""
+def hand_for(size: float, unsure: float = 0.0) -> Hand:
+    """The hand's limits as shares of an object of sqrt(area) = `size` m, since the scale of the image is not known.
+
+    Args:
+        size: m, as it is known beforehand.
+        unsure: share by which that may be off. A hand that opens no wider than the part would come down on it, so that however
+            large it is the fingers have room beside it.
+    """
+    opening = min(MAX_OPENING - 2.0 * SIDEWAYS, (MAX_OPENING - 2.0 * BESIDE) * (1.0 - unsure))
     return Hand(
-        max_opening=Length((MAX_OPENING - 2.0 * SIDEWAYS) / size, "size"),
+        max_opening=Length(opening / size, "size"),
         finger_width=Length(PAD_WIDTH / size, "size"),
         finger_thickness=Length(PAD_THICKNESS / size, "size"),
         clearance=Length(SIDEWAYS / size, "size"),

@@ -142,7 +142,7 @@ def _approach(run: _Run) -> None:
     tips, opening = world.fingertips()
     ignore = world.ignore()
     rng = np.random.default_rng((run.case.seed, zlib.crc32(run.case.shape.name.encode()), 72))
-    hand = hand_for(world.setting.part.size * float(rng.uniform(1.0 - KNOWN, 1.0 + KNOWN)))
+    hand = hand_for(world.setting.part.size * float(rng.uniform(1.0 - KNOWN, 1.0 + KNOWN)), KNOWN)
     for _ in range(PATIENCE):
         image = world.image()
         began = clock.perf_counter()

@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 MAX_OPENING = 0.088
 """m, between the faces of two fingers that are fully open."""
+BESIDE = 0.004
+"""m that each finger stands back from its contact when the hand goes down to close."""
 PAD_WIDTH, PAD_THICKNESS, PAD_LENGTH = 0.008, 0.005, 0.022
 SHAFT_WIDTH, SHAFT_THICKNESS = 0.009, 0.009
 REACH = 0.165

@@ -14,7 +14,7 @@ from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical import frames, linkage, model, serial
 from grasptrack.simulation.physical.drawing import images_of
 from grasptrack.simulation.physical.engine import engine
-from grasptrack.simulation.physical.gripper import MAX_OPENING, gripper
+from grasptrack.simulation.physical.gripper import BESIDE, MAX_OPENING, gripper
 from grasptrack.simulation.physical.images import Images
 from grasptrack.simulation.physical.resolved import joint_rates
 from grasptrack.simulation.physical.setting import BLACKOUT_S, Arm, Scenario, draw, hand_mask
@@ -29,8 +29,6 @@ ACCELERATION = (5.0, 20.0)
 PUSH_S = 0.3
 CLOSING_SPEED, TOUCH_SPEED = 0.12, 0.06
 """m/s of a finger, and of the hand feeling for the table."""
-BESIDE = 0.004
-"""m that each finger stands back from its contact when the hand goes down to close."""
 YIELD = 0.25
 """rad/s of an arm's hand that gives way to the table."""
 FELT_N = 5.0
