@@ -17,10 +17,15 @@ from grasptrack.evaluation.method import Start
 from grasptrack.evaluation.peers import available
 from grasptrack.evaluation.score import Score
 from grasptrack.evaluation.truth import Truth
-from grasptrack.simulation import SceneFrame, demo_scene
+from grasptrack.simulation import SHAPES, SceneFrame, demo_scene
+from grasptrack.simulation.disturbances import DISTURBANCES
 
 SIZES = ((640, 480), (1280, 960))
 MEDIAN_MS, P99_MS = 1.5, 3.0
+EARLY = 200
+"""Updates after which all that is made once has been made; from then on memory is sampled as often."""
+LOSSES = ("leave", "exchange")
+"""Disturbances in which the object is lost again and again, so that it is also looked for."""
 
 
 def run_strategy(frames: list[SceneFrame], strategy: str) -> tuple[Score, list[float]]:
@@ -60,16 +65,22 @@ def resident_mb() -> float:
 
 
 def memory_growth(frames: list[SceneFrame], strategy: str, long: int) -> list[object]:
-    """MB after 200 and after `long` updates; the frames go to and fro."""
+    """Located %, MB after 200 updates, after half and all of `long`, and by how much it ever rose above the first.
+
+    The frames go to and fro.
+    """
     tracker = GraspTracker(strategy=strategy)
     order = [*frames, *frames[-2:0:-1]]
-    early = 0.0
+    located, samples = 0, {}
     for i in range(long):
-        tracker.update(order[i % len(order)].image, time=i / 30.0)
-        if i == 199:
-            early = resident_mb()
-    late = resident_mb()
-    return [strategy, early, late, late - early]
+        located += tracker.update(order[i % len(order)].image, time=i / 30.0).located
+        if i >= EARLY - 1 and ((i + 1) % EARLY == 0 or i + 1 == long):
+            samples[i + 1] = resident_mb()
+    if not samples:
+        return [100.0 * located / max(long, 1), *[float("nan")] * 4]
+    early, late = samples[min(samples)], samples[max(samples)]
+    half = samples[min(samples, key=lambda n: abs(n - long / 2))]
+    return [100.0 * located / long, early, half, late, max(samples.values()) - early]
 
 
 def main() -> None:
@@ -104,10 +115,14 @@ def main() -> None:
     common.say("Growth of the median time for 4 times the pixels; at most 4.")
     common.table(["strategy", "ratio"], [[name, m[1] / m[0]] for name, m in medians.items()])
     if args.long:
+        common.say(f"Memory: MB after {EARLY} updates, after half and all of {args.long}, and the most that it rose.")
         frames = list(demo_scene(args.frames, colour=False))
-        common.say(f"Memory: MB after 200 and after {args.long} updates.")
-        rows = [memory_growth(frames, strategy, args.long) for strategy in STRATEGIES]
-        common.table(["strategy", "after 200", f"after {args.long}", "growth"], rows)
+        rows = [[name, "demonstration", *memory_growth(frames, name, args.long)] for name in STRATEGIES]
+        for name in LOSSES:
+            frames = list(DISTURBANCES[name].scene(SHAPES["bracket"](), args.frames, seed=1))
+            rows.append(["auto", name, *memory_growth(frames, "auto", args.long)])
+        head = ["strategy", "scene", "located %", f"after {EARLY}", "half", "all", "rose by"]
+        common.table(head, rows)
     common.finish(args.output)
 
 
