@@ -112,6 +112,8 @@ class Solver {
             if (edges) reach = whole(reach_of(P, 3.0, 3.0) + moved, 4, 30);
             last = d;
             done = moved < settled && round > 0;
+            // after the first few, what moves by less than its own standard deviation is not worth another
+            if (round + 1 >= direct && moved < contacts_deviation(P)) break;
         }
         if (!done) patches_ = match_all(0, told, G);  // else the last step moved none of them
         // an answer that still moves is not known better than by its last step
@@ -130,6 +132,15 @@ class Solver {
     static constexpr std::size_t told = 3;   // levels of texture, the finest, that are told of; the coarser of them where blur has taken the finest
     static constexpr double settled = 0.02;  // work px: a step that moves no contact by more is the last
     static constexpr double exact = 0.002;   // the same where edges are weighed anew
+
+    // Work px, standard deviation of a contact along an axis at most, by the covariance P of the pose's error.
+    double contacts_deviation(const Matrix<8> &P) const {
+        const Form<8> spread(P);
+        double most = 0;
+        for (const Point &p : target_.contacts)
+            for (const auto &row : target_.jacobian(p.x, p.y)) most = std::max(most, spread(outer<8>(row)));
+        return std::sqrt(most);
+    }
 
     // Work px by which the pose's error d moves a contact at most, along an axis.
     double contacts_moved(const Vector<8> &d) const {

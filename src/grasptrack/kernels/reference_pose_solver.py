@@ -208,7 +208,8 @@ class Solver:
             if edges:
                 reach = whole(self._reach(P, 3.0) + moved, LEAST_REACH, MOST_REACH)
             settled = moved < SETTLED and round_ > 0
-            if settled:
+            # after the first few, what moves by less than its own standard deviation is not worth another
+            if settled or (round_ + 1 >= DIRECT and moved < self._contacts_deviation(P)):
                 break
         P = P + np.outer(d, d)  # an answer that still moves is not known better than by its last step
         if not settled:  # else the last step moved none of them
@@ -216,6 +217,11 @@ class Solver:
         out.G, out.P, out.thickness, out.thickness_variance, out.valid = G, P, float(h), float(vh), True
         self._judge(out, edges)
         return out
+
+    def _contacts_deviation(self, P: Floats) -> float:
+        """Work px, standard deviation of a contact along an axis at most, by the covariance P (8, 8) of the pose's error."""
+        J = self.target.jacobian(self.target.contacts)
+        return float(np.sqrt(_largest(((J @ P) * J).sum(axis=2))))
 
     def _contacts_moved(self, d: Floats) -> float:
         """Work px by which the pose's error d (8,) moves a contact at most, along an axis."""
@@ -325,7 +331,7 @@ class Solver:
         Returns:
             (n,) half of what blurs each edge, as far as it moved, or where that is not known as wide as most edges are.
         """
-        width, own = edge_widths(self.target, self.pyramid, G, half), self.start.edge_width
+        width, own = edge_widths(self.target, self.pyramid, G, half), np.float64(self.start.edge_width)
         moved, known = self._moved_across(G), bool(self.start.last[0, 0] == self.start.last[0, 0])
         told = (seen > 0.5) & ~np.isnan(width)
         rest, fast = told & (moved < STILL), told & (moved > STILL) & (moved > FAST * own)

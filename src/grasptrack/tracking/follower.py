@@ -106,7 +106,8 @@ class Follower:
             if decision.estimate is not None and lead_alike(target, decision.estimate, first):
                 state.confirmed = strangeness(decision.estimate, numbers)
         # what this image alone shows to be there is not looked for elsewhere
-        shown = decision.code == "uncertain" and decision.evidence > -math.log(numbers.risk) and not state.lost
+        e, told = decision.estimate, decision.evidence > -math.log(numbers.risk)
+        shown = decision.code == "uncertain" and told and not state.lost and e is not None and not self._is_sudden(e)
         if not decision.accepted and not shown:
             expected = self._if_gone(levels, predictions, expected)
             second = self.redetection.promising(levels, predictions.second)
@@ -215,8 +216,10 @@ class Follower:
                 decision = decided()
         own, rival = decision.estimate, decision.rival
         unknown = target.is_round and not state.accepted and decision.accepted
-        if unknown and own is not None and texture_evidence(own, state.usual, self.numbers) < 0.0:
-            return replace(decision, code="ambiguous")  # the surface tells of another turn
+        if unknown and own is not None:  # does its surface tell of another turn?
+            against = texture_evidence(own, state.usual, self.numbers) < 0.0
+            if against or (solutions.falls_short(own) and self._is_sudden(own)):
+                return replace(decision, code="ambiguous")
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
         return replace(decision, code="ambiguous") if decision.code == "other-place" and only_turned else decision
 

@@ -54,7 +54,7 @@ class Solutions:
             lost = self._state.lost and evidence(estimate, self._state.usual, self._numbers) < 0.0
             # what lay elsewhere a moment ago, whatever was tried, lies there still
             more = estimate.elsewhere - (0.0 if self._state.lost else self._state.elsewhere)
-            if (more > self._numbers.elsewhere or self._falls_short(estimate)) and not lost:
+            if (more > self._numbers.elsewhere or self.falls_short(estimate)) and not lost:
                 other = self._from_farther(estimate, still=still)
                 if other is not None and self._score(other, hypothesis) > self._score(estimate, hypothesis):
                     estimate = other
@@ -87,7 +87,7 @@ class Solutions:
         """By how much the evidence of the surface falls short of what it would be if its patches looked as usual."""
         return self._usual_surface(estimate) - texture_evidence(estimate, self._state.usual, self._numbers)
 
-    def _falls_short(self, estimate: PoseEstimate) -> bool:
+    def falls_short(self, estimate: PoseEstimate) -> bool:
         """Whether much less of the surface is seen than usual, as where only its coarse patches found their place."""
         if not sum(self._target.counts):
             return False
