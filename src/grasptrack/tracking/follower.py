@@ -218,7 +218,7 @@ class Follower:
         unknown = target.is_round and not state.accepted and decision.accepted
         if unknown and own is not None:  # does its surface tell of another turn?
             against = texture_evidence(own, state.usual, self.numbers) < 0.0
-            if against or (solutions.falls_short(own) and self._is_sudden(own)):
+            if against or (solutions.falls_short(own) and own.covered > self.numbers.elsewhere):
                 return replace(decision, code="ambiguous")
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
         return replace(decision, code="ambiguous") if decision.code == "other-place" and only_turned else decision
