@@ -112,8 +112,8 @@ class Solver {
             if (edges) reach = whole(reach_of(P, 3.0, 3.0) + moved, 4, 30);
             last = d;
             done = moved < settled && round > 0;
-            // after the first few, what moves by less than its own standard deviation is not worth another
-            if (round + 1 >= direct && moved < contacts_deviation(P)) break;
+            // after the first few, what moves by less than half its own standard deviation is not worth another
+            if (round + 1 >= direct && moved < 0.5 * contacts_deviation(P)) break;
         }
         if (!done) patches_ = match_all(0, told, G);  // else the last step moved none of them
         // an answer that still moves is not known better than by its last step

@@ -208,8 +208,8 @@ class Solver:
             if edges:
                 reach = whole(self._reach(P, 3.0) + moved, LEAST_REACH, MOST_REACH)
             settled = moved < SETTLED and round_ > 0
-            # after the first few, what moves by less than its own standard deviation is not worth another
-            if settled or (round_ + 1 >= DIRECT and moved < self._contacts_deviation(P)):
+            # after the first few, what moves by less than half its own standard deviation is not worth another
+            if settled or (round_ + 1 >= DIRECT and moved < 0.5 * self._contacts_deviation(P)):
                 break
         P = P + np.outer(d, d)  # an answer that still moves is not known better than by its last step
         if not settled:  # else the last step moved none of them

@@ -195,7 +195,7 @@ class Expected(NamedTuple):
         contacts: (k, 2) px.
         steps: how long it may have gone unseen, in frames of free motion.
         size: how large it would be anywhere in the image; None where that is not known.
-        taken: the same if what hid it took it along.
+        taken: as `steps`, if what hid it took it along.
     """
 
     contacts: Floats
