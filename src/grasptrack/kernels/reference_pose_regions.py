@@ -261,7 +261,8 @@ def _closed(strange: Floats, usual: Floats, shallow: int, least: float) -> float
         shallow: cells, the least depth.
         least: of a side without cells.
     """
-    return max(
+    ways = (
         min(_mean(strange[:d], least), _mean(usual[d + EDGE : d + EDGE + BEHIND], 0.0))
         for d in range(shallow, CELLS - BEHIND)
     )
+    return max(ways, default=-math.inf)
