@@ -81,6 +81,29 @@ def test_the_homography_is_that_between_ideal_images() -> None:
     assert np.abs(apply_homography(result.homography, corners) - true).max() < 0.5
 
 
+def test_the_covariance_of_the_homography_is_in_ideal_px_as_well() -> None:
+    """By finite differences of the homography that is told."""
+    lens, rng = Undistortion(BARREL, 640, 480), np.random.default_rng(0)
+    assert np.abs(lens.offset).max() > 1.0
+    H = np.eye(3) + rng.normal(0.0, [[0.1, 0.1, 20.0], [0.1, 0.1, 20.0], [1e-4, 1e-4, 0.0]])
+    free = np.diag([1.0] * 8 + [0.0])
+    C = free @ (lambda A: A @ A.T)(rng.normal(size=(9, 9)) * 1e-6) @ free
+
+    def told(H: np.ndarray) -> TrackResult:
+        return lens.result(TrackResult(0, None, "tracked", "", homography=H / H[2, 2], homography_covariance=C))
+
+    J = np.zeros((9, 9))
+    for k in range(8):
+        step = np.zeros(9)
+        step[k] = 1e-6
+        more, less = (told(H + sign * step.reshape(3, 3)).homography for sign in (1.0, -1.0))
+        assert more is not None and less is not None
+        J[:, k] = (more - less).ravel() / 2e-6
+    found = told(H).homography_covariance
+    assert found is not None and np.abs(found[8]).max() < 1e-20
+    np.testing.assert_allclose(found, J @ C @ J.T, rtol=1e-5, atol=1e-6 * np.abs(found).max())
+
+
 def test_the_outline_lies_on_the_edge_that_is_seen() -> None:
     seen, camera = frames()
     view = GraspTracker(camera=camera).update(seen[0].image).view

@@ -164,18 +164,26 @@ class Undistortion:
         )
 
     def result(self, result: TrackResult) -> TrackResult:
-        """A tracker's answer on straight images: contacts, covariance and outline as seen, homography in ideal px."""
-        contacts, covariance, H = result.contacts, result.covariance, result.homography
+        """A tracker's answer on straight images: contacts, covariance and outline as seen, the homography and its own in ideal px."""
+        contacts, covariance = result.contacts, result.covariance
+        H, spread = result.homography, result.homography_covariance
         if contacts is not None:
             contacts, J = self._seen_near(contacts)
             covariance = None if covariance is None else J @ covariance @ np.swapaxes(J, 1, 2)
         if H is not None:
             (x, y) = self.offset
             there, back = np.array([[1, 0, x], [0, 1, y], [0, 0, 1.0]]), np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1.0]])
-            H = there @ H @ back
-            H = H / H[2, 2]
+            moved = there @ H @ back
+            if spread is not None:
+                # of the entries row by row, the last one being 1 again
+                entries = np.kron(there, back.T)
+                J = (entries - np.outer(moved / moved[2, 2], entries[8])) / moved[2, 2]
+                spread = J @ spread @ J.T
+            H = moved / moved[2, 2]
         view = None if result.view is None else self.view(result.view)
-        return replace(result, contacts=contacts, covariance=covariance, homography=H, view=view)
+        return replace(
+            result, contacts=contacts, covariance=covariance, homography=H, homography_covariance=spread, view=view
+        )
 
 
 class SeenGrasp(RankedGrasp):
