@@ -164,7 +164,7 @@ class Undistortion:
         )
 
     def result(self, result: TrackResult) -> TrackResult:
-        """A tracker's answer on straight images: contacts, covariance and outline as seen, the homography and its own in ideal px."""
+        """Of straight images: contacts, covariance and outline as seen, the homography and its covariance in ideal px."""
         contacts, covariance = result.contacts, result.covariance
         H, spread = result.homography, result.homography_covariance
         if contacts is not None:
