@@ -183,12 +183,12 @@ struct PoseTarget {
         return target.texture.back().patches.size();
     }
 
-    nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last, const Doubles &theta,
-                   const Doubles &theta_covariance, double thickness, double thickness_variance, double inner_spread,
+    nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last,
+                   const Doubles &nuisance, const Doubles &nuisance_covariance, double sides, double inner_spread,
                    double gain, double bias, double reach, double edge_width, double blur_share) const {
         const pose::Pyramid pyramid = seen(levels);
-        pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), fixed<3>(theta, "theta"),
-                          fixed<9>(theta_covariance, "theta_covariance"), thickness, thickness_variance, inner_spread, reach, edge_width, blur_share,
+        pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"),
+                          fixed<4>(nuisance, "nuisance"), fixed<16>(nuisance_covariance, "nuisance_covariance"), sides, inner_spread, reach, edge_width, blur_share,
                           {gain, bias}, static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height)};
         pose::Solution s;
         {
@@ -199,8 +199,9 @@ struct PoseTarget {
         out["valid"] = s.valid;
         out["G"] = array_of(s.G.data(), {3, 3});
         out["P"] = array_of(s.P.data(), {8, 8});
-        out["thickness"] = s.thickness;
-        out["thickness_variance"] = s.thickness_variance;
+        out["nuisance"] = array_of(s.nuisance.data(), {4});
+        out["nuisance_covariance"] = array_of(s.nuisance_covariance.data(), {4, 4});
+        out["sides"] = s.sides;
         out["gain"] = s.light.gain;
         out["bias"] = s.light.bias;
         out["edge_width"] = s.edge_width;
@@ -286,15 +287,6 @@ struct PoseTarget {
         return nb::make_tuple(out.distance, array_of(out.G.data(), {3, 3}), array_of(out.P.data(), {8, 8}));
     }
 
-    nb::tuple learned_camera(const Doubles &G, const Doubles &P, const Doubles &theta, const Doubles &theta_covariance, double width,
-                             double height, double pinhole_sd, double keep, double most) const {
-        const pose::CameraBelief out =
-            pose::learned_camera(target, fixed<9>(G, "G"), fixed<64>(P, "P"),
-                                 {fixed<3>(theta, "theta"), fixed<9>(theta_covariance, "theta_covariance")}, width, height,
-                                 {pinhole_sd, keep, most});
-        return nb::make_tuple(array_of(out.theta.data(), {3}), array_of(out.covariance.data(), {3, 3}));
-    }
-
     nb::tuple pinhole(const Doubles &G, const Doubles &theta, double width, double height) const {
         const auto rows = pose::pinhole_rows(target, fixed<9>(G, "G"), fixed<3>(theta, "theta"), width, height);
         return nb::make_tuple(array_of(rows.misfit.data(), {2}), array_of(rows.by_pose[0].data(), {2, 8}),
@@ -369,15 +361,13 @@ void bind_pose(nb::module_ &m) {
              "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
         .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
-        .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "theta"_a, "theta_covariance"_a, "thickness"_a,
-             "thickness_variance"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a, "blur_share"_a)
+        .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "nuisance"_a, "nuisance_covariance"_a,
+             "sides"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a, "blur_share"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
         .def("difference", &PoseTarget::difference, "first"_a, "second"_a)
         .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
         .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
-        .def("learned_camera", &PoseTarget::learned_camera, "G"_a, "P"_a, "theta"_a, "theta_covariance"_a, "width"_a, "height"_a,
-             "pinhole_sd"_a, "keep"_a, "most"_a)
         .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
     m.def("seen_area", &seen_area, "G"_a, "points"_a);
     m.def("surface_evidence", &surface_evidence, "correlation"_a, "usual"_a, "shares"_a, "log_prior"_a, "match_spread"_a,

@@ -11,6 +11,11 @@
 
 namespace grasptrack::pose {
 
+// What is not known of camera and part: the part's thickness in work px, and theta.
+constexpr std::size_t nuisances = 4;
+using Nuisance = Vector<nuisances>;
+constexpr double most_theta = 1.2;  // of the log of the focal length, and of the normal's slopes: a view beyond it is not believable
+
 using Direction = std::array<double, 3>;
 
 inline Direction cross(const Direction &a, const Direction &b) {
@@ -119,69 +124,6 @@ inline PinholeRows pinhole_rows(const Target &target, const Homography &G, const
     }
     rows.valid = std::isfinite(rows.misfit[0]) && std::isfinite(rows.misfit[1]);
     return rows;
-}
-
-struct CameraBelief {
-    Vector<3> theta;
-    Matrix<3> covariance;
-};
-
-struct CameraNumbers {
-    double pinhole_sd;  // how far real cameras are from a pinhole, of the two invariants
-    double keep;        // share of a frame's information that is new
-    double most;        // of each of theta
-};
-
-// A Kalman step: an accepted pose, of covariance P, is a pinhole's view of a rigid plane. As before where that tells nothing.
-inline CameraBelief learned_camera(const Target &target, const Homography &G, const Matrix<8> &P, const CameraBelief &before,
-                                   double width, double height, const CameraNumbers &numbers) {
-    const PinholeRows pin = pinhole_rows(target, G, before.theta, width, height);
-    if (!pin.valid) return before;
-    const double own = numbers.pinhole_sd * numbers.pinhole_sd;
-    Matrix<2> seen, believed;
-    for (std::size_t p = 0; p < 2; ++p)
-        for (std::size_t q = 0; q < 2; ++q) {
-            double image = 0, camera = p == q ? own : 0.0;
-            for (std::size_t i = 0; i < 8; ++i)
-                for (std::size_t j = 0; j < 8; ++j) image += pin.by_pose[p][i] * P[i * 8 + j] * pin.by_pose[q][j];
-            for (std::size_t i = 0; i < 3; ++i)
-                for (std::size_t j = 0; j < 3; ++j) camera += pin.by_camera[p][i] * before.covariance[i * 3 + j] * pin.by_camera[q][j];
-            seen[p * 2 + q] = image;
-            believed[p * 2 + q] = camera;
-        }
-    const auto inverse = [](const Matrix<2> &a) {
-        const double s = 1.0 / (a[0] * a[3] - a[1] * a[2]);
-        return Matrix<2>{a[3] * s, -a[1] * s, -a[2] * s, a[0] * s};
-    };
-    // what the image alone says of the misfit: the pose has the camera's own prior in it, which must not confirm itself
-    const Matrix<2> with = inverse(seen), alone = inverse(believed);
-    const double a = with[0] - alone[0], c = with[3] - alone[3], b = 0.5 * (with[1] + with[2] - alone[1] - alone[2]);
-    const double middle = 0.5 * (a + c), root = std::hypot(0.5 * (a - c), b), angle = 0.5 * std::atan2(2 * b, a - c);
-    const auto weight = [&](double told) {
-        told = std::max(told, 0.0);
-        return numbers.keep * told / (1 + own * told);
-    };
-    const double first = weight(middle + root), second = weight(middle - root), x = std::cos(angle), y = std::sin(angle);
-    const Matrix<2> W{first * x * x + second * y * y, (first - second) * x * y, (first - second) * x * y, first * y * y + second * x * x};
-    Matrix<3> information, covariance;
-    if (!invert_homography(before.covariance, information)) return before;
-    Vector<3> toward{};
-    for (std::size_t p = 0; p < 2; ++p)
-        for (std::size_t q = 0; q < 2; ++q)
-            for (std::size_t i = 0; i < 3; ++i) {
-                const double w = pin.by_camera[p][i] * W[p * 2 + q];
-                toward[i] += w * pin.misfit[q];
-                for (std::size_t j = 0; j < 3; ++j) information[i * 3 + j] += w * pin.by_camera[q][j];
-            }
-    if (!invert_homography(information, covariance)) return before;
-    const Vector<3> step = times<3>(covariance, toward);
-    CameraBelief after;
-    for (std::size_t i = 0; i < 3; ++i) {
-        after.theta[i] = std::clamp(before.theta[i] - step[i], -numbers.most, numbers.most);
-        for (std::size_t j = 0; j < 3; ++j) after.covariance[i * 3 + j] = 0.5 * (covariance[i * 3 + j] + covariance[j * 3 + i]);
-        if (!std::isfinite(after.theta[i])) return before;
-    }
-    return after;
 }
 
 }  // namespace grasptrack::pose

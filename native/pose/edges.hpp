@@ -242,6 +242,7 @@ struct EdgeNumbers {
     double floor;           // work px, model error of an edge
     double inner_spread;    // grey levels, of the object's own inner side from what it was
     double other_spread;    // of anything else
+    double sides;           // probability that a thick part's sides are seen as the object, so that its outline is the lower face's
 };
 
 // What candidates say wherever the outline is expected, for each sample.
@@ -293,8 +294,8 @@ GRASPTRACK_WIDE inline void edge_likelihoods(const Target &target, const EdgeVie
         const double half = view.half[i], shake = displaced * target.noise / std::max(std::abs(target.contrast[i]), 1e-9);
         const double own = shake * shake * (target.half * target.half + half * half);
         const double variance = numbers.floor * numbers.floor + own + spread(target.squares[i]);
-        const bool two = std::abs(low[i]) + std::sqrt(low_variance[i]) > 0.5;
-        const double top = (two ? 0.5 : 1.0) / std::sqrt(circle * variance), narrow = -0.5 / variance;
+        const bool two = std::abs(low[i]) + std::sqrt(low_variance[i]) > 0.05;
+        const double top = (two ? 1 - numbers.sides : 1.0) / std::sqrt(circle * variance), narrow = -0.5 / variance;
         double up = 0, down = 0, up_at = 0, down_at = 0;
         for (std::size_t q = 0; q < static_cast<std::size_t>(e.count); ++q) {
             const double x = e.offset[q] - shift[i], N = top * std::exp(narrow * x * x) * odds.own[i][q];
@@ -302,7 +303,7 @@ GRASPTRACK_WIDE inline void edge_likelihoods(const Target &target, const EdgeVie
             up_at += N * e.offset[q];
         }
         if (two) {
-            const double wide = variance + low_variance[i], peak = 0.5 / std::sqrt(circle * wide), flat = -0.5 / wide;
+            const double wide = variance + low_variance[i], peak = numbers.sides / std::sqrt(circle * wide), flat = -0.5 / wide;
             for (std::size_t q = 0; q < static_cast<std::size_t>(e.count); ++q) {
                 const double x = e.offset[q] - shift[i] - low[i], L = peak * std::exp(flat * x * x) * odds.own[i][q];
                 down += L;

@@ -116,6 +116,36 @@ template <std::size_t N> bool invert(const Matrix<N> &a, Matrix<N> &out) {
     return true;
 }
 
+// Normal equations of the leading M unknowns of N, the others eliminated: whatever these may be is allowed for.
+template <std::size_t M, std::size_t N> void reduce(Matrix<N> a, Vector<N> b, Matrix<M> &lead, Vector<M> &right) {
+    for (std::size_t k = N; k-- > M;)
+        for (std::size_t i = 0; i < k; ++i) {
+            const double share = a[i * N + k] / a[k * N + k];
+            b[i] -= share * b[k];
+            for (std::size_t j = 0; j < k; ++j) a[i * N + j] -= share * a[k * N + j];
+        }
+    for (std::size_t i = 0; i < M; ++i) {
+        right[i] = b[i];
+        for (std::size_t j = 0; j < M; ++j) lead[i * M + j] = a[i * N + j];
+    }
+}
+
+// Normal equations of the leading M unknowns of N, added to those of all.
+template <std::size_t M, std::size_t N> void add_rows(Matrix<N> &a, Vector<N> &b, const Matrix<M> &more, const Vector<M> &right) {
+    for (std::size_t i = 0; i < M; ++i) {
+        b[i] += right[i];
+        for (std::size_t j = 0; j < M; ++j) a[i * N + j] += more[i * M + j];
+    }
+}
+
+// The block of rows and columns from `first` on.
+template <std::size_t N, std::size_t M> Matrix<M> block(const Matrix<N> &a, std::size_t first) {
+    Matrix<M> out;
+    for (std::size_t i = 0; i < M; ++i)
+        for (std::size_t j = 0; j < M; ++j) out[i * M + j] = a[(first + i) * N + first + j];
+    return out;
+}
+
 inline bool invert_homography(const Homography &h, Homography &out) {
     const double a = h[4] * h[8] - h[5] * h[7], b = h[5] * h[6] - h[3] * h[8], c = h[3] * h[7] - h[4] * h[6];
     const double det = h[0] * a + h[1] * b + h[2] * c;

@@ -31,9 +31,9 @@ struct Start {
     Homography G;
     Matrix<8> P;
     Homography last;           // the pose in the frame before, for the speed
-    Vector<3> theta;
-    Matrix<3> theta_covariance;
-    double thickness, thickness_variance;  // work px, work px^2
+    Nuisance nuisance;
+    Matrix<nuisances> nuisance_covariance;
+    double sides;              // see EdgeNumbers
     double inner_spread;       // grey levels
     double reach;              // work px; 0: from the covariance
     double edge_width;         // work px, standard deviation of an edge at rest
@@ -46,7 +46,9 @@ struct Solution {
     bool valid = false;
     Homography G{};
     Matrix<8> P{};
-    double thickness = 0, thickness_variance = 0;
+    Nuisance nuisance{};
+    Matrix<nuisances> nuisance_covariance{};
+    double sides = std::numeric_limits<double>::quiet_NaN();  // see EdgeNumbers; NaN where upper and lower face look alike
     Light light;
     // work px, standard deviation of an edge at rest, and half of what blurs it, of what moved across it; NaN of few
     double edge_width = std::numeric_limits<double>::quiet_NaN(), blur_share = edge_width;
@@ -74,27 +76,30 @@ class Solver {
 
     Solution solve() {
         Solution out;
-        if (!invert<8>(start_.P, prior_)) return out;
+        if (!invert<8>(start_.P, prior_) || !invert<nuisances>(start_.nuisance_covariance, nuisance_prior_)) return out;
         Homography G = start_.G;
         if (!texture_alone(G)) return out;
         Matrix<8> P = start_.P;
         const bool edges = target_.points.size() >= 30;
-        double h = start_.thickness, vh = start_.thickness_variance;
+        Nuisance nuisance = start_.nuisance;
+        Matrix<nuisances> spread = start_.nuisance_covariance;
         const int first = whole(start_.reach, 0, farthest);
         int reach = first;
         constexpr int rounds = 8, direct = 4;
         Vector<8> last{};
         bool done = false;
         for (int round = 0; round < rounds && !done; ++round) {
+            System system;
             Matrix<8> A;
             Vector<8> b;
-            if (!system(G, A, b)) return out;
-            TextureFit texture = texture_rows(G, A, b, out);
-            for (std::size_t k = 0; k < 64; ++k) A[k] += texture.information[k];
-            for (std::size_t k = 0; k < 8; ++k) b[k] += texture.gradient[k];
+            if (!about(G, nuisance, system)) return out;
+            reduce<8>(system.A, system.b, A, b);
+            const TextureFit texture = texture_rows(G, A, b, out);
+            add_rows<8>(system.A, system.b, texture.information, texture.gradient);
+            add_rows<8>(A, b, texture.information, texture.gradient);
             if (!invert<8>(A, P)) return out;
-            Vector<8> d = times<8>(P, b);
             out.light = surface_light(target_, pyramid_, G, start_.light);
+            Matrix<9> scatter{};
             if (edges) {
                 if (reach == 0 || round == 0) {
                     const int own = reach_of(P, 2.5, 3.0);
@@ -102,10 +107,19 @@ class Solver {
                 }
                 const std::vector<int> half = half_widths(G);
                 view_ = measure_edges(target_, pyramid_, G, reach, half, out.light, 46);
-                if (!fit_edges(round == 0 ? 3 : 4, G, A, b, d, P, h, vh, out)) return out;
+                if (!fit_edges(round == 0 ? 3 : 4, G, times<8>(P, b), P, nuisance[0], spread[0], system, scatter, out)) return out;
             }
+            Matrix<unknowns> all;
+            if (!invert<unknowns>(system.A, all)) return out;
+            const Vector<unknowns> x = times<unknowns>(all, system.b);
+            add_correlated(all, scatter);
+            P = block<unknowns, 8>(all, 0);
+            spread = block<unknowns, nuisances>(all, 8);
+            Vector<8> d;
             // what does not settle goes to and fro between two answers
-            for (double &value : d) value = std::clamp(round < direct ? value : 0.5 * value, -target_.radius, target_.radius);
+            for (std::size_t k = 0; k < 8; ++k) d[k] = std::clamp(round < direct ? x[k] : 0.5 * x[k], -target_.radius, target_.radius);
+            for (std::size_t k = 0; k < nuisances; ++k) nuisance[k] = bounded_nuisance(k, x[8 + k]);
+            if (!learn_nuisances(system, scatter, out)) return out;
             const double moved = contacts_moved(d);
             G = target_.moved(G, d);
             if (!finite(G)) return out;
@@ -121,14 +135,41 @@ class Solver {
             for (std::size_t c = 0; c < 8; ++c) P[a * 8 + c] += last[a] * last[c];
         out.G = G;
         out.P = P;
-        out.thickness = h;
-        out.thickness_variance = vh;
         out.valid = true;
-        judge(out, edges, h, vh);
+        judge(out, edges, nuisance[0], spread[0]);
         return out;
     }
 
   private:
+    // Normal equations of the pose's error and of what else is not known, the latter as it is, not its error.
+    static constexpr std::size_t unknowns = 8 + nuisances;
+    struct System {
+        Matrix<unknowns> A{};
+        Vector<unknowns> b{};
+        Matrix<8> prior{};  // of it, what was expected of the pose
+        Vector<8> expected{};
+    };
+
+    // What the image itself tells of the nuisances: a pose that was expected has what was believed of them in it, which must not
+    // confirm itself.
+    bool learn_nuisances(System system, const Matrix<9> &scatter, Solution &out) const {
+        const double open = 1.0 / (target_.radius * target_.radius);
+        for (std::size_t i = 0; i < 8; ++i) {
+            system.b[i] -= system.expected[i];
+            for (std::size_t j = 0; j < 8; ++j) system.A[i * unknowns + j] -= system.prior[i * 8 + j] - (i == j ? open : 0.0);
+        }
+        Matrix<unknowns> all;
+        if (!invert<unknowns>(system.A, all)) return false;
+        const Vector<unknowns> x = times<unknowns>(all, system.b);
+        add_correlated(all, scatter);
+        out.nuisance_covariance = block<unknowns, nuisances>(all, 8);
+        for (std::size_t k = 0; k < nuisances; ++k) out.nuisance[k] = bounded_nuisance(k, x[8 + k]);
+        return true;
+    }
+    static double bounded_nuisance(std::size_t k, double value) {
+        return k == 0 ? std::max(0.0, value) : std::clamp(value, -most_theta, most_theta);
+    }
+
     static constexpr std::size_t told = 3;   // levels of texture, the finest, that are told of; the coarser of them where blur has taken the finest
     static constexpr double settled = 0.02;  // work px: a step that moves no contact by more is the last
     static constexpr double exact = 0.002;   // the same where edges are weighed anew
@@ -171,50 +212,65 @@ class Solver {
         return true;
     }
 
-    // Prior, bounded perspective and pinhole as normal equations about the pose G.
-    bool system(const Homography &G, Matrix<8> &A, Vector<8> &b) const {
+    // Priors, bounded perspective and pinhole as normal equations about the pose G and what is taken for the nuisances there.
+    bool about(const Homography &G, const Nuisance &nuisance, System &out) const {
         Vector<8> d;
         if (!target_.difference(start_.G, G, d)) return false;
         const double distance = quadratic<8>(prior_, d.data());
         const double heavy = (numbers_.prior_freedom + 8) / (numbers_.prior_freedom + std::max(8.0, distance));
-        A = prior_;
-        for (double &value : A) value *= heavy;
-        b = times<8>(A, d);
-        for (double &value : b) value = -value;
+        Matrix<8> own = prior_;
+        for (double &value : own) value *= heavy;
+        Vector<8> toward = times<8>(own, d);
+        for (double &value : toward) value = -value;
+        add_rows<8>(out.A, out.b, own, toward);
+        out.prior = own;
+        out.expected = toward;
+        const Nuisance &believed = start_.nuisance;
+        for (std::size_t i = 0; i < nuisances; ++i)
+            for (std::size_t j = 0; j < nuisances; ++j) {
+                out.A[(8 + i) * unknowns + 8 + j] = nuisance_prior_[i * nuisances + j];
+                out.b[8 + i] += nuisance_prior_[i * nuisances + j] * believed[j];
+            }
         // perspective terms against the first view, in work px at the half size
         const double r = target_.radius;
         const double g = G[6] * r, hh = G[7] * r, w = G[6] * target_.cx + G[7] * target_.cy + G[8];
         const double z[2] = {-g / w * r, -hh / w * r};
         const double i = 1.0 / (numbers_.perspective * r * numbers_.perspective * r);
         for (std::size_t k = 0; k < 2; ++k) {
-            A[(6 + k) * 8 + 6 + k] += i;
-            b[6 + k] -= i * z[k];
+            out.A[(6 + k) * unknowns + 6 + k] += i;
+            out.b[6 + k] -= i * z[k];
         }
-        const PinholeRows pin = pinhole_rows(target_, G, start_.theta, start_.width, start_.height);
-        if (pin.valid) {
-            // covariance of the misfit: what is not known of the camera, and how far real ones are from the model
-            double c[4];
-            for (std::size_t p = 0; p < 2; ++p)
-                for (std::size_t q = 0; q < 2; ++q) {
-                    double sum = p == q ? numbers_.pinhole_sd * numbers_.pinhole_sd : 0.0;
-                    for (std::size_t m = 0; m < 3; ++m)
-                        for (std::size_t k = 0; k < 3; ++k)
-                            sum += pin.by_camera[p][m] * start_.theta_covariance[m * 3 + k] * pin.by_camera[q][k];
-                    c[p * 2 + q] = sum;
-                }
-            const double det = c[0] * c[3] - c[1] * c[2];
-            double W[4] = {c[3] / det, -c[1] / det, -c[2] / det, c[0] / det};
-            const double e0 = pin.misfit[0], e1 = pin.misfit[1];
-            const double m2 = e0 * (W[0] * e0 + W[1] * e1) + e1 * (W[2] * e0 + W[3] * e1);
-            const double weight = (numbers_.pinhole_freedom + 2) / (numbers_.pinhole_freedom + std::max(2.0, m2));
-            for (double &value : W) value *= weight;
-            for (std::size_t a = 0; a < 8; ++a) {
-                const double k0 = W[0] * pin.by_pose[0][a] + W[2] * pin.by_pose[1][a];
-                const double k1 = W[1] * pin.by_pose[0][a] + W[3] * pin.by_pose[1][a];
-                for (std::size_t q = 0; q < 8; ++q) A[a * 8 + q] += k0 * pin.by_pose[0][q] + k1 * pin.by_pose[1][q];
-                b[a] -= k0 * e0 + k1 * e1;
+        const PinholeRows pin = pinhole_rows(target_, G, {nuisance[1], nuisance[2], nuisance[3]}, start_.width, start_.height);
+        if (!pin.valid) return true;
+        // both rows by all unknowns, with the misfit where the nuisances are 0, and where they are as they were believed
+        std::array<Vector<unknowns>, 2> J{};
+        double rest[2], off[2], c[4];
+        const double own_variance = numbers_.pinhole_sd * numbers_.pinhole_sd;
+        for (std::size_t p = 0; p < 2; ++p) {
+            rest[p] = pin.misfit[p];
+            for (std::size_t k = 0; k < 8; ++k) J[p][k] = pin.by_pose[p][k];
+            for (std::size_t k = 0; k < 3; ++k) {
+                J[p][9 + k] = pin.by_camera[p][k];
+                rest[p] -= pin.by_camera[p][k] * nuisance[1 + k];
             }
+            off[p] = rest[p];
+            for (std::size_t k = 0; k < 3; ++k) off[p] += pin.by_camera[p][k] * believed[1 + k];
         }
+        for (std::size_t p = 0; p < 2; ++p)
+            for (std::size_t q = 0; q < 2; ++q) {
+                c[p * 2 + q] = p == q ? own_variance : 0.0;
+                for (std::size_t m = 0; m < 3; ++m)
+                    for (std::size_t k = 0; k < 3; ++k)
+                        c[p * 2 + q] += pin.by_camera[p][m] * start_.nuisance_covariance[(1 + m) * nuisances + 1 + k] * pin.by_camera[q][k];
+            }
+        const double det = c[0] * c[3] - c[1] * c[2];
+        const double far = (off[0] * (c[3] * off[0] - c[1] * off[1]) + off[1] * (c[0] * off[1] - c[2] * off[0])) / det;
+        const double weight = (numbers_.pinhole_freedom + 2) / (numbers_.pinhole_freedom + std::max(2.0, far)) / own_variance;
+        for (std::size_t p = 0; p < 2; ++p)
+            for (std::size_t a = 0; a < unknowns; ++a) {
+                out.b[a] -= weight * J[p][a] * rest[p];
+                for (std::size_t q = 0; q < unknowns; ++q) out.A[a * unknowns + q] += weight * J[p][a] * J[p][q];
+            }
         return true;
     }
 
@@ -244,9 +300,11 @@ class Solver {
             const PatchSet &set = target_.texture[level];
             if (set.patches.size() < 4 || (level > 0 && far < set.stride)) continue;
             for (int round = 0; round < 3; ++round) {
+                System system;
                 Matrix<8> A, P;
                 Vector<8> b;
-                if (!system(G, A, b)) break;
+                if (!about(G, start_.nuisance, system)) break;
+                reduce<8>(system.A, system.b, A, b);
                 const TextureFit fit_and = fit_patches(match_all(level, level + 1, G), A, b, texture_numbers());
                 if (!telling(fit_and, set.patches.size())) break;
                 for (std::size_t k = 0; k < 64; ++k) A[k] += fit_and.information[k];
@@ -348,15 +406,19 @@ class Solver {
     States shares() const { return {numbers_.share_object, numbers_.share_occluded, numbers_.share_other}; }
     double stay() const { return std::exp(-1.0 / (numbers_.stretch * static_cast<double>(target_.points.size()))); }
     EdgeNumbers edge_numbers() const {
-        return {numbers_.miss, numbers_.same_sign, numbers_.edge_floor, start_.inner_spread, numbers_.other_spread};
+        return {numbers_.miss, numbers_.same_sign, numbers_.edge_floor, start_.inner_spread, numbers_.other_spread, start_.sides};
     }
 
-    // Edges and thickness, by expectation and maximisation: which candidate, then the pose, `rounds` times at most.
-    GRASPTRACK_WIDE bool fit_edges(int rounds, const Homography &G, const Matrix<8> &A, const Vector<8> &b, Vector<8> &d, Matrix<8> &P, double &h, double &vh,
-                   Solution &out) {
+    // Edges and thickness, by expectation and maximisation: which candidate, then the pose, `rounds` times at most. Their rows are added to
+    // the system; `scatter` is of their scores, which are correlated with their neighbours'. d, P: the pose's error without them; h, vh: of the
+    // thickness.
+    GRASPTRACK_WIDE bool fit_edges(int rounds, const Homography &G, Vector<8> d, Matrix<8> P, double h, double vh, System &system, Matrix<9> &scatter,
+                                   Solution &out) {
         const std::size_t n = target_.points.size();
         const std::vector<double> parallax = lower_face(G);
-        const double h0 = start_.thickness, v0 = start_.thickness_variance;
+        Matrix<9> A, own{};
+        Vector<9> b, toward{};
+        reduce<9>(system.A, system.b, A, b);
         std::vector<double> shift(n), low(n), low_variance(n), weight(n), seen_up(n), seen_low(n), sorted;
         edge_odds(target_, view_, edge_numbers(), odds_);
         // of an outline there is one explanation a round; that it lies elsewhere is as likely in all of them
@@ -392,8 +454,8 @@ class Solver {
                 variance = numbers_.edge_noise * numbers_.edge_noise + mad * mad;
             }
             Packed<8> sum{};
-            Vector<8> toward{}, across{};  // `across`: with the thickness, the ninth unknown
-            double thick = 0, thick_toward = 0;
+            Vector<9> across{};  // with the thickness, the ninth unknown
+            toward = {};
             for (std::size_t i = 0; i < n; ++i) {
                 const double up = likelihoods_.upper_offset[i] - shift[i];
                 const double down = likelihoods_.lower_offset[i] - shift[i] - low[i];
@@ -410,36 +472,34 @@ class Solver {
                     toward[a] += drawn * J[a];
                     across[a] += shared * J[a];
                 }
-                thick += shared * parallax[i];
-                thick_toward += shared * likelihoods_.lower_offset[i];
+                across[8] += shared * parallax[i];
+                toward[8] += shared * likelihoods_.lower_offset[i];
             }
-            const Matrix<8> own = unpacked<8>(sum);
-            Matrix<9> A9, P9;
-            Vector<9> b9;
-            for (std::size_t a = 0; a < 8; ++a) {
-                for (std::size_t c = 0; c < 8; ++c) A9[a * 9 + c] = A[a * 8 + c] + own[a * 8 + c];
-                A9[a * 9 + 8] = A9[72 + a] = across[a];
-                b9[a] = b[a] + toward[a];
-            }
-            A9[80] = 1.0 / v0 + thick;
-            b9[8] = h0 / v0 + thick_toward;
-            if (!invert<9>(A9, P9)) return false;
-            const Vector<9> x = times<9>(P9, b9);
-            for (std::size_t a = 0; a < 8; ++a) {
-                d[a] = x[a];
-                for (std::size_t c = 0; c < 8; ++c) P[a * 8 + c] = P9[a * 9 + c];
-            }
+            const Matrix<8> lead = unpacked<8>(sum);
+            for (std::size_t a = 0; a < 8; ++a)
+                for (std::size_t c = 0; c < 8; ++c) own[a * 9 + c] = lead[a * 8 + c];
+            for (std::size_t a = 0; a < 9; ++a) own[a * 9 + 8] = own[72 + a] = across[a];
+            Matrix<9> both = A, P9;
+            Vector<9> right = b;
+            add_rows<9>(both, right, own, toward);
+            if (!invert<9>(both, P9)) return false;
+            const Vector<9> x = times<9>(P9, right);
+            for (std::size_t a = 0; a < 8; ++a) d[a] = x[a];
+            P = block<9, 8>(P9, 0);
             h = std::max(0.0, x[8]);
             vh = P9[80];
             out.edge_sigma = std::sqrt(variance);
         }
-        std::vector<Vector<8>> scores(n);
+        add_rows<9>(system.A, system.b, own, toward);
+        std::vector<Vector<9>> scores(n);
         double share = 0;
         sorted.clear();
         for (std::size_t i = 0; i < n; ++i) {
-            double residual = seen_up[i] > seen_low[i] ? likelihoods_.upper_offset[i] : likelihoods_.lower_offset[i] - parallax[i] * h;
+            const bool lower = seen_low[i] >= seen_up[i];
+            double residual = lower ? likelihoods_.lower_offset[i] - parallax[i] * h : likelihoods_.upper_offset[i];
             for (std::size_t k = 0; k < 8; ++k) residual -= target_.rows[i][k] * d[k];
             for (std::size_t k = 0; k < 8; ++k) scores[i][k] = weight[i] * residual * target_.rows[i][k];
+            scores[i][8] = lower ? weight[i] * residual * parallax[i] : 0.0;
             share += seen_up[i] + seen_low[i];
             if (seen_up[i] + seen_low[i] > 0.5) {
                 double least = 1e9;
@@ -451,46 +511,55 @@ class Solver {
         out.edge_share = share / static_cast<double>(n);
         out.look = 0;
         if (sorted.size() > 20) out.look = middle(sorted);
-        add_correlated(P, scores);
+        scatter = scatter_of(scores);
         return true;
     }
 
-    // The covariance P with what correlated residuals add: Newey and West along the outline.
-    static void add_correlated(Matrix<8> &P, const std::vector<Vector<8>> &scores) {
+    // Of scores that are correlated with their neighbours: Newey and West along the outline.
+    static Matrix<9> scatter_of(const std::vector<Vector<9>> &scores) {
         const std::size_t n = scores.size();
         const std::size_t lags = std::max<std::size_t>(3, static_cast<std::size_t>(0.06 * static_cast<double>(n)));
         const auto before = [n](std::size_t i, std::size_t q) { return (i + n - q % n) % n; };
-        Vector<8> near{}, plain{};  // sums of the scores before a sample, as far as they count: triangular, and all alike
+        Vector<9> near{}, plain{};  // sums of the scores before a sample, as far as they count: triangular, and all alike
         for (std::size_t q = 1; q < lags; ++q)
-            for (std::size_t k = 0; k < 8; ++k) {
+            for (std::size_t k = 0; k < 9; ++k) {
                 const double score = scores[before(0, q)][k];
                 near[k] += (1.0 - static_cast<double>(q) / static_cast<double>(lags)) * score;
                 plain[k] += score;
             }
-        Matrix<8> half{};  // the scatter is this and its transpose
+        Matrix<9> half{};  // the scatter is this and its transpose
         const double share = 1.0 / static_cast<double>(lags);
         for (std::size_t i = 0; i < n; ++i) {
-            const Vector<8> &own = scores[i], &last = scores[before(i, lags - 1)];
-            Vector<8> with;
-            for (std::size_t k = 0; k < 8; ++k) with[k] = 0.5 * own[k] + near[k];
-            for (std::size_t a = 0; a < 8; ++a)
-                for (std::size_t c = 0; c < 8; ++c) half[a * 8 + c] += own[a] * with[c];
-            for (std::size_t k = 0; k < 8; ++k) {  // those of the next sample
+            const Vector<9> &own = scores[i], &last = scores[before(i, lags - 1)];
+            Vector<9> with;
+            for (std::size_t k = 0; k < 9; ++k) with[k] = 0.5 * own[k] + near[k];
+            for (std::size_t a = 0; a < 9; ++a)
+                for (std::size_t c = 0; c < 9; ++c) half[a * 9 + c] += own[a] * with[c];
+            for (std::size_t k = 0; k < 9; ++k) {  // those of the next sample
                 near[k] += own[k] - share * (own[k] + plain[k]);
                 plain[k] += own[k] - last[k];
             }
         }
-        Matrix<8> scatter;
-        for (std::size_t a = 0; a < 8; ++a)
-            for (std::size_t c = 0; c < 8; ++c) scatter[a * 8 + c] = half[a * 8 + c] + half[c * 8 + a];
-        const Matrix<8> more = times<8>(times<8>(P, scatter), P);
-        for (std::size_t k = 0; k < 64; ++k) P[k] += more[k];
-        for (std::size_t a = 0; a < 8; ++a)
-            for (std::size_t c = 0; c < a; ++c) P[a * 8 + c] = P[c * 8 + a] = 0.5 * (P[a * 8 + c] + P[c * 8 + a]);
+        Matrix<9> scatter;
+        for (std::size_t a = 0; a < 9; ++a)
+            for (std::size_t c = 0; c < 9; ++c) scatter[a * 9 + c] = half[a * 9 + c] + half[c * 9 + a];
+        return scatter;
+    }
+
+    // A covariance with what correlated residuals of the edges add to it.
+    static void add_correlated(Matrix<unknowns> &P, const Matrix<9> &scatter) {
+        Matrix<unknowns> wide{};
+        for (std::size_t a = 0; a < 9; ++a)
+            for (std::size_t c = 0; c < 9; ++c) wide[a * unknowns + c] = scatter[a * 9 + c];
+        const Matrix<unknowns> more = times<unknowns>(times<unknowns>(P, wide), P);
+        for (std::size_t k = 0; k < unknowns * unknowns; ++k) P[k] += more[k];
+        for (std::size_t a = 0; a < unknowns; ++a)
+            for (std::size_t c = 0; c < a; ++c)
+                P[a * unknowns + c] = P[c * unknowns + a] = 0.5 * (P[a * unknowns + c] + P[c * unknowns + a]);
     }
 
     std::vector<double> lower_face(const Homography &G) const {
-        const Pinhole camera(target_, start_.theta, start_.width, start_.height);
+        const Pinhole camera(target_, {start_.nuisance[1], start_.nuisance[2], start_.nuisance[3]}, start_.width, start_.height);
         std::vector<double> now = camera.lower_face(target_, G);
         const std::vector<double> &first = first_sides(camera);
         for (std::size_t i = 0; i < now.size(); ++i) now[i] -= first[i];  // sides that the first view showed count the other way
@@ -534,14 +603,17 @@ class Solver {
             Chain without;
             explain(explained_, share, stay(), false, 1.0, without);
             out.log_odds = here.log_likelihood - without.log_likelihood;
-            double elsewhere = 0;
+            double elsewhere = 0, as_lower = 0, as_either = 0;
             for (std::size_t i = 0; i < n; ++i) {
+                as_lower += std::abs(low[i]) * here.posterior[i][0] * found.lower[i];
+                as_either += std::abs(low[i]) * here.posterior[i][0] * (found.upper[i] + found.lower[i]);
                 out.visible[i] = here.posterior[i][0] * (found.upper[i] + found.lower[i]);
                 upper[i] = here.posterior[i][0] * found.upper[i];
                 out.occluded[i] = here.posterior[i][1];
                 elsewhere += out.other[i] = here.posterior[i][2];
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
+            if (as_either > 0) out.sides = as_lower / as_either;
             const std::vector<double> blur = learn_widths(out.G, upper, out);
             std::vector<bool> bounded(n);
             for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);
@@ -565,6 +637,7 @@ class Solver {
     const Numbers &numbers_;
     double power_;
     Matrix<8> prior_{};
+    Matrix<nuisances> nuisance_prior_{};
     std::vector<PatchRow> patches_;  // as they were matched last
     EdgeView view_;
     EdgeOdds odds_;

@@ -1,36 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is learned of camera and part from the poses that were accepted: focal length, first normal, thickness."""
+"""What is learned of part and camera from the poses that were accepted: thickness, focal length, first normal."""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
 from grasptrack.tracking.estimator import PoseEstimate
-from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import Target
-
-MOST = 1.2
-"""Of the log of the focal length, and of the normal's slopes: beyond it a view is not believable."""
 
 
-def learn_camera(target: Target, state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> None:
-    """A Kalman step on focal length and normal: an accepted pose must be a pinhole's view of a rigid plane."""
-    height, width = state.last.levels[0].shape
-    state.theta, state.theta_covariance = target.handle.learned_camera(
-        estimate.G,
-        estimate.P,
-        state.theta,
-        state.theta_covariance,
-        float(width),
-        float(height),
-        numbers.pinhole_sd,
-        numbers.camera_keep,
-        MOST,
-    )
+def learn_nuisances(state: TrackState, estimate: PoseEstimate, new: float) -> None:
+    """Thickness, focal length and first normal, and whether the sides are seen as the object, after an accepted image.
 
+    Information is averaged rather than added up, as much as the view is new: much the same view errs as the last one did.
 
-def learn_thickness(state: TrackState, estimate: PoseEstimate, numbers: Numbers) -> None:
-    """The part's height, from the share of this image's information that is new."""
-    gained = max(0.0, 1.0 / estimate.thickness_variance - 1.0 / state.thickness_variance) * numbers.camera_keep
-    total = 1.0 / state.thickness_variance + gained
-    state.thickness += (estimate.thickness - state.thickness) * gained / total
-    state.thickness_variance = 1.0 / total
+    Args:
+        state: changed.
+        estimate: the accepted one; its nuisances include what was known before.
+        new: share of its information that is new, 0 to 1.
+    """
+    before, after = state.nuisance_covariance, estimate.nuisance_covariance
+    both = (1.0 - new) * after + new * before
+    known = np.column_stack([state.nuisance, estimate.nuisance, before])
+    try:
+        first, second, spread = np.split(np.linalg.solve(both, known), [1, 2], axis=1)
+    except np.linalg.LinAlgError:
+        return
+    mean = (1.0 - new) * (after @ first[:, 0]) + new * (before @ second[:, 0])
+    covariance = after @ spread
+    if not np.isfinite(mean).all() or not np.isfinite(covariance).all():
+        return
+    state.nuisance, state.nuisance_covariance = mean, 0.5 * (covariance + covariance.T)
+    if math.isfinite(estimate.sides) and state.nuisance[0] ** 2 > state.nuisance_covariance[0, 0]:  # there are sides
+        state.sides += new * (estimate.sides - state.sides)

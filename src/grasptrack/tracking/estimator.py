@@ -42,7 +42,8 @@ class PoseEstimate:
         contacts: (k, 2) px.
         covariance: (k, 2, 2) px^2 of them, by the model alone.
         area: px^2 of the outline in the image.
-        thickness, thickness_variance: work px, work px^2.
+        nuisance, nuisance_covariance: (4,), (4, 4) as of `TrackState`.
+        sides: likewise; NaN where nothing tells.
         edge_width: work px, standard deviation of an edge at rest; NaN where too few are seen.
         blur_share: half of an edge's blur, of what moved across it since the last image; NaN where too few moved.
         blur: work px, half of what blurs all but a quarter of the edges; NaN where too few are seen.
@@ -66,8 +67,9 @@ class PoseEstimate:
     contacts: Floats
     covariance: Floats
     area: float
-    thickness: float
-    thickness_variance: float
+    nuisance: Floats
+    nuisance_covariance: Floats
+    sides: float
     edge_width: float
     blur_share: float
     blur: float
@@ -128,10 +130,9 @@ def estimate_pose(
         hypothesis.G,
         hypothesis.P,
         UNKNOWN if still else state.G,
-        state.theta,
-        state.theta_covariance,
-        state.thickness,
-        state.thickness_variance,
+        state.nuisance,
+        state.nuisance_covariance,
+        state.sides,
         state.inner_spread,
         *state.light,
         hypothesis.reach,
@@ -151,8 +152,9 @@ def estimate_pose(
         contacts,
         covariance,
         abs(kernels.seen_area(G, target.outline)),
-        found["thickness"],
-        found["thickness_variance"],
+        found["nuisance"],
+        found["nuisance_covariance"],
+        found["sides"],
         found["edge_width"],
         found["blur_share"],
         found["blur"],

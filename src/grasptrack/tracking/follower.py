@@ -15,7 +15,7 @@ from grasptrack.contour import View
 from grasptrack.kernels import seen_area
 from grasptrack.observation.observer import Observer
 from grasptrack.projective import apply_homography
-from grasptrack.tracking.camera import learn_camera, learn_thickness
+from grasptrack.tracking.camera import learn_nuisances
 from grasptrack.tracking.decision import (
     LONG,
     SAME_PLACE,
@@ -296,6 +296,7 @@ class Follower:
         if e is None or not (decision.accepted or (decision.code == "uncertain" and decision.evidence > 0.0)):
             self._lose(levels, decision, ground, steps)
             return
+        way = self.target.difference(state.G, e.G)
         self._learn_motion(e, ground, steps)
         state.last = Look(levels, e.G)
         state.P = e.P
@@ -306,8 +307,9 @@ class Follower:
         state.exchanged, state.sighted, state.gone = False, None, False
         state.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * self.target.size)
         state.located, state.light = state.last, e.light
-        learn_camera(self.target, state, e, numbers)
-        learn_thickness(state, e, numbers)
+        # much the same view as the last one errs as that did
+        new = min(1.0, math.hypot(*way) / (numbers.camera_keep * self.target.size)) if np.isfinite(way).all() else 1.0
+        learn_nuisances(state, e, new)
         self._remember_looks(e)
         if math.isfinite(e.edge_width):
             state.edge_width = e.edge_width

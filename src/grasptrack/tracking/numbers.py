@@ -103,7 +103,7 @@ class Numbers:
     normal_sd: float = 0.5
     pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
-    camera_keep: float = 0.5
+    camera_keep: float = 2.0
     thickness_sd: float = 0.04
     hazard: float = 2e-3
     redetected: float = 0.02

@@ -37,8 +37,9 @@ class TrackState:
         velocity_P: (8, 8) covariance of its error.
         P: (8, 8) covariance of the pose's error, work px^2 at the half size.
         presence: probability that the object is there.
-        theta, theta_covariance: (3,), (3, 3) log of the focal length over the image's width, first normal.
-        thickness, thickness_variance: work px, work px^2.
+        nuisance, nuisance_covariance: (4,), (4, 4) what is not known of part and camera: the part's thickness in work px, log of
+            the focal length over the image's width, slopes of the first view's normal.
+        sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
         inner_spread: grey levels, see `Numbers.other_spread`.
         edge_width: work px, standard deviation of an edge at rest: how far the image is out of focus.
         blur_share: half of an edge's blur, of what moved across it since the last image: how long the shutter is open.
@@ -71,10 +72,9 @@ class TrackState:
     velocity_P: Floats
     P: Floats
     presence: float
-    theta: Floats
-    theta_covariance: Floats
-    thickness: float
-    thickness_variance: float
+    nuisance: Floats
+    nuisance_covariance: Floats
+    sides: float
     inner_spread: float
     edge_width: float
     blur_share: float
@@ -122,10 +122,12 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         velocity_P=np.zeros((8, 8)),
         P=np.eye(8) * 0.05**2,
         presence=1.0 - 1e-6,
-        theta=np.zeros(3),
-        theta_covariance=np.diag([numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]) ** 2,
-        thickness=0.0,
-        thickness_variance=(numbers.thickness_sd * target.size) ** 2,
+        nuisance=np.zeros(4),
+        nuisance_covariance=np.diag(
+            [numbers.thickness_sd * target.size, numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]
+        )
+        ** 2,
+        sides=0.9,
         inner_spread=FIRST_SPREAD,
         edge_width=target.edge_width,
         blur_share=numbers.blur_share,
