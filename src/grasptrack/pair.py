@@ -21,8 +21,7 @@ from grasptrack.grasp import Grasp
 from grasptrack.matching import Judgement, Match, Sampled, judge, match, symmetries
 from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
 from grasptrack.observation.candidate import Candidate, holds
-from grasptrack.observation.channel import PLAIN
-from grasptrack.observation.images import Grey, to_bgr, to_mask
+from grasptrack.observation.images import PLAIN, Grey, to_bgr, to_mask
 from grasptrack.observation.segmentation import candidates, grow
 from grasptrack.projective import apply_homography, jacobian, normalised
 from grasptrack.tracking.decision import Decision, checked, farthest, texture_evidence

@@ -107,7 +107,7 @@ class GraspTracker:
         self._wish = Wish(self.fingers, strategy, friction, given, object_at, box, hand, choose, ignore)
         self._resynthesize, self._segmenter, self._camera = resynthesize, segmenter, camera
         self._lens: Undistortion | None = None
-        self._shape: tuple[int, int] | None = None
+        self._shape: tuple[int, ...] | None = None
         self._observer = Observer()
         self._frame = -1
         self._grasps = 0
@@ -228,30 +228,29 @@ class GraspTracker:
 
     def _look(self, image: NDArray[Any], mask: NDArray[Any] | None) -> Grey:
         """The image, or the mask in its place, as everything that follows sees it."""
-        image, mask = self._straight(image, mask)
-        colours = to_bgr(image)
-        height, width = colours.shape[:2]
-        if self._shape is None:
-            self._shape = height, width
-            if self._wish.ignore is not None:
-                self._observer = Observer(grow(to_mask(self._wish.ignore, self._shape, "ignore mask")))
-        if (height, width) != self._shape:
+        if self._camera is not None:
+            image, mask = self._straight(image, mask, self._camera)
+        if self._wish.ignore is not None and self._frame < 0:
+            self._observer = Observer(grow(to_mask(self._wish.ignore, _size(image), "ignore mask")))
+        grey = self._observer.look(image if mask is None else as_scene(to_mask(mask, _size(image), "mask")))
+        self._shape = self._shape or grey.shape
+        if grey.shape != self._shape:
+            (height, width), (first_height, first_width) = grey.shape, self._shape
             raise SourceError(
                 f"image {self._frame + 2} is {width}x{height} px, but the first was "
-                f"{self._shape[1]}x{self._shape[0]}; all must have one size",
-                shape=(height, width),
+                f"{first_width}x{first_height}; all must have one size",
+                shape=grey.shape,
             )
-        grey = self._observer.look(colours if mask is None else as_scene(to_mask(mask, self._shape, "mask")))
         self._frame += 1
         return grey
 
-    def _straight(self, image: NDArray[Any], mask: NDArray[Any] | None) -> tuple[NDArray[Any], NDArray[Any] | None]:
-        """The image and its mask without the lens's distortion, where the camera is known."""
-        if self._camera is None:
-            return image, mask
+    def _straight(
+        self, image: NDArray[Any], mask: NDArray[Any] | None, camera: Camera
+    ) -> tuple[NDArray[Any], NDArray[Any] | None]:
+        """The image and its mask without the lens's distortion."""
         if self._lens is None:
-            height, width = to_bgr(image).shape[:2]
-            self._lens = Undistortion(self._camera, width, height)
+            height, width = _size(image)
+            self._lens = Undistortion(camera, width, height)
             self._wish = self._wish.straight(self._lens)
         return self._lens.image(image), None if mask is None else self._lens.mask(mask)
 
@@ -273,6 +272,16 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
             f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts", fingers=fingers
         )
     return fingers
+
+
+def _size(image: NDArray[Any]) -> tuple[int, int]:
+    """Height and width of an image, once it is one.
+
+    Raises:
+        SourceError: it is none.
+    """
+    height, width = to_bgr(image).shape[:2]
+    return height, width
 
 
 def _answer(status: Status, reason: Reason, **found: Any) -> TrackResult:
