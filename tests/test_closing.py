@@ -16,8 +16,8 @@ from scipy.stats import multivariate_normal
 
 from grasptrack import kernels
 from grasptrack.closing import Regions, chance_of_closing, regions_of
+from grasptrack.closing.chance import in_box
 from grasptrack.closing.definition import closes_after, closes_at
-from grasptrack.closing.gaussian import in_box
 from grasptrack.closing.triples import depth
 from grasptrack.contour import Contour, View
 from grasptrack.errors import InputError

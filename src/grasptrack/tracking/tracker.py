@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import kernels
-from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, GraspAnalysis, analyze, check_friction
+from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, analyze, check_friction
 from grasptrack.calibration import Camera
-from grasptrack.closing import CHANCE, Regions, chance_of_closing, regions_of
+from grasptrack.closing import CHANCE, ClosureCheck
 from grasptrack.contour import View
 from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError, TransferError
 from grasptrack.grasp import Grasp
@@ -24,7 +24,6 @@ from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Segmenter, grow
 from grasptrack.observation.undistortion import Undistortion
-from grasptrack.projective import apply_homography
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.initialization import AUTO, Wish, first_view
 from grasptrack.tracking.messages import Reason
@@ -41,17 +40,12 @@ class Track:
 
     Attributes:
         number: of the grasp, from 1.
-        grasp, view: contacts and outline in the view in which it was chosen.
-        width: px, of a finger's pad in that view.
-        regions: where the contacts may lie for the grasp to close.
+        closure: whether it closes.
         carrier: takes it from image to image.
     """
 
     number: int
-    grasp: Grasp
-    view: View
-    width: float
-    regions: Regions
+    closure: ClosureCheck
     carrier: Carrier
 
 
@@ -157,27 +151,23 @@ class GraspTracker:
                 continue
             self._grasps += 1
             width = FINGER_WIDTH * math.sqrt(kernels.inertia(candidate.view.points, candidate.view.offsets)[0])
-            # here, where a grasp is chosen anyway: for three fingers it takes some tens of ms
-            regions = regions_of(grasp, candidate.view, self.friction, width)
-            self._track = Track(self._grasps, grasp, candidate.view, width, regions, carrier)
-            return self._started(self._track)
+            closure = ClosureCheck(grasp, candidate.view, self.friction, width)
+            self._track = Track(self._grasps, closure, carrier)
+            analysis = analyze(grasp, candidate.view, self.friction, width, "reference")
+            return _answer(
+                "tracked" if analysis.stable else "unstable",
+                None if analysis.stable else Reason("not-closing", detail=analysis.reason),
+                strategy=carrier.name,
+                grasp_id=self._grasps,
+                contacts=grasp.contacts,
+                seen=np.ones(len(grasp)),
+                analysis=analysis,
+                confidence=1.0,
+                chance=1.0 if analysis.stable else 0.0,
+                homography=np.eye(3),
+                view=candidate.view,
+            )
         return _answer("searching", reason, view=candidate.view)
-
-    def _started(self, track: Track) -> TrackResult:
-        analysis = analyze(track.grasp, track.view, self.friction, track.width, "reference")
-        return _answer(
-            "tracked" if analysis.stable else "unstable",
-            Reason() if analysis.stable else Reason("not-closing", detail=analysis.reason),
-            strategy=track.carrier.name,
-            grasp_id=track.number,
-            contacts=track.grasp.contacts,
-            seen=np.ones(len(track.grasp)),
-            analysis=analysis,
-            confidence=1.0,
-            chance=1.0 if analysis.stable else 0.0,
-            homography=np.eye(3),
-            view=track.view,
-        )
 
     def _analyzed(self, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
@@ -186,21 +176,21 @@ class GraspTracker:
             return _answer("lost", moved.reason, grasp_id=track.number)
         target, numbers = track.carrier.follower.target, track.carrier.follower.numbers
         H = target.homography(estimate.G)
-        try:
-            analysis = self._carried_back(track, contacts, moved.homography)
-        except (GraspError, ConditioningError) as error:
-            return _answer("lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
         P = estimate.P * numbers.inflate**2
         covariance = estimate.covariance * numbers.inflate**2
-        chance = chance_of_closing(track.regions, covariance, H, contacts)
+        try:
+            analysis, chance = track.closure.judge(contacts, self.friction, moved.homography, H, covariance)
+        except (GraspError, ConditioningError) as error:
+            return _answer("lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
+        reason = None
         if not analysis.stable:
             reason = Reason("not-closing", detail=analysis.reason)
-        else:
-            reason = Reason("slips", {"chance": chance}) if chance < CHANCE else Reason()
+        elif chance < CHANCE:
+            reason = Reason("slips", {"chance": chance})
         if not analysis.stable and self._resynthesize:  # another grasp makes what is seen no surer
             self._track, self._wish = None, self._wish.again(moved.view)
         return _answer(
-            "unstable" if reason.code else "tracked",
+            "tracked" if reason is None else "unstable",
             reason,
             strategy=track.carrier.name,
             grasp_id=track.number,
@@ -214,15 +204,6 @@ class GraspTracker:
             covariance=covariance + _apart(contacts, estimate),
             view=moved.view,
         )
-
-    def _carried_back(self, track: Track, contacts: Floats, H: Floats) -> GraspAnalysis:
-        """Analysis of contacts (k, 2) px of a current view in the one they were chosen in: perspective bends friction cones.
-
-        Raises:
-            GraspError: a contact is not on the outline.
-        """
-        back = apply_homography(np.linalg.inv(H), contacts)
-        return analyze(Grasp.of(back), track.view, self.friction, track.width, "reference")
 
     # --- images ----------------------------------------------------------------------------------
 
@@ -284,8 +265,10 @@ def _size(image: NDArray[Any]) -> tuple[int, int]:
     return height, width
 
 
-def _answer(status: Status, reason: Reason, **found: Any) -> TrackResult:
+def _answer(status: Status, reason: Reason | None, **found: Any) -> TrackResult:
     """A result, but for frame, time and latency."""
+    if reason is None:
+        return TrackResult(-1, None, status, "", **found)
     return TrackResult(-1, None, status, reason.sentence, reason_code=reason.code, **found)
 
 
