@@ -229,6 +229,10 @@ class View:
                 self._joined = points, np.cumsum([0, *(len(c) for c in listed)], dtype=np.int64)
         return self._joined
 
+    def transformed(self, H: ArrayLike) -> View:
+        """The same outlines under a homography (3, 3), see `Contour.transformed`."""
+        return View([c.transformed(H) for c in self.contours])
+
     @property
     def outer(self) -> Contour:
         """Contour 0."""

@@ -212,7 +212,7 @@ class _Scene:
         if self._object_at is None:
             return True
         H = self.target.homography(estimate.G)
-        return holds(View([c.transformed(H) for c in self._view.contours]), *self._object_at)
+        return holds(self._view.transformed(H), *self._object_at)
 
     def _exact(self, hypothesis: Hypothesis) -> PoseEstimate | None:
         return single_estimate(self.target, self._state, self._levels, hypothesis, NUMBERS)
@@ -248,7 +248,7 @@ class _Scene:
         if decision.estimate is not None:
             H = self.target.homography(decision.estimate.G)
         assert H is not None
-        current = View([c.transformed(H) for c in self._view.contours]) if self._found is None else self._found.view
+        current = self._view.transformed(H) if self._found is None else self._found.view
         outcomes = [self._registered(decision), *(self._by(name, H, current) for name in STRATEGIES)]
         return Pair(outcomes, current, turns, told)
 

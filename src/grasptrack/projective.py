@@ -35,7 +35,7 @@ def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
         return few
     w = p @ h[2, :2] + h[2, 2]  # lambda_i of eq. (2)
     if not (w > HORIZON).all() and not (w < -HORIZON).all():
-        raise ConditioningError("the homography sends part of the object to infinity", homography=h.tolist())
+        raise behind(h)
     out: Floats = (p @ h[:2, :2].T + h[:2, 2]) / w[..., None]
     return out
 
@@ -97,7 +97,12 @@ def check_in_front(H: Floats, in_front: float) -> None:
         ConditioningError: it is not above 0.
     """
     if not in_front > HORIZON:
-        raise ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
+        raise behind(H)
+
+
+def behind(H: Floats) -> ConditioningError:
+    """The error of a homography (3, 3) that carries points to infinity or behind the camera."""
+    return ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
 
 
 def normalised(H: Floats) -> Floats:

@@ -13,9 +13,9 @@ from grasptrack import kernels
 from grasptrack.analysis import Analyzer, GraspAnalysis
 from grasptrack.closing.regions import Regions, regions_of
 from grasptrack.contour import View
-from grasptrack.errors import ConditioningError, InputError
+from grasptrack.errors import InputError
 from grasptrack.grasp import Grasp
-from grasptrack.projective import HORIZON
+from grasptrack.projective import HORIZON, behind
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class ClosureCheck:
         inverse = np.ascontiguousarray(np.linalg.inv(carried), dtype=np.float64)
         back, in_front = kernels.carry_points(inverse, np.ascontiguousarray(contacts))
         if not in_front > HORIZON:
-            raise ConditioningError("the homography sends part of the object to infinity", homography=carried.tolist())
+            raise behind(carried)
         analysis = self._analyzer.analyze(back, friction)
         return analysis, chance_of_closing(self._regions, covariance, homography, contacts)
 

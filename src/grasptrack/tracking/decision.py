@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.tracking.estimator import PoseEstimate, middle
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.estimator import PoseEstimate
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +35,7 @@ class Decision:
         code: why it is not accepted, one of `CODES`; empty when it is.
         figures: the numbers that go with the code, by name.
         rival: the most probable of the estimates that put a contact elsewhere.
+        accepted: whether the contacts may be given out: there is no code.
     """
 
     estimate: PoseEstimate | None
@@ -45,11 +48,10 @@ class Decision:
     code: str
     figures: dict[str, float]
     rival: PoseEstimate | None
+    accepted: bool = field(init=False)
 
-    @property
-    def accepted(self) -> bool:
-        """Whether the contacts may be given out."""
-        return not self.code
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "accepted", not self.code)
 
 
 NOTHING = Decision(None, 1.0, 0.0, math.inf, 0.0, 0.0, 0.0, "not-found", {}, None)
@@ -386,6 +388,14 @@ def _around(estimate: PoseEstimate, estimates: list[PoseEstimate], share: float)
 def _either(one: float, other: float) -> float:
     """The log of the sum of two numbers of which these are the logs."""
     return max(one, other) + math.log1p(math.exp(-abs(one - other)))
+
+
+def middle(points: Floats) -> tuple[float, float]:
+    """(x, y) of points (k, 2), number by number: of so few NumPy's calls would cost more."""
+    x = y = 0.0
+    for u, v in points.tolist():
+        x, y = x + u, y + v
+    return x / len(points), y / len(points)
 
 
 def farthest(contacts: Floats, others: Floats) -> float:

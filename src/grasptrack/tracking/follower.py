@@ -29,17 +29,26 @@ from grasptrack.tracking.decision import (
     evidence,
     farthest,
     left,
+    middle,
     strangeness,
     texture_evidence,
     tolerance,
 )
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, apart, estimate_pose, lead_alike, middle, renamed
+from grasptrack.tracking.estimator import (
+    CONTINUOUS,
+    Hypothesis,
+    PoseEstimate,
+    Solutions,
+    apart,
+    estimate_pose,
+    lead_alike,
+    renamed,
+)
 from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
+from grasptrack.tracking.redetection import Redetection, shifted_looks, sighted, wide_prior
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state
-from grasptrack.tracking.solutions import Solutions
 from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, pyramid
 
@@ -184,7 +193,7 @@ class Follower:
             e = decision.estimate
             if e is None:
                 break
-            moved = self.target.difference(state.G, e.G)
+            moved = self.target.difference(state.last.G, e.G)
             near = float(np.hypot(*moved[:2])) < 0.5 * float(np.hypot(*slides[0]))
             if near and not state.lost and solutions.surface_missing(e) < missing:
                 break
@@ -342,7 +351,7 @@ class Follower:
         else:
             state.adrift += max(1.0, steps)
             state.unseen += max(1.0, steps)
-            state.last = Look(levels, state.G if e is None else e.G)
+            state.last = Look(levels, state.last.G if e is None else e.G)
         # what looks like it elsewhere looks like it again and again: that makes it no surer
         state.presence = _between(decision.presence, numbers.redetected, UNSURE)
         if e is not None:
@@ -365,7 +374,7 @@ class Follower:
             state.wanders += 1
             rate = 1.0 / min(state.wanders, MEMORY)
             state.wander = _between(state.wander + (share - state.wander) * rate, STILL, 1.0)
-        velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
+        velocity = target.difference(state.last.G, estimate.G) / max(steps, 1e-3)
         state.velocity_P = state.P + estimate.P
         state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None
 

@@ -45,7 +45,7 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
         numbers: the core's.
     """
     Q = target.noise_of_motion * max(1.0, steps)
-    rest = [Hypothesis("at rest", state.G, state.P + Q)]
+    rest = [Hypothesis("at rest", state.last.G, state.P + Q)]
     if state.lost:  # what was found since was not believed, and what moves before the ground may have carried it along
         rest.append(Hypothesis("at rest", state.located.G, state.P + Q))
     even = moving_on(target, state, steps)
@@ -92,7 +92,7 @@ def moving_on(target: Target, state: TrackState, steps: float) -> Floats | None:
     """(3, 3) the pose that even motion leads to in so many usual intervals; None where the motion is not known."""
     if state.velocity is None or state.lost:
         return None
-    return np.asarray(target.handle.moved(state.G, state.velocity * steps), dtype=np.float64)
+    return np.asarray(target.handle.moved(state.last.G, state.velocity * steps), dtype=np.float64)
 
 
 def _joined(target: Target, flow: Hypothesis, even: Hypothesis) -> Hypothesis | None:
@@ -114,7 +114,9 @@ def _laid(
     best = None
     wide = Q * 4.0
     for start in starts:
-        found = target.handle.follow(state.last.levels, state.G, levels, start.G, wide, places, target.corner_strides)
+        found = target.handle.follow(
+            state.last.levels, state.last.G, levels, start.G, wide, places, target.corner_strides
+        )
         if not found["valid"] or found["agreeing"] * len(places) < FEW:
             continue
         if best is None or found["agreeing"] > best["agreeing"]:

@@ -14,7 +14,7 @@ from grasptrack import kernels
 from grasptrack.observation.observer import Observer
 from grasptrack.projective import apply_homography
 from grasptrack.tracking.decision import TURNED, evidence, exchanged
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, is_sane, lead_alike
+from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, is_sane, lead_alike
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.outlines import Outlines
 from grasptrack.tracking.state import Look, TrackState
@@ -111,8 +111,6 @@ def wide_prior(target: Target) -> Floats:
     return np.asarray(np.diag([0.03 * target.size] * 6 + [0.01 * target.size] * 2) ** 2, dtype=np.float64)
 
 
-CONTINUOUS = ("texture", "background", "at rest", "moving on")
-"""Origins of hypotheses that continue what was."""
 MATCHED = "matched"
 """Origin of a hypothesis that lays the whole outline on one that was found."""
 LARGE = 62.0

@@ -103,11 +103,6 @@ class TrackState:
     lookalike: bool
     sighted: Floats | None
 
-    @property
-    def G(self) -> Floats:  # noqa: N802
-        """(3, 3) the last pose."""
-        return self.last.G
-
 
 FIRST_SPREAD = 12.0
 """Grey levels; measured from the first image on."""

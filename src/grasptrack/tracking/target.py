@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH
 from grasptrack.contour import View
-from grasptrack.projective import apply_homography
+from grasptrack.projective import HORIZON, behind
 from grasptrack.tracking.numbers import Numbers
 
 Floats = NDArray[np.float64]
@@ -106,7 +107,10 @@ class Target:
 
     def carried(self, G: Floats) -> Floats:
         """(k, 2) px, the contacts in an image that shows the target through G."""
-        return apply_homography(G, self.work_contacts)
+        at, in_front = kernels.carry_points(G, self.work_contacts)
+        if not in_front > HORIZON:
+            raise behind(G)
+        return at
 
     def seen(self, visible: Floats) -> Floats:
         """(k,) 0 to 1: how much of the edge under each finger shows, of the samples' probabilities (N,) to be visible."""
