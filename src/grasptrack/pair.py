@@ -26,6 +26,7 @@ from grasptrack.observation.segmentation import candidates, grow
 from grasptrack.projective import apply_homography, jacobian, normalised
 from grasptrack.tracking.decision import Decision, checked, farthest, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
+from grasptrack.tracking.follower import REGISTRATION
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.redetection import Keypoints
@@ -39,7 +40,7 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.strategies import REGISTRATION, Carried, Silhouettes, Snakes
+from grasptrack.tracking.strategies import Carried, Silhouettes, Snakes
 from grasptrack.tracking.target import pyramid
 from grasptrack.transfer import STRATEGIES
 

@@ -28,11 +28,13 @@ class Predictions(NamedTuple):
     Attributes:
         first, second: the likeliest first.
         ground: (3, 3), None where the ground tells nothing, or was not asked.
+        even: (3, 3) where even motion has it; None where the motion is not known.
     """
 
     first: list[Hypothesis]
     second: list[Hypothesis]
     ground: Floats | None
+    even: Floats | None
 
 
 def predict(target: Target, state: TrackState, levels: list[Grey], steps: float, numbers: Numbers) -> Predictions:
@@ -48,7 +50,7 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     rest = [Hypothesis("at rest", state.last.G, state.P + Q)]
     if state.lost:  # what was found since was not believed, and what moves before the ground may have carried it along
         rest.append(Hypothesis("at rest", state.located.G, state.P + Q))
-    even = moving_on(target, state, steps)
+    even = _moving_on(target, state, steps)
     if even is not None:
         rest.insert(0, Hypothesis("moving on", even, state.P + Q))
     flow = None if state.lost else _laid(target, state, levels, rest, Q, target.corners)
@@ -63,18 +65,18 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
             first = [hypothesis, calm] if joined is None else [joined]
     settled = flow is not None and _settles(target, flow, numbers)
     if settled and state.accepted % GROUND:
-        return Predictions(first, rest, None)
+        return Predictions(first, rest, None, even)
     ground = _laid(target, state, levels, rest, Q, target.ring)
     if ground is None:
-        return Predictions(first or rest, rest if first else [], None)
+        return Predictions(first or rest, rest if first else [], None, even)
     # what rested on the ground rests on it still
     carried = Hypothesis("background", ground["G"], state.P + ground["P"] + Q * state.wander**2)
     if first and not settled:
         joined = _joined(target, carried, first[0])
         first = first if joined is None else [joined]
     if first:
-        return Predictions(first, [*rest, carried], ground["G"])
-    return Predictions([carried, *rest], [], ground["G"])
+        return Predictions(first, [*rest, carried], ground["G"], even)
+    return Predictions([carried, *rest], [], ground["G"], even)
 
 
 def _settles(target: Target, flow: dict[str, Any], numbers: Numbers) -> bool:
@@ -88,7 +90,7 @@ GROUND = 4
 """Images after which it is asked anew whether the object rests on the ground, where its own texture tells its motion."""
 
 
-def moving_on(target: Target, state: TrackState, steps: float) -> Floats | None:
+def _moving_on(target: Target, state: TrackState, steps: float) -> Floats | None:
     """(3, 3) the pose that even motion leads to in so many usual intervals; None where the motion is not known."""
     if state.velocity is None or state.lost:
         return None

@@ -25,10 +25,11 @@ from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Segmenter, grow
 from grasptrack.observation.undistortion import Undistortion
 from grasptrack.tracking.estimator import PoseEstimate
+from grasptrack.tracking.follower import Moved
 from grasptrack.tracking.initialization import AUTO, Wish, first_view
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.result import Status, TrackResult
-from grasptrack.tracking.strategies import Carrier, Moved, carrier_for
+from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import STRATEGIES
 
 Floats = NDArray[np.float64]
