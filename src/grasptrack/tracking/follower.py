@@ -45,7 +45,7 @@ from grasptrack.tracking.hypotheses import Predictions, place_is_empty, predict
 from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.redetection import Redetection, shifted_looks, sighted, wide_prior
+from grasptrack.tracking.redetection import Redetection, sighted
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state
 from grasptrack.tracking.state import Look, TrackState
@@ -277,11 +277,8 @@ class Follower:
         if own is None:
             return False
         size = math.sqrt(own.area)
-        wide = wide_prior(self.target)
-        places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self.target, look, look.levels)]
-        if not state.accepted:  # later on, what covers the object may have an outline like it
-            places += self.redetection.matched(look, look.levels)
-        for hypothesis in self.redetection.promising(look.levels, places, len(places)):
+        # later on, what covers the object may have an outline like it
+        for hypothesis in self.redetection.rivals(look, thorough=not state.accepted):
             other = estimate_pose(self.target, state, look.levels, hypothesis, still=True)
             if other is None or math.dist(other.middle, own.middle) < SAME_PLACE * size:
                 continue
