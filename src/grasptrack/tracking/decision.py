@@ -159,7 +159,13 @@ def _sudden(state: TrackState, estimate: PoseEstimate) -> float:
     return SUDDEN / (1.0 + (0.5 * more / state.edge_width) ** 2) if more else SUDDEN
 
 
-def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: Numbers) -> float:
+def exchanged(
+    state: TrackState,
+    estimate: PoseEstimate,
+    steps: float,
+    numbers: Numbers,
+    told: tuple[float, Floats] | None = None,
+) -> float:
     """Probability that something else was taken for the object: its outline differs somewhere, or its surface everywhere.
 
     Args:
@@ -167,8 +173,9 @@ def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: 
         estimate: of what was seen.
         steps: how long the object may have gone unseen, in frames of free motion.
         numbers: the core's.
+        told: the `surface_evidence` of the estimate, where it is known already.
     """
-    surface, by_share = surface_evidence(estimate.correlation, state.usual, numbers)
+    surface, by_share = told or surface_evidence(estimate.correlation, state.usual, numbers)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
         jump = max(0.0, strangeness(estimate, numbers) - state.strange)
@@ -285,8 +292,8 @@ def variance_of(estimate: PoseEstimate) -> float:
 
 def worst_variance(covariance: Floats) -> float:
     """px^2 of the worst of some places in its worst direction, of their covariances (k, 2, 2)."""
-    axes = [(0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)) for (xx, xy), (_, yy) in covariance.tolist()]
-    return float(max(mean + root for mean, root in axes))
+    axes = [0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy) for (xx, xy), (_, yy) in covariance.tolist()]
+    return float(max(axes))
 
 
 LONG = 1e6
@@ -357,7 +364,7 @@ def decide(
     p = own / (own + sum(math.exp(o - top) for o in others))
     variance = variance_of(chosen) * numbers.inflate**2
     inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    other = exchanged(state, chosen, expected.steps, numbers)
+    other = exchanged(state, chosen, expected.steps, numbers, told[best])
     off = 1.0 - p * inside * (1.0 - other)
     code, figures = "", {}
     if not off < numbers.risk:

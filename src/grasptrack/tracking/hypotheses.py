@@ -47,12 +47,13 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
         numbers: the core's.
     """
     Q = target.noise_of_motion * max(1.0, steps)
-    rest = [Hypothesis("at rest", state.last.G, state.P + Q)]
+    free = state.P + Q
+    rest = [Hypothesis("at rest", state.last.G, free)]
     if state.lost:  # what was found since was not believed, and what moves before the ground may have carried it along
-        rest.append(Hypothesis("at rest", state.located.G, state.P + Q))
+        rest.append(Hypothesis("at rest", state.located.G, free))
     even = _moving_on(target, state, steps)
     if even is not None:
-        rest.insert(0, Hypothesis("moving on", even, state.P + Q))
+        rest.insert(0, Hypothesis("moving on", even, free))
     flow = None if state.lost else _laid(target, state, levels, rest, Q, target.corners)
     first = []
     if flow is not None:

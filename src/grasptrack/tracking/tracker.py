@@ -7,7 +7,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +48,14 @@ class Track:
     number: int
     closure: ClosureCheck
     carrier: Carrier
+
+
+class _Moment(NamedTuple):
+    """Of an update: the index of its image, when that was taken, s or None, and when the update began, s."""
+
+    frame: int
+    time: float | None
+    started: float
 
 
 class GraspTracker:
@@ -127,26 +135,25 @@ class GraspTracker:
         started = clock.perf_counter()
         mask = self._segmenter.segment(image) if mask is None and self._segmenter else mask
         grey = self._look(image, mask)
+        moment = _Moment(self._frame, time, started)
         if self._track is None:
-            result = self._begin(time, masked=mask is not None)  # grasp synthesis, once
+            result = self._begin(moment, masked=mask is not None)  # grasp synthesis, once
         else:
-            moved = self._track.carrier.move(
-                grey, time
-            )  # contour extraction, grasp transfer, and whether to believe it
-            result = self._analyzed(self._track, moved)
-        result = replace(result, frame=self._frame, time=time, latency_ms=1e3 * (clock.perf_counter() - started))
+            # contour extraction, grasp transfer, and whether to believe it
+            moved = self._track.carrier.move(grey, time)
+            result = self._analyzed(moment, self._track, moved)
         return result if self._lens is None else self._lens.result(result)
 
-    def _begin(self, time: float | None, *, masked: bool) -> TrackResult:
+    def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
         first = first_view(self._observer, replace(self._wish, friction=self.friction), masked)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
-            return _answer("searching", reason)
+            return _answer(moment, "searching", reason)
         grey = self._observer.choose(candidate)
         for grasp in first.grasps:
             try:
-                carrier = carrier_for(self.strategy, grasp, candidate.view, grey, time, self._observer)
+                carrier = carrier_for(self.strategy, grasp, candidate.view, grey, moment.time, self._observer)
             except TransferError as error:
                 reason = reason if reason.code else Reason("no-description", detail=str(error))
                 continue
@@ -156,6 +163,7 @@ class GraspTracker:
             self._track = Track(self._grasps, closure, carrier)
             analysis = analyze(grasp, candidate.view, self.friction, width, "reference")
             return _answer(
+                moment,
                 "tracked" if analysis.stable else "unstable",
                 None if analysis.stable else Reason("not-closing", detail=analysis.reason),
                 strategy=carrier.name,
@@ -168,21 +176,20 @@ class GraspTracker:
                 homography=np.eye(3),
                 view=candidate.view,
             )
-        return _answer("searching", reason, view=candidate.view)
+        return _answer(moment, "searching", reason, view=candidate.view)
 
-    def _analyzed(self, track: Track, moved: Moved) -> TrackResult:
+    def _analyzed(self, moment: _Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
         if estimate is None or contacts is None or moved.homography is None or moved.view is None:
-            return _answer("lost", moved.reason, grasp_id=track.number)
+            return _answer(moment, "lost", moved.reason, grasp_id=track.number)
         target, numbers = track.carrier.follower.target, track.carrier.follower.numbers
-        H = target.homography(estimate.G)
-        P = estimate.P * numbers.inflate**2
+        H, homography_covariance = target.homography_and_covariance(estimate.G, estimate.P * numbers.inflate**2)
         covariance = estimate.covariance * numbers.inflate**2
         try:
             analysis, chance = track.closure.judge(contacts, self.friction, moved.homography, H, covariance)
         except (GraspError, ConditioningError) as error:
-            return _answer("lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
+            return _answer(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
         reason = None
         if not analysis.stable:
             reason = Reason("not-closing", detail=analysis.reason)
@@ -191,6 +198,7 @@ class GraspTracker:
         if not analysis.stable and self._resynthesize:  # another grasp makes what is seen no surer
             self._track, self._wish = None, self._wish.again(moved.view)
         return _answer(
+            moment,
             "tracked" if reason is None else "unstable",
             reason,
             strategy=track.carrier.name,
@@ -201,8 +209,8 @@ class GraspTracker:
             confidence=1.0 - moved.decision.probability_off,
             chance=chance,
             homography=H,
-            homography_covariance=target.homography_covariance(estimate.G, P),
-            covariance=covariance + _apart(contacts, estimate),
+            homography_covariance=homography_covariance,
+            covariance=covariance if contacts is estimate.contacts else covariance + _apart(contacts, estimate),
             view=moved.view,
         )
 
@@ -266,11 +274,11 @@ def _size(image: NDArray[Any]) -> tuple[int, int]:
     return height, width
 
 
-def _answer(status: Status, reason: Reason | None, **found: Any) -> TrackResult:
-    """A result, but for frame, time and latency."""
-    if reason is None:
-        return TrackResult(-1, None, status, "", **found)
-    return TrackResult(-1, None, status, reason.sentence, reason_code=reason.code, **found)
+def _answer(moment: _Moment, status: Status, reason: Reason | None, **found: Any) -> TrackResult:
+    """The result of an update, which is over."""
+    sentence, code = ("", "") if reason is None else (reason.sentence, reason.code)
+    latency_ms = 1e3 * (clock.perf_counter() - moment.started)
+    return TrackResult(moment.frame, moment.time, status, sentence, reason_code=code, latency_ms=latency_ms, **found)
 
 
 def _apart(contacts: Floats, estimate: PoseEstimate) -> Floats:
