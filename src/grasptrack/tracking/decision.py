@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import TrackState
 
 if TYPE_CHECKING:
     from grasptrack.tracking.estimator import PoseEstimate
+    from grasptrack.tracking.state import TrackState
 
 Floats = NDArray[np.float64]
 

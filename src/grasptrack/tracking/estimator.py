@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.tracking.decision import evidence, surface_evidence, texture_evidence
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.state import TrackState
 
 Floats = NDArray[np.float64]
 

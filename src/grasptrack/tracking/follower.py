@@ -42,7 +42,6 @@ from grasptrack.tracking.estimator import (
     renamed,
 )
 from grasptrack.tracking.hypotheses import Predictions, place_is_empty, predict
-from grasptrack.tracking.learning import learn, lose
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.redetection import Redetection, sighted
@@ -300,11 +299,11 @@ class Follower:
         state, e = self.state, decision.estimate
         roughly = decision.code == "uncertain" and decision.evidence > 0.0
         if e is not None and (decision.accepted or roughly):
-            learn(self.target, state, levels, decision, e, predictions, steps)
+            state.learn(self.target, levels, decision, e, predictions, steps)
             return
         if not state.lost:
             state.lookalike = state.lookalike or self._equals(state.located)
-        lose(self.target, state, levels, decision, predictions, steps)
+        state.lose(self.target, levels, decision, predictions, steps)
 
 
 class Moved(NamedTuple):

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,10 @@ from grasptrack.kernels import seen_area
 from grasptrack.tracking.decision import largest_sigma, worst_variance
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, Target
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.state import Look, TrackState
 
 Floats = NDArray[np.float64]
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -22,9 +22,11 @@ from grasptrack.projective import HORIZON
 from grasptrack.tracking.decision import TURNED, evidence, exchanged
 from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, is_sane, lead_alike
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.transfer.alignment import alignments, as_similarity
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.state import Look, TrackState
 
 Floats = NDArray[np.float64]
 
