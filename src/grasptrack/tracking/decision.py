@@ -99,6 +99,12 @@ def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbe
     return surface_evidence(estimate.correlation, usual, numbers)[0]
 
 
+def surface_expected(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> tuple[float, float]:
+    """`texture_evidence`, and what it would be if the patches looked as they usually do."""
+    as_usual = [u + 0.0 * r for u, r in zip(usual, estimate.correlation, strict=True)]
+    return texture_evidence(estimate, usual, numbers), surface_evidence(as_usual, usual, numbers)[0]
+
+
 def surface_seen(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """As `texture_evidence`, where the outline shows that little of it is covered."""
     return surface_evidence(estimate.correlation, usual, numbers, COVERED_PRIOR)[0]

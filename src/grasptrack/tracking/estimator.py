@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.tracking.decision import evidence, surface_evidence, texture_evidence
+from grasptrack.tracking.decision import evidence, surface_expected
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
 
@@ -281,20 +281,15 @@ class Solutions:
 
     def surface_missing(self, estimate: PoseEstimate) -> float:
         """By how much the evidence of the surface falls short of what it would be if its patches looked as usual."""
-        return self._usual_surface(estimate) - texture_evidence(estimate, self._state.usual, self._numbers)
+        seen, expected = surface_expected(estimate, self._state.usual, self._numbers)
+        return expected - seen
 
     def falls_short(self, estimate: PoseEstimate) -> bool:
         """Whether much less of the surface is seen than usual, as where only its coarse patches found their place."""
         if not sum(self._target.counts):
             return False
-        seen = texture_evidence(estimate, self._state.usual, self._numbers)
-        return seen < LEAST_OF_USUAL * self._usual_surface(estimate)
-
-    def _usual_surface(self, estimate: PoseEstimate) -> float:
-        """Log-likelihood ratio of the patches of an estimate if they looked as they usually do."""
-        state = self._state
-        seen = [u + 0.0 * r for u, r in zip(state.usual, estimate.correlation, strict=True)]
-        return surface_evidence(seen, state.usual, self._numbers)[0]
+        seen, expected = surface_expected(estimate, self._state.usual, self._numbers)
+        return seen < LEAST_OF_USUAL * expected
 
     def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
         """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
