@@ -125,7 +125,7 @@ def estimate_pose(
         again: edges may be blurred by all that moved since the last image.
         still: the last pose does not tell what moved since.
     """
-    if not is_sane(target, hypothesis.G):
+    if not sane_area(target, hypothesis.G):
         return None
     found = target.handle.solve(
         levels,
@@ -142,9 +142,10 @@ def estimate_pose(
         state.edge_width,
         BEGAN if again else state.blur_share,
     )
-    if not found["valid"] or not is_sane(target, found["G"]):
-        return None
     G, P = found["G"], found["P"]
+    area = sane_area(target, G) if found["valid"] else 0.0
+    if not area:
+        return None
     contacts, covariance, middle = target.handle.placed(G, P)
     occluded = found["occluded"]
     hidden = float(occluded.sum()) / len(occluded) if len(occluded) else 0.0
@@ -154,7 +155,7 @@ def estimate_pose(
         P,
         contacts,
         covariance,
-        abs(kernels.seen_area(G, target.outline)),
+        area,
         found["thickness"],
         found["thickness_variance"],
         found["edge_width"],
@@ -204,9 +205,10 @@ SMALLEST, LARGEST = 0.02, 30.0
 """Areas relative to the first view's between which an object is looked for: seven times as far, five times as near."""
 
 
-def is_sane(target: Target, G: Floats) -> bool:
-    """Whether G is a view of the plane's front that keeps the object in front of the camera, at a size to be seen."""
-    return SMALLEST < kernels.seen_area(G, target.outline) / target.area < LARGEST
+def sane_area(target: Target, G: Floats) -> float:
+    """px^2 of the outline; 0 unless G is a view of the plane's front, before the camera, at a size to be seen."""
+    area = kernels.seen_area(G, target.outline)
+    return area if SMALLEST < area / target.area < LARGEST else 0.0
 
 
 # --- all hypotheses of one image ------------------------------------------------------------

@@ -20,7 +20,7 @@ from grasptrack.observation.observer import Observer
 from grasptrack.observation.silhouettes import Silhouette
 from grasptrack.projective import HORIZON
 from grasptrack.tracking.decision import TURNED, evidence, exchanged
-from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, is_sane, lead_alike
+from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, lead_alike, sane_area
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.transfer.alignment import alignments, as_similarity
@@ -318,11 +318,11 @@ class Redetection:
 
     def seen(self, grey: Grey, G: Floats) -> float:
         """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly."""
-        if not len(self._points) or not is_sane(self._target, G):
+        area = sane_area(self._target, G)
+        if not len(self._points) or not area:
             return 0.0
         at, normals = self._carried(G)
-        size = math.sqrt(kernels.seen_area(G, self._target.outline))
-        reach = max(LEAST_REACH, self._target.numbers.wide * size)
+        reach = max(LEAST_REACH, self._target.numbers.wide * math.sqrt(area))
         hits = 0
         for sign in (1, -1):
             own = self._strength * sign > 0.0
