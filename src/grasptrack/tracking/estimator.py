@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-
 CONTINUOUS = ("texture", "background", "at rest", "moving on")
 """Origins of hypotheses that continue what was."""
 

@@ -52,6 +52,13 @@ from grasptrack.tracking.target import Grey, pyramid
 
 Floats = NDArray[np.float64]
 
+OUTLINE = 60
+"""Points of an outline at which it is compared with another."""
+ALIKE = 0.5
+"""Share of the evidence for the object that something has to show to be just like it."""
+REGISTRATION = "registration"
+"""Name of what `auto` answers with."""
+
 
 class Proposal(NamedTuple):
     """What a strategy by itself makes of an image: the pose that it suggests, and (k, 2) px where it puts the contacts."""
@@ -324,10 +331,6 @@ class Moved(NamedTuple):
     reason: Reason = Reason()
 
 
-REGISTRATION = "registration"
-"""Name of what `auto` answers with."""
-
-
 class Registration:
     """The first view laid on the image: the estimate's own contacts."""
 
@@ -343,9 +346,3 @@ class Registration:
             return Moved(decision, reason=Reason(decision.code, decision.figures))
         H = target.homography(decision.estimate.G)
         return Moved(decision, decision.estimate.contacts, H, target.view.transformed(H))
-
-
-OUTLINE = 60
-"""Points of an outline at which it is compared with another."""
-ALIKE = 0.5
-"""Share of the evidence for the object that something has to show to be just like it."""

@@ -30,12 +30,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-SMALL = 28.0
-"""px, size of the object on the image on which a shift is looked for."""
-SHIFTS = 3
-"""Places that are tried."""
-LEAST_LIKE = 0.4
-"""Correlation of a look at a place that is tried."""
+
+# --- keypoints ------------------------------------------------------------------------------------
 
 
 class Keypoints:
@@ -77,6 +73,16 @@ class Keypoints:
         return self._target.pose(self._enlarge @ np.asarray(H, dtype=np.float64) @ np.linalg.inv(self._enlarge))
 
 
+# --- the last look --------------------------------------------------------------------------------
+
+SMALL = 28.0
+"""px, size of the object on the image on which a shift is looked for."""
+SHIFTS = 3
+"""Places that are tried."""
+LEAST_LIKE = 0.4
+"""Correlation of a look at a place that is tried."""
+
+
 def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats]:
     """Poses (3, 3) at which the last look fits again, moved as a whole, the best first."""
     outline, in_front = kernels.carry_points(look.G, target.outline)
@@ -115,6 +121,8 @@ def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats
         cv2.circle(likeness, (i, j), max(3, min(w, h) // 3), -1.0, -1)
     return poses
 
+
+# --- outlines -------------------------------------------------------------------------------------
 
 FIRST_REACH = 3.0
 """px about the outline in the first image, where its edge is known to be."""
@@ -209,6 +217,9 @@ def _unlike(a: Sampled, outline: Floats) -> float:
         return math.inf
     share = float(found[0, 0]) if len(found) else 0.0
     return share if share <= UNLIKE else math.inf
+
+
+# --- all of them, in turn -------------------------------------------------------------------------
 
 
 def wide_prior(target: Target) -> Floats:
