@@ -18,9 +18,8 @@ from grasptrack.evaluation.parts import built_in
 from grasptrack.evaluation.scenes import suite
 from grasptrack.evaluation.sequence import chosen_grasp
 from grasptrack.tracking import follower, redetection
-from grasptrack.tracking.outlines import Outlines
-from grasptrack.tracking.redetection import Keypoints, Redetection
-from grasptrack.tracking.solutions import Solutions
+from grasptrack.tracking.estimator import Solutions
+from grasptrack.tracking.redetection import Keypoints, Outlines, Redetection
 
 SHAPES = ("bracket", "gasket", "spanner", "hook", "puzzle-piece", "u-clip")
 DISTURBANCES = ("leave", "exchange", "twin", "hand", "clip")

@@ -159,6 +159,13 @@ nb::object py_homography_4(const PointArray &source, const PointArray &target) {
     return out.array();
 }
 
+nb::tuple py_carry_points(const RowArray &H, const PointArray &points) {
+    if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
+    Output out(points.shape(0), 2);
+    const double in_front = carry_points(H.data(), points_of(points), out.vectors());
+    return nb::make_tuple(out.array(), in_front);
+}
+
 nb::tuple py_distortion(const RowArray &H, const PointArray &points) {
     if (H.shape(0) != 3 || H.shape(1) != 3) throw std::invalid_argument("a homography is (3, 3)");
     const Distortion worst = distortion(H.data(), points_of(points));
@@ -309,6 +316,7 @@ NB_MODULE(_native, m) {
     m.def("curvature", &py_curvature, "points"_a, "step"_a);
     m.def("curvature_peaks", &py_curvature_peaks, "curvature"_a, "arc"_a, "separation"_a, "prominence"_a);
     m.def("curvature_vector", &py_curvature_vector, "points"_a, "clipped"_a.none(), "smoothing"_a);
+    m.def("carry_points", &py_carry_points, "H"_a, "points"_a);
     m.def("distortion", &py_distortion, "H"_a, "points"_a);
     m.def("fit_homography", &py_fit_homography, "points1"_a, "indices1"_a, "points2"_a, "indices2"_a);
     m.def("fixed_places", &py_fixed_places, "points"_a, "offsets"_a, "queries"_a);

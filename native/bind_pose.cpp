@@ -267,18 +267,21 @@ struct PoseTarget {
         return array_of(d.data(), {8});
     }
 
-    // The contacts in an image, and their covariances.
+    // The contacts in an image, their covariances and their mean.
     nb::tuple placed(const Doubles &G, const Doubles &P) const {
         const auto pose = fixed<9>(G, "G");
         const auto spread = fixed<64>(P, "P");
         std::vector<double> at, covariance;
+        double x = 0, y = 0;
         for (const pose::Point &contact : target.contacts) {
             const pose::Placed found = pose::placed(target, pose, spread, contact);
             at.insert(at.end(), {found.at.x, found.at.y});
+            x += found.at.x, y += found.at.y;
             covariance.insert(covariance.end(), found.covariance.begin(), found.covariance.end());
         }
         const std::size_t k = target.contacts.size();
-        return nb::make_tuple(array_of(at.data(), {k, 2}), array_of(covariance.data(), {k, 2, 2}));
+        const double of = static_cast<double>(k);
+        return nb::make_tuple(array_of(at.data(), {k, 2}), array_of(covariance.data(), {k, 2, 2}), nb::make_tuple(x / of, y / of));
     }
 
     nb::tuple joined(const Doubles &G, const Doubles &P, const Doubles &other, const Doubles &Q) const {

@@ -65,6 +65,18 @@ inline void homography_4(const Vec *source, const Vec *target, double *H) {
     for (int i = 0; i < 9; ++i) H[i] /= scale;
 }
 
+// Points of one view carried to the other, eq. (2); the least lambda, after the first one's sign.
+inline double carry_points(const double *H, Points points, Vec *out) {
+    double in_front = std::numeric_limits<double>::infinity(), side = 0;
+    for (std::size_t i = 0; i < points.size; ++i) {
+        const double x = points[i].x, y = points[i].y, w = H[6] * x + H[7] * y + H[8];
+        if (i == 0) side = w < 0 ? -1 : 1;
+        out[i] = {(H[0] * x + H[1] * y + H[2]) / w, (H[3] * x + H[4] * y + H[5]) / w};
+        if (!(side * w >= in_front) && !std::isnan(in_front)) in_front = side * w;
+    }
+    return in_front;
+}
+
 struct Distortion {
     double in_front, determinant, ratio;
 };

@@ -15,12 +15,13 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from grasptrack import kernels
-from grasptrack.closing import Regions, chance_of_closing, regions_of
+from grasptrack.analysis import analyze
+from grasptrack.closing import ClosureCheck, Regions, chance_of_closing, regions_of
+from grasptrack.closing.chance import in_box
 from grasptrack.closing.definition import closes_after, closes_at
-from grasptrack.closing.gaussian import in_box
 from grasptrack.closing.triples import depth
 from grasptrack.contour import Contour, View
-from grasptrack.errors import InputError
+from grasptrack.errors import ConditioningError, GraspError, InputError
 from grasptrack.grasp import Grasp
 from grasptrack.projective import apply_homography, jacobian
 from grasptrack.simulation import SHAPES
@@ -240,6 +241,24 @@ def test_what_cannot_be_told() -> None:
     assert chance_of_closing(regions, 0.0 * C) == 1.0
     with pytest.raises(InputError, match=r"a covariance of 2 contacts is \(2, 2, 2\) or \(4, 4\), not \(3, 2, 2\)"):
         chance_of_closing(regions, np.zeros((3, 2, 2)))
+
+
+def test_contacts_are_judged_where_they_lay_in_the_first_view() -> None:
+    view, grasp, regions = chosen("gasket", 2)
+    width, C = 0.1 * math.sqrt(kernels.inertia(view.points, view.offsets)[0]), np.array([np.eye(2)] * 2)
+    check = ClosureCheck(grasp, view, FRICTION, width)
+    there = apply_homography(TILTED, grasp.contacts)
+    analysis, chance = check.judge(there, FRICTION, TILTED, TILTED, C)
+    own = analyze(grasp, view, FRICTION, width, "reference")
+    assert analysis.margin == pytest.approx(own.margin) and analysis.epsilon == pytest.approx(own.epsilon)
+    assert analysis.judged_in == "reference" and analysis.stable
+    assert chance == chance_of_closing(regions, C, TILTED, there)
+    with pytest.raises(GraspError, match="contact 1 is"):
+        check.judge(there + 50.0, FRICTION, TILTED, TILTED, C)
+    across = there[1] - there[0]
+    between = np.array([[1.0, 0, 0], [0, 1, 0], [*across, -there.mean(axis=0) @ across]])  # its horizon
+    with pytest.raises(ConditioningError, match="to infinity"):
+        check.judge(there, FRICTION, np.linalg.inv(between), TILTED, C)
 
 
 def test_it_costs_next_to_nothing_for_each_frame() -> None:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from grasptrack.contour import Contour
-from grasptrack.observation.channel import PLAIN, clearest
+from grasptrack.observation.channel import clearest
+from grasptrack.observation.images import PLAIN
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES, Renderer, Shape, Texture
 from stages import HEIGHT, WIDTH, Run, bar, mirrored, pose, twin

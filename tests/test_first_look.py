@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from grasptrack import GraspTracker
 from grasptrack.contour import Contour
 from grasptrack.errors import InputError, ObservationError
-from grasptrack.observation.channel import PLAIN, Channel, clearest
+from grasptrack.observation.channel import clearest
 from grasptrack.observation.closures import Scenery, enclosed, linked
 from grasptrack.observation.edge_field import EdgeField, planes
-from grasptrack.observation.images import to_grey
+from grasptrack.observation.images import PLAIN, Channel, to_grey
 from grasptrack.observation.rating import Rater
 from grasptrack.observation.segmentation import candidates, objects, segment
 from grasptrack.observation.silhouettes import trace

@@ -171,6 +171,10 @@ def test_edges_settle_and_normals_are_carried(points, H, seed):
         np.testing.assert_allclose(found, wanted, atol=1e-12)
     found, wanted = kernels.carry_normals(H, points, normals), reference.carry_normals(H, points, normals)
     np.testing.assert_allclose(found, wanted, atol=1e-9)
+    (moved, in_front), (at, least) = kernels.carry_points(H, points), reference.carry_points(H, points)
+    np.testing.assert_array_equal(moved, at)
+    np.testing.assert_allclose(moved, found[:, :2], atol=1e-9)
+    assert in_front == least == kernels.carry_points(-H, points)[1]
     # of no account: the sign of H, its scale, and where the images' origins lie
     np.testing.assert_array_equal(kernels.carry_normals(-H, points, normals), found)
     away = np.eye(3)

@@ -89,37 +89,63 @@ def analyze(
         GraspError: a contact is not on the outline.
         InputError: friction or finger_width not positive.
     """
-    check_friction(friction)
-    check_width(finger_width)
-    points, offsets, contacts = outline.points, outline.offsets, grasp.contacts
-    area, cx, cy, *_ = kernels.inertia(points, offsets)
-    size = math.sqrt(area)
-    rho = 0.5 * size
-    places = kernels.locate(points, offsets, contacts)
-    for i, (_, _, distance) in enumerate(places.tolist()):
-        if distance > ON_OUTLINE * size:
-            raise GraspError(
-                f"contact {i + 1} is {distance:.1f} px from the outline; it must be within {ON_OUTLINE * size:.1f} px",
-                contact=i,
-                distance=distance,
-            )
-    frames = kernels.contact_frames(points, offsets, places, finger_width or FINGER_WIDTH * size)
-    normals = np.ascontiguousarray(frames[:, :2])
-    epsilon, needed = kernels.force_closure(contacts, normals, cx, cy, rho, friction)
-    margin = math.atan(friction) - needed
-    stable = margin > 0.0 and epsilon > 0.0
-    return GraspAnalysis(
-        stable,
-        margin,
-        epsilon,
-        rho,
-        _centroid_distance(contacts, cx, cy),
-        frames[:, 2],
-        normals,
-        friction,
-        judged_in,
-        "" if stable else _refusal(len(contacts), needed, friction),
-    )
+    return Analyzer(outline, finger_width, judged_in).analyze(grasp.contacts, friction)
+
+
+class Analyzer:
+    """Judges one grasp after another on one outline: what does not depend on the contacts is worked out once.
+
+    Args:
+        outline: a Contour or View.
+        finger_width: px over which the normal is averaged; default 10 % of sqrt(area).
+        judged_in: what `outline` is, for the record.
+
+    Raises:
+        InputError: finger_width not positive.
+    """
+
+    def __init__(
+        self,
+        outline: Outline,
+        finger_width: float | None = None,
+        judged_in: Literal["reference", "image"] = "image",
+    ) -> None:
+        check_width(finger_width)
+        self._points, self._offsets, self._judged_in = outline.points, outline.offsets, judged_in
+        area, cx, cy, *_ = kernels.inertia(self._points, self._offsets)
+        self._size, self._centroid = math.sqrt(area), (cx, cy)
+        self._width = finger_width or FINGER_WIDTH * self._size
+
+    def analyze(self, contacts: Floats, friction: float) -> GraspAnalysis:
+        """See the function `analyze`; contacts (k, 2) px."""
+        check_friction(friction)
+        (cx, cy), rho = self._centroid, 0.5 * self._size
+        places = kernels.locate(self._points, self._offsets, contacts)
+        for i, (_, _, distance) in enumerate(places.tolist()):
+            if distance > ON_OUTLINE * self._size:
+                raise GraspError(
+                    f"contact {i + 1} is {distance:.1f} px from the outline; "
+                    f"it must be within {ON_OUTLINE * self._size:.1f} px",
+                    contact=i,
+                    distance=distance,
+                )
+        frames = kernels.contact_frames(self._points, self._offsets, places, self._width)
+        normals = np.ascontiguousarray(frames[:, :2])
+        epsilon, needed = kernels.force_closure(contacts, normals, cx, cy, rho, friction)
+        margin = math.atan(friction) - needed
+        stable = margin > 0.0 and epsilon > 0.0
+        return GraspAnalysis(
+            stable,
+            margin,
+            epsilon,
+            rho,
+            _centroid_distance(contacts, cx, cy),
+            frames[:, 2],
+            normals,
+            friction,
+            self._judged_in,
+            "" if stable else _refusal(len(contacts), needed, friction),
+        )
 
 
 def _centroid_distance(contacts: Floats, cx: float, cy: float) -> float:

@@ -127,10 +127,7 @@ class Contour:
             ConditioningError: H sends part of the curve to infinity.
             ContourError: what comes out has no area.
         """
-        carried = _Transformed(self, np.array(H, dtype=np.float64))
-        if not carried.is_sure:
-            carried.work_out()
-        return carried
+        return _Transformed.of(self, np.array(H, dtype=np.float64))
 
 
 class _Transformed(Contour):
@@ -147,6 +144,14 @@ class _Transformed(Contour):
             self.strength = None
         if source.clipped is None:
             self.clipped = None
+
+    @classmethod
+    def of(cls, source: Contour, H: Floats) -> Contour:
+        """The curve, worked out at once where something might go wrong."""
+        carried = cls(source, H)
+        if not carried.is_sure:
+            carried.work_out()
+        return carried
 
     def __getattr__(self, name: str) -> Any:
         if name not in self._LATE:
@@ -170,17 +175,13 @@ class _Transformed(Contour):
         """Whether nothing can go wrong: the curve's bounding box lies in front of the camera, the curve keeps an area."""
         (left, top), (right, bottom) = self._source.bounds
         rows: list[list[float]] = self._H.tolist()
-        g, h, i = rows[2]
+        (a, b, c), (d, e, f), (g, h, i) = rows
         depths = [g * x + h * y + i for x in (left, right) for y in (top, bottom)]
         farthest = max(depths)
         # area shrinks by at most the determinant over the cube of the depth
-        area = self._source.area * abs(_determinant(rows))
+        determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+        area = abs(self._source.signed_area * determinant)
         return min(depths) > 1e-6 * max(farthest, 1.0) and len(self._source) * farthest**3 < area < math.inf
-
-
-def _determinant(rows: list[list[float]]) -> float:
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 class View:
@@ -228,6 +229,11 @@ class View:
                 points = np.ascontiguousarray(np.concatenate([c.points for c in listed]))
                 self._joined = points, np.cumsum([0, *(len(c) for c in listed)], dtype=np.int64)
         return self._joined
+
+    def transformed(self, H: ArrayLike) -> View:
+        """The same outlines under a homography (3, 3), see `Contour.transformed`."""
+        own = np.array(H, dtype=np.float64)
+        return View([_Transformed.of(c, own) for c in self.contours])
 
     @property
     def outer(self) -> Contour:

@@ -21,12 +21,12 @@ from grasptrack.grasp import Grasp
 from grasptrack.matching import Judgement, Match, Sampled, judge, match, symmetries
 from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
 from grasptrack.observation.candidate import Candidate, holds
-from grasptrack.observation.channel import PLAIN
-from grasptrack.observation.images import Grey, to_bgr, to_mask
+from grasptrack.observation.images import PLAIN, Grey, to_bgr, to_mask
 from grasptrack.observation.segmentation import candidates, grow
 from grasptrack.projective import apply_homography, jacobian, normalised
 from grasptrack.tracking.decision import Decision, checked, farthest, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
+from grasptrack.tracking.follower import REGISTRATION
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.redetection import Keypoints
@@ -40,7 +40,7 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.strategies import REGISTRATION, Carried, Silhouettes, Snakes
+from grasptrack.tracking.strategies import Carried, Silhouettes, Snakes
 from grasptrack.tracking.target import pyramid
 from grasptrack.transfer import STRATEGIES
 
@@ -213,7 +213,7 @@ class _Scene:
         if self._object_at is None:
             return True
         H = self.target.homography(estimate.G)
-        return holds(View([c.transformed(H) for c in self._view.contours]), *self._object_at)
+        return holds(self._view.transformed(H), *self._object_at)
 
     def _exact(self, hypothesis: Hypothesis) -> PoseEstimate | None:
         return single_estimate(self.target, self._state, self._levels, hypothesis, NUMBERS)
@@ -249,7 +249,7 @@ class _Scene:
         if decision.estimate is not None:
             H = self.target.homography(decision.estimate.G)
         assert H is not None
-        current = View([c.transformed(H) for c in self._view.contours]) if self._found is None else self._found.view
+        current = self._view.transformed(H) if self._found is None else self._found.view
         outcomes = [self._registered(decision), *(self._by(name, H, current) for name in STRATEGIES)]
         return Pair(outcomes, current, turns, told)
 

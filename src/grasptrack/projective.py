@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 MAX_SHEAR = 8.0
 """Largest ratio of the two local magnifications that a believable view of a flat object shows (82 degrees of tilt)."""
 FEW = 8
-"""So many points are carried one by one."""
+"""Points that are carried one by one: NumPy's calls would cost more."""
 HORIZON = 1e-9
 """lambda of eq. (2) at and below which a point counts as sent to infinity, or behind the camera."""
 
@@ -30,27 +30,14 @@ def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
     h = np.asarray(H, dtype=np.float64)
     p = np.asarray(points, dtype=np.float64)
     if p.ndim == 2 and len(p) <= FEW:
-        return _apply_to_few(h, p)
+        few, in_front = kernels.carry_points(np.ascontiguousarray(h), np.ascontiguousarray(p))
+        check_in_front(h, in_front)
+        return few
     w = p @ h[2, :2] + h[2, 2]  # lambda_i of eq. (2)
     if not (w > HORIZON).all() and not (w < -HORIZON).all():
-        raise ConditioningError("the homography sends part of the object to infinity", homography=h.tolist())
+        raise behind(h)
     out: Floats = (p @ h[:2, :2].T + h[:2, 2]) / w[..., None]
     return out
-
-
-def _apply_to_few(h: Floats, points: Floats) -> Floats:
-    """The same number by number: NumPy's calls would cost more."""
-    (a, b, c), (d, e, f), (g, k, i) = h.tolist()
-    out, behind = [], 0
-    for x, y in points.tolist():
-        w = g * x + k * y + i
-        behind += w < -HORIZON
-        if not abs(w) > HORIZON:
-            break
-        out.append(((a * x + b * y + c) / w, (d * x + e * y + f) / w))
-    if len(out) < len(points) or behind not in (0, len(points)):
-        raise ConditioningError("the homography sends part of the object to infinity", homography=h.tolist())
-    return np.array(out, dtype=np.float64).reshape(-1, 2)
 
 
 def jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]:
@@ -110,7 +97,12 @@ def check_in_front(H: Floats, in_front: float) -> None:
         ConditioningError: it is not above 0.
     """
     if not in_front > HORIZON:
-        raise ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
+        raise behind(H)
+
+
+def behind(H: Floats) -> ConditioningError:
+    """The error of a homography (3, 3) that carries points to infinity or behind the camera."""
+    return ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
 
 
 def normalised(H: Floats) -> Floats:

@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chance that all contacts lie where the grasp closes, from the covariance of the tracker."""
+"""Whether a grasp closes where its contacts are, and the chance that it does although they may be off."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.closing.gaussian import in_box, within
-from grasptrack.closing.regions import Regions
+from grasptrack import kernels
+from grasptrack.analysis import Analyzer, GraspAnalysis
+from grasptrack.closing.regions import Regions, regions_of
+from grasptrack.contour import View
 from grasptrack.errors import InputError
+from grasptrack.grasp import Grasp
+from grasptrack.projective import HORIZON, behind
 
 Floats = NDArray[np.float64]
 
@@ -18,6 +23,49 @@ CHANCE = 0.9
 """A grasp that closes with less than this probability, its contacts being as uncertain as they are, is not stable."""
 SURE = 1e-6
 """Where the chances to leave a region add up to no more than this, a joint covariance is not looked at more closely."""
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+_FAR = 7.0
+"""Standard deviations beyond which nothing is left."""
+
+
+class ClosureCheck:
+    """Judges a grasp in the view of its choice, image after image: perspective bends friction cones.
+
+    Args:
+        grasp, view: contacts and outline in the view of its choice.
+        friction: Coulomb coefficient.
+        width: px, of a finger's pad in that view.
+    """
+
+    def __init__(self, grasp: Grasp, view: View, friction: float, width: float) -> None:
+        # once for a grasp: for three fingers it takes some tens of ms
+        self._regions = regions_of(grasp, view, friction, width)
+        self._analyzer = Analyzer(view, width, "reference")
+
+    def judge(
+        self, contacts: Floats, friction: float, carried: Floats, homography: Floats, covariance: Floats
+    ) -> tuple[GraspAnalysis, float]:
+        """Analysis of contacts in a current view, and the chance that they close.
+
+        Args:
+            contacts: (k, 2) px in the current view.
+            friction: Coulomb coefficient.
+            carried: (3, 3) H_current_reference by which they were carried there.
+            homography: (3, 3) H_current_reference as the tracker knows it.
+            covariance: (k, 2, 2) px^2 of the contacts.
+
+        Raises:
+            GraspError: a contact is not on the outline.
+            ConditioningError: the view is of no plane that lies in front of the camera.
+        """
+        inverse = np.ascontiguousarray(np.linalg.inv(carried), dtype=np.float64)
+        back, in_front = kernels.carry_points(inverse, np.ascontiguousarray(contacts))
+        if not in_front > HORIZON:
+            raise behind(carried)
+        analysis = self._analyzer.analyze(back, friction)
+        return analysis, chance_of_closing(self._regions, covariance, homography, contacts)
 
 
 def chance_of_closing(
@@ -92,3 +140,51 @@ def _slip_rows(regions: Regions, homography: Floats | None) -> tuple[_Pairs, _Pa
         rows.append(((tx * d - ty * c) / determinant, (ty * a - tx * b) / determinant))
         places.append((px, py))
     return rows, places
+
+
+# --- how much of a Gaussian lies between bounds ----------------------------------------------
+
+
+def within(low: float, high: float, variance: float) -> float:
+    """The chance of a Gaussian of mean 0 to lie between two bounds."""
+    if not math.isfinite(variance):
+        return math.nan
+    if variance <= 0.0:
+        return 1.0 if low <= 0.0 <= high and low < high else 0.0
+    scale = 1.0 / math.sqrt(2.0 * variance)
+    return 0.5 * (math.erf(high * scale) - math.erf(low * scale))
+
+
+def in_box(low: list[float], high: list[float], covariance: Floats) -> float:
+    """The chance of a Gaussian vector of mean 0 to lie in a box."""
+    if not np.isfinite(covariance).all():
+        return math.nan
+    if len(low) > 3:
+        out = sum(1.0 - within(a, b, float(v)) for a, b, v in zip(low, high, np.diag(covariance), strict=True))
+        return max(0.0, 1.0 - out)
+    values, vectors = np.linalg.eigh(covariance)
+    # Any square root serves; the lower triangular one lets the bounds of one follow from those before it.
+    L = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]).T
+    found = float(_nested(np.array(low), np.array(high), L * np.where(np.diag(L) < 0.0, -1.0, 1.0)))
+    return min(1.0, max(0.0, found))
+
+
+def _nested(low: Floats, high: Floats, L: Floats) -> float:
+    """The chance that low <= L z <= high for z of independent standard Gaussians, L lower triangular, one by one."""
+    if len(low) == 1:
+        return within(float(low[0]), float(high[0]), float(L[0, 0]) ** 2)
+    if L[0, 0] <= 1e-12 * float(np.abs(L).max()):
+        return _nested(low[1:], high[1:], L[1:, 1:]) if low[0] <= 0.0 <= high[0] and low[0] < high[0] else 0.0
+    first, last = max(-_FAR, low[0] / L[0, 0]), min(_FAR, high[0] / L[0, 0])
+    if not first < last:
+        return 0.0
+    with np.errstate(all="ignore"):
+        corners = np.concatenate([low[1:] / L[1:, 0], high[1:] / L[1:, 0]])  # where the rest may change at once
+    cuts = [first, *sorted(float(c) for c in corners if first < c < last), last]
+    total = 0.0
+    for a, b in itertools.pairwise(cuts):
+        z = 0.5 * (a + b) + 0.5 * (b - a) * _NODES
+        density = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+        inner = [_nested(low[1:] - L[1:, 0] * t, high[1:] - L[1:, 0] * t, L[1:, 1:]) for t in z]
+        total += 0.5 * (b - a) * float((_WEIGHTS * density) @ inner)
+    return total

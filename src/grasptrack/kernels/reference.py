@@ -15,7 +15,7 @@ from grasptrack.kernels.reference_evidence import carry_normals, settle_edges
 from grasptrack.kernels.reference_filtering import advance_state, filter_sighting
 from grasptrack.kernels.reference_fingers import finger_rooms
 from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
-from grasptrack.kernels.reference_homography import distortion, fit_homography, homography_4
+from grasptrack.kernels.reference_homography import carry_points, distortion, fit_homography, homography_4
 from grasptrack.kernels.reference_inertia import inertia
 from grasptrack.kernels.reference_laying import lay_outlines, outline_gaps
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
@@ -46,6 +46,7 @@ __all__ = [
     "carry_grasp_line",
     "carry_normals",
     "carry_places",
+    "carry_points",
     "closing_triples",
     "contact_frames",
     "crossings",

@@ -62,6 +62,25 @@ def homography_4(source: Floats, target: Floats) -> Floats:
     return np.asarray(H / (H[2, 2] if abs(H[2, 2]) > 1e-12 * norm else norm))
 
 
+def carry_points(H: Floats, points: Floats) -> tuple[Floats, float]:
+    """Eq. (2): points of one view carried to the other.
+
+    Args:
+        H: (3, 3).
+        points: (N, 2) px.
+
+    Returns:
+        (N, 2) px; lambda of eq. (2), least, after the first one's sign: above 0 when all points lie on one side of the
+        line that H sends to infinity.
+    """
+    x, y = points.T
+    with np.errstate(all="ignore"):
+        w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
+        u, v = (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w, (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w
+        in_front = float((w * (-1.0 if w[0] < 0 else 1.0)).min()) if len(w) else math.inf
+    return np.column_stack([u, v]), in_front
+
+
 def distortion(H: Floats, points: Floats) -> tuple[float, float, float]:
     """How a homography treats the surroundings of some points, at the worst of them.
 

@@ -307,8 +307,8 @@ class PoseTarget:
             d = self.target.difference(_fixed(first, "the first pose", 3, 3), _fixed(second, "the second pose", 3, 3))
         return np.full(8, np.nan) if d is None else d
 
-    def placed(self, G: Floats, P: Floats) -> tuple[Floats, Floats]:
-        """(k, 2) px, the contacts at a pose (3, 3), and (k, 2, 2) px^2 by the covariance (8, 8) of its error."""
+    def placed(self, G: Floats, P: Floats) -> tuple[Floats, Floats, tuple[float, float]]:
+        """The contacts at a pose (3, 3): (k, 2) px, (k, 2, 2) px^2 by the covariance (8, 8) of its error, (x, y) the middle."""
         with np.errstate(all="ignore"):
             return placed(self.target, _fixed(G, "G", 3, 3), _fixed(P, "P", 8, 8))
 

@@ -89,12 +89,14 @@ def _level_evidence(r: Floats, usual: Floats, shares: Floats, match_spread: floa
     return np.asarray(np.log((1.0 - shares[:, None]) * ratio + shares[:, None]).sum(axis=1))
 
 
-def placed(target: Target, G: Floats, P: Floats) -> tuple[Floats, Floats]:
-    """(k, 2) px, the contacts seen through G (3, 3), and (k, 2, 2) px^2 by its error's covariance P (8, 8)."""
+def placed(target: Target, G: Floats, P: Floats) -> tuple[Floats, Floats, tuple[float, float]]:
+    """(k, 2) px, the contacts seen through G (3, 3), (k, 2, 2) px^2 by its error's covariance P (8, 8), and their middle."""
     x, y = target.contacts.T
     D = np.stack(derivatives(G, x, y), axis=1).reshape(-1, 2, 2)
     K = D @ target.jacobian(target.contacts)
-    return np.column_stack(carried(G, x, y)), K @ P @ K.transpose(0, 2, 1)
+    at = np.column_stack(carried(G, x, y))
+    u, v = at.mean(axis=0).tolist()
+    return at, K @ P @ K.transpose(0, 2, 1), (u, v)
 
 
 def joined(target: Target, G: Floats, P: Floats, other: Floats, Q: Floats) -> tuple[float, Floats, Floats]:

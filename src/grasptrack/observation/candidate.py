@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.contour import Contour, View
 from grasptrack.errors import ContourError
-from grasptrack.observation.channel import PLAIN, Channel, clearest
+from grasptrack.observation.channel import clearest
 from grasptrack.observation.edge_field import Planes
 from grasptrack.observation.holes import MOST, ground_within, true_hole
-from grasptrack.observation.images import Grey
+from grasptrack.observation.images import PLAIN, Channel, Grey
 from grasptrack.observation.outline import localise
 from grasptrack.observation.rating import Rating
 from grasptrack.observation.silhouettes import Silhouette

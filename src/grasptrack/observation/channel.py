@@ -3,14 +3,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.contour import Contour
-from grasptrack.observation.images import Grey, to_bgr, to_grey
+from grasptrack.observation.images import PLAIN, Channel
 
 Floats = NDArray[np.float64]
 
@@ -26,31 +23,6 @@ BESIDE = 2.5
 """px from the outline on either side, at which colours are compared."""
 SAMPLES = 200
 """Points of the outline that are asked."""
-
-
-class Channel(NamedTuple):
-    """A mixture of blue, green and red, scaled so that no value leaves 0 to 255.
-
-    Attributes:
-        weights: of blue, green and red, sum of sizes 1; None is plain grey.
-    """
-
-    weights: tuple[float, float, float] | None = None
-
-    def grey(self, image: NDArray[Any]) -> Grey:
-        """(H, W) the mixture of an image of any kind; plain grey where the image has no colours.
-
-        Raises:
-            SourceError: as `to_grey`.
-        """
-        if self.weights is None or image.ndim == 2 or image.shape[2] == 1:
-            return to_grey(image)
-        below = sum(min(w, 0.0) for w in self.weights)
-        mix = np.array([[*self.weights, -255.0 * below]], np.float32)
-        return np.asarray(cv2.transform(to_bgr(image), mix), dtype=np.uint8)
-
-
-PLAIN = Channel()
 
 
 def clearest(image: NDArray[np.uint8], outline: Contour) -> Channel:

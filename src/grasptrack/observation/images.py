@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -38,6 +38,38 @@ def to_bgr(image: NDArray[Any]) -> NDArray[np.uint8]:
     """
     array = _checked(image)
     return np.ascontiguousarray(array if array.ndim == 2 else array[:, :, :3])
+
+
+class Channel(NamedTuple):
+    """A mixture of blue, green and red, scaled so that no value leaves 0 to 255.
+
+    Attributes:
+        weights: of blue, green and red, sum of sizes 1; None is plain grey.
+    """
+
+    weights: tuple[float, float, float] | None = None
+
+    def look(self, image: NDArray[Any]) -> tuple[NDArray[np.uint8], Grey]:
+        """An image of any kind as `to_bgr` has it, and (H, W) in this mixture; plain grey where it has no colours.
+
+        Raises:
+            SourceError: as `to_grey`.
+        """
+        colours = to_bgr(image)
+        if colours.ndim == 2:
+            return colours, colours
+        if self.weights is None:
+            return colours, np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        below = sum(min(w, 0.0) for w in self.weights)
+        mix = np.array([[*self.weights, -255.0 * below]], np.float32)
+        return colours, np.asarray(cv2.transform(colours, mix), dtype=np.uint8)
+
+    def grey(self, image: NDArray[Any]) -> Grey:
+        """The second of `look`."""
+        return self.look(image)[1]
+
+
+PLAIN = Channel()
 
 
 def _checked(image: NDArray[Any]) -> NDArray[np.uint8]:

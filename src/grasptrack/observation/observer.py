@@ -14,10 +14,9 @@ from grasptrack import kernels
 from grasptrack.contour import Contour, View
 from grasptrack.errors import ContourError
 from grasptrack.observation.candidate import Candidate, of_one_level, plausible
-from grasptrack.observation.channel import PLAIN
 from grasptrack.observation.closures import Closing
 from grasptrack.observation.edge_field import planes
-from grasptrack.observation.images import Grey, to_bgr
+from grasptrack.observation.images import PLAIN, Grey
 from grasptrack.observation.outline import localise
 from grasptrack.observation.places import (
     MAX_GROWTH,
@@ -87,8 +86,8 @@ class Observer:
             SourceError: an image that cannot be used.
         """
         self._levels.clear()  # they are told apart by their views' ids, which later views are given again
-        self._colours = to_bgr(image)
-        return self._channel.grey(self._colours)
+        self._colours, grey = self._channel.look(image)
+        return grey
 
     def first(
         self, masked: bool, object_at: tuple[float, float] | None = None, box: Box | None = None

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.observation.channel import Channel
-from grasptrack.observation.images import Grey
+from grasptrack.observation.images import Channel, Grey
 
 Floats = NDArray[np.float64]
 

@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.tracking.estimator import PoseEstimate, middle
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import TrackState
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.estimator import PoseEstimate
+    from grasptrack.tracking.state import TrackState
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +35,7 @@ class Decision:
         code: why it is not accepted, one of `CODES`; empty when it is.
         figures: the numbers that go with the code, by name.
         rival: the most probable of the estimates that put a contact elsewhere.
+        accepted: whether the contacts may be given out: there is no code.
     """
 
     estimate: PoseEstimate | None
@@ -45,11 +48,10 @@ class Decision:
     code: str
     figures: dict[str, float]
     rival: PoseEstimate | None
+    accepted: bool = field(init=False)
 
-    @property
-    def accepted(self) -> bool:
-        """Whether the contacts may be given out."""
-        return not self.code
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "accepted", not self.code)
 
 
 NOTHING = Decision(None, 1.0, 0.0, math.inf, 0.0, 0.0, 0.0, "not-found", {}, None)
@@ -95,6 +97,12 @@ def outline_evidence(estimate: PoseEstimate, numbers: Numbers) -> float:
 def texture_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of the patches' correlations, given those that are usual: this surface against another one."""
     return surface_evidence(estimate.correlation, usual, numbers)[0]
+
+
+def surface_expected(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> tuple[float, float]:
+    """`texture_evidence`, and what it would be if the patches looked as they usually do."""
+    as_usual = [u + 0.0 * r for u, r in zip(usual, estimate.correlation, strict=True)]
+    return texture_evidence(estimate, usual, numbers), surface_evidence(as_usual, usual, numbers)[0]
 
 
 def surface_seen(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
@@ -157,7 +165,13 @@ def _sudden(state: TrackState, estimate: PoseEstimate) -> float:
     return SUDDEN / (1.0 + (0.5 * more / state.edge_width) ** 2) if more else SUDDEN
 
 
-def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: Numbers) -> float:
+def exchanged(
+    state: TrackState,
+    estimate: PoseEstimate,
+    steps: float,
+    numbers: Numbers,
+    told: tuple[float, Floats] | None = None,
+) -> float:
     """Probability that something else was taken for the object: its outline differs somewhere, or its surface everywhere.
 
     Args:
@@ -165,8 +179,9 @@ def exchanged(state: TrackState, estimate: PoseEstimate, steps: float, numbers: 
         estimate: of what was seen.
         steps: how long the object may have gone unseen, in frames of free motion.
         numbers: the core's.
+        told: the `surface_evidence` of the estimate, where it is known already.
     """
-    surface, by_share = surface_evidence(estimate.correlation, state.usual, numbers)
+    surface, by_share = told or surface_evidence(estimate.correlation, state.usual, numbers)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
         jump = max(0.0, strangeness(estimate, numbers) - state.strange)
@@ -283,8 +298,8 @@ def variance_of(estimate: PoseEstimate) -> float:
 
 def worst_variance(covariance: Floats) -> float:
     """px^2 of the worst of some places in its worst direction, of their covariances (k, 2, 2)."""
-    axes = [(0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)) for (xx, xy), (_, yy) in covariance.tolist()]
-    return float(max(mean + root for mean, root in axes))
+    axes = [0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy) for (xx, xy), (_, yy) in covariance.tolist()]
+    return float(max(axes))
 
 
 LONG = 1e6
@@ -355,7 +370,7 @@ def decide(
     p = own / (own + sum(math.exp(o - top) for o in others))
     variance = variance_of(chosen) * numbers.inflate**2
     inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    other = exchanged(state, chosen, expected.steps, numbers)
+    other = exchanged(state, chosen, expected.steps, numbers, told[best])
     off = 1.0 - p * inside * (1.0 - other)
     code, figures = "", {}
     if not off < numbers.risk:
@@ -386,6 +401,14 @@ def _around(estimate: PoseEstimate, estimates: list[PoseEstimate], share: float)
 def _either(one: float, other: float) -> float:
     """The log of the sum of two numbers of which these are the logs."""
     return max(one, other) + math.log1p(math.exp(-abs(one - other)))
+
+
+def middle(points: Floats) -> tuple[float, float]:
+    """(x, y) of points (k, 2), number by number: of so few NumPy's calls would cost more."""
+    x = y = 0.0
+    for u, v in points.tolist():
+        x, y = x + u, y + v
+    return x / len(points), y / len(points)
 
 
 def farthest(contacts: Floats, others: Floats) -> float:

@@ -1,18 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One hypothesis of the pose made exact, with its covariance and the evidence for it (`kernels.PoseTarget.solve`)."""
+"""Hypotheses of the pose made exact (`kernels.PoseTarget.solve`), again from farther away where much lies elsewhere."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.decision import evidence, surface_expected
+from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
 
+if TYPE_CHECKING:
+    from grasptrack.tracking.state import TrackState
+
 Floats = NDArray[np.float64]
+
+CONTINUOUS = ("texture", "background", "at rest", "moving on")
+"""Origins of hypotheses that continue what was."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +29,7 @@ class Hypothesis:
     """Where the object may be.
 
     Attributes:
-        origin: what proposed it, see `ORIGINS` of hypotheses and redetection.
+        origin: what proposed it, one of `CONTINUOUS` or of redetection.
         G: (3, 3) work px -> px.
         P: (8, 8) covariance of its error, work px^2.
         reach: work px within which edges are looked for; 0: by the covariance.
@@ -93,12 +102,6 @@ class PoseEstimate:
     confirmed: bool = False
 
 
-def middle(points: Floats) -> tuple[float, float]:
-    """(x, y) of points (k, 2), number by number: of so few NumPy's calls would cost more."""
-    listed = points.tolist()
-    return sum(x for x, _ in listed) / len(listed), sum(y for _, y in listed) / len(listed)
-
-
 UNKNOWN = np.full((3, 3), np.nan)
 """The last pose, where none tells what moved."""
 BEGAN = 1.0
@@ -123,13 +126,13 @@ def estimate_pose(
         again: edges may be blurred by all that moved since the last image.
         still: the last pose does not tell what moved since.
     """
-    if not is_sane(target, hypothesis.G):
+    if not sane_area(target, hypothesis.G):
         return None
     found = target.handle.solve(
         levels,
         hypothesis.G,
         hypothesis.P,
-        UNKNOWN if still else state.G,
+        UNKNOWN if still else state.last.G,
         state.nuisance,
         state.nuisance_covariance,
         state.sides,
@@ -139,10 +142,11 @@ def estimate_pose(
         state.edge_width,
         BEGAN if again else state.blur_share,
     )
-    if not found["valid"] or not is_sane(target, found["G"]):
-        return None
     G, P = found["G"], found["P"]
-    contacts, covariance = target.handle.placed(G, P)
+    area = sane_area(target, G) if found["valid"] else 0.0
+    if not area:
+        return None
+    contacts, covariance, middle = target.handle.placed(G, P)
     occluded = found["occluded"]
     hidden = float(occluded.sum()) / len(occluded) if len(occluded) else 0.0
     return PoseEstimate(
@@ -151,7 +155,7 @@ def estimate_pose(
         P,
         contacts,
         covariance,
-        abs(kernels.seen_area(G, target.outline)),
+        area,
         found["nuisance"],
         found["nuisance_covariance"],
         found["sides"],
@@ -172,7 +176,7 @@ def estimate_pose(
         found["elsewhere"],
         found["other_shape"],
         found["differs"],
-        middle(contacts),
+        middle,
         hidden,
         hidden + found["elsewhere"],
     )
@@ -202,6 +206,98 @@ SMALLEST, LARGEST = 0.02, 30.0
 """Areas relative to the first view's between which an object is looked for: seven times as far, five times as near."""
 
 
-def is_sane(target: Target, G: Floats) -> bool:
-    """Whether G is a view of the plane's front that keeps the object in front of the camera, at a size to be seen."""
-    return SMALLEST < kernels.seen_area(G, target.outline) / target.area < LARGEST
+def sane_area(target: Target, G: Floats) -> float:
+    """px^2 of the outline; 0 unless G is a view of the plane's front, before the camera, at a size to be seen."""
+    area = kernels.seen_area(G, target.outline)
+    return area if SMALLEST < area / target.area < LARGEST else 0.0
+
+
+# --- all hypotheses of one image ------------------------------------------------------------
+
+LEAST_OF_USUAL = 0.5
+"""Share of the usual evidence of the surface below which a second solution is looked for."""
+
+
+class Solutions:
+    """What is found of the target in one image.
+
+    Args:
+        target: the object.
+        state: what is known of it so far.
+        levels: the image's pyramid.
+        numbers: the core's.
+
+    Attributes:
+        found: one estimate of each hypothesis that has one.
+    """
+
+    def __init__(self, target: Target, state: TrackState, levels: list[Grey], numbers: Numbers) -> None:
+        self.found: list[PoseEstimate] = []
+        self._target, self._state, self._levels, self._numbers = target, state, levels, numbers
+        self._second: list[
+            tuple[PoseEstimate, PoseEstimate | None]
+        ] = []  # an answer, and what it led to from farther away
+
+    def add(self, hypotheses: list[Hypothesis]) -> None:
+        """Make hypotheses exact; of a lost object those that do not lead to what was found already."""
+        for hypothesis in hypotheses:
+            state = self._state
+            if state.lost and self._answered(hypothesis):
+                continue
+            # where it was a moment ago does not tell how it moves
+            still = bool(state.lost) or hypothesis.origin not in CONTINUOUS
+            estimate = estimate_pose(self._target, state, self._levels, hypothesis, still=still)
+            if estimate is None:
+                continue
+            # of a lost object only what shows it can be nearly right
+            lost = self._state.lost and evidence(estimate, self._state.usual, self._numbers) < 0.0
+            # what lay elsewhere a moment ago, whatever was tried, lies there still
+            more = estimate.elsewhere - (0.0 if self._state.lost else self._state.elsewhere)
+            if (more > self._numbers.elsewhere or self.falls_short(estimate)) and not lost:
+                other = self._from_farther(estimate, still=still)
+                if other is not None and self._score(other, hypothesis) > self._score(estimate, hypothesis):
+                    estimate = other
+                else:
+                    estimate = replace(estimate, confirmed=True)
+            self.found.append(estimate)
+
+    def _answered(self, hypothesis: Hypothesis) -> bool:
+        """Whether an answer that shows the object lies where a hypothesis would lead."""
+        return any(
+            lead_alike(self._target, hypothesis, e) and evidence(e, self._state.usual, self._numbers) > 0.0
+            for e in self.found
+        )
+
+    def _from_farther(self, estimate: PoseEstimate, *, still: bool) -> PoseEstimate | None:
+        """A second solution; answers that lead to the same one share it."""
+        for first, second in self._second:
+            if lead_alike(self._target, first, estimate):
+                return None if second is None else renamed(second, estimate.origin)
+        target = self._target
+        P, reach = estimate.P + target.noise_of_motion, self._numbers.wide * target.size
+        farther = Hypothesis(estimate.origin, estimate.G, P, reach)
+        found = estimate_pose(target, self._state, self._levels, farther, again=True, still=still)
+        self._second.append((estimate, found))
+        if found is not None:
+            self._second.append((found, found))
+        return found
+
+    def surface_missing(self, estimate: PoseEstimate) -> float:
+        """By how much the evidence of the surface falls short of what it would be if its patches looked as usual."""
+        seen, expected = surface_expected(estimate, self._state.usual, self._numbers)
+        return expected - seen
+
+    def falls_short(self, estimate: PoseEstimate) -> bool:
+        """Whether much less of the surface is seen than usual, as where only its coarse patches found their place."""
+        if not sum(self._target.counts):
+            return False
+        seen, expected = surface_expected(estimate, self._state.usual, self._numbers)
+        return seen < LEAST_OF_USUAL * expected
+
+    def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
+        """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
+        away = self._target.difference(hypothesis.G, estimate.G)
+        distance = float(away @ np.linalg.solve(hypothesis.P, away))
+        freedom = self._numbers.prior_freedom
+        prior = -0.5 * (freedom + len(away)) * math.log1p(distance / freedom)
+        return evidence(estimate, self._state.usual, self._numbers) + prior

@@ -15,7 +15,6 @@ from grasptrack.contour import View
 from grasptrack.kernels import seen_area
 from grasptrack.observation.observer import Observer
 from grasptrack.projective import apply_homography
-from grasptrack.tracking.camera import learn_nuisances
 from grasptrack.tracking.decision import (
     LONG,
     SAME_PLACE,
@@ -33,17 +32,32 @@ from grasptrack.tracking.decision import (
     texture_evidence,
     tolerance,
 )
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, apart, estimate_pose, lead_alike, middle, renamed
-from grasptrack.tracking.hypotheses import Predictions, moving_on, place_is_empty, predict
+from grasptrack.tracking.estimator import (
+    Hypothesis,
+    PoseEstimate,
+    Solutions,
+    apart,
+    estimate_pose,
+    lead_alike,
+    renamed,
+)
+from grasptrack.tracking.hypotheses import Predictions, place_is_empty, predict
+from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.redetection import CONTINUOUS, Redetection, shifted_looks, sighted, wide_prior
+from grasptrack.tracking.redetection import Redetection, sighted
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state
-from grasptrack.tracking.solutions import Solutions
 from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, pyramid
 
 Floats = NDArray[np.float64]
+
+OUTLINE = 60
+"""Points of an outline at which it is compared with another."""
+ALIKE = 0.5
+"""Share of the evidence for the object that something has to show to be just like it."""
+REGISTRATION = "registration"
+"""Name of what `auto` answers with."""
 
 
 class Proposal(NamedTuple):
@@ -119,7 +133,7 @@ class Follower:
             decision = decide(state, solutions.found, expected, presence, numbers)
         decision = self._against_slides(decision, solutions, expected, presence)
         decision = self._against_turns(decision, solutions, expected, presence)
-        self._learn(levels, decision, predictions.ground, steps)
+        self._learn(levels, decision, predictions, steps)
         if state.lost:
             state.sighted = sighted(state, solutions.found, expected.steps, numbers)
         return decision
@@ -156,7 +170,7 @@ class Follower:
             answer = checked(found, nearest.contacts, numbers)
             if answer.accepted:
                 break
-        self._learn(levels, found, predictions.ground, steps)  # whatever the strategy makes of it
+        self._learn(levels, found, predictions, steps)  # whatever the strategy makes of it
         return answer, nearest
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
@@ -169,7 +183,7 @@ class Follower:
     def _presence(self) -> float:
         """Prior probability that the object is there."""
         numbers = self.numbers
-        return _between(self.state.presence * (1.0 - numbers.hazard), numbers.redetected, 1.0 - numbers.hazard)
+        return min(max(self.state.presence * (1.0 - numbers.hazard), numbers.redetected), 1.0 - numbers.hazard)
 
     def _against_slides(
         self, decision: Decision, solutions: Solutions, expected: Expected, presence: float
@@ -184,7 +198,7 @@ class Follower:
             e = decision.estimate
             if e is None:
                 break
-            moved = self.target.difference(state.G, e.G)
+            moved = self.target.difference(state.last.G, e.G)
             near = float(np.hypot(*moved[:2])) < 0.5 * float(np.hypot(*slides[0]))
             if near and not state.lost and solutions.surface_missing(e) < missing:
                 break
@@ -269,11 +283,8 @@ class Follower:
         if own is None:
             return False
         size = math.sqrt(own.area)
-        wide = wide_prior(self.target)
-        places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self.target, look, look.levels)]
-        if not state.accepted:  # later on, what covers the object may have an outline like it
-            places += self.redetection.matched(look, look.levels)
-        for hypothesis in self.redetection.promising(look.levels, places, len(places)):
+        # later on, what covers the object may have an outline like it
+        for hypothesis in self.redetection.rivals(look, thorough=not state.accepted):
             other = estimate_pose(self.target, state, look.levels, hypothesis, still=True)
             if other is None or math.dist(other.middle, own.middle) < SAME_PLACE * size:
                 continue
@@ -291,122 +302,47 @@ class Follower:
         state.time = time
         return passed / state.interval
 
-    def _learn(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
-        state, numbers, e = self.state, self.numbers, decision.estimate
-        if e is None or not (decision.accepted or (decision.code == "uncertain" and decision.evidence > 0.0)):
-            self._lose(levels, decision, ground, steps)
+    def _learn(self, levels: list[Grey], decision: Decision, predictions: Predictions, steps: float) -> None:
+        state, e = self.state, decision.estimate
+        roughly = decision.code == "uncertain" and decision.evidence > 0.0
+        if e is not None and (decision.accepted or roughly):
+            state.learn(self.target, levels, decision, e, predictions, steps)
             return
-        way = self.target.difference(state.G, e.G)
-        self._learn_motion(e, ground, steps)
-        state.last = Look(levels, e.G)
-        state.P = e.P
-        state.presence = _between(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
-        state.expected, state.anchored, state.unseen, state.adrift, state.lost = e.G, True, 0.0, 0.0, 0
-        if not decision.accepted:  # where it is, is known only roughly
-            return
-        state.exchanged, state.sighted, state.gone = False, None, False
-        state.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * self.target.size)
-        state.located, state.light = state.last, e.light
-        # much the same view as the last one errs as that did
-        new = min(1.0, math.hypot(*way) / (numbers.camera_keep * self.target.size)) if np.isfinite(way).all() else 1.0
-        learn_nuisances(state, e, new)
-        self._remember_looks(e)
-        if math.isfinite(e.edge_width):
-            state.edge_width = e.edge_width
-        if math.isfinite(e.blur):
-            state.blur = e.blur
-        if math.isfinite(e.blur_share):
-            state.blur_share += BLUR_KEPT * (e.blur_share - state.blur_share)
-        if e.look > 0.0:
-            state.inner_spread = _between(0.9 * state.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0)
-
-    def _lose(self, levels: list[Grey], decision: Decision, ground: Floats | None, steps: float) -> None:
-        """What remains known of an object that was not found."""
-        state, numbers, e = self.state, self.numbers, decision.estimate
         if not state.lost:
             state.lookalike = state.lookalike or self._equals(state.located)
-        state.lost += 1
-        seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
-        state.exchanged = state.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
-        state.velocity, state.elsewhere, state.confirmed = None, 0.0, 0.0
-        # while something is followed that is more probably the object than another shape or surface, its place is known
-        followed = decision.presence > 1.0 - numbers.risk and decision.probability_off < 0.5
-        if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
-            state.expected, state.anchored, state.unseen, state.adrift = e.G, True, 0.0, 0.0
-            state.last, state.P, state.presence = Look(levels, e.G), e.P, UNSURE
-            return
-        state.anchored = state.anchored and ground is not None
-        if ground is not None and state.anchored:
-            state.expected = ground
-            state.last = Look(levels, ground)
-            state.unseen += state.wander
-            state.adrift = 0.0
-        else:
-            state.adrift += max(1.0, steps)
-            state.unseen += max(1.0, steps)
-            state.last = Look(levels, state.G if e is None else e.G)
-        # what looks like it elsewhere looks like it again and again: that makes it no surer
-        state.presence = _between(decision.presence, numbers.redetected, UNSURE)
-        if e is not None:
-            state.P = e.P
-
-    def _learn_motion(self, estimate: PoseEstimate, ground: Floats | None, steps: float) -> None:
-        """How it moves; how far even motion and rest on the ground are off."""
-        state, target, numbers = self.state, self.target, self.numbers
-        even = moving_on(target, state, steps)
-        if even is not None:
-            off = target.difference(even, estimate.G)
-            share = float(off**2 @ target.precision_of_motion) / len(off)
-            if math.isfinite(share):
-                state.moves += 1
-                rate = 1.0 / min(state.moves, MEMORY)
-                state.agility = _between(state.agility + (share - state.agility) * rate, CALM, 1.0)
-        if ground is not None and not state.lost:
-            away = math.dist(estimate.middle, middle(target.carried(ground)))
-            share = away / math.sqrt(estimate.area) / numbers.travel
-            state.wanders += 1
-            rate = 1.0 / min(state.wanders, MEMORY)
-            state.wander = _between(state.wander + (share - state.wander) * rate, STILL, 1.0)
-        velocity = target.difference(state.G, estimate.G) / max(steps, 1e-3)
-        state.velocity_P = state.P + estimate.P
-        state.velocity = velocity if not state.lost and math.isfinite(float(velocity @ velocity)) else None
-
-    def _remember_looks(self, estimate: PoseEstimate) -> None:
-        """How much of outline and patches usually looks as it did first: noise, reflections and blur make it less."""
-        state = self.state
-        state.accepted += 1
-        share = 1.0 / (min(state.accepted, MEMORY) + FIRST)
-        state.elsewhere = estimate.elsewhere if estimate.confirmed else min(state.elsewhere, estimate.elsewhere)
-        strange = strangeness(estimate, self.numbers)
-        state.strange += (strange - state.strange) * share
-        state.confirmed = min(state.confirmed, strange)
-        for usual, r in zip(state.usual, estimate.correlation, strict=True):
-            if state.accepted == 1:
-                # what passed for texture in the first image, as JPEG's noise, shows itself in the second
-                np.minimum(usual, r, out=usual, where=np.isfinite(r))
-            np.add(usual, (r - usual) * share, out=usual, where=np.isfinite(r))
+        state.lose(self.target, levels, decision, predictions, steps)
 
 
-def _between(value: float, low: float, high: float) -> float:
-    """A value within bounds; of one number NumPy's takes longer than all that it is the bound of."""
-    return min(max(value, low), high)
+class Moved(NamedTuple):
+    """The grasp in an image.
+
+    Attributes:
+        decision: whether it is believed, and by what estimate.
+        contacts: (k, 2) px; None where there are none.
+        homography: (3, 3) H_current_reference by which they were carried: the strategy's own.
+        view: the outline that was laid on the image, or found in it.
+        reason: why it is not believed.
+    """
+
+    decision: Decision
+    contacts: Floats | None = None
+    homography: Floats | None = None
+    view: View | None = None
+    reason: Reason = Reason()
 
 
-MOST_SEEN = 0.7
-"""Share of the outline that shows from which on what shows another shape lies in the place of the object."""
-BLUR_KEPT = 0.2
-"""Share of a new measurement of the blur: shutters keep their time, hands do not keep their speed."""
-OUTLINE = 60
-"""Points of an outline at which it is compared with another."""
-MEMORY = 10
-"""Images over which it is remembered what is usual, ..."""
-UNSURE = 0.5
-"""Most that an image in which nothing was accepted tells of the object's presence."""
-STILL = 0.05
-"""Least wandering: what rests may be pushed."""
-ALIKE = 0.5
-"""Share of the evidence for the object that something has to show to be just like it."""
-CALM = 0.01
-"""Share of the process noise that always remains."""
-FIRST = 2
-"""... and images for which the likeness that noise allows counts before the first."""
+class Registration:
+    """The first view laid on the image: the estimate's own contacts."""
+
+    name = REGISTRATION
+
+    def __init__(self, follower: Follower) -> None:
+        self.follower = follower
+
+    def move(self, grey: Grey, time: float | None) -> Moved:
+        """The grasp in the next image (H, W), taken at a time in s."""
+        decision, target = self.follower.update(grey, time), self.follower.target
+        if decision.estimate is None or not decision.accepted:
+            return Moved(decision, reason=Reason(decision.code, decision.figures))
+        H = target.homography(decision.estimate.G)
+        return Moved(decision, decision.estimate.contacts, H, target.view.transformed(H))

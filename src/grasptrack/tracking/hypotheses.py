@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,10 @@ from grasptrack.kernels import seen_area
 from grasptrack.tracking.decision import largest_sigma, worst_variance
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, Target
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.state import Look, TrackState
 
 Floats = NDArray[np.float64]
 
@@ -28,11 +30,13 @@ class Predictions(NamedTuple):
     Attributes:
         first, second: the likeliest first.
         ground: (3, 3), None where the ground tells nothing, or was not asked.
+        even: (3, 3) where even motion has it; None where the motion is not known.
     """
 
     first: list[Hypothesis]
     second: list[Hypothesis]
     ground: Floats | None
+    even: Floats | None
 
 
 def predict(target: Target, state: TrackState, levels: list[Grey], steps: float, numbers: Numbers) -> Predictions:
@@ -45,12 +49,13 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
         numbers: the core's.
     """
     Q = target.noise_of_motion * max(1.0, steps)
-    rest = [Hypothesis("at rest", state.G, state.P + Q)]
+    free = state.P + Q
+    rest = [Hypothesis("at rest", state.last.G, free)]
     if state.lost:  # what was found since was not believed, and what moves before the ground may have carried it along
-        rest.append(Hypothesis("at rest", state.located.G, state.P + Q))
-    even = moving_on(target, state, steps)
+        rest.append(Hypothesis("at rest", state.located.G, free))
+    even = _moving_on(target, state, steps)
     if even is not None:
-        rest.insert(0, Hypothesis("moving on", even, state.P + Q))
+        rest.insert(0, Hypothesis("moving on", even, free))
     flow = None if state.lost else _laid(target, state, levels, rest, Q, target.corners)
     first = []
     if flow is not None:
@@ -63,18 +68,18 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
             first = [hypothesis, calm] if joined is None else [joined]
     settled = flow is not None and _settles(target, flow, numbers)
     if settled and state.accepted % GROUND:
-        return Predictions(first, rest, None)
+        return Predictions(first, rest, None, even)
     ground = _laid(target, state, levels, rest, Q, target.ring)
     if ground is None:
-        return Predictions(first or rest, rest if first else [], None)
+        return Predictions(first or rest, rest if first else [], None, even)
     # what rested on the ground rests on it still
     carried = Hypothesis("background", ground["G"], state.P + ground["P"] + Q * state.wander**2)
     if first and not settled:
         joined = _joined(target, carried, first[0])
         first = first if joined is None else [joined]
     if first:
-        return Predictions(first, [*rest, carried], ground["G"])
-    return Predictions([carried, *rest], [], ground["G"])
+        return Predictions(first, [*rest, carried], ground["G"], even)
+    return Predictions([carried, *rest], [], ground["G"], even)
 
 
 def _settles(target: Target, flow: dict[str, Any], numbers: Numbers) -> bool:
@@ -88,11 +93,11 @@ GROUND = 4
 """Images after which it is asked anew whether the object rests on the ground, where its own texture tells its motion."""
 
 
-def moving_on(target: Target, state: TrackState, steps: float) -> Floats | None:
+def _moving_on(target: Target, state: TrackState, steps: float) -> Floats | None:
     """(3, 3) the pose that even motion leads to in so many usual intervals; None where the motion is not known."""
     if state.velocity is None or state.lost:
         return None
-    return np.asarray(target.handle.moved(state.G, state.velocity * steps), dtype=np.float64)
+    return np.asarray(target.handle.moved(state.last.G, state.velocity * steps), dtype=np.float64)
 
 
 def _joined(target: Target, flow: Hypothesis, even: Hypothesis) -> Hypothesis | None:
@@ -114,7 +119,9 @@ def _laid(
     best = None
     wide = Q * 4.0
     for start in starts:
-        found = target.handle.follow(state.last.levels, state.G, levels, start.G, wide, places, target.corner_strides)
+        found = target.handle.follow(
+            state.last.levels, state.last.G, levels, start.G, wide, places, target.corner_strides
+        )
         if not found["valid"] or found["agreeing"] * len(places) < FEW:
             continue
         if best is None or found["agreeing"] > best["agreeing"]:

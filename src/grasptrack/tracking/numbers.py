@@ -46,7 +46,8 @@ class Numbers:
         normal_sd: rad, of the first view's normal about frontal.
         pinhole_sd: how far real cameras are from a pinhole, of the pose's two invariants.
         pinhole_freedom: degrees of freedom of the t distribution of that.
-        camera_keep: share of a frame's information about camera and thickness that is new.
+        new_view: way, as a share of sqrt(area), after which a view tells anew of camera and thickness: near views err alike.
+        sides: prior probability that a thick part's sides are seen as the object.
         thickness_sd: prior, as a share of sqrt(area).
         hazard: probability a frame that what was the object is it no longer.
         redetected: least prior that it is in view.
@@ -103,7 +104,8 @@ class Numbers:
     normal_sd: float = 0.5
     pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
-    camera_keep: float = 2.0
+    new_view: float = 2.0
+    sides: float = 0.9
     thickness_sd: float = 0.04
     hazard: float = 2e-3
     redetected: float = 0.02

@@ -4,30 +4,34 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
+from grasptrack.contour import Contour, View
+from grasptrack.matching import Judgement, Sampled, judge, match
+from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
+from grasptrack.matching.starts import BENDS
+from grasptrack.observation.candidate import Candidate, sign_of
 from grasptrack.observation.observer import Observer
-from grasptrack.projective import apply_homography
+from grasptrack.observation.silhouettes import Silhouette
+from grasptrack.projective import HORIZON
 from grasptrack.tracking.decision import TURNED, evidence, exchanged
-from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, is_sane, lead_alike
+from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, lead_alike, sane_area
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.outlines import Outlines
-from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, Target
+from grasptrack.transfer.alignment import alignments, as_similarity
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.state import Look, TrackState
 
 Floats = NDArray[np.float64]
 
-SMALL = 28.0
-"""px, size of the object on the image on which a shift is looked for."""
-SHIFTS = 3
-"""Places that are tried."""
-LEAST_LIKE = 0.4
-"""Correlation of a look at a place that is tried."""
+
+# --- keypoints ------------------------------------------------------------------------------------
 
 
 class Keypoints:
@@ -69,9 +73,21 @@ class Keypoints:
         return self._target.pose(self._enlarge @ np.asarray(H, dtype=np.float64) @ np.linalg.inv(self._enlarge))
 
 
+# --- the last look --------------------------------------------------------------------------------
+
+SMALL = 28.0
+"""px, size of the object on the image on which a shift is looked for."""
+SHIFTS = 3
+"""Places that are tried."""
+LEAST_LIKE = 0.4
+"""Correlation of a look at a place that is tried."""
+
+
 def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats]:
     """Poses (3, 3) at which the last look fits again, moved as a whole, the best first."""
-    outline = apply_homography(look.G, target.outline)
+    outline, in_front = kernels.carry_points(look.G, target.outline)
+    if not in_front > HORIZON:
+        return []
     size = math.sqrt(abs(cv2.contourArea(outline.astype(np.float32))) + 1.0)
     scale = min(1.0, SMALL / size)
     height, width = levels[0].shape
@@ -106,13 +122,111 @@ def shifted_looks(target: Target, look: Look, levels: list[Grey]) -> list[Floats
     return poses
 
 
+# --- outlines -------------------------------------------------------------------------------------
+
+FIRST_REACH = 3.0
+"""px about the outline in the first image, where its edge is known to be."""
+UNLIKE = 0.35
+"""Share of their norm by which whitened outlines differ that are of different objects, whatever the tilt."""
+COARSE, CHAIN = 64, 200
+"""Samples of an outline, and of a chain of pixels, for that."""
+
+
+class Outlines:
+    """Finds the outline of one object anywhere in an image.
+
+    Args:
+        target: the object.
+        grey: (H, W) the first image.
+        observer: it has been told which object is meant, and has looked at each image that is searched. Without one, grey
+            levels tell the object from the ground, where it is darker all round, or lighter.
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+    """
+
+    def __init__(self, target: Target, grey: Grey, observer: Observer | None, hidden: Grey | None) -> None:
+        self._target = target
+        self._observer = None if target.view.is_clipped else observer or _observer(grey, target.view, hidden)
+        self._outline: Sampled | None = None  # made at the first loss
+
+    def find(self, grey: Grey, H: Floats, turn: int, *, thorough: bool) -> list[Floats]:
+        """(3, 3) each, the poses at which the outline lies on one of an image: all ways in which the best of them fits.
+
+        Args:
+            grey: (H, W).
+            H: (3, 3) from the first image to where the object was located last. What slides along itself keeps that tilt.
+            turn: number of this search: of the thresholds that an image suggests each search tries the next.
+            thorough: where the learned grey levels find nothing, try what else there is, which takes longer.
+        """
+        if self._observer is None or not (thorough or self._observer.polarity):
+            return []
+        if self._outline is None:
+            self._outline = Sampled(self._target.view)
+        own, (height, width) = self._outline, grey.shape
+
+        def unlike(shape: Silhouette) -> float:
+            x, y, w, h = shape.box
+            if min(x, y, width - x - w, height - y - h) <= 0:
+                return math.inf
+            return _unlike(own, shape.ring(CHAIN))
+
+        first = self._target.view.contours[0]
+        for views in self._observer.anywhere(grey, abs(kernels.seen_area(H, first.points)), turn, None, unlike):
+            told = [(judge(match(own, view, thorough=False)), view) for view in views if not view.is_clipped]
+            fits = [(best.cost / best.size, t, view) for t, view in told if (best := t.best) is not None]
+            if fits:
+                fits.sort(key=lambda fit: fit[0])
+                last = first.transformed(H)
+                return [self._target.pose(way) for _, t, view in fits for way in _ways(t, view.outer, last, H)]
+            if not thorough:
+                break
+        return []
+
+
+def _ways(told: Judgement, outline: Contour, last: Contour, H: Floats) -> list[Floats]:
+    """(3, 3) each, first image -> image: the ways in which the object lies on an outline, `last` being where H had it."""
+    assert told.best is not None
+    if told.best.slack > max(SLIDES * told.best.size, SLIDES_NOISE * told.best.residual) or told.others:
+        return [m.homography for m in (told.best, *told.others)]
+    found = [as_similarity(fit, last, outline) @ H for fit in alignments(last, outline)]
+    return found or [told.best.homography]
+
+
+def _observer(grey: Grey, view: View, hidden: Grey | None) -> Observer | None:
+    """What finds an object by the grey levels on both sides of its outline; None where they do not tell."""
+    polarity = sign_of(grey, view.outer)
+    if not polarity:
+        return None
+    points = view.outer.points
+    ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    normals = np.column_stack([ahead[:, 1], -ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
+    sides = kernels.edge_search(grey, points, np.ascontiguousarray(normals), FIRST_REACH, polarity)[:, 2:]
+    inside, outside = np.nanmedian(sides, axis=0).tolist() if np.isfinite(sides).any() else (math.nan, math.nan)
+    if not (outside - inside) * polarity > 0.0:
+        return None
+    observer = Observer(hidden)
+    observer.look(grey)
+    observer.choose(Candidate(view, polarity, inside, outside))
+    return observer
+
+
+def _unlike(a: Sampled, outline: Floats) -> float:
+    """Share of the whitened outline's norm by which an outline (N, 2) differs at least; infinite for another object's."""
+    try:
+        found = kernels.outline_starts(a.outer, outline, BENDS, COARSE, 0.1, 1)
+    except ValueError:  # a hair, or a tangle: so few of its points enclose nothing
+        return math.inf
+    share = float(found[0, 0]) if len(found) else 0.0
+    return share if share <= UNLIKE else math.inf
+
+
+# --- all of them, in turn -------------------------------------------------------------------------
+
+
 def wide_prior(target: Target) -> Floats:
     """(8, 8) covariance of a pose that was found, work px^2."""
     return np.asarray(np.diag([0.03 * target.size] * 6 + [0.01 * target.size] * 2) ** 2, dtype=np.float64)
 
 
-CONTINUOUS = ("texture", "background", "at rest", "moving on")
-"""Origins of hypotheses that continue what was."""
 MATCHED = "matched"
 """Origin of a hypothesis that lays the whole outline on one that was found."""
 LARGE = 62.0
@@ -150,7 +264,7 @@ class Redetection:
         every = max(1, len(target.points) // FEWER)
         self._points = np.ascontiguousarray(target.points[::every])
         self._normals = np.ascontiguousarray(target.normals[::every])
-        at, normals, _ = self._carried(target.A)
+        at, normals = self._carried(target.A)
         strength = kernels.edge_search(levels[0], at, normals, FIRST_REACH, 0)[:, 1] if len(at) else np.zeros(0)
         self._strength = np.asarray(strength, dtype=np.float64)
 
@@ -187,6 +301,19 @@ class Redetection:
         poses = self._outlines.find(levels[0], self._target.homography(look.G), turn, thorough=thorough)
         return [Hypothesis(MATCHED, G, wide_prior(self._target)) for G in poses]
 
+    def rivals(self, look: Look, *, thorough: bool) -> list[Hypothesis]:
+        """Where a look at the object may show something just like it elsewhere; its own place may be among them.
+
+        Args:
+            look: at the object.
+            thorough: all outlines in it are looked at as well.
+        """
+        wide = wide_prior(self._target)
+        places = [Hypothesis("shifted", G, wide) for G in shifted_looks(self._target, look, look.levels)]
+        if thorough:
+            places += self.matched(look, look.levels)
+        return self.promising(look.levels, places, len(places))
+
     def promising(self, levels: list[Grey], hypotheses: list[Hypothesis], most: int = MOST) -> list[Hypothesis]:
         """Those that are worth solving: of what shows enough of the outline the best, each place once."""
         rated = sorted(((-self.seen(levels[0], h.G), i) for i, h in enumerate(hypotheses)))
@@ -202,10 +329,11 @@ class Redetection:
 
     def seen(self, grey: Grey, G: Floats) -> float:
         """Share of the outline at a pose (3, 3) that has an edge of its sign nearby in an image (H, W), quickly."""
-        if not len(self._points) or not is_sane(self._target, G):
+        area = sane_area(self._target, G)
+        if not len(self._points) or not area:
             return 0.0
-        at, normals, size = self._carried(G)
-        reach = max(LEAST_REACH, self._target.numbers.wide * size)
+        at, normals = self._carried(G)
+        reach = max(LEAST_REACH, self._target.numbers.wide * math.sqrt(area))
         hits = 0
         for sign in (1, -1):
             own = self._strength * sign > 0.0
@@ -214,19 +342,16 @@ class Redetection:
                 hits += int(np.count_nonzero(np.abs(edges) >= KEPT * np.abs(self._strength[own])))
         return hits / len(self._points)
 
-    def _carried(self, G: Floats) -> tuple[Floats, Floats, float]:
-        """(n, 2) px places and (n, 2) unit normals of the samples at a pose, and px sqrt(area) there."""
+    def _carried(self, G: Floats) -> tuple[Floats, Floats]:
+        """(n, 2) px places and (n, 2) unit normals of the samples at a pose."""
         rows = kernels.carry_normals(np.ascontiguousarray(G), self._points, self._normals)
-        area = abs(cv2.contourArea(apply_homography(G, self._target.outline).astype(np.float32)))
-        return np.ascontiguousarray(rows[:, :2]), np.ascontiguousarray(rows[:, 2:4]), math.sqrt(area)
+        return np.ascontiguousarray(rows[:, :2]), np.ascontiguousarray(rows[:, 2:4])
 
     def _known(self, hypothesis: Hypothesis, others: list[Hypothesis]) -> bool:
         """Whether a hypothesis leads to the same pose as another."""
         return any(lead_alike(self._target, hypothesis, other) for other in others)
 
 
-FIRST_REACH = 3.0
-"""px about the outline in the first image, where its edge is known to be."""
 LEAST_REACH = 4.0
 """px about the outline of a small object, within which edges count."""
 WAYS = 6

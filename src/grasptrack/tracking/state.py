@@ -1,17 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All that changes from frame to frame, and nothing else does."""
+"""All that changes from frame to frame, and nothing else does: what an image teaches, and what remains known without."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.tracking.decision import Decision, middle, strangeness
+from grasptrack.tracking.estimator import CONTINUOUS, PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
 
+if TYPE_CHECKING:
+    from grasptrack.tracking.hypotheses import Predictions
+
 Floats = NDArray[np.float64]
+
+MOST_SEEN = 0.7
+"""Share of the outline that shows from which on what shows another shape lies in the place of the object."""
+BLUR_KEPT = 0.2
+"""Share of a new measurement of the blur: shutters keep their time, hands do not keep their speed."""
+MEMORY = 10
+"""Images over which it is remembered what is usual, ..."""
+FIRST = 2
+"""... and images for which the likeness that noise allows counts before the first."""
+UNSURE = 0.5
+"""Most that an image in which nothing was accepted tells of the object's presence."""
+STILL = 0.05
+"""Least wandering: what rests may be pushed."""
+CALM = 0.01
+"""Share of the process noise that always remains."""
 
 
 @dataclass(frozen=True)
@@ -103,10 +125,140 @@ class TrackState:
     lookalike: bool
     sighted: Floats | None
 
-    @property
-    def G(self) -> Floats:  # noqa: N802
-        """(3, 3) the last pose."""
-        return self.last.G
+    def learn(
+        self,
+        target: Target,
+        levels: list[Grey],
+        decision: Decision,
+        estimate: PoseEstimate,
+        predictions: Predictions,
+        steps: float,
+    ) -> None:
+        """What an image teaches in which the object was located; all of it only if it was accepted.
+
+        Args:
+            target: the object.
+            levels: the image's pyramid.
+            decision, estimate: what was found in it.
+            predictions: where it was expected.
+            steps: time since the last image in usual intervals.
+        """
+        numbers, e = target.numbers, estimate
+        way = float(np.linalg.norm(target.handle.difference(self.last.G, e.G)))
+        new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
+        self._learn_motion(target, e, predictions, steps)
+        self.last = Look(levels, e.G)
+        self.P = e.P
+        self.presence = _between(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
+        self.expected, self.anchored, self.unseen, self.adrift, self.lost = e.G, True, 0.0, 0.0, 0
+        if not decision.accepted:  # where it is, is known only roughly
+            return
+        self.exchanged, self.sighted, self.gone = False, None, False
+        self.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * target.size)
+        self.located, self.light = self.last, e.light
+        self._learn_nuisances(e, new)
+        self._remember_looks(target, e)
+        if math.isfinite(e.edge_width):
+            self.edge_width = e.edge_width
+        if math.isfinite(e.blur):
+            self.blur = e.blur
+        if math.isfinite(e.blur_share):
+            self.blur_share += BLUR_KEPT * (e.blur_share - self.blur_share)
+        if e.look > 0.0:
+            self.inner_spread = _between(0.9 * self.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0)
+
+    def lose(
+        self,
+        target: Target,
+        levels: list[Grey],
+        decision: Decision,
+        predictions: Predictions,
+        steps: float,
+    ) -> None:
+        """What remains known of an object that was not located; arguments as for `learn`."""
+        numbers, e, ground = target.numbers, decision.estimate, predictions.ground
+        self.lost += 1
+        seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
+        self.exchanged = self.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
+        self.velocity, self.elsewhere, self.confirmed = None, 0.0, 0.0
+        # while something is followed that is more probably the object than another shape or surface, its place is known
+        followed = decision.presence > 1.0 - numbers.risk and decision.probability_off < 0.5
+        if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
+            self.expected, self.anchored, self.unseen, self.adrift = e.G, True, 0.0, 0.0
+            self.last, self.P, self.presence = Look(levels, e.G), e.P, UNSURE
+            return
+        self.anchored = self.anchored and ground is not None
+        if ground is not None and self.anchored:
+            self.expected = ground
+            self.last = Look(levels, ground)
+            self.unseen += self.wander
+            self.adrift = 0.0
+        else:
+            self.adrift += max(1.0, steps)
+            self.unseen += max(1.0, steps)
+            self.last = Look(levels, self.last.G if e is None else e.G)
+        # what looks like it elsewhere looks like it again and again: that makes it no surer
+        self.presence = _between(decision.presence, numbers.redetected, UNSURE)
+        if e is not None:
+            self.P = e.P
+
+    def _learn_motion(self, target: Target, estimate: PoseEstimate, predictions: Predictions, steps: float) -> None:
+        """How it moves; how far even motion and rest on the ground are off."""
+        numbers, ground = target.numbers, predictions.ground
+        if predictions.even is not None:
+            off = target.handle.difference(predictions.even, estimate.G)
+            share = float(off**2 @ target.precision_of_motion) / len(off)
+            if math.isfinite(share):
+                self.moves += 1
+                rate = 1.0 / min(self.moves, MEMORY)
+                self.agility = _between(self.agility + (share - self.agility) * rate, CALM, 1.0)
+        if ground is not None and not self.lost:
+            away = math.dist(estimate.middle, middle(target.carried(ground)))
+            share = away / math.sqrt(estimate.area) / numbers.travel
+            self.wanders += 1
+            rate = 1.0 / min(self.wanders, MEMORY)
+            self.wander = _between(self.wander + (share - self.wander) * rate, STILL, 1.0)
+        velocity = target.handle.difference(self.last.G, estimate.G) / max(steps, 1e-3)
+        self.velocity_P = self.P + estimate.P
+        self.velocity = velocity if not self.lost and math.isfinite(float(velocity @ velocity)) else None
+
+    def _learn_nuisances(self, estimate: PoseEstimate, new: float) -> None:
+        """What is not known of part and camera, by an accepted image of which the share `new` (0 to 1) is new.
+
+        Information is averaged rather than added up: much the same view errs as the last one did.
+        """
+        before, after = self.nuisance_covariance, estimate.nuisance_covariance
+        both = (1.0 - new) * after + new * before
+        try:
+            solved = np.linalg.solve(both, np.column_stack([self.nuisance, estimate.nuisance, before]))
+        except np.linalg.LinAlgError:
+            return
+        mean = (1.0 - new) * (after @ solved[:, 0]) + new * (before @ solved[:, 1])
+        covariance = after @ solved[:, 2:]
+        if not np.isfinite(mean).all() or not np.isfinite(covariance).all():
+            return
+        self.nuisance, self.nuisance_covariance = mean, 0.5 * (covariance + covariance.T)
+        if math.isfinite(estimate.sides) and mean[0] ** 2 > covariance[0, 0]:  # there are sides
+            self.sides += new * (estimate.sides - self.sides)
+
+    def _remember_looks(self, target: Target, estimate: PoseEstimate) -> None:
+        """How much of outline and patches usually looks as it did first: noise, reflections and blur make it less."""
+        self.accepted += 1
+        share = 1.0 / (min(self.accepted, MEMORY) + FIRST)
+        self.elsewhere = estimate.elsewhere if estimate.confirmed else min(self.elsewhere, estimate.elsewhere)
+        strange = strangeness(estimate, target.numbers)
+        self.strange += (strange - self.strange) * share
+        self.confirmed = min(self.confirmed, strange)
+        for usual, r in zip(self.usual, estimate.correlation, strict=True):
+            if self.accepted == 1:
+                # what passed for texture in the first image, as JPEG's noise, shows itself in the second
+                np.minimum(usual, r, out=usual, where=np.isfinite(r))
+            np.add(usual, (r - usual) * share, out=usual, where=np.isfinite(r))
+
+
+def _between(value: float, low: float, high: float) -> float:
+    """A value within bounds; of one number NumPy's takes longer than all that it is the bound of."""
+    return min(max(value, low), high)
 
 
 FIRST_SPREAD = 12.0
@@ -127,7 +279,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
             [numbers.thickness_sd * target.size, numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]
         )
         ** 2,
-        sides=0.9,
+        sides=numbers.sides,
         inner_spread=FIRST_SPREAD,
         edge_width=target.edge_width,
         blur_share=numbers.blur_share,

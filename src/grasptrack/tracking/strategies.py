@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a grasp gets from image to image: laid on all that is seen, or by one of the paper's transfers (Section IV)."""
+"""Carriers of a grasp from image to image; those that answer with one of the paper's transfers (Section IV)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from grasptrack.observation.images import Grey
 from grasptrack.observation.observer import ANYWHERE, Observer
 from grasptrack.observation.snake import Snake
 from grasptrack.projective import apply_homography
-from grasptrack.tracking.decision import Decision
 from grasptrack.tracking.estimator import Hypothesis
-from grasptrack.tracking.follower import Follower, Proposal
+from grasptrack.tracking.follower import Follower, Moved, Proposal, Registration
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.redetection import wide_prior
@@ -29,30 +28,10 @@ from grasptrack.transfer.alignment import alignments, as_similarity
 
 Floats = NDArray[np.float64]
 
-REGISTRATION = "registration"
-"""Name of what `auto` answers with."""
 UNLIKE = 0.25
 """Outlines that a similarity brings no nearer than this fraction of sqrt(area), rms, are not the same, however they tilt."""
 OUTLINE = 64
 """Points of the outer contour that say where to look for it."""
-
-
-class Moved(NamedTuple):
-    """The grasp in an image.
-
-    Attributes:
-        decision: whether it is believed, and by what estimate.
-        contacts: (k, 2) px; None where there are none.
-        homography: (3, 3) H_current_reference by which they were carried: the strategy's own.
-        view: the outline that was laid on the image, or found in it.
-        reason: why it is not believed.
-    """
-
-    decision: Decision
-    contacts: Floats | None = None
-    homography: Floats | None = None
-    view: View | None = None
-    reason: Reason = Reason()
 
 
 class Carrier(Protocol):
@@ -86,25 +65,6 @@ def carrier_for(strategy: str, grasp: Grasp, view: View, grey: Grey, time: float
     extractor = None if strategy == AUTO else _extractor(strategy, grasp, view, grey)
     follower = Follower(grey, view, grasp.contacts, time, observer.hidden, observer=observer)
     return Registration(follower) if extractor is None else Alone(strategy, follower, extractor, observer)
-
-
-class Registration:
-    """The first view laid on the image: the estimate's own contacts."""
-
-    name = REGISTRATION
-
-    def __init__(self, follower: Follower) -> None:
-        self.follower = follower
-
-    def move(self, grey: Grey, time: float | None) -> Moved:
-        """See Carrier."""
-        decision = self.follower.update(grey, time)
-        if decision.estimate is None or not decision.accepted:
-            return Moved(decision, reason=Reason(decision.code, decision.figures))
-        target = self.follower.target
-        H = target.homography(decision.estimate.G)
-        view = View([c.transformed(H) for c in target.view.contours])
-        return Moved(decision, decision.estimate.contacts, H, view)
 
 
 # --- the paper's strategies ----------------------------------------------------------------------

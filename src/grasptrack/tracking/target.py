@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
 from grasptrack.analysis import FINGER_WIDTH
 from grasptrack.contour import View
-from grasptrack.projective import apply_homography
+from grasptrack.projective import HORIZON, behind
 from grasptrack.tracking.numbers import Numbers
 
 Floats = NDArray[np.float64]
@@ -106,7 +107,10 @@ class Target:
 
     def carried(self, G: Floats) -> Floats:
         """(k, 2) px, the contacts in an image that shows the target through G."""
-        return apply_homography(G, self.work_contacts)
+        at, in_front = kernels.carry_points(G, self.work_contacts)
+        if not in_front > HORIZON:
+            raise behind(G)
+        return at
 
     def seen(self, visible: Floats) -> Floats:
         """(k,) 0 to 1: how much of the edge under each finger shows, of the samples' probabilities (N,) to be visible."""
@@ -123,12 +127,13 @@ class Target:
         """(8,) the pose's error, work px at the half size, that leads from G0 to G; NaN where none does."""
         return np.asarray(self.handle.difference(G0, G), dtype=np.float64)
 
-    def homography_covariance(self, G: Floats, P: Floats) -> Floats:
-        """(9, 9) of the entries of `homography(G)`, row by row, the last one being 1, by the pose's covariance P (8, 8)."""
-        moved = G @ self._generators
-        H = self.homography(G)
-        J = (moved - H * moved[:, 2:, 2:]).reshape(8, 9).T / (G @ self._back)[2, 2]
-        return np.asarray(J @ P @ J.T, dtype=np.float64)
+    def homography_and_covariance(self, G: Floats, P: Floats) -> tuple[Floats, Floats]:
+        """`homography(G)`, and (9, 9) of its entries, row by row, the last one being 1, by the pose's covariance P (8, 8)."""
+        moved, H = G @ self._generators, G @ self._back
+        scale = H[2, 2]
+        H = H / scale
+        J = (moved - H * moved[:, 2:, 2:]).reshape(8, 9).T / scale
+        return H, J @ P @ J.T
 
     @cached_property
     def _generators(self) -> Floats:

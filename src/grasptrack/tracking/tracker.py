@@ -7,15 +7,15 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import kernels
-from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, GraspAnalysis, analyze, check_friction
+from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, analyze, check_friction
 from grasptrack.calibration import Camera
-from grasptrack.closing import CHANCE, Regions, chance_of_closing, regions_of
+from grasptrack.closing import CHANCE, ClosureCheck
 from grasptrack.contour import View
 from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError, TransferError
 from grasptrack.grasp import Grasp
@@ -24,12 +24,12 @@ from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Segmenter, grow
 from grasptrack.observation.undistortion import Undistortion
-from grasptrack.projective import apply_homography
 from grasptrack.tracking.estimator import PoseEstimate
+from grasptrack.tracking.follower import Moved
 from grasptrack.tracking.initialization import AUTO, Wish, first_view
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.result import Status, TrackResult
-from grasptrack.tracking.strategies import Carrier, Moved, carrier_for
+from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import STRATEGIES
 
 Floats = NDArray[np.float64]
@@ -41,18 +41,21 @@ class Track:
 
     Attributes:
         number: of the grasp, from 1.
-        grasp, view: contacts and outline in the view in which it was chosen.
-        width: px, of a finger's pad in that view.
-        regions: where the contacts may lie for the grasp to close.
+        closure: whether it closes.
         carrier: takes it from image to image.
     """
 
     number: int
-    grasp: Grasp
-    view: View
-    width: float
-    regions: Regions
+    closure: ClosureCheck
     carrier: Carrier
+
+
+class _Moment(NamedTuple):
+    """Of an update: the index of its image, when that was taken, s or None, and when the update began, s."""
+
+    frame: int
+    time: float | None
+    started: float
 
 
 class GraspTracker:
@@ -107,7 +110,7 @@ class GraspTracker:
         self._wish = Wish(self.fingers, strategy, friction, given, object_at, box, hand, choose, ignore)
         self._resynthesize, self._segmenter, self._camera = resynthesize, segmenter, camera
         self._lens: Undistortion | None = None
-        self._shape: tuple[int, int] | None = None
+        self._shape: tuple[int, ...] | None = None
         self._observer = Observer()
         self._frame = -1
         self._grasps = 0
@@ -132,75 +135,71 @@ class GraspTracker:
         started = clock.perf_counter()
         mask = self._segmenter.segment(image) if mask is None and self._segmenter else mask
         grey = self._look(image, mask)
+        moment = _Moment(self._frame, time, started)
         if self._track is None:
-            result = self._begin(time, masked=mask is not None)  # grasp synthesis, once
+            result = self._begin(moment, masked=mask is not None)  # grasp synthesis, once
         else:
-            moved = self._track.carrier.move(
-                grey, time
-            )  # contour extraction, grasp transfer, and whether to believe it
-            result = self._analyzed(self._track, moved)
-        result = replace(result, frame=self._frame, time=time, latency_ms=1e3 * (clock.perf_counter() - started))
+            # contour extraction, grasp transfer, and whether to believe it
+            moved = self._track.carrier.move(grey, time)
+            result = self._analyzed(moment, self._track, moved)
         return result if self._lens is None else self._lens.result(result)
 
-    def _begin(self, time: float | None, *, masked: bool) -> TrackResult:
+    def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
         first = first_view(self._observer, replace(self._wish, friction=self.friction), masked)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
-            return _answer("searching", reason)
+            return _answer(moment, "searching", reason)
         grey = self._observer.choose(candidate)
         for grasp in first.grasps:
             try:
-                carrier = carrier_for(self.strategy, grasp, candidate.view, grey, time, self._observer)
+                carrier = carrier_for(self.strategy, grasp, candidate.view, grey, moment.time, self._observer)
             except TransferError as error:
                 reason = reason if reason.code else Reason("no-description", detail=str(error))
                 continue
             self._grasps += 1
             width = FINGER_WIDTH * math.sqrt(kernels.inertia(candidate.view.points, candidate.view.offsets)[0])
-            # here, where a grasp is chosen anyway: for three fingers it takes some tens of ms
-            regions = regions_of(grasp, candidate.view, self.friction, width)
-            self._track = Track(self._grasps, grasp, candidate.view, width, regions, carrier)
-            return self._started(self._track)
-        return _answer("searching", reason, view=candidate.view)
+            closure = ClosureCheck(grasp, candidate.view, self.friction, width)
+            self._track = Track(self._grasps, closure, carrier)
+            analysis = analyze(grasp, candidate.view, self.friction, width, "reference")
+            return _answer(
+                moment,
+                "tracked" if analysis.stable else "unstable",
+                None if analysis.stable else Reason("not-closing", detail=analysis.reason),
+                strategy=carrier.name,
+                grasp_id=self._grasps,
+                contacts=grasp.contacts,
+                seen=np.ones(len(grasp)),
+                analysis=analysis,
+                confidence=1.0,
+                chance=1.0 if analysis.stable else 0.0,
+                homography=np.eye(3),
+                view=candidate.view,
+            )
+        return _answer(moment, "searching", reason, view=candidate.view)
 
-    def _started(self, track: Track) -> TrackResult:
-        analysis = analyze(track.grasp, track.view, self.friction, track.width, "reference")
-        return _answer(
-            "tracked" if analysis.stable else "unstable",
-            Reason() if analysis.stable else Reason("not-closing", detail=analysis.reason),
-            strategy=track.carrier.name,
-            grasp_id=track.number,
-            contacts=track.grasp.contacts,
-            seen=np.ones(len(track.grasp)),
-            analysis=analysis,
-            confidence=1.0,
-            chance=1.0 if analysis.stable else 0.0,
-            homography=np.eye(3),
-            view=track.view,
-        )
-
-    def _analyzed(self, track: Track, moved: Moved) -> TrackResult:
+    def _analyzed(self, moment: _Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
         if estimate is None or contacts is None or moved.homography is None or moved.view is None:
-            return _answer("lost", moved.reason, grasp_id=track.number)
+            return _answer(moment, "lost", moved.reason, grasp_id=track.number)
         target, numbers = track.carrier.follower.target, track.carrier.follower.numbers
-        H = target.homography(estimate.G)
-        try:
-            analysis = self._carried_back(track, contacts, moved.homography)
-        except (GraspError, ConditioningError) as error:
-            return _answer("lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
-        P = estimate.P * numbers.inflate**2
+        H, homography_covariance = target.homography_and_covariance(estimate.G, estimate.P * numbers.inflate**2)
         covariance = estimate.covariance * numbers.inflate**2
-        chance = chance_of_closing(track.regions, covariance, H, contacts)
+        try:
+            analysis, chance = track.closure.judge(contacts, self.friction, moved.homography, H, covariance)
+        except (GraspError, ConditioningError) as error:
+            return _answer(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
+        reason = None
         if not analysis.stable:
             reason = Reason("not-closing", detail=analysis.reason)
-        else:
-            reason = Reason("slips", {"chance": chance}) if chance < CHANCE else Reason()
+        elif chance < CHANCE:
+            reason = Reason("slips", {"chance": chance})
         if not analysis.stable and self._resynthesize:  # another grasp makes what is seen no surer
             self._track, self._wish = None, self._wish.again(moved.view)
         return _answer(
-            "unstable" if reason.code else "tracked",
+            moment,
+            "tracked" if reason is None else "unstable",
             reason,
             strategy=track.carrier.name,
             grasp_id=track.number,
@@ -210,48 +209,38 @@ class GraspTracker:
             confidence=1.0 - moved.decision.probability_off,
             chance=chance,
             homography=H,
-            homography_covariance=target.homography_covariance(estimate.G, P),
-            covariance=covariance + _apart(contacts, estimate),
+            homography_covariance=homography_covariance,
+            covariance=covariance if contacts is estimate.contacts else covariance + _apart(contacts, estimate),
             view=moved.view,
         )
-
-    def _carried_back(self, track: Track, contacts: Floats, H: Floats) -> GraspAnalysis:
-        """Analysis of contacts (k, 2) px of a current view in the one they were chosen in: perspective bends friction cones.
-
-        Raises:
-            GraspError: a contact is not on the outline.
-        """
-        back = apply_homography(np.linalg.inv(H), contacts)
-        return analyze(Grasp.of(back), track.view, self.friction, track.width, "reference")
 
     # --- images ----------------------------------------------------------------------------------
 
     def _look(self, image: NDArray[Any], mask: NDArray[Any] | None) -> Grey:
         """The image, or the mask in its place, as everything that follows sees it."""
-        image, mask = self._straight(image, mask)
-        colours = to_bgr(image)
-        height, width = colours.shape[:2]
-        if self._shape is None:
-            self._shape = height, width
-            if self._wish.ignore is not None:
-                self._observer = Observer(grow(to_mask(self._wish.ignore, self._shape, "ignore mask")))
-        if (height, width) != self._shape:
+        if self._camera is not None:
+            image, mask = self._straight(image, mask, self._camera)
+        if self._wish.ignore is not None and self._frame < 0:
+            self._observer = Observer(grow(to_mask(self._wish.ignore, _size(image), "ignore mask")))
+        grey = self._observer.look(image if mask is None else as_scene(to_mask(mask, _size(image), "mask")))
+        self._shape = self._shape or grey.shape
+        if grey.shape != self._shape:
+            (height, width), (first_height, first_width) = grey.shape, self._shape
             raise SourceError(
                 f"image {self._frame + 2} is {width}x{height} px, but the first was "
-                f"{self._shape[1]}x{self._shape[0]}; all must have one size",
-                shape=(height, width),
+                f"{first_width}x{first_height}; all must have one size",
+                shape=grey.shape,
             )
-        grey = self._observer.look(colours if mask is None else as_scene(to_mask(mask, self._shape, "mask")))
         self._frame += 1
         return grey
 
-    def _straight(self, image: NDArray[Any], mask: NDArray[Any] | None) -> tuple[NDArray[Any], NDArray[Any] | None]:
-        """The image and its mask without the lens's distortion, where the camera is known."""
-        if self._camera is None:
-            return image, mask
+    def _straight(
+        self, image: NDArray[Any], mask: NDArray[Any] | None, camera: Camera
+    ) -> tuple[NDArray[Any], NDArray[Any] | None]:
+        """The image and its mask without the lens's distortion."""
         if self._lens is None:
-            height, width = to_bgr(image).shape[:2]
-            self._lens = Undistortion(self._camera, width, height)
+            height, width = _size(image)
+            self._lens = Undistortion(camera, width, height)
             self._wish = self._wish.straight(self._lens)
         return self._lens.image(image), None if mask is None else self._lens.mask(mask)
 
@@ -275,9 +264,21 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
     return fingers
 
 
-def _answer(status: Status, reason: Reason, **found: Any) -> TrackResult:
-    """A result, but for frame, time and latency."""
-    return TrackResult(-1, None, status, reason.sentence, reason_code=reason.code, **found)
+def _size(image: NDArray[Any]) -> tuple[int, int]:
+    """Height and width of an image, once it is one.
+
+    Raises:
+        SourceError: it is none.
+    """
+    height, width = to_bgr(image).shape[:2]
+    return height, width
+
+
+def _answer(moment: _Moment, status: Status, reason: Reason | None, **found: Any) -> TrackResult:
+    """The result of an update, which is over."""
+    sentence, code = ("", "") if reason is None else (reason.sentence, reason.code)
+    latency_ms = 1e3 * (clock.perf_counter() - moment.started)
+    return TrackResult(moment.frame, moment.time, status, sentence, reason_code=code, latency_ms=latency_ms, **found)
 
 
 def _apart(contacts: Floats, estimate: PoseEstimate) -> Floats:

@@ -98,7 +98,7 @@ def ideal(part: Part, kind: Kind, motion: Motion, frames: int, seed: int) -> Foo
 
 def moved(view: View, H: Floats) -> View:
     """A view under a homography, point by point."""
-    return View([c.transformed(H) for c in view.contours])
+    return view.transformed(H)
 
 
 def resampled(view: View, rng: np.random.Generator) -> View:
