@@ -18,7 +18,7 @@ from grasptrack.kernels.reference_pose_edges import (
     find_candidates,
     profiles,
 )
-from grasptrack.kernels.reference_pose_estimate import CameraNumbers, joined, learned_camera, placed
+from grasptrack.kernels.reference_pose_estimate import joined, placed
 from grasptrack.kernels.reference_pose_image import Level, Pyramid, level_through
 from grasptrack.kernels.reference_pose_solver import FARTHEST, Solver, Start
 from grasptrack.kernels.reference_pose_target import CELLS, INNER, INNER_FIRST, Patches, Target
@@ -161,10 +161,9 @@ class PoseTarget:
         G: Floats,
         P: Floats,
         last: Floats,
-        theta: Floats,
-        theta_covariance: Floats,
-        thickness: float,
-        thickness_variance: float,
+        nuisance: Floats,
+        nuisance_covariance: Floats,
+        sides: float,
         inner_spread: float,
         gain: float,
         bias: float,
@@ -178,9 +177,9 @@ class PoseTarget:
             levels: pyramid of the image.
             G, P: the hypothesis (3, 3), and covariance (8, 8) of its error.
             last: (3, 3) the pose in the image before: what moves fast is blurred; NaN where it is not known.
-            theta, theta_covariance: (3,), (3, 3): log of the focal length in image widths, and the reference view's normal
-                (theta_1, theta_2, 1).
-            thickness, thickness_variance: of the part, work px and their square.
+            nuisance, nuisance_covariance: (4,), (4, 4): the part's thickness in work px, log of the focal length in image
+                widths, and slopes of the reference view's normal (theta_1, theta_2, 1).
+            sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
             inner_spread: grey levels, by which the object's own inner side differs from what it was.
             gain, bias: of the surface's grey levels, where it was located last.
             reach: work px within which edges are looked for first, at most 1000; 0: by the covariance.
@@ -190,7 +189,8 @@ class PoseTarget:
         Returns:
             valid: False where there is no such pose; the rest is then void.
             G, P: (3, 3) the pose, (8, 8) covariance of its error, which allows for correlated residuals.
-            thickness, thickness_variance: as far as this image tells.
+            nuisance, nuisance_covariance: with what this image itself tells of them, whatever pose was expected.
+            sides: as far as this image tells; NaN where it does not.
             gain, bias: of the surface's grey levels, from the reference to this image.
             edge_width: work px, standard deviation of an edge at rest, the median; NaN where few are seen.
             blur_share: half of an edge's blur, of what moved across it since the last image, the median; NaN where few moved.
@@ -213,10 +213,9 @@ class PoseTarget:
             _fixed(G, "G", 3, 3),
             _fixed(P, "P", 8, 8),
             _fixed(last, "last", 3, 3),
-            _fixed(theta, "theta", 3),
-            _fixed(theta_covariance, "theta_covariance", 3, 3),
-            np.float64(thickness),
-            np.float64(thickness_variance),
+            _fixed(nuisance, "nuisance", 4),
+            _fixed(nuisance_covariance, "nuisance_covariance", 4, 4),
+            float(sides),
             np.float64(inner_spread),
             Light(gain, bias),
             float(reach),
@@ -229,8 +228,9 @@ class PoseTarget:
             "valid": s.valid,
             "G": s.G,
             "P": s.P,
-            "thickness": s.thickness,
-            "thickness_variance": s.thickness_variance,
+            "nuisance": s.nuisance,
+            "nuisance_covariance": s.nuisance_covariance,
+            "sides": s.sides,
             "gain": s.light.gain,
             "bias": s.light.bias,
             "edge_width": s.edge_width,
@@ -327,49 +327,12 @@ class PoseTarget:
                 _fixed(Q, "the second covariance", 8, 8),
             )
 
-    def learned_camera(
-        self,
-        G: Floats,
-        P: Floats,
-        theta: Floats,
-        theta_covariance: Floats,
-        width: float,
-        height: float,
-        pinhole_sd: float,
-        keep: float,
-        most: float,
-    ) -> tuple[Floats, Floats]:
-        """A Kalman step on what is known of the camera: an accepted pose must be a pinhole's view of a rigid plane.
-
-        Args:
-            G, P: the pose (3, 3), and covariance (8, 8) of its error.
-            theta, theta_covariance: (3,), (3, 3) before, as of `solve`.
-            width, height: px of the image.
-            pinhole_sd: how far real cameras are from a pinhole, of the pose's two invariants.
-            keep: share of a frame's information that is new.
-            most: of each of theta.
-
-        Returns:
-            theta and its covariance, as before where the pose tells nothing.
-        """
-        with np.errstate(all="ignore"):
-            return learned_camera(
-                self.target,
-                _fixed(G, "G", 3, 3),
-                _fixed(P, "P", 8, 8),
-                _fixed(theta, "theta", 3),
-                _fixed(theta_covariance, "theta_covariance", 3, 3),
-                width,
-                height,
-                CameraNumbers(pinhole_sd, keep, most),
-            )
-
     def pinhole(self, G: Floats, theta: Floats, width: float, height: float) -> tuple[Floats, Floats, Floats]:
         """How far a pose is from a pinhole's view of a rigid plane.
 
         Args:
             G: (3, 3).
-            theta: (3,) as of `solve`.
+            theta: (3,) the last three of `nuisance` of `solve`.
             width, height: px of the image.
 
         Returns:

@@ -253,6 +253,7 @@ class EdgeNumbers(NamedTuple):
         floor: work px, error that the model does not explain.
         inner_spread: grey levels, by which the object's own inner side differs from what it was.
         other_spread: the same of anything else.
+        sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
     """
 
     miss: np.float64
@@ -260,6 +261,7 @@ class EdgeNumbers(NamedTuple):
     floor: np.float64
     inner_spread: np.float64
     other_spread: np.float64
+    sides: np.float64
 
 
 class EdgeLikelihoods(NamedTuple):
@@ -302,7 +304,7 @@ def edge_likelihoods(
     shake = DISPLACED * target.noise / np.maximum(np.abs(target.contrast), 1e-9)
     own = shake**2 * (target.half**2 + view.half**2)
     variance = numbers.floor**2 + own + ((target.rows @ P) * target.rows).sum(axis=1)
-    two = np.abs(low) + np.sqrt(low_variance) > 0.5
+    two = np.abs(low) + np.sqrt(low_variance) > 0.05
     looks = 1.5 * np.log(sc / s) - 0.75 * view.difference * (1.0 / (s * s) - 1.0 / (sc * sc))
     same = (view.step > 0) == (target.contrast > 0)[:, None]
     A = (
@@ -313,8 +315,8 @@ def edge_likelihoods(
     )
     there = view.there()
     off = view.offset - shift[:, None]
-    upper = np.where(there, _bell(off, variance[:, None]) * np.where(two, 0.5, 1.0)[:, None] * A, 0.0)
-    lower = 0.5 * _bell(off - low[:, None], (variance + low_variance)[:, None]) * A
+    upper = np.where(there, _bell(off, variance[:, None]) * np.where(two, 1.0 - numbers.sides, 1.0)[:, None] * A, 0.0)
+    lower = numbers.sides * _bell(off - low[:, None], (variance + low_variance)[:, None]) * A
     lower = np.where(there & two[:, None], lower, 0.0)
     up, down = upper.sum(axis=1), lower.sum(axis=1)
     anywhere = np.where(there, A / (2 * view.reach + 1), 0.0).sum(axis=1)

@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference_pose_camera import pinhole_rows
 from grasptrack.kernels.reference_pose_image import carried, derivatives, inverse_definite
 from grasptrack.kernels.reference_pose_target import Target
 
@@ -111,56 +109,3 @@ def joined(target: Target, G: Floats, P: Floats, other: Floats, Q: Floats) -> tu
     gain = P @ inverse
     less = P - gain @ P
     return float(d @ inverse @ d), target.moved(G, gain @ d), 0.5 * (less + less.T)
-
-
-class CameraNumbers(NamedTuple):
-    """How a camera is learned.
-
-    Attributes:
-        pinhole_sd: how far real cameras are from a pinhole, of the two invariants.
-        keep: share of a frame's information that is new.
-        most: of each of theta: beyond it a view is not believable.
-    """
-
-    pinhole_sd: float
-    keep: float
-    most: float
-
-
-def learned_camera(
-    target: Target,
-    G: Floats,
-    P: Floats,
-    theta: Floats,
-    theta_covariance: Floats,
-    width: float,
-    height: float,
-    numbers: CameraNumbers,
-) -> tuple[Floats, Floats]:
-    """A Kalman step on theta (3,) and its covariance (3, 3): an accepted pose must be a pinhole's view of a rigid plane.
-
-    Args:
-        target, G, P: an accepted pose (3, 3) and its covariance (8, 8).
-        theta, theta_covariance: before; see `Pinhole`.
-        width, height: px of the image.
-        numbers: see there.
-
-    Returns:
-        Both, as before where the pose tells nothing.
-    """
-    pin = pinhole_rows(target, G, theta, np.float64(width), np.float64(height))
-    if not pin.valid:
-        return theta, theta_covariance
-    by_pose, by_camera, own = pin.by_pose, pin.by_camera, numbers.pinhole_sd**2
-    try:
-        # what the image alone says of the misfit: the pose has the camera's own prior in it, which must not confirm itself
-        believed = by_camera @ theta_covariance @ by_camera.T + own * np.eye(2)
-        told = np.linalg.inv(by_pose @ P @ by_pose.T) - np.linalg.inv(believed)
-        told, axes = np.linalg.eigh(0.5 * (told + told.T))
-        told = np.maximum(told, 0.0)
-        W = (axes * (numbers.keep * told / (1.0 + own * told))) @ axes.T
-        covariance = np.linalg.inv(np.linalg.inv(theta_covariance) + by_camera.T @ W @ by_camera)
-    except np.linalg.LinAlgError:
-        return theta, theta_covariance
-    after = np.clip(theta - covariance @ (by_camera.T @ (W @ pin.misfit)), -numbers.most, numbers.most)
-    return (after, 0.5 * (covariance + covariance.T)) if np.isfinite(after).all() else (theta, theta_covariance)

@@ -46,6 +46,10 @@ from grasptrack.kernels.reference_pose_texture import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+NUISANCES = 4
+"""What is not known of part and camera: the part's thickness, and theta."""
+MOST_THETA = 1.2
+"""Of the log of the focal length, and of the normal's slopes: a view beyond it is not believable."""
 ROUNDS, DIRECT, TEXTURE_ROUNDS = 8, 4, 3
 FIRST_EDGE_ROUNDS, EDGE_ROUNDS = 3, 4
 """Times that edges are weighed: after the first step they are looked for anew anyway."""
@@ -78,8 +82,8 @@ class Start:
     Attributes:
         G, P: (3, 3) pose, and (8, 8) covariance of its error, work px^2.
         last: (3, 3) the pose in the image before, for the speed.
-        theta, theta_covariance: (3,), (3, 3), see `Pinhole`.
-        thickness, thickness_variance: work px, work px^2.
+        nuisance, nuisance_covariance: (4,), (4, 4): the part's thickness in work px, and theta, see `Pinhole`.
+        sides: see `EdgeNumbers`.
         inner_spread: grey levels, see `EdgeNumbers`.
         light: of the surface, where it was located last.
         reach: work px within which edges are looked for first; 0: by the covariance.
@@ -90,15 +94,40 @@ class Start:
     G: Floats
     P: Floats
     last: Floats
-    theta: Floats
-    theta_covariance: Floats
-    thickness: np.float64
-    thickness_variance: np.float64
+    nuisance: Floats
+    nuisance_covariance: Floats
+    sides: float
     inner_spread: np.float64
     light: Light
     reach: float
     edge_width: float
     blur_share: float
+
+
+@dataclass
+class System:
+    """Normal equations of the pose's error and of the nuisances, the latter as they are, not their error.
+
+    Attributes:
+        A, b: (12, 12), (12,).
+        prior, expected: (8, 8), (8,) of them, what was expected of the pose.
+    """
+
+    A: Floats
+    b: Floats
+    prior: Floats
+    expected: Floats
+
+    def reduced(self, count: int) -> tuple[Floats, Floats]:
+        """The equations of the leading unknowns, the others eliminated: whatever these may be is allowed for."""
+        share = np.linalg.solve(self.A[count:, count:], np.column_stack([self.A[count:, :count], self.b[count:]]))
+        off = self.A[:count, count:]
+        return self.A[:count, :count] - off @ share[:, :-1], self.b[:count] - off @ share[:, -1]
+
+    def add(self, A: Floats, b: Floats) -> None:
+        """Rows of the leading unknowns."""
+        self.A[: len(b), : len(b)] += A
+        self.b[: len(b)] += b
 
 
 @dataclass
@@ -108,8 +137,9 @@ class Solution:
     valid: bool = False
     G: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     P: Floats = field(default_factory=lambda: np.zeros((8, 8)))
-    thickness: float = 0.0
-    thickness_variance: float = 0.0
+    nuisance: Floats = field(default_factory=lambda: np.zeros(NUISANCES))
+    nuisance_covariance: Floats = field(default_factory=lambda: np.zeros((NUISANCES, NUISANCES)))
+    sides: float = np.nan
     light: Light = field(default_factory=lambda: Light(1.0, 0.0))
     edge_width: float = np.nan
     blur_share: float = np.nan
@@ -152,6 +182,7 @@ class Solver:
             numbers["edge_floor"],
             start.inner_spread,
             numbers["other_spread"],
+            np.float64(start.sides),
         )
         self.shares = np.array([numbers["share_object"], numbers["share_occluded"], numbers["share_other"]])
         n = len(target.points)
@@ -159,34 +190,35 @@ class Solver:
         gaps = np.hypot(*(target.points - np.roll(target.points, -1, axis=0)).T)
         spacing = middle(gaps) if n > 1 else np.float64(1.0)
         self.power = min(1.0, float(spacing / numbers["sample_distance"]))
-        camera = Pinhole(target, start.theta, self.width, self.height)
+        camera = Pinhole(target, start.nuisance[1:], self.width, self.height)
         self.camera, self.first_sides = camera, camera.lower_face(target, target.A)
 
     def solve(self) -> Solution:
         """The pose near the hypothesis that image, prior and camera model agree on."""
         out, start, target = Solution(), self.start, self.target
-        prior = inverse_definite(start.P)
-        if prior is None:
+        prior, nuisance_prior = inverse_definite(start.P), inverse_definite(start.nuisance_covariance)
+        if prior is None or nuisance_prior is None:
             return out
-        self.prior = prior
+        self.prior, self.nuisance_prior = prior, nuisance_prior
         found = self._texture_alone(start.G)
         if found is None:
             return out
-        G, P = found, start.P
+        G, P, nuisance, spread = found, start.P, start.nuisance, start.nuisance_covariance
         edges = len(target.points) >= ENOUGH_EDGES
-        h, vh = start.thickness, start.thickness_variance
         first = whole(start.reach, 0, FARTHEST)
         reach, settled, d = first, False, np.zeros(8)
         for round_ in range(ROUNDS):
-            system = self._system(G)
+            system = self._about(G, nuisance)
             if system is None:
                 return out
-            texture = self._texture(G, *system, out)
-            A, b = system[0] + texture.information, system[1] + texture.gradient
+            A, b = system.reduced(8)
+            texture = self._texture(G, A, b, out)
+            system.add(texture.information, texture.gradient)
+            A, b = A + texture.information, b + texture.gradient
             inverse = inverse_definite(A)
             if inverse is None:
                 return out
-            P, d = inverse, inverse @ b
+            P, scatter = inverse, np.zeros((9, 9))
             out.light = surface_light(target, self.pyramid, G, self.start.light)
             if edges:
                 if round_ == 0 and start.reach > 0:
@@ -195,12 +227,21 @@ class Solver:
                     reach = self._reach(P, 2.5)
                 view = measure_edges(target, self.pyramid, G, reach, self._half_widths(G), out.light, MOST_SPAN)
                 rounds = EDGE_ROUNDS if round_ else FIRST_EDGE_ROUNDS
-                fitted = self._fit_edges(rounds, view, G, A, b, d, P, h, vh, out)
+                fitted = self._fit_edges(rounds, view, G, P @ b, P, nuisance[0], spread[0, 0], system, out)
                 if fitted is None:
                     return out
-                d, P, h, vh = fitted
+                scatter = fitted
+            inverse = inverse_definite(system.A)
+            if inverse is None:
+                return out
+            x = inverse @ system.b
+            every = _with_correlated(inverse, scatter)
+            P, spread = every[:8, :8], every[8:, 8:]
             # what does not settle goes to and fro between two answers
-            d = np.clip(d if round_ < DIRECT else 0.5 * d, -target.radius, target.radius)
+            d = np.clip(x[:8] if round_ < DIRECT else 0.5 * x[:8], -target.radius, target.radius)
+            nuisance = _bounded_nuisance(x[8:])
+            if not self._learn_nuisances(system, scatter, out):
+                return out
             moved = self._contacts_moved(d)
             G = target.moved(G, d)
             if not np.isfinite(G).all():
@@ -214,9 +255,24 @@ class Solver:
         P = P + np.outer(d, d)  # an answer that still moves is not known better than by its last step
         if not settled:  # else the last step moved none of them
             self.matches = self._match(0, FINE, G)
-        out.G, out.P, out.thickness, out.thickness_variance, out.valid = G, P, float(h), float(vh), True
-        self._judge(out, edges)
+        out.G, out.P, out.valid = G, P, True
+        self._judge(out, edges, nuisance[0], spread[0, 0])
         return out
+
+    def _learn_nuisances(self, system: System, scatter: Floats, out: Solution) -> bool:
+        """What the image itself tells of the nuisances, whether it tells anything.
+
+        A pose that was expected has what was believed of them in it, which must not confirm itself.
+        """
+        A, b = system.A.copy(), system.b.copy()
+        A[:8, :8] -= system.prior - np.eye(8) / self.target.radius**2
+        b[:8] -= system.expected
+        inverse = inverse_definite(A)
+        if inverse is None:
+            return False
+        out.nuisance = _bounded_nuisance((inverse @ b)[8:])
+        out.nuisance_covariance = _with_correlated(inverse, scatter)[8:, 8:]
+        return True
 
     def _contacts_deviation(self, P: Floats) -> float:
         """Work px, standard deviation of a contact along an axis at most, by the covariance P (8, 8) of the pose's error."""
@@ -227,33 +283,40 @@ class Solver:
         """Work px by which the pose's error d (8,) moves a contact at most, along an axis."""
         return _largest(np.abs(self.target.jacobian(self.target.contacts) @ d))
 
-    def _system(self, G: Floats) -> tuple[Floats, Floats] | None:
-        """Prior, bounded perspective and pinhole as normal equations (8, 8), (8,) about the pose G."""
+    def _about(self, G: Floats, nuisance: Floats) -> System | None:
+        """Priors, bounded perspective and pinhole about the pose G and what is taken for the nuisances there."""
         target, start, n = self.target, self.start, self.numbers
         d = target.difference(start.G, G)
         if d is None:
             return None
         distance = float(d @ self.prior @ d)
-        heavy = (n["prior_freedom"] + 8.0) / (n["prior_freedom"] + max(8.0, distance))
-        A = heavy * self.prior
-        b = -A @ d
+        prior = (n["prior_freedom"] + 8.0) / (n["prior_freedom"] + max(8.0, distance)) * self.prior
+        A, b = np.zeros((8 + NUISANCES, 8 + NUISANCES)), np.zeros(8 + NUISANCES)
+        out = System(A, b, prior, -prior @ d)
+        out.add(prior, out.expected)
+        A[8:, 8:] += self.nuisance_prior
+        b[8:] += self.nuisance_prior @ start.nuisance
         # perspective against the first view, in work px at the half size
         r = target.radius
         z = -(G[2, :2] * r) / (G[2, :2] @ target.centre + G[2, 2]) * r
         information = 1.0 / (n["perspective"] * r) ** 2
         A[[6, 7], [6, 7]] += information
-        b[6:] -= information * z
-        pin = pinhole_rows(target, G, start.theta, self.width, self.height)
-        if pin.valid:
-            # what is not known of the camera, and how far real ones are from the model
-            C = n["pinhole_sd"] ** 2 * np.eye(2) + pin.by_camera @ start.theta_covariance @ pin.by_camera.T
-            det = C[0, 0] * C[1, 1] - C[0, 1] * C[1, 0]
-            W = np.array([[C[1, 1], -C[0, 1]], [-C[1, 0], C[0, 0]]]) / det
-            distance = float(pin.misfit @ W @ pin.misfit)
-            W *= (n["pinhole_freedom"] + 2.0) / (n["pinhole_freedom"] + max(2.0, distance))
-            A += pin.by_pose.T @ W @ pin.by_pose
-            b -= pin.by_pose.T @ W @ pin.misfit
-        return A, b
+        b[6:8] -= information * z
+        pin = pinhole_rows(target, G, nuisance[1:], self.width, self.height)
+        if not pin.valid:
+            return out
+        # by all unknowns, with the misfit where the nuisances are 0, and where they are as they were believed
+        J = np.column_stack([pin.by_pose, np.zeros(2), pin.by_camera])
+        rest = pin.misfit - pin.by_camera @ nuisance[1:]
+        off = rest + pin.by_camera @ start.nuisance[1:]
+        own = n["pinhole_sd"] ** 2
+        C = own * np.eye(2) + pin.by_camera @ start.nuisance_covariance[1:, 1:] @ pin.by_camera.T
+        (c0, c1), (c2, c3) = C
+        far = (off[0] * (c3 * off[0] - c1 * off[1]) + off[1] * (c0 * off[1] - c2 * off[0])) / (c0 * c3 - c1 * c2)
+        weight = (n["pinhole_freedom"] + 2.0) / (n["pinhole_freedom"] + max(2.0, float(far))) / own
+        A += weight * J.T @ J
+        b -= weight * J.T @ rest
+        return out
 
     # --- texture --------------------------------------------------------------------------------
 
@@ -272,16 +335,17 @@ class Solver:
             if len(patches) < 4 or (level > 0 and far < patches.stride):
                 continue
             for _ in range(TEXTURE_ROUNDS):
-                system = self._system(G)
+                system = self._about(G, self.start.nuisance)
                 if system is None:
                     break
-                fit = fit_patches(self._match(level, level + 1, G), *system, self.texture_numbers)
+                A, b = system.reduced(8)
+                fit = fit_patches(self._match(level, level + 1, G), A, b, self.texture_numbers)
                 if not _tells(fit, len(patches)):
                     break
-                P = inverse_definite(system[0] + fit.information)
+                P = inverse_definite(A + fit.information)
                 if P is None:
                     return None
-                d = P @ (system[1] + fit.gradient)
+                d = P @ (b + fit.gradient)
                 G = target.moved(G, d)
                 if not np.isfinite(G).all():
                     return None
@@ -355,22 +419,28 @@ class Solver:
         rounds: int,
         view: Candidates,
         G: Floats,
-        A: Floats,
-        b: Floats,
         d: Floats,
         P: Floats,
         h: np.float64,
         vh: np.float64,
+        system: System,
         out: Solution,
-    ) -> tuple[Floats, Floats, np.float64, np.float64] | None:
+    ) -> Floats | None:
         """Edges and thickness by expectation and maximisation: which candidate, then the pose, `rounds` times at most.
 
+        Args:
+            rounds, view, G: see above; the candidates are those about the pose G.
+            d, P: the pose's error without them, and its covariance.
+            h, vh: work px, thickness and its variance.
+            system: their rows are added to it.
+            out: what is told of them.
+
         Returns:
-            The pose's error (8,), its covariance (8, 8), thickness and its variance; None where they are not determined.
+            (9, 9) scatter of their scores by pose and thickness; None where the pose is not determined.
         """
-        rows, start, numbers = self.target.rows, self.start, self.numbers
+        rows, numbers = self.target.rows, self.numbers
         parallax = self._parallax(G)
-        h0, v0 = start.thickness, start.thickness_variance
+        A, b = system.reduced(9)
         last = d
         for round_ in range(rounds):
             if round_ > 1 and self._contacts_moved(d - last) < EXACT:
@@ -389,32 +459,31 @@ class Solver:
             weight_low = seen_low / variance * self.power / (1.0 + down**2 / (9.0 * variance))
             weight = weight_up + weight_low
             # the ninth unknown is the thickness
-            A9, b9 = np.zeros((9, 9)), np.zeros(9)
-            A9[:8, :8], b9[:8] = A, b
-            A9[8, 8], b9[8] = 1.0 / v0, h0 / v0
+            own_A, own_b = np.zeros((9, 9)), np.zeros(9)
             upper, lower = np.pad(rows, ((0, 0), (0, 1))), np.column_stack([rows, parallax])
             for row, w, offset in ((upper, weight_up, found.upper_offset), (lower, weight_low, found.lower_offset)):
                 counts = w > 1e-9
                 weighed = row[counts] * w[counts, None]
-                A9 += weighed.T @ row[counts]
-                b9 += weighed.T @ offset[counts]
-            P9 = inverse_definite(A9)
+                own_A += weighed.T @ row[counts]
+                own_b += weighed.T @ offset[counts]
+            P9 = inverse_definite(A + own_A)
             if P9 is None:
                 return None
-            x = P9 @ b9
+            x = P9 @ (b + own_b)
             d, P, h, vh = x[:8], P9[:8, :8], max(np.float64(0.0), x[8]), P9[8, 8]
             out.edge_sigma = float(np.sqrt(variance))
+        system.add(own_A, own_b)
         out.edge_share = float((seen_up + seen_low).sum()) / len(rows)
         least = np.where(view.there(), view.difference, 1e9).min(axis=1)[seen_up + seen_low > 0.5]
         out.look = float(middle(np.sqrt(least))) if len(least) > 20 else 0.0
-        residual = np.where(seen_up > seen_low, found.upper_offset, found.lower_offset - parallax * h) - rows @ d
-        scatter = _correlated((weight * residual)[:, None] * rows)
-        P = P + P @ scatter @ P
-        return d, 0.5 * (P + P.T), h, vh
+        low_seen = seen_low >= seen_up
+        residual = np.where(low_seen, found.lower_offset - parallax * h, found.upper_offset) - rows @ d
+        scores = np.where(low_seen[:, None], lower, upper) * (weight * residual)[:, None]
+        return _scatter(scores)
 
     # --- evidence -------------------------------------------------------------------------------
 
-    def _judge(self, out: Solution, edges: bool) -> None:
+    def _judge(self, out: Solution, edges: bool, h: np.float64, vh: np.float64) -> None:
         """The evidence at the answer, edges looked for much farther away than the answer's own uncertainty."""
         target, numbers = self.target, self.numbers
         n = len(target.points)
@@ -424,7 +493,7 @@ class Solver:
             half = self._half_widths(out.G)
             view = measure_edges(target, self.pyramid, out.G, reach, half, out.light, MOST_SPAN)
             parallax = self._parallax(out.G)
-            low, variance = parallax * out.thickness, parallax**2 * out.thickness_variance
+            low, variance = parallax * h, parallax**2 * vh
             found = edge_likelihoods(target, view, np.zeros(n), low, variance, out.P, self.edge_numbers)
             here = stretches(found.object, found.other, self.power, self.shares, self.stay)
             share = np.array([NEVER, self.shares[1], self.shares[2] + self.shares[0]])
@@ -433,6 +502,10 @@ class Solver:
             out.visible = here.states[:, 0] * (found.upper + found.lower)
             out.occluded, out.other = here.states[:, 1], here.states[:, 2]
             out.elsewhere = float(out.other.sum()) / n
+            tells = np.abs(low) * here.states[:, 0]
+            either = float(tells @ (found.upper + found.lower))
+            if either > 0:
+                out.sides = float(tells @ found.lower) / either
             blur = self._learn_widths(out.G, half, here.states[:, 0] * found.upper, out)
             regions = RegionNumbers(
                 numbers["cell_unlikely"],
@@ -474,9 +547,20 @@ def _largest(values: Floats) -> float:
     return float(np.max(np.where(np.isnan(values), 0.0, values), initial=0.0))
 
 
-def _correlated(scores: Floats) -> Floats:
-    """(8, 8) scatter of scores (n, 8) that are correlated with their neighbours along the outline (Newey and West 1987)."""
+def _bounded_nuisance(x: Floats) -> Floats:
+    """Thickness and theta (4,) as far as they are believable."""
+    return np.concatenate([np.maximum(x[:1], 0.0), np.clip(x[1:], -MOST_THETA, MOST_THETA)])
+
+
+def _scatter(scores: Floats) -> Floats:
+    """(9, 9) of scores (n, 9) that are correlated with their neighbours along the outline (Newey and West 1987)."""
     lags = max(3, int(0.06 * len(scores)))
     near = sum((1.0 - q / lags) * np.roll(scores, q, axis=0) for q in range(1, lags))
     cross = scores.T @ near
     return np.asarray(scores.T @ scores + cross + cross.T)
+
+
+def _with_correlated(P: Floats, scatter: Floats) -> Floats:
+    """A covariance (12, 12) with what correlated residuals of the edges add to it."""
+    more = P + P[:, :9] @ scatter @ P[:9]
+    return 0.5 * (more + more.T)

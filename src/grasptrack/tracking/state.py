@@ -59,8 +59,8 @@ class TrackState:
         velocity_P: (8, 8) covariance of its error.
         P: (8, 8) covariance of the pose's error, work px^2 at the half size.
         presence: probability that the object is there.
-        nuisance, nuisance_covariance: (4,), (4, 4) what is not known of part and camera: the part's thickness in work px, log of
-            the focal length over the image's width, slopes of the first view's normal.
+        nuisance, nuisance_covariance: (4,), (4, 4) what is not known of part and camera: the part's thickness in work px, log
+            of the focal length over the image's width, slopes of the first view's normal.
         sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
         inner_spread: grey levels, see `Numbers.other_spread`.
         edge_width: work px, standard deviation of an edge at rest: how far the image is out of focus.
