@@ -220,6 +220,7 @@ struct PoseTarget {
         out["other"] = array_of(s.other);
         out["log_odds"] = s.log_odds;
         out["elsewhere"] = s.elsewhere;
+        out["astray"] = s.astray;
         out["other_shape"] = s.other_shape;
         out["differs"] = array_of(s.differs);
         return out;

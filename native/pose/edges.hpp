@@ -248,6 +248,16 @@ struct EdgeNumbers {
 struct EdgeOdds {
     std::vector<std::array<double, most_candidates>> own;  // that a candidate looks like the object's own edge, against clutter
     std::vector<double> other;                             // of an edge of the object elsewhere
+
+    // Probability that an edge which lies elsewhere lies farther away than `near` work px. `odds`: of one that is nearer.
+    double astray(const EdgeView &view, std::size_t i, double near, double odds) const {
+        double there = 0, here = 0;
+        for (std::size_t q = 0; q < static_cast<std::size_t>(view.samples[i].count); ++q)
+            (std::abs(view.samples[i].offset[q]) > near ? there : here) += own[i][q];
+        there /= std::max(view.reach - near, 1.0);
+        here *= odds / near;
+        return there > 0 ? there / (there + here) : 0.0;
+    }
 };
 
 inline void edge_odds(const Target &target, const EdgeView &view, const EdgeNumbers &numbers, EdgeOdds &out) {

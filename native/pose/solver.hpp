@@ -59,6 +59,7 @@ struct Solution {
     std::vector<double> occluded, other;
     double log_odds = 0;     // of the outline: this object, partly occluded, against no such object
     double elsewhere = 0;    // share of the outline whose edge lies elsewhere
+    double astray = 0;       // of that, farther away than a contact may be off
     double other_shape = 0;  // log-likelihood ratio of another shape
     std::vector<double> differs;
 };
@@ -534,14 +535,17 @@ class Solver {
             Chain without;
             explain(explained_, share, stay(), false, 1.0, without);
             out.log_odds = here.log_likelihood - without.log_likelihood;
-            double elsewhere = 0;
+            const double allowed = std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius);
+            double elsewhere = 0, astray = 0;
             for (std::size_t i = 0; i < n; ++i) {
                 out.visible[i] = here.posterior[i][0] * (found.upper[i] + found.lower[i]);
                 upper[i] = here.posterior[i][0] * found.upper[i];
                 out.occluded[i] = here.posterior[i][1];
                 elsewhere += out.other[i] = here.posterior[i][2];
+                astray += here.posterior[i][2] * odds_.astray(view_, i, allowed, shares()[0] / shares()[2]);
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
+            out.astray = astray / static_cast<double>(n);
             const std::vector<double> blur = learn_widths(out.G, upper, out);
             std::vector<bool> bounded(n);
             for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);

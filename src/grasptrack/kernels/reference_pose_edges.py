@@ -297,27 +297,19 @@ def edge_likelihoods(
         P: (8, 8) covariance of the pose's error.
         numbers: see there.
     """
-    s, sc, found = numbers.inner_spread, numbers.other_spread, 1.0 - numbers.miss
+    found = 1.0 - numbers.miss
     # noise displaces a wide edge by more, in the reference as here
     shake = DISPLACED * target.noise / np.maximum(np.abs(target.contrast), 1e-9)
     own = shake**2 * (target.half**2 + view.half**2)
     variance = numbers.floor**2 + own + ((target.rows @ P) * target.rows).sum(axis=1)
     two = np.abs(low) + np.sqrt(low_variance) > 0.5
-    looks = 1.5 * np.log(sc / s) - 0.75 * view.difference * (1.0 / (s * s) - 1.0 / (sc * sc))
-    same = (view.step > 0) == (target.contrast > 0)[:, None]
-    A = (
-        2.0
-        * np.exp(np.clip(looks, -8.0, 8.0))
-        * np.where(same, numbers.same_sign, 1.0 - numbers.same_sign)
-        / view.density
-    )
-    there = view.there()
+    A, there = _own(target, view, numbers), view.there()
     off = view.offset - shift[:, None]
     upper = np.where(there, _bell(off, variance[:, None]) * np.where(two, 0.5, 1.0)[:, None] * A, 0.0)
-    lower = 0.5 * _bell(off - low[:, None], (variance + low_variance)[:, None]) * A
-    lower = np.where(there & two[:, None], lower, 0.0)
+    lower = np.where(there, 0.5 * _bell(off - low[:, None], (variance + low_variance)[:, None]) * A, 0.0)
+    lower = np.where(two[:, None], lower, 0.0)
     up, down = upper.sum(axis=1), lower.sum(axis=1)
-    anywhere = np.where(there, A / (2 * view.reach + 1), 0.0).sum(axis=1)
+    anywhere = (A / (2 * view.reach + 1)).sum(axis=1)
     object_ = numbers.miss + found * (up + down)
     inside = view.inside
     return EdgeLikelihoods(
@@ -328,6 +320,29 @@ def edge_likelihoods(
         np.where(up > 0, (upper * view.offset).sum(axis=1) / up, 0.0),
         np.where(down > 0, (lower * view.offset).sum(axis=1) / down, 0.0),
     )
+
+
+def astray(target: Target, view: Candidates, numbers: EdgeNumbers, near: float, odds: float) -> Floats:
+    """(n,) probability that an edge of the object which lies elsewhere lies farther away than `near`.
+
+    Args:
+        target, view, numbers: the outline, its candidates, what is believed of them.
+        near: work px.
+        odds: prior ones of an edge that is nearer.
+    """
+    own, far = _own(target, view, numbers), np.abs(view.offset) > near
+    there = np.where(far, own, 0.0).sum(axis=1) / max(view.reach - near, 1.0)
+    here = np.where(far, 0.0, own).sum(axis=1) * odds / near
+    return np.where(there > 0.0, there / (there + here), 0.0)
+
+
+def _own(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:
+    """(n, candidates) likelihood ratio of each being an edge of the object, against clutter; 0 of those that are none."""
+    s, sc = numbers.inner_spread, numbers.other_spread
+    looks = 1.5 * np.log(sc / s) - 0.75 * view.difference * (1.0 / (s * s) - 1.0 / (sc * sc))
+    same = (view.step > 0) == (target.contrast > 0)[:, None]
+    sign = np.where(same, numbers.same_sign, 1.0 - numbers.same_sign)
+    return np.where(view.there(), 2.0 * np.exp(np.clip(looks, -8.0, 8.0)) * sign / view.density, 0.0)
 
 
 def _bell(x: Floats, variance: Floats) -> Floats:

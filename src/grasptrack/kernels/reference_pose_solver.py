@@ -18,6 +18,7 @@ from grasptrack.kernels.reference_pose_edges import (
     Candidates,
     EdgeNumbers,
     Light,
+    astray,
     edge_likelihoods,
     edge_widths,
     measure_edges,
@@ -126,6 +127,7 @@ class Solution:
     other: Floats = field(default_factory=lambda: np.zeros(0))
     log_odds: float = 0.0
     elsewhere: float = 0.0
+    astray: float = 0.0
     other_shape: float = 0.0
     differs: Floats = field(default_factory=lambda: np.zeros(0))
 
@@ -433,6 +435,9 @@ class Solver:
             out.visible = here.states[:, 0] * (found.upper + found.lower)
             out.occluded, out.other = here.states[:, 1], here.states[:, 2]
             out.elsewhere = float(out.other.sum()) / n
+            allowed = max(float(numbers["tolerance_px"]), float(numbers["tolerance"]) * 2.0 * target.radius)
+            odds = float(self.shares[0] / self.shares[2])
+            out.astray = float(out.other @ astray(target, view, self.edge_numbers, allowed, odds)) / n
             blur = self._learn_widths(out.G, half, here.states[:, 0] * found.upper, out)
             regions = RegionNumbers(
                 numbers["cell_unlikely"],
