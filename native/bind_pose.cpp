@@ -106,7 +106,7 @@ pose::Numbers numbers_of(const nb::dict &given) {
     n.cell_unlikely = number("cell_unlikely");
     n.cell_far = number("cell_far");
     n.cell_power = number("cell_power");
-    n.cell_agreement = number("cell_agreement");
+    n.cell_cover = number("cell_cover");
     n.tolerance = number("tolerance");
     n.tolerance_px = number("tolerance_px");
     return n;

@@ -23,7 +23,7 @@ struct Numbers {
     double prior_freedom, perspective, pinhole_sd, pinhole_freedom;
     double sample_distance;  // work px of the outline that carry one independent measurement
     double wide;             // of the size: how far round the answer edges are looked for
-    double cell_unlikely, cell_far, cell_power, cell_agreement;
+    double cell_unlikely, cell_far, cell_power, cell_cover;
     double tolerance, tolerance_px;
 };
 
@@ -548,11 +548,13 @@ class Solver {
             out.astray = astray / static_cast<double>(n);
             const std::vector<double> blur = learn_widths(out.G, upper, out);
             std::vector<bool> bounded(n);
-            for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);
+            std::vector<double> seen = out.visible;
+            for (std::size_t i = 0; i < n; ++i)
+                // what is faint beside its own edge may be a mark of its surface, on which a tab goes on
+                if (!(bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]))) seen[i] = 0.0;
             out.other_shape = other_shape(
-                target_, pyramid_, out.G, out.visible, bounded, blur, out.light,
-                {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_agreement,
-                 std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius)},
+                target_, pyramid_, out.G, seen, bounded, blur, out.light,
+                {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_cover, allowed},
                 shares(), stay(), power_, out.differs);
         }
         auto row = patches_.begin();

@@ -49,7 +49,7 @@ NAMES = (
     "cell_unlikely",
     "cell_far",
     "cell_power",
-    "cell_agreement",
+    "cell_cover",
     "tolerance",
     "tolerance_px",
 )

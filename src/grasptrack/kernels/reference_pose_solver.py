@@ -443,15 +443,17 @@ class Solver:
                 numbers["cell_unlikely"],
                 numbers["cell_far"],
                 numbers["cell_power"],
-                numbers["cell_agreement"],
-                max(float(numbers["tolerance_px"]), float(numbers["tolerance"]) * 2.0 * target.radius),
+                numbers["cell_cover"],
+                allowed,
             )
             ends = bounded(view, target.contrast)
+            # what is faint beside its own edge may be a mark of its surface, on which a tab goes on
+            seen = np.where(ends, out.visible, 0.0)
             out.other_shape, out.differs = other_shape(
                 target,
                 self.pyramid,
                 out.G,
-                out.visible,
+                seen,
                 ends,
                 blur,
                 out.light,
