@@ -24,7 +24,7 @@ struct Numbers {
     double sample_distance;  // work px of the outline that carry one independent measurement
     double wide;             // of the size: how far round the answer edges are looked for
     double cell_unlikely, cell_far, cell_power, cell_cover;
-    double tolerance, tolerance_px;
+    double tolerance, tolerance_px, risk;
 };
 
 struct Start {
@@ -59,7 +59,7 @@ struct Solution {
     std::vector<double> occluded, other;
     double log_odds = 0;     // of the outline: this object, partly occluded, against no such object
     double elsewhere = 0;    // share of the outline whose edge lies elsewhere
-    double astray = 0;       // of that, farther away than a contact may be off
+    double astray = 0;       // of that, farther away than a pose that is believed may be off
     double other_shape = 0;  // log-likelihood ratio of another shape
     std::vector<double> differs;
 };
@@ -536,13 +536,14 @@ class Solver {
             explain(explained_, share, stay(), false, 1.0, without);
             out.log_odds = here.log_likelihood - without.log_likelihood;
             const double allowed = std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius);
+            const double sigma = allowed / std::sqrt(-2 * std::log(numbers_.risk));  // of a contact that is still believed
             double elsewhere = 0, astray = 0;
             for (std::size_t i = 0; i < n; ++i) {
                 out.visible[i] = here.posterior[i][0] * (found.upper[i] + found.lower[i]);
                 upper[i] = here.posterior[i][0] * found.upper[i];
                 out.occluded[i] = here.posterior[i][1];
                 elsewhere += out.other[i] = here.posterior[i][2];
-                astray += here.posterior[i][2] * odds_.astray(view_, i, allowed, shares()[0] / shares()[2]);
+                astray += here.posterior[i][2] * odds_.astray(view_, i, sigma, shares()[0] / shares()[2]);
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
             out.astray = astray / static_cast<double>(n);

@@ -322,18 +322,18 @@ def edge_likelihoods(
     )
 
 
-def astray(target: Target, view: Candidates, numbers: EdgeNumbers, near: float, odds: float) -> Floats:
-    """(n,) probability that an edge of the object which lies elsewhere lies farther away than `near`.
+def astray(target: Target, view: Candidates, numbers: EdgeNumbers, sigma: float, odds: float) -> Floats:
+    """(n,) probability that an edge like the object's which lies elsewhere is not its own, of a pose that is a little off.
 
     Args:
         target, view, numbers: the outline, its candidates, what is believed of them.
-        near: work px.
-        odds: prior ones of an edge that is nearer.
+        sigma: work px, by which the pose is off.
+        odds: prior ones that it is its own.
     """
-    own, far = _own(target, view, numbers), np.abs(view.offset) > near
-    there = np.where(far, own, 0.0).sum(axis=1) / max(view.reach - near, 1.0)
-    here = np.where(far, 0.0, own).sum(axis=1) * odds / near
-    return np.where(there > 0.0, there / (there + here), 0.0)
+    own = _own(target, view, numbers)
+    anywhere = own.sum(axis=1) / (2 * view.reach + 1)
+    here = np.where(view.there(), own * _bell(view.offset, sigma * sigma), 0.0).sum(axis=1) * odds
+    return np.where(anywhere > 0.0, anywhere / (anywhere + here), 0.0)
 
 
 def _own(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:
@@ -345,5 +345,5 @@ def _own(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:
     return np.where(view.there(), 2.0 * np.exp(np.clip(looks, -8.0, 8.0)) * sign / view.density, 0.0)
 
 
-def _bell(x: Floats, variance: Floats) -> Floats:
+def _bell(x: Floats, variance: Floats | float) -> Floats:
     return np.asarray(np.exp(-0.5 * x * x / variance) / np.sqrt(2.0 * np.pi * variance))

@@ -436,8 +436,10 @@ class Solver:
             out.occluded, out.other = here.states[:, 1], here.states[:, 2]
             out.elsewhere = float(out.other.sum()) / n
             allowed = max(float(numbers["tolerance_px"]), float(numbers["tolerance"]) * 2.0 * target.radius)
+            # of a contact that is still believed
+            sigma = allowed / float(np.sqrt(-2.0 * np.log(numbers["risk"])))
             odds = float(self.shares[0] / self.shares[2])
-            out.astray = float(out.other @ astray(target, view, self.edge_numbers, allowed, odds)) / n
+            out.astray = float(out.other @ astray(target, view, self.edge_numbers, sigma, odds)) / n
             blur = self._learn_widths(out.G, half, here.states[:, 0] * found.upper, out)
             regions = RegionNumbers(
                 numbers["cell_unlikely"],

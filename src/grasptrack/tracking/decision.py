@@ -166,7 +166,7 @@ def _sudden(state: TrackState, estimate: PoseEstimate) -> float:
 
 
 def _astray(estimate: PoseEstimate, numbers: Numbers) -> float:
-    """As `strangeness`, of the edges that are seen farther away than a contact may be off: no light shows them there."""
+    """As `strangeness`, of the edges that are seen farther away than a believed pose is off: no light shows them there."""
     return -numbers.elsewhere_power * math.log1p(-min(estimate.astray, 0.999))
 
 
