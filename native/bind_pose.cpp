@@ -106,9 +106,10 @@ pose::Numbers numbers_of(const nb::dict &given) {
     n.cell_unlikely = number("cell_unlikely");
     n.cell_far = number("cell_far");
     n.cell_power = number("cell_power");
-    n.cell_agreement = number("cell_agreement");
+    n.cell_cover = number("cell_cover");
     n.tolerance = number("tolerance");
     n.tolerance_px = number("tolerance_px");
+    n.risk = number("risk");
     return n;
 }
 
@@ -221,6 +222,7 @@ struct PoseTarget {
         out["other"] = array_of(s.other);
         out["log_odds"] = s.log_odds;
         out["elsewhere"] = s.elsewhere;
+        out["astray"] = s.astray;
         out["other_shape"] = s.other_shape;
         out["differs"] = array_of(s.differs);
         return out;

@@ -138,6 +138,23 @@ def test_light_on_a_ring_does_not_tell_its_turn() -> None:
     assert [f.frame for f in frames if f.is_false_accept] == []
 
 
+@pytest.mark.parametrize("shape", ["bean", "blob", "leaf"])
+def test_its_mirror_image_is_refused_though_its_print_is_the_same(shape: str) -> None:
+    case = suite(built_in([shape]), ["mirror"], frames=16, seed=31)[0]
+    frames = run_case((case, ("auto",)))["auto"]
+    assert [f.frame for f in frames if f.is_false_accept] == []
+    assert [f.frame for f in frames if f.present and not f.answered] == []
+
+
+@pytest.mark.parametrize("shape", ["cross", "hex-nut", "hinge", "knife", "ring-wrench"])
+def test_a_twin_with_a_tab_of_print_or_brushed_metal_is_refused(shape: str) -> None:
+    """Brushing makes edges where the object's own is not, and print spreads the grey levels that tell a tab."""
+    case = suite(built_in([shape]), ["twin"], frames=16, seed=31)[0]
+    frames = run_case((case, ("auto",)))["auto"]
+    assert [f.frame for f in frames if f.is_false_accept] == []
+    assert len([f for f in frames if f.present and not f.answered]) <= 1
+
+
 def board(x: float, y: float, degrees: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """An image of a chessboard, white as the table it lies on but for its squares, and (3, 3) from its px to the image's."""
     big = np.full((150, 210), 200, np.uint8)

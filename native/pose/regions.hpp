@@ -19,7 +19,7 @@ struct RegionNumbers {
     double unlikely;   // share of cells that nothing explains
     double far;        // share of the size within which the outline must be seen, for a notch or tab on both sides
     double power;      // of a sample's agreement: a shape is as sure as the least sure of what it asks for
-    double agreement;  // nats a cell, over anything: from here on grey levels speak for what was expected
+    double cover;      // grey levels, by which what covers a side differs from it
     double shallow;    // work px: what differs less deeply is the same shape
 };
 
@@ -79,10 +79,10 @@ inline Levels levels_of(const Beside &near, const std::vector<double> &cells) {
     return out;
 }
 
-// Nats by which a grey level is a level rather than anything.
-inline double log_cell(double value, double level, double spread, double unlikely) {
-    const double z = (value - level) / spread;
-    return std::log((1 - unlikely) * std::exp(-0.5 * z * z) / (spread * 2.5066) + unlikely / 256.0) + std::log(256.0);
+// Nats by which a grey level is a level as it varies, rather than one of what covers it.
+inline double log_cell(double value, double level, double spread, const RegionNumbers &numbers) {
+    const double z = value - level, own = spread * spread, cover = own + numbers.cover * numbers.cover;
+    return std::log((1 - numbers.unlikely) * std::sqrt(cover / own) * std::exp(0.5 * z * z * (1 / cover - 1 / own)) + numbers.unlikely);
 }
 
 using Cells = std::array<double, region_cells>;  // nats; NaN where a cell does not count
@@ -204,17 +204,17 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
         Cells own_in, back_in, own_out, back_out;
         for (std::size_t k = 0; k < region_cells; ++k) {
             const std::size_t q = i * region_cells + k;
-            own_in[k] = log_cell(material[q], material[q] - changed[q] + shift.level, shift.spread, numbers.unlikely);
-            back_in[k] = log_cell(material[q], back.level, back.spread, numbers.unlikely);
-            own_out[k] = log_cell(beyond[q], own, varied, numbers.unlikely);
-            back_out[k] = log_cell(beyond[q], back.level, back.spread, numbers.unlikely);
+            own_in[k] = log_cell(material[q], material[q] - changed[q] + shift.level, shift.spread, numbers);
+            back_in[k] = log_cell(material[q], back.level, back.spread, numbers);
+            own_out[k] = log_cell(beyond[q], own, varied, numbers);
+            back_out[k] = log_cell(beyond[q], back.level, back.spread, numbers);
         }
         const double as_inside = mean_cells(own_in, 0, first_cells, 0.0), as_outside = mean_cells(back_out, 0, first_cells, 0.0);
         const double least = std::log(numbers.unlikely);
         const double notch = std::min(closed(back_in, own_in, shallow, least), as_outside);
         const double tab = std::min(closed(own_out, back_out, shallow, least), as_inside);
         const auto ratio = [&](double agreement) {
-            return std::exp(std::clamp(numbers.power * (agreement - numbers.agreement), -20.0, 20.0));
+            return std::exp(std::clamp(numbers.power * agreement, -20.0, 20.0));
         };
         same[i] = ratio(std::min(as_inside, as_outside));
         if (back.between && shift.between) differs[i] = amiss + (1 - amiss) * ratio(std::max(notch, tab));

@@ -23,8 +23,8 @@ struct Numbers {
     double prior_freedom, perspective, pinhole_sd, pinhole_freedom;
     double sample_distance;  // work px of the outline that carry one independent measurement
     double wide;             // of the size: how far round the answer edges are looked for
-    double cell_unlikely, cell_far, cell_power, cell_agreement;
-    double tolerance, tolerance_px;
+    double cell_unlikely, cell_far, cell_power, cell_cover;
+    double tolerance, tolerance_px, risk;
 };
 
 struct Start {
@@ -61,6 +61,7 @@ struct Solution {
     std::vector<double> occluded, other;
     double log_odds = 0;     // of the outline: this object, partly occluded, against no such object
     double elsewhere = 0;    // share of the outline whose edge lies elsewhere
+    double astray = 0;       // of that, farther away than a pose that is believed may be off
     double other_shape = 0;  // log-likelihood ratio of another shape
     std::vector<double> differs;
 };
@@ -603,7 +604,9 @@ class Solver {
             Chain without;
             explain(explained_, share, stay(), false, 1.0, without);
             out.log_odds = here.log_likelihood - without.log_likelihood;
-            double elsewhere = 0, as_lower = 0, as_either = 0;
+            const double allowed = std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius);
+            const double sigma = allowed / std::sqrt(-2 * std::log(numbers_.risk));  // of a contact that is still believed
+            double elsewhere = 0, astray = 0, as_lower = 0, as_either = 0;
             for (std::size_t i = 0; i < n; ++i) {
                 as_lower += std::abs(low[i]) * here.posterior[i][0] * found.lower[i];
                 as_either += std::abs(low[i]) * here.posterior[i][0] * (found.upper[i] + found.lower[i]);
@@ -611,16 +614,20 @@ class Solver {
                 upper[i] = here.posterior[i][0] * found.upper[i];
                 out.occluded[i] = here.posterior[i][1];
                 elsewhere += out.other[i] = here.posterior[i][2];
+                astray += here.posterior[i][2] * odds_.astray(view_, i, sigma, shares()[0] / shares()[2]);
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
             if (as_either > 0) out.sides = as_lower / as_either;
+            out.astray = astray / static_cast<double>(n);
             const std::vector<double> blur = learn_widths(out.G, upper, out);
             std::vector<bool> bounded(n);
-            for (std::size_t i = 0; i < n; ++i) bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]);
+            std::vector<double> seen = out.visible;
+            for (std::size_t i = 0; i < n; ++i)
+                // what is faint beside its own edge may be a mark of its surface, on which a tab goes on
+                if (!(bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]))) seen[i] = 0.0;
             out.other_shape = other_shape(
-                target_, pyramid_, out.G, out.visible, bounded, blur, out.light,
-                {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_agreement,
-                 std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius)},
+                target_, pyramid_, out.G, seen, bounded, blur, out.light,
+                {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_cover, allowed},
                 shares(), stay(), power_, out.differs);
         }
         auto row = patches_.begin();

@@ -49,9 +49,10 @@ NAMES = (
     "cell_unlikely",
     "cell_far",
     "cell_power",
-    "cell_agreement",
+    "cell_cover",
     "tolerance",
     "tolerance_px",
+    "risk",
 )
 """Numbers that a target needs."""
 FEWEST_PLACES = 24
@@ -202,7 +203,7 @@ class PoseTarget:
             correlation: of each patch of the three finest levels, one (m,) each; NaN outside the image.
             visible, occluded, other: (n,) probabilities that a sample's edge is seen, hidden, or that of something else.
             log_odds: of the outline, this object, partly hidden, against none such.
-            elsewhere: share of the outline whose edge lies elsewhere.
+            elsewhere: share of the outline whose edge lies elsewhere; astray: farther away than a believed pose is off.
             other_shape: log-likelihood ratio of another shape, -1 where nothing tells; differs: (n,) its probability at each
                 sample, (0,) where the outline has too few samples to be looked at.
 
@@ -248,6 +249,7 @@ class PoseTarget:
             "other": s.other,
             "log_odds": s.log_odds,
             "elsewhere": s.elsewhere,
+            "astray": s.astray,
             "other_shape": s.other_shape,
             "differs": s.differs,
         }

@@ -299,27 +299,19 @@ def edge_likelihoods(
         P: (8, 8) covariance of the pose's error.
         numbers: see there.
     """
-    s, sc, found = numbers.inner_spread, numbers.other_spread, 1.0 - numbers.miss
+    found = 1.0 - numbers.miss
     # noise displaces a wide edge by more, in the reference as here
     shake = DISPLACED * target.noise / np.maximum(np.abs(target.contrast), 1e-9)
     own = shake**2 * (target.half**2 + view.half**2)
     variance = numbers.floor**2 + own + ((target.rows @ P) * target.rows).sum(axis=1)
     two = np.abs(low) + np.sqrt(low_variance) > 0.05
-    looks = 1.5 * np.log(sc / s) - 0.75 * view.difference * (1.0 / (s * s) - 1.0 / (sc * sc))
-    same = (view.step > 0) == (target.contrast > 0)[:, None]
-    A = (
-        2.0
-        * np.exp(np.clip(looks, -8.0, 8.0))
-        * np.where(same, numbers.same_sign, 1.0 - numbers.same_sign)
-        / view.density
-    )
-    there = view.there()
+    A, there = _own(target, view, numbers), view.there()
     off = view.offset - shift[:, None]
     upper = np.where(there, _bell(off, variance[:, None]) * np.where(two, 1.0 - numbers.sides, 1.0)[:, None] * A, 0.0)
-    lower = numbers.sides * _bell(off - low[:, None], (variance + low_variance)[:, None]) * A
-    lower = np.where(there & two[:, None], lower, 0.0)
+    lower = np.where(there, numbers.sides * _bell(off - low[:, None], (variance + low_variance)[:, None]) * A, 0.0)
+    lower = np.where(two[:, None], lower, 0.0)
     up, down = upper.sum(axis=1), lower.sum(axis=1)
-    anywhere = np.where(there, A / (2 * view.reach + 1), 0.0).sum(axis=1)
+    anywhere = (A / (2 * view.reach + 1)).sum(axis=1)
     object_ = numbers.miss + found * (up + down)
     inside = view.inside
     return EdgeLikelihoods(
@@ -332,5 +324,28 @@ def edge_likelihoods(
     )
 
 
-def _bell(x: Floats, variance: Floats) -> Floats:
+def astray(target: Target, view: Candidates, numbers: EdgeNumbers, sigma: float, odds: float) -> Floats:
+    """(n,) probability that an edge like the object's which lies elsewhere is not its own, of a pose that is a little off.
+
+    Args:
+        target, view, numbers: the outline, its candidates, what is believed of them.
+        sigma: work px, by which the pose is off.
+        odds: prior ones that it is its own.
+    """
+    own = _own(target, view, numbers)
+    anywhere = own.sum(axis=1) / (2 * view.reach + 1)
+    here = np.where(view.there(), own * _bell(view.offset, sigma * sigma), 0.0).sum(axis=1) * odds
+    return np.where(anywhere > 0.0, anywhere / (anywhere + here), 0.0)
+
+
+def _own(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:
+    """(n, candidates) likelihood ratio of each being an edge of the object, against clutter; 0 of those that are none."""
+    s, sc = numbers.inner_spread, numbers.other_spread
+    looks = 1.5 * np.log(sc / s) - 0.75 * view.difference * (1.0 / (s * s) - 1.0 / (sc * sc))
+    same = (view.step > 0) == (target.contrast > 0)[:, None]
+    sign = np.where(same, numbers.same_sign, 1.0 - numbers.same_sign)
+    return np.where(view.there(), 2.0 * np.exp(np.clip(looks, -8.0, 8.0)) * sign / view.density, 0.0)
+
+
+def _bell(x: Floats, variance: Floats | float) -> Floats:
     return np.asarray(np.exp(-0.5 * x * x / variance) / np.sqrt(2.0 * np.pi * variance))

@@ -40,8 +40,6 @@ IMITATED = 0.05
 """Probability that what covers the object looks like the ground, or like the object itself."""
 BESIDE = 1e-3
 """Factor: an occluder begins just where a notch or tab ends."""
-ANY = np.log(256.0)
-"""Of anything, nats a cell less."""
 MOST_LOG = 20.0
 """Of the log of a sample's likelihood ratio."""
 NEVER = 1e-12
@@ -55,14 +53,14 @@ class RegionNumbers(NamedTuple):
         unlikely: share of cells that nothing explains.
         far: share of the size within which the outline must be seen, for a notch or tab on both sides.
         power: of a sample's agreement: a shape is as sure as the least sure of what it asks for.
-        agreement: nats a cell, over anything, from which on grey levels speak for what was expected.
+        cover: grey levels, by which what covers a side differs from it.
         shallow: work px: what differs less deeply is the same shape.
     """
 
     unlikely: np.float64
     far: np.float64
     power: np.float64
-    agreement: np.float64
+    cover: np.float64
     shallow: float
 
 
@@ -136,7 +134,7 @@ def other_shape(
 
     Args:
         target, pyramid, G: an image seen through a pose (3, 3).
-        visible: (n,) probability that each sample's edge was seen.
+        visible: (n,) probability that each sample's edge was seen; 0 where one was seen, but too faint to bound anything.
         ends: (n,) of `bounded`.
         blur: (n,) work px, half of what moves across each sample while it is exposed: so far both sides are mixed.
         light: of the surface.
@@ -168,7 +166,7 @@ def other_shape(
     far = whole(numbers.far * 2.0 * target.radius * n / length, 8, n)
     same, differs = np.where(visible > 0.5, SEEN_ODDS, 1.0), np.where(~(visible > 0.5) & ends, BOUNDED_ODDS, 1.0)
     opened = np.vstack([differs, differs])
-    told, lost = False, numbers.unlikely
+    told, least = False, float(np.log(numbers.unlikely))
     for i in np.flatnonzero(~((visible > 0.5) | ends)):
         back, shift = _levels_near(int(i), visible, beyond, far), _levels_near(int(i), visible, changed, far)
         if back is None or shift is None:
@@ -177,16 +175,15 @@ def other_shape(
         here = _levels_near(int(i), visible, material, far)
         varied = np.float64(0.0) if here is None else here.spread
         own = light.gain * (target.inner[i] / target.inner.shape[1]).sum() + light.bias + shift.level
-        own_in = _log_cells(material[i], expected[i] + shift.level, shift.spread, lost)
-        back_in = _log_cells(material[i], back.level, back.spread, lost)
-        own_out = _log_cells(beyond[i], own, varied, lost)
-        back_out = _log_cells(beyond[i], back.level, back.spread, lost)
+        own_in = _log_cells(material[i], expected[i] + shift.level, shift.spread, numbers)
+        back_in = _log_cells(material[i], back.level, back.spread, numbers)
+        own_out = _log_cells(beyond[i], own, varied, numbers)
+        back_out = _log_cells(beyond[i], back.level, back.spread, numbers)
         as_inside, as_outside = _mean(own_in[:FIRST], 0.0), _mean(back_out[:FIRST], 0.0)
-        least = float(np.log(lost))
         notch = min(_closed(back_in, own_in, shallow, least), as_outside)
         tab = min(_closed(own_out, back_out, shallow, least), as_inside)
         ground, more = min(_mean(back_in[:FIRST], least), as_outside), min(_mean(own_out[:FIRST], least), as_inside)
-        agreement = np.array([min(as_inside, as_outside), max(notch, tab), ground, more]) - numbers.agreement
+        agreement = np.array([min(as_inside, as_outside), max(notch, tab), ground, more])
         ratio = np.exp(np.clip(numbers.power * agreement, -MOST_LOG, MOST_LOG))
         same[i], ratio = ratio[0], AMISS + (1.0 - AMISS) * ratio
         if back.between and shift.between:
@@ -238,10 +235,12 @@ def _levels_near(i: int, visible: Floats, cells: Floats, far: int) -> _Levels | 
     return _Levels(level, 1.4826 * middle(np.abs(levels - level)) + LEAST_SPREAD, sides == 2)
 
 
-def _log_cells(values: Floats, level: Floats | np.float64, spread: np.float64, unlikely: np.float64) -> Floats:
-    """(k,) nats by which grey levels (k,) are `level`, normal with a spread, rather than anything; NaN stays."""
-    z = (values - level) / spread
-    return np.asarray(np.log((1.0 - unlikely) * np.exp(-0.5 * z * z) / (spread * 2.5066) + unlikely / 256.0) + ANY)
+def _log_cells(values: Floats, level: Floats | np.float64, spread: np.float64, numbers: RegionNumbers) -> Floats:
+    """(k,) nats by which grey levels (k,) are `level` as it varies, rather than one of what covers it; NaN stays."""
+    own = spread * spread
+    cover = own + numbers.cover * numbers.cover
+    ratio = np.sqrt(cover / own) * np.exp(0.5 * (values - level) ** 2 * (1.0 / cover - 1.0 / own))
+    return np.asarray(np.log((1.0 - numbers.unlikely) * ratio + numbers.unlikely))
 
 
 def _mean(cells: Floats, none: float) -> float:

@@ -18,6 +18,7 @@ from grasptrack.kernels.reference_pose_edges import (
     Candidates,
     EdgeNumbers,
     Light,
+    astray,
     edge_likelihoods,
     edge_widths,
     measure_edges,
@@ -156,6 +157,7 @@ class Solution:
     other: Floats = field(default_factory=lambda: np.zeros(0))
     log_odds: float = 0.0
     elsewhere: float = 0.0
+    astray: float = 0.0
     other_shape: float = 0.0
     differs: Floats = field(default_factory=lambda: np.zeros(0))
 
@@ -506,20 +508,27 @@ class Solver:
             either = float(tells @ (found.upper + found.lower))
             if either > 0:
                 out.sides = float(tells @ found.lower) / either
+            allowed = max(float(numbers["tolerance_px"]), float(numbers["tolerance"]) * 2.0 * target.radius)
+            # of a contact that is still believed
+            sigma = allowed / float(np.sqrt(-2.0 * np.log(numbers["risk"])))
+            odds = float(self.shares[0] / self.shares[2])
+            out.astray = float(out.other @ astray(target, view, self.edge_numbers, sigma, odds)) / n
             blur = self._learn_widths(out.G, half, here.states[:, 0] * found.upper, out)
             regions = RegionNumbers(
                 numbers["cell_unlikely"],
                 numbers["cell_far"],
                 numbers["cell_power"],
-                numbers["cell_agreement"],
-                max(float(numbers["tolerance_px"]), float(numbers["tolerance"]) * 2.0 * target.radius),
+                numbers["cell_cover"],
+                allowed,
             )
             ends = bounded(view, target.contrast)
+            # what is faint beside its own edge may be a mark of its surface, on which a tab goes on
+            seen = np.where(ends, out.visible, 0.0)
             out.other_shape, out.differs = other_shape(
                 target,
                 self.pyramid,
                 out.G,
-                out.visible,
+                seen,
                 ends,
                 blur,
                 out.light,

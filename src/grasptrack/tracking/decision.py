@@ -165,6 +165,11 @@ def _sudden(state: TrackState, estimate: PoseEstimate) -> float:
     return SUDDEN / (1.0 + (0.5 * more / state.edge_width) ** 2) if more else SUDDEN
 
 
+def _astray(estimate: PoseEstimate, numbers: Numbers) -> float:
+    """As `strangeness`, of the edges that are seen farther away than a believed pose is off: no light shows them there."""
+    return -numbers.elsewhere_power * math.log1p(-min(estimate.astray, 0.999))
+
+
 def exchanged(
     state: TrackState,
     estimate: PoseEstimate,
@@ -186,7 +191,7 @@ def exchanged(
     if len(estimate.other):
         jump = max(0.0, strangeness(estimate, numbers) - state.strange)
         # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
-        shape += max(jump - max(0.0, surface), min(jump, _sudden(state, estimate)))
+        shape += max(jump - max(0.0, surface), min(jump, _sudden(state, estimate) + _astray(estimate, numbers)))
         shape += surface_missing(by_share) if state.accepted else 0.0
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (

@@ -63,7 +63,7 @@ class PoseEstimate:
         texture_agreeing: share of the patches that agree with the pose; texture_spread: their errors in predicted sd.
         visible, occluded, other: of each sample of the outline, probabilities.
         log_odds: of the outline, this object against none.
-        elsewhere: share of the outline whose edge lies elsewhere.
+        elsewhere: share of the outline whose edge lies elsewhere; astray: farther away than a believed pose is off.
         other_shape: log-likelihood ratio of another shape; differs: of each sample, probability that the shape differs there.
         middle: (x, y) px of the contacts.
         hidden: share of the outline that is hidden; covered: that, or has its edge elsewhere.
@@ -94,6 +94,7 @@ class PoseEstimate:
     other: Floats
     log_odds: float
     elsewhere: float
+    astray: float
     other_shape: float
     differs: Floats
     middle: tuple[float, float]
@@ -174,6 +175,7 @@ def estimate_pose(
         found["other"],
         found["log_odds"],
         found["elsewhere"],
+        found["astray"],
         found["other_shape"],
         found["differs"],
         middle,

@@ -30,7 +30,7 @@ class Numbers:
         cell_unlikely: share of the cells beside the outline whose grey level nothing explains.
         cell_far: share of sqrt(area) along the outline within which its edge must be seen on both sides, to tell.
         cell_power: how much the agreement of a sample's cells counts: that of the least sure of what a shape asks for.
-        cell_agreement: nats a cell, over any grey level, from which on it speaks for a shape and against a cover.
+        cell_cover: grey levels, by which what covers a side of the outline differs from it.
         texture_floor: pixels of a patch's own level, error that the model does not explain.
         texture_independent: patches that carry one independent measurement.
         texture_freedom: degrees of freedom of the t distribution of a patch's error.
@@ -85,7 +85,7 @@ class Numbers:
     cell_unlikely: float = 0.01
     cell_far: float = 0.3
     cell_power: float = 12.0
-    cell_agreement: float = 1.2
+    cell_cover: float = 29.0
     texture_floor: float = 0.1
     texture_independent: float = 4.0
     texture_freedom: float = 4.0
