@@ -109,7 +109,6 @@ pose::Numbers numbers_of(const nb::dict &given) {
     n.cell_cover = number("cell_cover");
     n.tolerance = number("tolerance");
     n.tolerance_px = number("tolerance_px");
-    n.risk = number("risk");
     return n;
 }
 

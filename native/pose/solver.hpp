@@ -24,7 +24,7 @@ struct Numbers {
     double sample_distance;  // work px of the outline that carry one independent measurement
     double wide;             // of the size: how far round the answer edges are looked for
     double cell_unlikely, cell_far, cell_power, cell_cover;
-    double tolerance, tolerance_px, risk;
+    double tolerance, tolerance_px;
 };
 
 struct Start {
@@ -605,7 +605,7 @@ class Solver {
             explain(explained_, share, stay(), false, 1.0, without);
             out.log_odds = here.log_likelihood - without.log_likelihood;
             const double allowed = std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius);
-            const double sigma = allowed / std::sqrt(-2 * std::log(numbers_.risk));  // of a contact that is still believed
+            const double sigma = allowed / 3;  // three standard deviations are as much as a contact may be off
             double elsewhere = 0, astray = 0, as_lower = 0, as_either = 0;
             for (std::size_t i = 0; i < n; ++i) {
                 as_lower += std::abs(low[i]) * here.posterior[i][0] * found.lower[i];

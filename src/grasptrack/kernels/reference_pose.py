@@ -52,7 +52,6 @@ NAMES = (
     "cell_cover",
     "tolerance",
     "tolerance_px",
-    "risk",
 )
 """Numbers that a target needs."""
 FEWEST_PLACES = 24

@@ -101,6 +101,26 @@ def shaken(shape: Shape, path: Path, camera: Camera, *, speed: float, seed: int)
     return moved
 
 
+def from_aside(shape: Shape, path: Path, camera: Camera, *, lean: float, seed: int) -> Path:
+    """A frontal path that begins aside: the camera leans at first, and comes over the part in four fifths of the time.
+
+    Args:
+        shape: the part; the camera keeps so far away that it stays in view.
+        path: frontal.
+        camera: whose image the part stays in.
+        lean: rad, in the first frame.
+        seed: of the direction.
+    """
+    u = np.clip(np.arange(len(path)) / max(1.0, 0.8 * (len(path) - 1)), 0.0, 1.0)
+    azimuth = np.random.default_rng((seed, 72)).uniform(0.0, 2.0 * math.pi)
+    leaning = replace(path, tilt=lean * 0.5 * (1.0 + np.cos(math.pi * u)), azimuth=np.full(len(path), azimuth))
+    for _ in range(60):
+        if in_view(shape, leaning, camera):
+            break
+        leaning = replace(leaning, distance=1.03 * leaning.distance)
+    return leaning
+
+
 def receding(path: Path, *, factor: float, shift: tuple[float, float], times: tuple[float, float]) -> Path:
     """The same path, but the camera draws back and aside, so that it sees more of the table.
 

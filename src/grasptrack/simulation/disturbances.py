@@ -52,7 +52,7 @@ class Disturbance:
         table: Texture | None = None,
         colour: bool = False,
     ) -> Scene:
-        """The scene of a part: it starts in view as a whole, uncovered and frontal.
+        """The scene of a part: it starts in view as a whole and uncovered, and frontal but where its name says otherwise.
 
         Args:
             shape: the part.
@@ -163,6 +163,12 @@ DISTURBANCES: dict[str, Disturbance] = {
             "rolling-shutter", "Rows are exposed one after another, up to 14 px a frame.", "model", happenings.rolling_shutter
         ),
         Disturbance("thick-6", "A part 2 to 6 % of its size thick, tilted up to 20 degrees.", "model", happenings.thick_6),
+        Disturbance(
+            "aside",
+            "A part 2 to 10 % of its size thick, first seen 25 degrees from aside; the camera comes over it.",
+            "model",
+            happenings.aside,
+        ),
     )
 }  # fmt: skip
 """Every disturbance by its name."""

@@ -7,7 +7,7 @@ import math
 
 from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.conditions import Glare, Shadow
-from grasptrack.simulation.courses import astray, at_rest, shaken
+from grasptrack.simulation.courses import astray, at_rest, from_aside, shaken
 from grasptrack.simulation.hand import bar_over, hand_over
 from grasptrack.simulation.looks import another_surface
 from grasptrack.simulation.occluders import irregular_over, parallel_bar
@@ -253,6 +253,13 @@ def thick(s: Setting) -> Parts:
 def thick_6(s: Setting) -> Parts:
     """As most flat parts are."""
     thickness, path = float(s.rng.uniform(0.02, 0.06)), s.course(tilt=math.radians(20.0))
+    return {"path": path, "thickness": thickness, "shade": float(s.rng.choice([0.55, 0.7, 1.2]))}
+
+
+def aside(s: Setting) -> Parts:
+    """As thick, its sides on view in the first image; the camera comes over it."""
+    thickness = float(s.rng.uniform(0.02, 0.1))
+    path = from_aside(s.shape, s.course(tilt=0.0), Camera(s.width, s.height), lean=math.radians(25.0), seed=s.seed)
     return {"path": path, "thickness": thickness, "shade": float(s.rng.choice([0.55, 0.7, 1.2]))}
 
 

@@ -104,7 +104,7 @@ class Numbers:
     normal_sd: float = 0.5
     pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
-    new_view: float = 1.0
+    new_view: float = 0.2
     sides: float = 0.9
     thickness_sd: float = 0.04
     hazard: float = 2e-3
