@@ -22,7 +22,10 @@ import pytest
 from grasptrack.cli.main import main
 from recordings import plate, plates, write
 
-HEAD = "frame,time_s,status,strategy,grasp_id,x1,y1,x2,y2,seen1,seen2,margin,confidence,chance,latency_ms,reason,reason_code"
+HEAD = (
+    "frame,time_s,status,strategy,grasp_id,x1,y1,x2,y2,seen1,seen2,margin,confidence,chance,latency_ms,reason,reason_code,"
+    "tilt,tilt_sd,margin_sd,margin_image"
+)
 
 
 def rows(folder: Path) -> list[dict[str, str]]:

@@ -248,10 +248,13 @@ def test_contacts_are_judged_where_they_lay_in_the_first_view() -> None:
     width, C = 0.1 * math.sqrt(kernels.inertia(view.points, view.offsets)[0]), np.array([np.eye(2)] * 2)
     check = ClosureCheck(grasp, view, FRICTION, width)
     there = apply_homography(TILTED, grasp.contacts)
-    analysis, chance = check.judge(there, FRICTION, TILTED, TILTED, C)
+    judged = check.judge(there, FRICTION, TILTED, TILTED, C)
+    analysis, chance = judged.analysis, judged.chance
     own = analyze(grasp, view, FRICTION, width, "reference")
     assert analysis.margin == pytest.approx(own.margin) and analysis.epsilon == pytest.approx(own.epsilon)
-    assert analysis.judged_in == "reference" and analysis.stable
+    assert analysis.judged_in == "plane" and analysis.stable
+    in_image = analyze(Grasp(there), view.transformed(TILTED), FRICTION)
+    assert judged.margin_image == pytest.approx(in_image.margin, abs=1e-6)
     assert chance == chance_of_closing(regions, C, TILTED, there)
     with pytest.raises(GraspError, match="contact 1 is"):
         check.judge(there + 50.0, FRICTION, TILTED, TILTED, C)

@@ -82,7 +82,18 @@ def length(path: Path) -> int:
 
 def test_the_columns_are_the_contract() -> None:
     start = ["frame", "time_s", "status", "strategy", "grasp_id"]
-    end = ["margin", "confidence", "chance", "latency_ms", "reason", "reason_code"]
+    end = [
+        "margin",
+        "confidence",
+        "chance",
+        "latency_ms",
+        "reason",
+        "reason_code",
+        "tilt",
+        "tilt_sd",
+        "margin_sd",
+        "margin_image",
+    ]
     assert columns(2) == [*start, "x1", "y1", "x2", "y2", "seen1", "seen2", *end]
     assert columns(3) == [*start, "x1", "y1", "x2", "y2", "x3", "y3", "seen1", "seen2", "seen3", *end]
 

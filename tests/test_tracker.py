@@ -49,7 +49,7 @@ def test_a_tracked_frame_tells_all_there_is(strategy: str) -> None:
         assert r.strategy == strategy or strategy == "auto"
         assert r.contacts is not None and r.contacts.shape == (2, 2)
         assert r.seen is not None and (r.seen > 0.99).all()
-        assert r.analysis is not None and r.analysis.stable and r.analysis.judged_in == "reference"
+        assert r.analysis is not None and r.analysis.stable and r.analysis.judged_in == "plane"
         assert 0.8 < r.confidence <= 1.0
         assert r.latency_ms > 0.0
         assert r.view is not None

@@ -37,7 +37,7 @@ class GraspAnalysis(NamedTuple):
         flatness: (k,) rms distance of the outline under each finger from a straight line, in finger widths.
         normals: (k, 2) unit normals at the contacts, into the material, in the view that was judged.
         friction: the coefficient that was judged with.
-        judged_in: the view that was judged, "reference" or "image".
+        judged_in: the view that was judged, "reference", "image" or "plane": the object's own plane.
         reason: empty when stable, else a short sentence.
     """
 
@@ -49,7 +49,7 @@ class GraspAnalysis(NamedTuple):
     flatness: Floats
     normals: Floats
     friction: float
-    judged_in: Literal["reference", "image"]
+    judged_in: Literal["reference", "image", "plane"]
     reason: str
 
 
@@ -70,7 +70,7 @@ def analyze(
     outline: Outline,
     friction: float = DEFAULT_FRICTION,
     finger_width: float | None = None,
-    judged_in: Literal["reference", "image"] = "image",
+    judged_in: Literal["reference", "image", "plane"] = "image",
 ) -> GraspAnalysis:
     """Judge a grasp on an outline.
 
@@ -108,7 +108,7 @@ class Analyzer:
         self,
         outline: Outline,
         finger_width: float | None = None,
-        judged_in: Literal["reference", "image"] = "image",
+        judged_in: Literal["reference", "image", "plane"] = "image",
     ) -> None:
         check_width(finger_width)
         self._points, self._offsets, self._judged_in = outline.points, outline.offsets, judged_in

@@ -1,7 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chance that a grasp still closes: how far each contact may slip, against how far it may be off."""
 
-from grasptrack.closing.chance import CHANCE, ClosureCheck, chance_of_closing
+from grasptrack.closing.chance import CHANCE, FRONTAL, ClosureCheck, Judgement, Rectifications, chance_of_closing
 from grasptrack.closing.regions import Regions, regions_of
 
-__all__ = ["CHANCE", "ClosureCheck", "Regions", "chance_of_closing", "regions_of"]
+__all__ = [
+    "CHANCE",
+    "FRONTAL",
+    "ClosureCheck",
+    "Judgement",
+    "Rectifications",
+    "Regions",
+    "chance_of_closing",
+    "regions_of",
+]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,17 @@ CHANCE = 0.9
 """A grasp that closes with less than this probability, its contacts being as uncertain as they are, is not stable."""
 SURE = 1e-6
 """Where the chances to leave a region add up to no more than this, a joint covariance is not looked at more closely."""
+KNOWN = math.radians(1.0)
+"""rad of margin, standard deviation by the plane's tilt, below which the tilt counts as known: what no view has told yet is
+no reason to refuse a grasp."""
+BUILD = math.radians(0.3)
+"""rad of margin, by which it may change before the regions are found anew."""
+SAME = 1e-4
+"""px within which contacts are those of the first view."""
+NORMAL_PX = 0.05
+"""px, standard deviation by which the ends of the line under a finger are off across the outline."""
+BEND_PX = 1.5
+"""px along the outline, of the first view, by which a bend is off."""
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
@@ -30,8 +42,43 @@ _FAR = 7.0
 """Standard deviations beyond which nothing is left."""
 
 
+class Rectifications(NamedTuple):
+    """How the view of a grasp's choice maps to the object's own plane, as well as that is known.
+
+    Attributes:
+        best: (3, 3) px of that view to px of the plane, seen frontally: up to a similarity the plane itself.
+        modes: ways in which the views so far can be explained: the probability of each, (m, 3, 3) maps that stand for what
+            it leaves open, and their weights (m,), which add up to 1.
+        known: the views have told of the plane; else all but `best` is what was assumed of it beforehand.
+    """
+
+    best: Floats
+    modes: tuple[tuple[float, Floats, Floats], ...]
+
+
+FRONTAL = Rectifications(np.eye(3), ())
+"""The view of the choice taken as frontal, and nothing said of how sure that is."""
+
+
+class Judgement(NamedTuple):
+    """Whether a grasp closes.
+
+    Attributes:
+        analysis: of the contacts in the object's own plane.
+        margin_sd: rad, of the margin, by what is not known of the plane and by the noise of the outline.
+        margin_image: rad, in the current view as it is.
+        chance: that the grasp closes: by the contacts' covariance and, once the views have told of the plane, by what they
+            leave open of it.
+    """
+
+    analysis: GraspAnalysis
+    margin_sd: float
+    margin_image: float
+    chance: float
+
+
 class ClosureCheck:
-    """Judges a grasp in the view of its choice, image after image: perspective bends friction cones.
+    """Judges a grasp in the object's own plane, image after image: perspective bends friction cones.
 
     Args:
         grasp, view: contacts and outline in the view of its choice.
@@ -40,13 +87,92 @@ class ClosureCheck:
     """
 
     def __init__(self, grasp: Grasp, view: View, friction: float, width: float) -> None:
-        # once for a grasp: for three fingers it takes some tens of ms
-        self._regions = regions_of(grasp, view, friction, width)
-        self._analyzer = Analyzer(view, width, "reference")
+        self._view, self._contacts, self._friction = view, grasp.contacts, friction
+        self._built: float | None = None  # margin at which the regions were found
+        self._share = width / math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+        self._rectify(FRONTAL)
+
+    def _rectify(self, plane: Rectifications) -> None:
+        """What is the same for all images as long as nothing more is known of the plane."""
+        frontal = np.array_equal(plane.best, FRONTAL.best)
+        view = self._view if frontal else self._view.transformed(plane.best)
+        contacts = self._contacts if frontal else carried_points(plane.best, self._contacts)
+        width = self._share * math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+        self._plane, self._analyzer = plane, Analyzer(view, width, "plane")
+        self._analysis = self._analyzer.analyze(contacts, self._friction)
+        self._to_view = np.asarray(np.linalg.inv(plane.best), dtype=np.float64)
+        if self._built is None or abs(self._analysis.margin - self._built) > BUILD or not self._analysis.stable:
+            # for three fingers it takes some tens of ms
+            self._regions = regions_of(Grasp.of(contacts), view, self._friction, width)
+            self._regions_to_view, self._built = self._to_view, self._analysis.margin
+        self._margin_sd, self._closes = self._spread(contacts, view, width)
+
+    def _spread(self, contacts: Floats, view: View, width: float) -> tuple[float, float]:
+        """Standard deviation of the margin, and the probability that it is above 0; 1 as long as the plane is not known."""
+        tilted, closes, noise = 0.0, 0.0, self._noise(contacts, view, width)
+        for probability, maps, weights in self._plane.modes:
+            margins = np.array([self._margin(each @ self._to_view, contacts) for each in maps])
+            mean = float(weights @ margins)
+            own = float(weights @ (margins - mean) ** 2)
+            tilted += probability * (own + (mean - self._analysis.margin) ** 2)
+            closes += probability * within(-math.inf, mean, own + noise)
+        return math.sqrt(tilted + noise), closes if self._plane.modes and tilted < KNOWN**2 else 1.0
+
+    def _noise(self, contacts: Floats, view: View, width: float) -> float:
+        """rad^2, variance of the margin by what the first view's outline is off: across it, and by what bends under a finger.
+
+        A bend is seen where it is only to within the blur of the image, which a tilted view makes longer in the plane.
+        """
+        normals, margin = self._analysis.normals, self._analysis.margin
+        tangents = self._to_view[:2, :2] @ np.stack([-normals[:, 1], normals[:, 0]])
+        tangents = (tangents / np.hypot(*tangents)).T * BEND_PX
+        most = 0.0
+        for way in (-1.0, 1.0):
+            beside = carried_points(self._plane.best, self._contacts + way * tangents)
+            places = kernels.locate(view.points, view.offsets, beside)
+            there = kernels.contact_frames(view.points, view.offsets, places, width)[:, :2]
+            for i in range(len(contacts)):
+                changed = normals.copy()
+                changed[i] = there[i]
+                most = max(most, abs(self._closing(contacts, changed) - margin))
+        across = NORMAL_PX * math.sqrt(2.0) / width
+        return most**2 + across**2
+
+    def _margin(self, H: Floats, contacts: Floats) -> float:
+        """Margin of contacts of the plane, with their normals, under a homography."""
+        moved = kernels.carry_normals(np.ascontiguousarray(H), contacts, self._analysis.normals)
+        return self._closing(np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4]))
+
+    def _closing(self, contacts: Floats, normals: Floats) -> float:
+        """rad; about which point torque is taken is of no account to it."""
+        (x, y), friction = contacts[0].tolist(), self._friction
+        needed = kernels.force_closure(contacts, normals, x, y, self._analysis.rho, friction)[1]
+        return math.atan(friction) - needed
+
+    def in_image(self, contacts: Floats, carried: Floats) -> float:
+        """Margin, rad, of contacts (k, 2) px in a view as it is, the outline carried there by H_current_reference (3, 3)."""
+        points = kernels.carry_points(carried, self._view.points)[0]
+        width = self._share * math.sqrt(kernels.inertia(points, self._view.offsets)[0])
+        places = kernels.locate(points, self._view.offsets, contacts)
+        frames = kernels.contact_frames(points, self._view.offsets, places, width)
+        return self._closing(contacts, np.ascontiguousarray(frames[:, :2]))
+
+    def first(self, plane: Rectifications) -> Judgement:
+        """In the view of the choice, where the contacts are by definition."""
+        if plane is not self._plane:
+            self._rectify(plane)
+        chance = self._closes if self._analysis.stable else 0.0
+        return Judgement(self._analysis, self._margin_sd, self.in_image(self._contacts, np.eye(3)), chance)
 
     def judge(
-        self, contacts: Floats, friction: float, carried: Floats, homography: Floats, covariance: Floats
-    ) -> tuple[GraspAnalysis, float]:
+        self,
+        contacts: Floats,
+        friction: float,
+        carried: Floats,
+        homography: Floats,
+        covariance: Floats,
+        plane: Rectifications = FRONTAL,
+    ) -> Judgement:
         """Analysis of contacts in a current view, and the chance that they close.
 
         Args:
@@ -55,17 +181,32 @@ class ClosureCheck:
             carried: (3, 3) H_current_reference by which they were carried there.
             homography: (3, 3) H_current_reference as the tracker knows it.
             covariance: (k, 2, 2) px^2 of the contacts.
+            plane: as the tracker knows it by now.
 
         Raises:
             GraspError: a contact is not on the outline.
             ConditioningError: the view is of no plane that lies in front of the camera.
         """
+        if plane is not self._plane or friction != self._friction:
+            self._built = self._built if friction == self._friction else None
+            self._friction = friction
+            self._rectify(plane)
+        contacts = np.ascontiguousarray(contacts)
         inverse = np.ascontiguousarray(np.linalg.inv(carried), dtype=np.float64)
-        back, in_front = kernels.carry_points(inverse, np.ascontiguousarray(contacts))
+        back, in_front = kernels.carry_points(inverse, contacts)
         if not in_front > HORIZON:
             raise behind(carried)
-        analysis = self._analyzer.analyze(back, friction)
-        return analysis, chance_of_closing(self._regions, covariance, homography, contacts)
+        analysis = self._analysis
+        if not np.abs(back - self._contacts).max() < SAME:
+            analysis = self._analyzer.analyze(carried_points(plane.best, back), self._friction)
+        chance = chance_of_closing(self._regions, covariance, homography @ self._regions_to_view, contacts)
+        chance *= self._closes
+        return Judgement(analysis, self._margin_sd, self.in_image(contacts, carried), chance)
+
+
+def carried_points(H: Floats, points: Floats) -> Floats:
+    """(k, 2) points under a homography (3, 3) that keeps them in front of the camera."""
+    return np.asarray(kernels.carry_points(H, np.ascontiguousarray(points))[0], dtype=np.float64)
 
 
 def chance_of_closing(

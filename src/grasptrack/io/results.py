@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """grasps.csv and run.json: one row for every frame, and what the run was and gave.
 
-Units in both files, for people: px for contacts (4 decimals), **degrees** for the margin, s for times, ms for latency,
+Units in both files, for people: px for contacts (4 decimals), **degrees** for margins and tilt, s for times, ms for latency,
 0 to 1 for seen, confidence and chance. A cell is empty where there is no value. run.json repeats them under "units".
 """
 
@@ -30,6 +30,10 @@ UNITS = {
     "confidence": "0 to 1",
     "chance": "probability",
     "latency_ms": "ms",
+    "tilt": "degrees",
+    "tilt_sd": "degrees",
+    "margin_sd": "degrees",
+    "margin_image": "degrees",
 }
 
 
@@ -41,6 +45,7 @@ def columns(fingers: int) -> list[str]:
         *(f"{axis}{i}" for i in numbers for axis in "xy"),
         *(f"seen{i}" for i in numbers),
         *("margin", "confidence", "chance", "latency_ms", "reason", "reason_code"),
+        *("tilt", "tilt_sd", "margin_sd", "margin_image"),
     ]
 
 
@@ -84,6 +89,8 @@ class GraspsCsv:
                 _cell(result.latency_ms, 4),
                 " ".join(result.reason.split()),
                 result.reason_code,
+                *(_cell(math.degrees(v), 4) for v in (result.tilt, result.tilt_sd)),
+                *(_cell(math.degrees(v), 4) for v in (result.margin_sd, result.margin_image)),
             ]
         )
 

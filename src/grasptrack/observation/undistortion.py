@@ -164,9 +164,12 @@ class Undistortion:
         )
 
     def result(self, result: TrackResult) -> TrackResult:
-        """Of straight images: contacts, covariance and outline as seen, the homography and its covariance in ideal px."""
+        """Of straight images: contacts, covariance and outline as seen, homography and rectification in ideal px."""
         contacts, covariance = result.contacts, result.covariance
         H, spread = result.homography, result.homography_covariance
+        plane = result.rectification
+        if plane is not None:
+            plane = plane @ np.array([[1, 0, -self.offset[0]], [0, 1, -self.offset[1]], [0, 0, 1.0]])
         if contacts is not None:
             contacts, J = self._seen_near(contacts)
             covariance = None if covariance is None else J @ covariance @ np.swapaxes(J, 1, 2)
@@ -182,7 +185,13 @@ class Undistortion:
             H = moved / moved[2, 2]
         view = None if result.view is None else self.view(result.view)
         return replace(
-            result, contacts=contacts, covariance=covariance, homography=H, homography_covariance=spread, view=view
+            result,
+            contacts=contacts,
+            covariance=covariance,
+            homography=H,
+            homography_covariance=spread,
+            view=view,
+            rectification=plane,
         )
 
 

@@ -30,7 +30,7 @@ class TrackResult:
         grasp_id: number of the grasp, from 1; None before there is one.
         contacts: (k, 2) px in the order of the grasp; None unless tracked or unstable.
         seen: (k,) 0 to 1, how much of the outline at each contact was observed; None with the contacts.
-        analysis: the grasp's analysis; None with the contacts.
+        analysis: the grasp's analysis, in the object's own plane; None with the contacts.
         confidence: 0 to 1.
         chance: probability, 0 to 1, that the grasp still closes although the contacts may be off by their covariance: the
             least that it is (`closing.chance_of_closing`); NaN where no covariance is known.
@@ -39,6 +39,11 @@ class TrackResult:
         covariance: (k, 2, 2) px^2 of the contacts where it is known.
         view: the outline that was observed, for drawing; None when nothing was.
         latency_ms: time that the update took.
+        margin_sd: rad, standard deviation of the analysis's margin, by what is not known of the object's plane.
+        margin_image: rad, the margin in the image as it is, where perspective bends friction cones.
+        tilt: rad, between the optical axis and the normal of the object's plane, by all views so far.
+        tilt_sd: rad, its standard deviation.
+        rectification: (3, 3) px of the reference view to the object's own plane, up to a similarity, in which it is judged.
         reason_code: the reason in one word, see `messages.SENTENCES`; empty when tracked.
     """
 
@@ -59,6 +64,11 @@ class TrackResult:
     latency_ms: float = math.nan
     homography_covariance: NDArray[np.float64] | None = None
     reason_code: str = ""
+    margin_sd: float = math.nan
+    margin_image: float = math.nan
+    tilt: float = math.nan
+    tilt_sd: float = math.nan
+    rectification: NDArray[np.float64] | None = None
 
     @property
     def located(self) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from grasptrack.tracking.decision import Decision, middle, strangeness
 from grasptrack.tracking.estimator import CONTINUOUS, PoseEstimate
 from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.plane import Plane
 from grasptrack.tracking.target import Grey, Target
 
 if TYPE_CHECKING:
@@ -60,7 +61,8 @@ class TrackState:
         P: (8, 8) covariance of the pose's error, work px^2 at the half size.
         presence: probability that the object is there.
         nuisance, nuisance_covariance: (4,), (4, 4) what is not known of part and camera: the part's thickness in work px, log
-            of the focal length over the image's width, slopes of the first view's normal.
+            of the focal length over the image's width, slopes of the first view's normal; these three as `plane` has them.
+        plane: the object's own, as the views so far let it be known.
         sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
         inner_spread: grey levels, see `Numbers.other_spread`.
         edge_width: work px, standard deviation of an edge at rest: how far the image is out of focus.
@@ -96,6 +98,7 @@ class TrackState:
     presence: float
     nuisance: Floats
     nuisance_covariance: Floats
+    plane: Plane
     sides: float
     inner_spread: float
     edge_width: float
@@ -156,7 +159,9 @@ class TrackState:
         self.exchanged, self.sighted, self.gone = False, None, False
         self.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * target.size)
         self.located, self.light = self.last, e.light
-        self._learn_nuisances(e, new)
+        if self.plane.learn(e.G, e.P):
+            self.nuisance[1:], self.nuisance_covariance[1:, 1:] = self.plane.theta_and_covariance()
+        self._learn_thickness(e, new)
         self._remember_looks(target, e)
         if math.isfinite(e.edge_width):
             self.edge_width = e.edge_width
@@ -222,23 +227,18 @@ class TrackState:
         self.velocity_P = self.P + estimate.P
         self.velocity = velocity if not self.lost and math.isfinite(float(velocity @ velocity)) else None
 
-    def _learn_nuisances(self, estimate: PoseEstimate, new: float) -> None:
-        """What is not known of part and camera, by an accepted image of which the share `new` (0 to 1) is new.
+    def _learn_thickness(self, estimate: PoseEstimate, new: float) -> None:
+        """How thick the part is, by an accepted image of which the share `new` (0 to 1) is new.
 
         Information is averaged rather than added up: much the same view errs as the last one did.
         """
-        before, after = self.nuisance_covariance, estimate.nuisance_covariance
+        before, after = float(self.nuisance_covariance[0, 0]), float(estimate.nuisance_covariance[0, 0])
         both = (1.0 - new) * after + new * before
-        try:
-            solved = np.linalg.solve(both, np.column_stack([self.nuisance, estimate.nuisance, before]))
-        except np.linalg.LinAlgError:
+        thickness = ((1.0 - new) * after * self.nuisance[0] + new * before * estimate.nuisance[0]) / both
+        if not both > 0.0 or not math.isfinite(both) or not math.isfinite(thickness):
             return
-        mean = (1.0 - new) * (after @ solved[:, 0]) + new * (before @ solved[:, 1])
-        covariance = after @ solved[:, 2:]
-        if not np.isfinite(mean).all() or not np.isfinite(covariance).all():
-            return
-        self.nuisance, self.nuisance_covariance = mean, 0.5 * (covariance + covariance.T)
-        if math.isfinite(estimate.sides) and mean[0] ** 2 > covariance[0, 0]:  # there are sides
+        self.nuisance[0], self.nuisance_covariance[0, 0] = thickness, after * before / both
+        if math.isfinite(estimate.sides) and thickness**2 > self.nuisance_covariance[0, 0]:  # there are sides
             self.sides += new * (estimate.sides - self.sides)
 
     def _remember_looks(self, target: Target, estimate: PoseEstimate) -> None:
@@ -279,6 +279,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
             [numbers.thickness_sd * target.size, numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]
         )
         ** 2,
+        plane=Plane(target, levels[0].shape[1], levels[0].shape[0]),
         sides=numbers.sides,
         inner_spread=FIRST_SPREAD,
         edge_width=target.edge_width,

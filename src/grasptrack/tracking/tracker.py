@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import kernels
-from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, analyze, check_friction
+from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.calibration import Camera
 from grasptrack.closing import CHANCE, ClosureCheck
 from grasptrack.contour import View
@@ -161,7 +161,12 @@ class GraspTracker:
             width = FINGER_WIDTH * math.sqrt(kernels.inertia(candidate.view.points, candidate.view.offsets)[0])
             closure = ClosureCheck(grasp, candidate.view, self.friction, width)
             self._track = Track(self._grasps, closure, carrier)
-            analysis = analyze(grasp, candidate.view, self.friction, width, "reference")
+            follower = carrier.follower
+            judged, tilt = (
+                closure.first(follower.state.plane.rectifications),
+                follower.state.plane.tilt(np.eye(3), np.zeros((9, 9))),
+            )
+            analysis = judged.analysis
             return _answer(
                 moment,
                 "tracked" if analysis.stable else "unstable",
@@ -172,7 +177,12 @@ class GraspTracker:
                 seen=np.ones(len(grasp)),
                 analysis=analysis,
                 confidence=1.0,
-                chance=1.0 if analysis.stable else 0.0,
+                chance=judged.chance,
+                margin_sd=judged.margin_sd,
+                margin_image=judged.margin_image,
+                tilt=tilt.angle,
+                tilt_sd=tilt.sd,
+                rectification=follower.state.plane.rectifications.best,
                 homography=np.eye(3),
                 view=candidate.view,
             )
@@ -183,13 +193,16 @@ class GraspTracker:
         estimate, contacts = moved.decision.estimate, moved.contacts
         if estimate is None or contacts is None or moved.homography is None or moved.view is None:
             return _answer(moment, "lost", moved.reason, grasp_id=track.number)
-        target, numbers = track.carrier.follower.target, track.carrier.follower.numbers
+        follower = track.carrier.follower
+        target, numbers, plane = follower.target, follower.numbers, follower.state.plane
         H, homography_covariance = target.homography_and_covariance(estimate.G, estimate.P * numbers.inflate**2)
         covariance = estimate.covariance * numbers.inflate**2
         try:
-            analysis, chance = track.closure.judge(contacts, self.friction, moved.homography, H, covariance)
+            judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
         except (GraspError, ConditioningError) as error:
             return _answer(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
+        analysis, chance = judged.analysis, judged.chance
+        tilt = plane.tilt(H, homography_covariance)
         reason = None
         if not analysis.stable:
             reason = Reason("not-closing", detail=analysis.reason)
@@ -208,6 +221,11 @@ class GraspTracker:
             analysis=analysis,
             confidence=1.0 - moved.decision.probability_off,
             chance=chance,
+            margin_sd=judged.margin_sd,
+            margin_image=judged.margin_image,
+            tilt=tilt.angle,
+            tilt_sd=tilt.sd,
+            rectification=plane.rectifications.best,
             homography=H,
             homography_covariance=homography_covariance,
             covariance=covariance if contacts is estimate.contacts else covariance + _apart(contacts, estimate),

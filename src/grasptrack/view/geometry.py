@@ -20,8 +20,8 @@ _ARC = np.linspace(-1.0, 1.0, 13)
 def cones(result: TrackResult, length: float) -> list[Floats]:
     """Friction cones as closed polygons (m, 2) px of the current image: apex at the contact, opening into the material.
 
-    A cone that was judged in the reference view is bent by the same perspective as the object: each of its directions
-    is carried over by the derivative of the homography at the contact.
+    A cone that was judged in the object's own plane, or in the reference view, is bent by the same perspective as the object:
+    each of its directions is carried over by the derivative of the homography at the contact.
 
     Args:
         result: contacts and their analysis; empty without them.
@@ -29,13 +29,17 @@ def cones(result: TrackResult, length: float) -> list[Floats]:
     """
     if result.contacts is None or result.analysis is None:
         return []
-    half = math.atan(result.analysis.friction)
+    half, H = math.atan(result.analysis.friction), None
+    if result.homography is not None and result.analysis.judged_in == "reference":
+        H = result.homography
+    elif result.homography is not None and result.rectification is not None and result.analysis.judged_in == "plane":
+        H = result.homography @ np.linalg.inv(result.rectification)
     polygons = []
     for contact, normal in zip(result.contacts, result.analysis.normals, strict=False):
         angles = math.atan2(normal[1], normal[0]) + half * _ARC
         directions = np.column_stack([np.cos(angles), np.sin(angles)])
-        if result.homography is not None and result.analysis.judged_in == "reference":
-            directions = directions @ jacobian_at(result.homography, contact).T
+        if H is not None:
+            directions = directions @ jacobian_at(H, contact).T
         norms = np.linalg.norm(directions, axis=1, keepdims=True)
         if not np.isfinite(norms).all() or norms.min() <= 0.0:
             continue

@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The object's own plane as the views so far let it be known: how it is tilted, and what rectifies the first view."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.closing import Rectifications
+from grasptrack.tracking.target import Target
+
+Floats = NDArray[np.float64]
+
+NEW_SHAPE = 0.08
+"""Change of the object's image, but for its place, as a share of sqrt(area), after which a view tells anew of the plane."""
+MOST_VIEWS = 16
+"""Views that are kept; of more every other one is left out."""
+MOST_MODES = 2
+"""Explanations that are kept: two views of a plane have two."""
+LEAST_SD = 1e-3
+"""Of theta, below which a standard deviation is not looked at more closely."""
+DOUBT = 0.1
+"""Of theta: so far a pose may be from a view of the plane that is believed."""
+STEP = 1e-3
+"""Of the differences that stand for derivatives, in units of theta."""
+
+
+class Mode(NamedTuple):
+    """An explanation of the views.
+
+    Attributes:
+        theta: (3,) log of the focal length in image widths, and the slopes of the first view's normal (theta_1, theta_2, 1).
+        covariance: (3, 3) of it.
+        probability: that it is this one.
+    """
+
+    theta: Floats
+    covariance: Floats
+    probability: float
+
+
+class Tilt(NamedTuple):
+    """rad between the optical axis and the object's plane's normal, and its standard deviation."""
+
+    angle: float
+    sd: float
+
+
+def plane_in_view(theta: Floats, centre: tuple[float, float], width: float, height: float) -> Floats:
+    """(3, 3) homography from the object's plane, in px as if seen frontally, to px of the first view.
+
+    Both have the same px at the centre, and the same scale but for the tilt there.
+
+    Args:
+        theta: as of `Mode`.
+        centre: (x, y) px of the first view.
+        width, height: px of the image.
+
+    Returns:
+        NaN where the plane is not seen from its front.
+    """
+    f = width * math.exp(theta[0])
+    x, y = (centre[0] - 0.5 * width) / f, (centre[1] - 0.5 * height) / f
+    s1, s2 = float(theta[1]), float(theta[2])
+    across, n = math.hypot(1.0, s1), math.sqrt(1.0 + s1 * s1 + s2 * s2)
+    if not s1 * x + s2 * y + 1.0 > 0.0:
+        return np.full((3, 3), math.nan)
+    # axes of the plane: the first without y, the second normal x first; f / (f, u) px from the centre
+    first = (1.0 / across, 0.0, -s1 / across)
+    second = (-s1 * s2 / (n * across), across / n, -s2 / (n * across))
+    columns = np.array([[first[0], second[0], x], [first[1], second[1], y], [first[2], second[2], 1.0]])
+    columns[:, :2] /= f
+    columns[:, 2] -= columns[:, 0] * centre[0] + columns[:, 1] * centre[1]
+    K = np.array([[f, 0.0, 0.5 * width], [0.0, f, 0.5 * height], [0.0, 0.0, 1.0]])
+    return np.asarray(K @ columns, dtype=np.float64)
+
+
+def rectifying(theta: Floats, centre: tuple[float, float], width: float, height: float) -> Floats:
+    """(3, 3) homography from px of the first view to the object's plane: the inverse of `plane_in_view`."""
+    H = np.linalg.inv(plane_in_view(theta, centre, width, height))
+    return np.asarray(H / H[2, 2], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class SeenPose:
+    """A view that told of the plane: its pose (3, 3), work px -> px, and covariance (8, 8)."""
+
+    G: Floats
+    P: Floats
+
+
+class Plane:
+    """Learns the first view's tilt and the focal length from poses in views that differ.
+
+    A rigid plane seen by a pinhole has six freedoms of a homography's eight: each view gives two equations for theta. They
+    are solved together and from several starts, for near views of a plane have two explanations, one tilted the other way;
+    a filter that takes one view after another settles on one of them, which can be the wrong one.
+
+    Args:
+        target: what is followed.
+        width, height: px of the image.
+    """
+
+    def __init__(self, target: Target, width: float, height: float) -> None:
+        numbers = target.numbers
+        self._target, self._width, self._height = target, float(width), float(height)
+        self._prior = np.array([numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]) ** 2
+        x, y, w = (target.A @ np.array([*target.outline.mean(axis=0), 1.0])).tolist()
+        self._centre = x / w, y / w
+        self._views: list[SeenPose] = []
+        self._last, self._way = target.A, NEW_SHAPE * target.size
+        # entries of a homography are as small as px make them
+        far = 1e3 / (self._width + self._height)
+        self._steps = STEP * np.array([1.0, 1.0, 1.0 / far, 1.0, 1.0, 1.0 / far, far * 1e-3, far * 1e-3, 1.0])
+        self._entries = np.eye(9).reshape(9, 3, 3) * self._steps[:, None, None]
+        self._believe((Mode(np.zeros(3), np.diag(self._prior), 1.0),))
+
+    def learn(self, G: Floats, P: Floats) -> bool:
+        """What a view teaches in which the object was located: its pose and covariance (8, 8). Whether it was new."""
+        shape = self._target.handle.difference(self._last, G)[2:]
+        if not float(shape @ shape) > self._way**2:
+            return False
+        self._last = G
+        self._views.append(SeenPose(G, P * self._target.numbers.inflate**2))
+        if len(self._views) > MOST_VIEWS:
+            self._views, self._way = self._views[1::2], 2.0 * self._way
+        self._believe(self._solved())
+        return True
+
+    def tilt(self, homography: Floats, covariance: Floats) -> Tilt:
+        """Of the object's plane against the camera of a view.
+
+        Args:
+            homography: (3, 3) H_current_reference.
+            covariance: (9, 9) of its entries, row by row.
+        """
+        # as believed, after a step of each number of theta, and of each entry
+        seen = self._camera_back @ homography @ self._in_view
+        moved = seen[0] + self._camera_back @ self._entries @ self._in_view[0]
+        slopes = _slopes(np.concatenate([seen, moved]))
+        by_theta, by_entry = (slopes[1:4] - slopes[0]).T / STEP, (slopes[4:] - slopes[0]).T / self._steps
+        spread = by_theta @ self.modes[0].covariance @ by_theta.T + by_entry @ covariance @ by_entry.T
+        (a, b), (_, c) = spread.tolist()
+        most = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
+        return Tilt(math.atan(math.hypot(*slopes[0].tolist())), math.sqrt(max(most, 0.0)))
+
+    def theta_and_covariance(self) -> tuple[Floats, Floats]:
+        """(3,) and (3, 3) of all explanations about the most probable one, with DOUBT added: for the prior of a pose."""
+        own = self.modes[0].theta
+        spread = sum(m.probability * (m.covariance + np.outer(m.theta - own, m.theta - own)) for m in self.modes)
+        return own, np.asarray(spread + DOUBT**2 * np.eye(3), dtype=np.float64)
+
+    def _believe(self, modes: tuple[Mode, ...]) -> None:
+        """What follows from the explanations, the most probable first."""
+        self.modes, theta = modes, modes[0].theta
+        f = self._width * math.exp(theta[0])
+        self._camera_back = np.array(
+            [[1.0 / f, 0.0, -0.5 * self._width / f], [0.0, 1.0 / f, -0.5 * self._height / f], [0.0, 0.0, 1.0]]
+        )
+        steps = [theta, *(theta + STEP * np.eye(3))]
+        self._in_view = np.array([plane_in_view(t, self._centre, self._width, self._height) for t in steps])
+        self.rectifications = Rectifications(
+            self._rectifying(theta), tuple((m.probability, *self._open(m)) for m in modes)
+        )
+
+    def _rectifying(self, theta: Floats) -> Floats:
+        return rectifying(theta, self._centre, self._width, self._height)
+
+    def _open(self, mode: Mode) -> tuple[Floats, Floats]:
+        """Maps that stand for what a mode leaves open of the slopes, and their weights: Gauss and Hermite's, three each way."""
+        C, tilts = mode.covariance, mode.covariance[1:, 1:]
+        values, vectors = np.linalg.eigh(tilts)
+        along = vectors * np.sqrt(3.0 * np.maximum(values, 0.0))
+        nodes = [(i, j) for i in (0, -1, 1) for j in (0, -1, 1)]
+        weights = np.array([(4.0, 1.0)[abs(i)] * (4.0, 1.0)[abs(j)] / 36.0 for i, j in nodes])
+        focal = np.linalg.solve(tilts, C[1:, 0])  # by what the focal length goes with the slopes
+        maps, kept = [], []
+        for (i, j), weight in zip(nodes, weights.tolist(), strict=True):
+            d = along @ (float(i), float(j))
+            H = self._rectifying(mode.theta + np.array([float(focal @ d), *d]))
+            if np.isfinite(H).all():
+                maps.append(H)
+                kept.append(weight)
+        return np.array(maps), np.array(kept) / sum(kept)
+
+    # --- all views together ----------------------------------------------------------------------
+
+    def _solved(self) -> tuple[Mode, ...]:
+        """Explanations of all views, the most probable first."""
+        starts = [m.theta for m in self.modes if self._views[1:]]
+        starts += [t * (1.0, -1.0, -1.0) for t in starts]
+        for reach in (0.4, 1.2) if len(self._views) < 4 else ():
+            starts += [np.array([0.0, reach * i, reach * j]) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+        found: list[tuple[float, Floats, Floats]] = []
+        for start in starts:
+            cost, theta, covariance = self._descend(start)
+            apart = [theta - other for _, other, _ in found]
+            if math.isfinite(cost) and all(d[1] ** 2 + d[2] ** 2 > 1e-4 for d in apart):
+                found.append((cost, theta, covariance))
+        found.sort(key=lambda each: each[0])
+        if not found:
+            return self.modes
+        least, found = found[0][0], found[:MOST_MODES]
+        found = [(c, t, self._spread(c, t, C)) for c, t, C in found if c < least + 20.0]
+        odds = [math.exp(-0.5 * (c - least)) * math.sqrt(max(float(np.linalg.det(C)), 0.0)) for c, _, C in found]
+        modes = [Mode(t, C, o / sum(odds)) for (_, t, C), o in zip(found, odds, strict=True)]
+        return self._joined(modes, least) if len(modes) > 1 else tuple(modes)
+
+    def _joined(self, modes: list[Mode], least: float) -> tuple[Mode, ...]:
+        """Two explanations as one where what lies between them explains the views nearly as well."""
+        one, other = modes
+        middle = one.probability * one.theta + other.probability * other.theta
+        if self._equations(middle)[0] > least + 4.0:
+            return tuple(sorted(modes, key=lambda m: -m.probability))
+        spread = sum(m.probability * (m.covariance + np.outer(m.theta - middle, m.theta - middle)) for m in modes)
+        return (Mode(middle, np.asarray(spread), 1.0),)
+
+    def _descend(self, theta: Floats) -> tuple[float, Floats, Floats]:
+        """Cost, theta and covariance of the explanation that is reached from a start, by Levenberg and Marquardt."""
+        cost, A, b = self._equations(theta)
+        damping = 1e-3
+        for _ in range(20):
+            if not math.isfinite(cost):
+                break
+            new = theta + np.linalg.solve(A + damping * np.diag(np.diag(A)), b)
+            there = self._equations(new)
+            if there[0] < cost:
+                done, theta = cost - there[0] < 1e-3, new
+                cost, A, b = there
+                damping *= 0.3
+                if done:
+                    break
+            else:
+                damping *= 5.0
+                if damping > 1e5:
+                    break
+        return cost, theta, np.asarray(np.linalg.inv(A), dtype=np.float64) if math.isfinite(cost) else A
+
+    def _spread(self, cost: float, theta: Floats, covariance: Floats) -> Floats:
+        """A covariance, made smaller along axes on which the cost rises sooner than its second derivative says.
+
+        About a frontal view the equations do not change with the slopes to first order.
+        """
+        values, axes = np.linalg.eigh(covariance)
+        kept = []
+        for value, axis in zip(values.tolist(), axes.T, strict=True):
+            sd = math.sqrt(max(value, 0.0))
+            while sd > LEAST_SD and sum(self._equations(theta + s * axis)[0] for s in (sd, -sd)) - 2.0 * cost > 4.0:
+                sd *= 0.7
+            kept.append(sd)
+        return np.asarray((axes * np.square(kept)) @ axes.T, dtype=np.float64)
+
+    def _equations(self, theta: Floats) -> tuple[float, Floats, Floats]:
+        """Cost at theta, its normal equations' matrix (3, 3) and right side (3,)."""
+        numbers = self._target.numbers
+        A, b = np.diag(1.0 / self._prior), -theta / self._prior
+        cost = float(-b @ theta)
+        own = numbers.pinhole_sd**2
+        for view in self._views:
+            misfit, by_pose, by_theta = self._target.handle.pinhole(view.G, theta, self._width, self._height)
+            C = by_pose @ view.P @ by_pose.T
+            (c, d), (_, e) = C.tolist()
+            c, e = c + own, e + own
+            W = np.array([[e, -d], [-d, c]]) / (c * e - d * d)
+            weighed = by_theta.T @ W
+            cost += float(misfit @ W @ misfit)
+            A = A + weighed @ by_theta
+            b = b - weighed @ misfit
+        return (cost if math.isfinite(cost) else math.inf), A, b
+
+
+def _slopes(seen: Floats) -> Floats:
+    """(m, 2) slopes of a plane's normal, of the (m, 3, 3) rays of its axes and its origin."""
+    a, b = seen[:, :, 0], seen[:, :, 1]
+    z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    x, y = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1], a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+    return np.stack([x / z, y / z], axis=1)

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The object's own plane: what rectifies a view, what is learned of it, and the analysis there."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grasptrack import GraspTracker
+from grasptrack.analysis import analyze
+from grasptrack.closing import ClosureCheck, Rectifications
+from grasptrack.contour import Contour, View
+from grasptrack.grasp import Grasp
+from grasptrack.projective import apply_homography
+from grasptrack.simulation import SHAPES, Conditions, Path, Scene
+from grasptrack.tracking.plane import Mode, Plane, plane_in_view, rectifying
+from outlines import BRACKET, dense
+
+WIDTH, HEIGHT, FOCAL = 640.0, 480.0, 1.1
+CENTRE = (330.0, 225.0)
+slopes = st.tuples(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2))
+focals = st.floats(0.6, 2.0)
+
+
+def camera(focal: float = FOCAL) -> np.ndarray:
+    """(3, 3) pinhole's matrix."""
+    return np.array([[focal * WIDTH, 0, WIDTH / 2], [0, focal * WIDTH, HEIGHT / 2], [0, 0, 1.0]])
+
+
+def turned(tilt: tuple[float, float], roll: float = 0.0) -> np.ndarray:
+    """(3, 3) a rotation that takes (0, 0, 1) to the normal of these slopes."""
+    n = np.array([*tilt, 1.0]) / math.hypot(1.0, *tilt)
+    x = np.cross([0.0, 1.0, 0.0], n)
+    x /= np.linalg.norm(x)
+    c, s = math.cos(roll), math.sin(roll)
+    return np.column_stack([x, np.cross(n, x), n]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+
+def rendered(
+    tilt: tuple[float, float], focal: float, at: tuple[float, float] = (0.02, -0.01), far: float = 6.0
+) -> np.ndarray:
+    """(3, 3) from a plane, in its own unit, to px of a camera."""
+    R = turned(tilt)
+    return camera(focal) @ np.column_stack([R[:, :2], far * np.array([*at, 1.0])])
+
+
+class Known(NamedTuple):
+    """What `Plane` needs of a target's numbers."""
+
+    focal_sd: float = 0.4
+    normal_sd: float = 0.5
+    pinhole_sd: float = 0.005
+    inflate: float = 1.5
+
+
+class Followed:
+    """Of a target, what `Plane` needs to be made."""
+
+    numbers, size, A, outline = Known(), 100.0, np.eye(3), np.array([[*CENTRE], [CENTRE[0] + 1e-9, CENTRE[1]]])
+
+
+# --- rectification -------------------------------------------------------------------------------
+
+
+@given(slopes, focals)
+def test_rectification_undoes_a_tilt(tilt: tuple[float, float], focal: float) -> None:
+    """What a plane's outline looks like after it is a similar copy of it."""
+    H = rendered(tilt, focal)
+    outline = (BRACKET - BRACKET.mean(axis=0)) / 100.0
+    seen = apply_homography(H, outline)
+    centre = tuple(apply_homography(H, np.zeros((1, 2)))[0].tolist())
+    back = apply_homography(rectifying(np.array([math.log(focal), *tilt]), centre, WIDTH, HEIGHT), seen)
+    z, w = (outline - outline.mean(axis=0)) @ [1, 1j], (back - back.mean(axis=0)) @ [1, 1j]
+    scale = np.vdot(z, w) / np.vdot(z, z)
+    assert np.abs(w - scale * z).max() < 1e-9 * np.abs(w).max()
+
+
+@given(slopes, focals)
+def test_the_centre_stays_and_a_frontal_view_is_its_own_plane(tilt: tuple[float, float], focal: float) -> None:
+    theta = np.array([math.log(focal), *tilt])
+    H = plane_in_view(theta, CENTRE, WIDTH, HEIGHT)
+    if np.isfinite(H).all():
+        assert apply_homography(H, np.array([CENTRE]))[0] == pytest.approx(CENTRE)
+    frontal = rectifying(theta * [1, 0, 0], CENTRE, WIDTH, HEIGHT)
+    assert np.allclose(frontal, np.eye(3), atol=1e-9)
+
+
+def test_a_plane_seen_from_behind_has_no_view() -> None:
+    assert np.isnan(plane_in_view(np.array([-1.0, 0.0, 8.0]), (320.0, 0.0), WIDTH, HEIGHT)).all()
+
+
+# --- tilt ----------------------------------------------------------------------------------------
+
+
+@given(slopes, slopes, st.floats(-3.0, 3.0), st.floats(0.5, 2.0))
+def test_the_tilt_of_a_view_follows_from_the_first_one(
+    first: tuple[float, float], now: tuple[float, float], roll: float, nearer: float
+) -> None:
+    plane = Plane(Followed(), WIDTH, HEIGHT)  # type: ignore[arg-type]
+    plane._believe((Mode(np.array([math.log(FOCAL), *first]), np.diag([0.01, 1e-4, 1e-4]), 1.0),))
+    R = turned(now, roll)
+    seen = camera() @ np.column_stack([R[:, :2], np.array([0.1, 0.2, 6.0 / nearer])])
+    H = seen @ np.linalg.inv(rendered(first, FOCAL))
+    tilt = plane.tilt(H / H[2, 2], np.zeros((9, 9)))
+    assert tilt.angle == pytest.approx(math.atan(math.hypot(*now)), abs=1e-6)
+    assert 0.0 <= tilt.sd < math.inf
+
+
+# --- the analysis --------------------------------------------------------------------------------
+
+
+def check_of(points: np.ndarray, contacts: np.ndarray, friction: float = 0.6) -> tuple[ClosureCheck, float]:
+    """A check in a view, and the finger's width there."""
+    view = View(Contour(points))
+    width = 0.1 * math.sqrt(abs(view.outer.signed_area))
+    return ClosureCheck(Grasp(contacts), view, friction, width), width
+
+
+OUTLINE = dense(BRACKET, 600)
+CONTACTS = np.array([[100.0, 196.0], [174.0, 196.0]])  # from side to side of the upright arm
+
+
+@settings(max_examples=30, deadline=None)
+@given(slopes)
+def test_the_margin_is_that_of_the_plane_whatever_the_view(tilt: tuple[float, float]) -> None:
+    """Seen tilted and judged through the true rectification, a grasp has the margin that it has on the object."""
+    own = analyze(Grasp(CONTACTS), Contour(OUTLINE), 0.6)
+    centred = np.array([[0.01, 0, -1.8], [0, 0.01, -1.6], [0, 0, 1.0]])
+    H = rendered(tilt, FOCAL, (0.0, 0.0), 9.0) @ centred
+    seen, contacts = apply_homography(H, OUTLINE), apply_homography(H, CONTACTS)
+    check, _ = check_of(seen, contacts)
+    best = rectifying(np.array([math.log(FOCAL), *tilt]), tuple(seen.mean(axis=0).tolist()), WIDTH, HEIGHT)
+    judged = check.first(Rectifications(best, ((1.0, best[None], np.ones(1)),)))
+    assert judged.analysis.margin == pytest.approx(own.margin, abs=1e-6)
+    assert judged.analysis.epsilon == pytest.approx(own.epsilon, abs=1e-6)
+    assert judged.margin_image == pytest.approx(analyze(Grasp(contacts), Contour(seen), 0.6).margin, abs=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-math.pi, math.pi), st.floats(0.4, 2.5))
+def test_a_similar_view_changes_nothing(angle: float, scale: float) -> None:
+    check, _ = check_of(OUTLINE, CONTACTS)
+    c, s = scale * math.cos(angle), scale * math.sin(angle)
+    H = np.array([[c, -s, 40.0], [s, c, -30.0], [0, 0, 1.0]])
+    judged = check.judge(apply_homography(H, CONTACTS), 0.6, H, H, np.array([0.01 * np.eye(2)] * 2))
+    own = check.first(Rectifications(np.eye(3), ()))
+    assert judged.analysis.margin == pytest.approx(own.analysis.margin, abs=1e-9)
+    assert judged.margin_image == pytest.approx(own.analysis.margin, abs=1e-6)
+    assert judged.margin_sd == pytest.approx(own.margin_sd)
+
+
+@settings(max_examples=20, deadline=None)
+@given(slopes.filter(lambda t: math.hypot(*t) > 0.3), st.floats(0.005, 0.02), st.floats(0.005, 0.02))
+def test_the_margins_spread_is_that_of_finite_differences(tilt: tuple[float, float], one: float, other: float) -> None:
+    plane = Plane(Followed(), WIDTH, HEIGHT)  # type: ignore[arg-type]
+    theta, C = np.array([math.log(FOCAL), *tilt]), np.diag([1e-12, one**2, other**2])
+    plane._believe((Mode(theta, C, 1.0),))
+    shift = np.array(CENTRE) - OUTLINE.mean(axis=0)
+    check, _ = check_of(OUTLINE + shift, CONTACTS + shift)
+
+    def margin(slopes: np.ndarray) -> float:
+        best = rectifying(np.array([theta[0], *slopes]), CENTRE, WIDTH, HEIGHT)
+        return check.first(Rectifications(best, ())).analysis.margin
+
+    noise = check.first(Rectifications(plane.rectifications.best, ())).margin_sd
+    sd = check.first(plane.rectifications).margin_sd
+    steps = 1e-3 * np.eye(2)
+    J = np.array([margin(theta[1:] + d) - margin(theta[1:] - d) for d in steps]) / 2e-3
+    assert math.sqrt(sd**2 - noise**2) == pytest.approx(math.hypot(J[0] * one, J[1] * other), rel=0.15, abs=2e-4)
+
+
+def test_what_is_not_known_of_the_plane_refuses_no_grasp_but_what_is_known_does() -> None:
+    check, _ = check_of(OUTLINE, CONTACTS)
+    plane = Plane(Followed(), WIDTH, HEIGHT)  # type: ignore[arg-type]
+    judged = check.first(plane.rectifications)
+    assert judged.analysis.stable and judged.chance == 1.0 and judged.margin_sd > math.radians(2.0)
+    plane._believe((Mode(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]), 1.0),))
+    needed = math.tan(math.atan(0.6) - judged.analysis.margin + 1e-4)
+    check, _ = check_of(OUTLINE, CONTACTS, needed)
+    judged = check.first(plane.rectifications)
+    assert judged.analysis.stable and judged.chance < 0.9
+
+
+# --- what views teach ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("tilt", "azimuth"), [(0.0, 0.3), (30.0, 2.4), (50.0, 4.5)])
+def test_an_approach_tells_how_the_first_view_was_tilted(tilt: float, azimuth: float) -> None:
+    u = np.linspace(0.0, 1.0, 30)
+    path = Path(
+        target=np.zeros((30, 2)),
+        distance=704.0 / (100.0 * 2.2**u),
+        roll=0.5 * u,
+        tilt=math.radians(tilt) * (1.0 - u),
+        azimuth=np.full(30, azimuth),
+    )
+    scene = Scene(SHAPES["bracket"](), path, conditions=Conditions(blur=0.8, noise=2.0), seed=5)
+    tracker, results = GraspTracker(friction=0.5), []
+    for frame in scene:
+        results.append(tracker.update(frame.image))
+    assert results[0].tilt == 0.0 and results[0].tilt_sd > 0.4
+    last = results[-1]
+    assert abs(math.degrees(last.tilt)) < 2.0 and last.tilt_sd < 0.1
+    middle = results[15]
+    assert math.degrees(middle.tilt) == pytest.approx(math.degrees(path.tilt[15]), abs=4.0)
+    assert last.margin_sd < results[0].margin_sd
+    assert last.analysis is not None and last.analysis.judged_in == "plane"
+    # the last view is frontal: there both analyses are the same
+    assert last.margin_image == pytest.approx(last.analysis.margin, abs=math.radians(1.5))
