@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The object's own plane: tilt, margin and stability against the truth, in approaches from aside to frontal."""
+
+from __future__ import annotations
+
+import common
+
+# isort: split
+import itertools
+import math
+from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import grasptrack as gt
+from grasptrack.analysis import analyze
+from grasptrack.contour import Contour, View
+from grasptrack.projective import apply_homography
+from grasptrack.simulation import SHAPES, Camera, Conditions, Path, Scene
+from grasptrack.simulation.looks import look
+from grasptrack.simulation.truth import stations
+
+TILTS = (0, 15, 30, 45, 60)
+"""Degrees of the first view."""
+PARTS = "bracket,hook,key,gear,t-plate,spanner,notched-plate,arrow,hinge,cross,u-clip,puzzle-piece"
+AZIMUTHS = (0.3, 2.4, 4.5)
+"""rad, in which the camera leans, one for each look of the part."""
+FRAMES = 40
+SIZE, ZOOM = 90.0, 2.5
+"""px of sqrt(area) at first, if it were seen frontally, and by how much it grows."""
+FRICTION = 0.3
+UNIT = 300.0
+"""px of the part's own unit where the truth is analysed."""
+
+
+class Case(NamedTuple):
+    """One approach."""
+
+    part: str
+    tilt: int
+    way: int
+    seed: int
+
+    def scene(self) -> Scene:
+        """The camera leans at first, comes over the part and closer, and rolls by 30 degrees."""
+        camera, u = Camera(), np.linspace(0.0, 1.0, FRAMES)
+        seen = look(self.part, self.seed + self.way)
+        path = Path(
+            target=np.column_stack([0.15 * (1.0 - u), -0.1 * (1.0 - u)]),
+            distance=float(camera.matrix[0, 0]) / (SIZE * ZOOM**u),
+            roll=0.4 * self.way + math.radians(30.0) * u,
+            tilt=math.radians(self.tilt) * (1.0 - u * u * (3.0 - 2.0 * u)),
+            azimuth=np.full(FRAMES, AZIMUTHS[self.way]),
+        )
+        return Scene(
+            SHAPES[self.part](),
+            path,
+            camera=camera,
+            table=seen.table,
+            surface=seen.surface,
+            conditions=Conditions(blur=0.8, noise=2.0, pooled=True),
+            seed=self.seed + self.way,
+        )
+
+
+class Told(NamedTuple):
+    """Of a frame, degrees: what is true, and what the tracker says."""
+
+    frame: int
+    tilt: float
+    said_tilt: float
+    tilt_sd: float
+    margin: float
+    said_margin: float
+    margin_sd: float
+    margin_image: float
+    margin_first: float
+    stable: bool
+
+
+def in_plane(scene: Scene, contacts: NDArray[np.float64]) -> float:
+    """rad, the margin of contacts (k, 2) px of the first image on the true outline, in the table's own plane."""
+    back = np.linalg.inv(scene.path.table_to_image(scene.camera)[0])
+    polygons = [UNIT * apply_homography(back, p) for p in scene[0].outline]
+    outline = View([Contour(stations([p], 1.0)[0], hole=i > 0) for i, p in enumerate(polygons)])
+    return analyze(gt.Grasp(UNIT * apply_homography(back, contacts)), outline, FRICTION).margin
+
+
+def run(case: Case) -> list[Told]:
+    """Located frames after the first; empty where the first view has no grasp on the part."""
+    scene, tracker = case.scene(), gt.GraspTracker(friction=FRICTION)
+    told: list[Told] = []
+    true = first = math.nan
+    for frame in scene:
+        result = tracker.update(frame.image)
+        if frame.index == 0:
+            if result.contacts is None or result.analysis is None:
+                return []
+            try:
+                true, first = in_plane(scene, result.contacts), result.analysis.margin
+            except gt.GraspError:  # it took something else
+                return []
+            continue
+        if result.analysis is None:
+            continue
+        figures = (scene.path.tilt[frame.index], result.tilt, result.tilt_sd)
+        margins = (true, result.analysis.margin, result.margin_sd, result.margin_image, first)
+        degrees = (math.degrees(float(v)) for v in (*figures, *margins))
+        told.append(Told(frame.index, *degrees, result.status == "tracked"))
+    return told
+
+
+def row(name: str, frames: list[Told]) -> list[str]:
+    """Figures of frames."""
+    tilt = np.array([abs(f.said_tilt - f.tilt) for f in frames])
+    off = np.array([f.said_margin - f.margin for f in frames])
+    sd = np.array([f.margin_sd for f in frames])
+    image = np.array([f.margin_image - f.margin for f in frames])
+    first = np.array([f.margin_first - f.margin for f in frames])
+    open_ = [f for f in frames if f.margin <= 0.0]
+    shut = [f for f in frames if f.margin > 0.0]
+    return [
+        name,
+        str(len(frames)),
+        f"{np.median(tilt):.2f} / {np.percentile(tilt, 95):.2f}",
+        f"{100 * (tilt < 2.0).mean():.0f} %",
+        *(f"{np.median(abs(e)):.2f} / {np.percentile(abs(e), 95):.2f}" for e in (off, image, first)),
+        f"{np.median(sd):.2f}",
+        f"{100 * (abs(off) <= 1.96 * sd).mean():.0f} %",
+        f"{sum(f.stable for f in open_)} of {len(open_)}",
+        f"{sum(f.stable for f in shut)} of {len(shut)}",
+    ]
+
+
+HEADS = [
+    *(
+        "first view, degrees",
+        "frames",
+        "tilt off, median / 95 %",
+        "within 2",
+        "margin off, plane",
+        "image",
+        "first view",
+    ),
+    *("margin's sd", "in 1.96 sd", "not closing, called stable", "closing, called stable"),
+]
+
+
+def main() -> None:
+    """Run and print."""
+    parser = common.parser(__doc__)
+    parser.add_argument("--parts", default=PARTS)
+    parser.add_argument("--seed", type=int, default=100)
+    parser.add_argument("--workers", type=int, default=1)
+    asked = parser.parse_args()
+    names = asked.parts.split(",")
+    cases = [Case(*c, asked.seed) for c in itertools.product(names, TILTS, range(len(AZIMUTHS)))]
+    common.heading("The object's own plane")
+    with ProcessPoolExecutor(asked.workers) as pool:
+        told = dict(zip(cases, pool.map(run, cases), strict=True))
+    common.say(f"{len(names)} parts, {sum(bool(f) for f in told.values())} approaches, degrees.")
+
+    def table(title: str, first: int, last: int) -> None:
+        common.say(title)
+        rows = []
+        for name, tilts in (*((str(t), (t,)) for t in TILTS), ("all", TILTS)):
+            frames = [f for c, found in told.items() if c.tilt in tilts for f in found if first <= f.frame <= last]
+            if frames:
+                rows.append(row(name, frames))
+        common.table(HEADS, rows)
+
+    table("Last frame:", FRAMES - 1, FRAMES - 1)
+    table("Second half of the way:", FRAMES // 2, FRAMES - 1)
+    table("First half of the way:", 1, FRAMES // 2 - 1)
+    common.finish(asked.output)
+
+
+if __name__ == "__main__":
+    main()
