@@ -114,17 +114,23 @@ def test_a_grasp_that_closes_only_where_it_is_does_not_close_for_sure(strategy: 
     assert start.contacts is not None and start.analysis is not None
     for room in (0.05, 0.01, 0.002, 0.001, 0.0003):  # rad of the friction angle to spare
         friction = math.tan(math.atan(0.5) - start.analysis.margin + room)
-        results = track(IMAGES, grasp=start.contacts, friction=friction, strategy=strategy, resynthesize=True)
+        results = track(IMAGES, grasp=start.contacts, friction=friction, strategy=strategy)
         assert results[0].status == "tracked" and results[0].chance == 1.0
         for r in results[1:]:
-            assert r.analysis is not None and r.analysis.stable and r.contacts is not None and 0.0 <= r.chance <= 1.0
+            assert r.analysis is not None and r.contacts is not None and 0.0 <= r.chance <= 1.0
             assert r.status == ("unstable" if r.chance < CHANCE else "tracked") and r.grasp_id == 1
-            assert r.reason_code == ("" if r.chance >= CHANCE else "slips")
+            assert r.reason_code == ("not-closing" if not r.analysis.stable else "" if r.chance >= CHANCE else "slips")
+            # the plane is known better and better, but no view changes the margin by more than it was unsure of
+            assert abs(r.analysis.margin - room) < 2.0 * r.margin_sd
         chances = [r.chance for r in results[1:]]
         if room >= 0.05:
             assert min(chances) > 0.99
         if room <= 0.001:
             assert max(chances) < CHANCE
+        # views that tell nothing of the plane: a low chance asks for no other grasp
+        same = [IMAGES[0], *[IMAGES[1]] * 3]
+        results = track(same, grasp=start.contacts, friction=friction, strategy=strategy, resynthesize=True)
+        assert all(r.analysis is not None and r.analysis.stable and r.grasp_id == 1 for r in results)
 
 
 def test_three_fingers_have_a_chance_too_and_a_lost_grasp_has_none() -> None:
