@@ -41,7 +41,7 @@ def test_names_and_groups() -> None:
     assert NAMES[9:18] == ["bar", "hand", "leave", "clip", "exchange", "twin", "mirror", "lens", "thick"]
     assert NAMES[18:26] == ["still", "print", "highlight", "shake", "jpeg", "gravel", "sheet", "crowd"]
     assert NAMES[26:30] == ["cover", "bar-parallel", "equals", "equal-enters"]
-    assert NAMES[30:] == ["print-exchange", "rolling-shutter", "thick-6"]
+    assert NAMES[30:] == ["print-exchange", "rolling-shutter", "thick-6", "aside"]
     groups = {"motion", "image", "background", "cover", "identity", "model"}
     assert {d.group for d in DISTURBANCES.values()} == groups
     assert all(d.name == key and d.about.endswith(".") for key, d in DISTURBANCES.items())
@@ -115,7 +115,7 @@ def test_speeds_are_those_of_a_camera(seed: int) -> None:
 
 
 IN_VIEW = ["clean-4dof", "clean-6dof", "fast", "light", "belt", "lens", "thick", "still", "print", "shake", "jpeg"]
-IN_VIEW += ["gravel", "sheet", "crowd", "equals", "rolling-shutter", "thick-6"]
+IN_VIEW += ["gravel", "sheet", "crowd", "equals", "rolling-shutter", "thick-6", "aside"]
 
 
 @pytest.mark.parametrize("name", IN_VIEW)
