@@ -62,6 +62,8 @@ class Numbers:
         swell: share a frame by which its size may have changed unseen where the ground does not tell the camera's distance.
         temper: of log-likelihoods: samples and patches are less independent than counted.
         inflate: of the standard deviations: what the model still does not know.
+        exposed: standard deviation of when a contact was exposed, as a share of the time between two images: what moves is
+            known no better, as rows are read out one after another and hands turn back while the shutter is open.
         risk: accepted probability that an answer is wrong.
         tolerance, tolerance_px: an answer is wrong if a contact is off by more than this share of sqrt(area) and so many px.
     """
@@ -101,10 +103,10 @@ class Numbers:
     predicted: float = 0.15
     perspective: float = 0.30
     focal_sd: float = 0.4
-    normal_sd: float = 0.5
+    normal_sd: float = 0.4
     pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
-    new_view: float = 0.2
+    new_view: float = 1.0
     sides: float = 0.9
     thickness_sd: float = 0.04
     hazard: float = 2e-3
@@ -120,6 +122,7 @@ class Numbers:
     swell: float = 0.05
     temper: float = 0.25
     inflate: float = 1.5
+    exposed: float = 0.05
     risk: float = 1e-3
     tolerance: float = 0.04
     tolerance_px: float = 3.0

@@ -185,7 +185,8 @@ class GraspTracker:
             return _answer(moment, "lost", moved.reason, grasp_id=track.number)
         target, numbers = track.carrier.follower.target, track.carrier.follower.numbers
         H, homography_covariance = target.homography_and_covariance(estimate.G, estimate.P * numbers.inflate**2)
-        covariance = estimate.covariance * numbers.inflate**2
+        exposed = numbers.exposed * track.carrier.follower.state.moved
+        covariance = estimate.covariance * numbers.inflate**2 + exposed**2 * np.eye(2)
         try:
             analysis, chance = track.closure.judge(contacts, self.friction, moved.homography, H, covariance)
         except (GraspError, ConditioningError) as error:
