@@ -58,7 +58,8 @@ class TrackState:
         velocity: (8,) the pose's change in a usual interval, work px at the half size; None where it is not known.
         velocity_P: (8, 8) covariance of its error.
         P: (8, 8) covariance of the pose's error, work px^2 at the half size.
-        moved: px that a contact moved in a usual interval of late, root mean square; 0 where that is not known.
+        moved: work px that a contact moved in a usual interval, root mean square, in the last image and in the one before: a
+            jump is no speed; 0 where that is not known.
         presence: probability that the object is there.
         nuisance, nuisance_covariance: (4,), (4, 4) what is not known of part and camera: the part's thickness in work px, log
             of the focal length over the image's width, slopes of the first view's normal.
@@ -94,7 +95,7 @@ class TrackState:
     velocity: Floats | None
     velocity_P: Floats
     P: Floats
-    moved: float
+    moved: tuple[float, float]
     presence: float
     nuisance: Floats
     nuisance_covariance: Floats
@@ -150,7 +151,9 @@ class TrackState:
         new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
         self._learn_motion(target, e, predictions, steps)
         before = target.carried(self.last.G)
-        self.moved = 0.0 if self.lost else float(np.sqrt(((e.contacts - before) ** 2).mean() * 2.0)) / max(steps, 1e-3)
+        px = math.sqrt(2.0 * float(((e.contacts - before) ** 2).mean()))
+        moved = 0.0 if self.lost else px * target.size / math.sqrt(e.area) / max(steps, 1e-3)
+        self.moved = moved, self.moved[0]
         self.last = Look(levels, e.G)
         self.P = e.P
         self.presence = _between(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
@@ -277,7 +280,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         velocity=None,
         velocity_P=np.zeros((8, 8)),
         P=np.eye(8) * 0.05**2,
-        moved=0.0,
+        moved=(0.0, 0.0),
         presence=1.0 - 1e-6,
         nuisance=np.zeros(4),
         nuisance_covariance=np.diag(

@@ -184,9 +184,11 @@ class GraspTracker:
         if estimate is None or contacts is None or moved.homography is None or moved.view is None:
             return _answer(moment, "lost", moved.reason, grasp_id=track.number)
         target, numbers = track.carrier.follower.target, track.carrier.follower.numbers
-        H, homography_covariance = target.homography_and_covariance(estimate.G, estimate.P * numbers.inflate**2)
-        exposed = numbers.exposed * track.carrier.follower.state.moved
-        covariance = estimate.covariance * numbers.inflate**2 + exposed**2 * np.eye(2)
+        exposed = np.zeros(8)
+        exposed[:2] = numbers.exposed * min(track.carrier.follower.state.moved)
+        P = estimate.P * numbers.inflate**2 + np.diag(exposed**2)
+        H, homography_covariance = target.homography_and_covariance(estimate.G, P)
+        covariance = target.handle.placed(estimate.G, P)[1]
         try:
             analysis, chance = track.closure.judge(contacts, self.friction, moved.homography, H, covariance)
         except (GraspError, ConditioningError) as error:
