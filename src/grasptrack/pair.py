@@ -276,7 +276,7 @@ class _Scene:
         contacts, carried = moved.contacts, moved.homography
         own = self._exact(pose_hypothesis(self.target, name, carried, NUMBERS))
         estimates = [*self._standing, *([] if own is None else [own])]
-        decision = checked(decide_single(self.target, self._state, estimates, NUMBERS), contacts, NUMBERS)
+        decision = checked(decide_single(self.target, self._state, estimates, NUMBERS), contacts)
         estimate, reason, analysis = decision.estimate, _sentence(decision), None
         off = math.nan if estimate is None else farthest(contacts, estimate.contacts)
         try:
@@ -312,7 +312,7 @@ class _Scene:
 
 def _sentence(decision: Decision) -> str:
     """Why an answer is not believed; empty when it is."""
-    return Reason(decision.code, decision.figures).sentence
+    return "" if decision.accepted else Reason(decision.code, decision.figures).sentence
 
 
 def _shifted(contour: Contour, corner: Floats) -> Contour:
