@@ -66,6 +66,13 @@ class Decision:
         """The same by another risk."""
         return replace(self, risk=risk)
 
+    def among(self, share: float) -> Decision:
+        """The same where it is one of several answers between which nothing decides, with its share of the probability."""
+        off = any_of(self.probability_off, 1.0 - share)
+        return replace(
+            self, probability_off=off, doubt=self.doubt if self.probability_off > 1.0 - share else "ambiguous"
+        )
+
     @property
     def confidence(self) -> float:
         """The complement of the probability, 0 to 1; 0 where nothing was found."""

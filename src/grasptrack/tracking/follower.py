@@ -23,7 +23,6 @@ from grasptrack.tracking.decision import (
     Decision,
     Expected,
     ExpectedSize,
-    any_of,
     checked,
     decide,
     evidence,
@@ -243,9 +242,7 @@ class Follower:
         center = np.array(own.middle)
         radius = float(np.hypot(*(own.contacts - center).T).max())
         share = 2.0 / math.pi * math.asin(min(1.0, 0.5 * decision.tolerance / max(radius, 1e-9)))
-        off = any_of(decision.probability_off, 1.0 - share)
-        code = decision.doubt if decision.probability_off > 1.0 - share else "ambiguous"
-        return replace(decision, probability_off=off, doubt=code)
+        return decision.among(share)
 
     def _is_turned(self, one: PoseEstimate, other: PoseEstimate) -> bool:
         """Whether two estimates put the contacts at different places, but the outline at the same."""
