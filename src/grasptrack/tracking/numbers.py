@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+
+from grasptrack.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Numbers:
         inflate: of the standard deviations: what the model still does not know.
         exposed: standard deviation of when a contact was exposed, as a share of the time between two images: what moves is
             known no better, as rows are read out one after another and hands turn back while the shutter is open.
-        risk: accepted probability that an answer is wrong.
+        risk: probability of being wrong below which an answer is believed: the user's, see `with_risk` and `learning`.
         tolerance, tolerance_px: an answer is wrong if a contact is off by more than this share of sqrt(area) and so many px.
     """
 
@@ -131,5 +133,41 @@ class Numbers:
         """By name, as the kernel takes them."""
         return asdict(self)
 
+    def with_risk(self, risk: float) -> Numbers:
+        """The same for answers that may be wrong with a probability below `risk`.
+
+        Raises:
+            InputError: not between 0 and 1.
+        """
+        return replace(self, risk=check_risk(risk))
+
+    def learning(self, risk: float) -> Numbers:
+        """The same for learning from images whose answers may be wrong with a probability below `risk`.
+
+        What the user takes at a higher risk is given out, but teaches nothing: doubt must not become habit.
+
+        Raises:
+            InputError: not between 0 and 1.
+        """
+        return self.with_risk(min(self.risk, check_risk(risk)))
+
 
 NUMBERS = Numbers()
+
+DEFAULT_RISK = NUMBERS.risk
+"""Probability below which an answer may be wrong, where nobody says."""
+
+
+def check_risk(risk: float, name: str = "risk") -> float:
+    """The probability below which an answer may be wrong.
+
+    Args:
+        risk: the probability.
+        name: as the message names it.
+
+    Raises:
+        InputError: not between 0 and 1.
+    """
+    if not 0.0 < risk < 1.0:
+        raise InputError(f"{name} must be a probability between 0 and 1, not {risk:g}", risk=risk)
+    return risk

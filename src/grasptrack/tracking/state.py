@@ -30,6 +30,8 @@ FIRST = 2
 """... and images for which the likeness that noise allows counts before the first."""
 UNSURE = 0.5
 """Most that an image in which nothing was accepted tells of the object's presence."""
+FOLLOWED = 0.999
+"""Presence from which on what shows another shape or surface is followed all the same, whatever risk is taken."""
 STILL = 0.05
 """Least wandering: what rests may be pushed."""
 CALM = 0.01
@@ -189,7 +191,7 @@ class TrackState:
         self.exchanged = self.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
         self.velocity, self.elsewhere, self.confirmed = None, 0.0, 0.0
         # while something is followed that is more probably the object than another shape or surface, its place is known
-        followed = decision.presence > 1.0 - numbers.risk and decision.probability_off < 0.5
+        followed = decision.presence > FOLLOWED and decision.probability_off < 0.5
         if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
             self.expected, self.anchored, self.unseen, self.adrift = e.G, True, 0.0, 0.0
             self.last, self.P, self.presence = Look(levels, e.G), e.P, UNSURE
