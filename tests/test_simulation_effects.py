@@ -435,6 +435,13 @@ def test_thin_parts_are_thin_and_tilt_less() -> None:
     assert all(m.path.tilt.max() == pytest.approx(math.radians(20.0)) for m in made)
 
 
+def test_the_camera_comes_over_what_it_first_sees_from_aside() -> None:
+    made = [scene("aside", frames=20, seed=k, size=SMALL) for k in range(8)]
+    assert all(0.02 <= m.thickness <= 0.1 for m in made)
+    assert all(m.path.tilt[0] == pytest.approx(math.radians(25.0)) for m in made)
+    assert all(np.all(np.diff(m.path.tilt) <= 0.0) and m.path.tilt[-4:].max() < 1e-9 for m in made)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_prints_are_stronger_than_bare_surfaces_and_are_exchanged(seed: int) -> None:
     made = scene("print", frames=10, seed=seed, size=SMALL)

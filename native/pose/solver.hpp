@@ -11,36 +11,11 @@
 #include "chain.hpp"
 #include "edges.hpp"
 #include "regions.hpp"
+#include "system.hpp"
 #include "texture.hpp"
 #include "wide.hpp"
 
 namespace grasptrack::pose {
-
-struct Numbers {
-    double miss, same_sign, edge_floor, edge_noise, other_spread;
-    double share_object, share_occluded, share_other, stretch;
-    double texture_floor, texture_independent, texture_freedom, texture_spread;
-    double prior_freedom, perspective, pinhole_sd, pinhole_freedom;
-    double sample_distance;  // work px of the outline that carry one independent measurement
-    double wide;             // of the size: how far round the answer edges are looked for
-    double cell_unlikely, cell_far, cell_power, cell_cover;
-    double tolerance, tolerance_px;
-};
-
-struct Start {
-    Homography G;
-    Matrix<8> P;
-    Homography last;           // the pose in the frame before, for the speed
-    Nuisance nuisance;
-    Matrix<nuisances> nuisance_covariance;
-    double sides;              // see EdgeNumbers
-    double inner_spread;       // grey levels
-    double reach;              // work px; 0: from the covariance
-    double edge_width;         // work px, standard deviation of an edge at rest
-    double blur_share;         // of what moved across an edge since the last image: half of its blur
-    Light light;               // of the surface, where it was located last
-    double width, height;      // px of the image
-};
 
 struct Solution {
     bool valid = false;
@@ -77,7 +52,7 @@ class Solver {
 
     Solution solve() {
         Solution out;
-        if (!invert<8>(start_.P, prior_) || !invert<nuisances>(start_.nuisance_covariance, nuisance_prior_)) return out;
+        if (!invert<8>(start_.P, beliefs_.pose) || !invert<nuisances>(start_.nuisance_covariance, beliefs_.nuisance)) return out;
         Homography G = start_.G;
         if (!texture_alone(G)) return out;
         Matrix<8> P = start_.P;
@@ -93,7 +68,7 @@ class Solver {
             System system;
             Matrix<8> A;
             Vector<8> b;
-            if (!about(G, nuisance, system)) return out;
+            if (!system_about(target_, start_, numbers_, beliefs_, G, nuisance, system)) return out;
             reduce<8>(system.A, system.b, A, b);
             const TextureFit texture = texture_rows(G, A, b, out);
             add_rows<8>(system.A, system.b, texture.information, texture.gradient);
@@ -120,7 +95,7 @@ class Solver {
             // what does not settle goes to and fro between two answers
             for (std::size_t k = 0; k < 8; ++k) d[k] = std::clamp(round < direct ? x[k] : 0.5 * x[k], -target_.radius, target_.radius);
             for (std::size_t k = 0; k < nuisances; ++k) nuisance[k] = bounded_nuisance(k, x[8 + k]);
-            if (!learn_nuisances(system, scatter, out)) return out;
+            if (!learned_nuisances(system, scatter, target_.radius, out.nuisance, out.nuisance_covariance)) return out;
             const double moved = contacts_moved(d);
             G = target_.moved(G, d);
             if (!finite(G)) return out;
@@ -142,35 +117,6 @@ class Solver {
     }
 
   private:
-    // Normal equations of the pose's error and of what else is not known, the latter as it is, not its error.
-    static constexpr std::size_t unknowns = 8 + nuisances;
-    struct System {
-        Matrix<unknowns> A{};
-        Vector<unknowns> b{};
-        Matrix<8> prior{};  // of it, what was expected of the pose
-        Vector<8> expected{};
-    };
-
-    // What the image itself tells of the nuisances: a pose that was expected has what was believed of them in it, which must not
-    // confirm itself.
-    bool learn_nuisances(System system, const Matrix<9> &scatter, Solution &out) const {
-        const double open = 1.0 / (target_.radius * target_.radius);
-        for (std::size_t i = 0; i < 8; ++i) {
-            system.b[i] -= system.expected[i];
-            for (std::size_t j = 0; j < 8; ++j) system.A[i * unknowns + j] -= system.prior[i * 8 + j] - (i == j ? open : 0.0);
-        }
-        Matrix<unknowns> all;
-        if (!invert<unknowns>(system.A, all)) return false;
-        const Vector<unknowns> x = times<unknowns>(all, system.b);
-        add_correlated(all, scatter);
-        out.nuisance_covariance = block<unknowns, nuisances>(all, 8);
-        for (std::size_t k = 0; k < nuisances; ++k) out.nuisance[k] = bounded_nuisance(k, x[8 + k]);
-        return true;
-    }
-    static double bounded_nuisance(std::size_t k, double value) {
-        return k == 0 ? std::max(0.0, value) : std::clamp(value, -most_theta, most_theta);
-    }
-
     static constexpr std::size_t told = 3;   // levels of texture, the finest, that are told of; the coarser of them where blur has taken the finest
     static constexpr double settled = 0.02;  // work px: a step that moves no contact by more is the last
     static constexpr double exact = 0.002;   // the same where edges are weighed anew
@@ -213,68 +159,6 @@ class Solver {
         return true;
     }
 
-    // Priors, bounded perspective and pinhole as normal equations about the pose G and what is taken for the nuisances there.
-    bool about(const Homography &G, const Nuisance &nuisance, System &out) const {
-        Vector<8> d;
-        if (!target_.difference(start_.G, G, d)) return false;
-        const double distance = quadratic<8>(prior_, d.data());
-        const double heavy = (numbers_.prior_freedom + 8) / (numbers_.prior_freedom + std::max(8.0, distance));
-        Matrix<8> own = prior_;
-        for (double &value : own) value *= heavy;
-        Vector<8> toward = times<8>(own, d);
-        for (double &value : toward) value = -value;
-        add_rows<8>(out.A, out.b, own, toward);
-        out.prior = own;
-        out.expected = toward;
-        const Nuisance &believed = start_.nuisance;
-        for (std::size_t i = 0; i < nuisances; ++i)
-            for (std::size_t j = 0; j < nuisances; ++j) {
-                out.A[(8 + i) * unknowns + 8 + j] = nuisance_prior_[i * nuisances + j];
-                out.b[8 + i] += nuisance_prior_[i * nuisances + j] * believed[j];
-            }
-        // perspective terms against the first view, in work px at the half size
-        const double r = target_.radius;
-        const double g = G[6] * r, hh = G[7] * r, w = G[6] * target_.cx + G[7] * target_.cy + G[8];
-        const double z[2] = {-g / w * r, -hh / w * r};
-        const double i = 1.0 / (numbers_.perspective * r * numbers_.perspective * r);
-        for (std::size_t k = 0; k < 2; ++k) {
-            out.A[(6 + k) * unknowns + 6 + k] += i;
-            out.b[6 + k] -= i * z[k];
-        }
-        const PinholeRows pin = pinhole_rows(target_, G, {nuisance[1], nuisance[2], nuisance[3]}, start_.width, start_.height);
-        if (!pin.valid) return true;
-        // both rows by all unknowns, with the misfit where the nuisances are 0, and where they are as they were believed
-        std::array<Vector<unknowns>, 2> J{};
-        double rest[2], off[2], c[4];
-        const double own_variance = numbers_.pinhole_sd * numbers_.pinhole_sd;
-        for (std::size_t p = 0; p < 2; ++p) {
-            rest[p] = pin.misfit[p];
-            for (std::size_t k = 0; k < 8; ++k) J[p][k] = pin.by_pose[p][k];
-            for (std::size_t k = 0; k < 3; ++k) {
-                J[p][9 + k] = pin.by_camera[p][k];
-                rest[p] -= pin.by_camera[p][k] * nuisance[1 + k];
-            }
-            off[p] = rest[p];
-            for (std::size_t k = 0; k < 3; ++k) off[p] += pin.by_camera[p][k] * believed[1 + k];
-        }
-        for (std::size_t p = 0; p < 2; ++p)
-            for (std::size_t q = 0; q < 2; ++q) {
-                c[p * 2 + q] = p == q ? own_variance : 0.0;
-                for (std::size_t m = 0; m < 3; ++m)
-                    for (std::size_t k = 0; k < 3; ++k)
-                        c[p * 2 + q] += pin.by_camera[p][m] * start_.nuisance_covariance[(1 + m) * nuisances + 1 + k] * pin.by_camera[q][k];
-            }
-        const double det = c[0] * c[3] - c[1] * c[2];
-        const double far = (off[0] * (c[3] * off[0] - c[1] * off[1]) + off[1] * (c[0] * off[1] - c[2] * off[0])) / det;
-        const double weight = (numbers_.pinhole_freedom + 2) / (numbers_.pinhole_freedom + std::max(2.0, far)) / own_variance;
-        for (std::size_t p = 0; p < 2; ++p)
-            for (std::size_t a = 0; a < unknowns; ++a) {
-                out.b[a] -= weight * J[p][a] * rest[p];
-                for (std::size_t q = 0; q < unknowns; ++q) out.A[a * unknowns + q] += weight * J[p][a] * J[p][q];
-            }
-        return true;
-    }
-
     TextureNumbers texture_numbers() const {
         return {numbers_.texture_floor, numbers_.texture_independent, numbers_.texture_freedom};
     }
@@ -304,7 +188,7 @@ class Solver {
                 System system;
                 Matrix<8> A, P;
                 Vector<8> b;
-                if (!about(G, start_.nuisance, system)) break;
+                if (!system_about(target_, start_, numbers_, beliefs_, G, start_.nuisance, system)) break;
                 reduce<8>(system.A, system.b, A, b);
                 const TextureFit fit_and = fit_patches(match_all(level, level + 1, G), A, b, texture_numbers());
                 if (!telling(fit_and, set.patches.size())) break;
@@ -516,49 +400,6 @@ class Solver {
         return true;
     }
 
-    // Of scores that are correlated with their neighbours: Newey and West along the outline.
-    static Matrix<9> scatter_of(const std::vector<Vector<9>> &scores) {
-        const std::size_t n = scores.size();
-        const std::size_t lags = std::max<std::size_t>(3, static_cast<std::size_t>(0.06 * static_cast<double>(n)));
-        const auto before = [n](std::size_t i, std::size_t q) { return (i + n - q % n) % n; };
-        Vector<9> near{}, plain{};  // sums of the scores before a sample, as far as they count: triangular, and all alike
-        for (std::size_t q = 1; q < lags; ++q)
-            for (std::size_t k = 0; k < 9; ++k) {
-                const double score = scores[before(0, q)][k];
-                near[k] += (1.0 - static_cast<double>(q) / static_cast<double>(lags)) * score;
-                plain[k] += score;
-            }
-        Matrix<9> half{};  // the scatter is this and its transpose
-        const double share = 1.0 / static_cast<double>(lags);
-        for (std::size_t i = 0; i < n; ++i) {
-            const Vector<9> &own = scores[i], &last = scores[before(i, lags - 1)];
-            Vector<9> with;
-            for (std::size_t k = 0; k < 9; ++k) with[k] = 0.5 * own[k] + near[k];
-            for (std::size_t a = 0; a < 9; ++a)
-                for (std::size_t c = 0; c < 9; ++c) half[a * 9 + c] += own[a] * with[c];
-            for (std::size_t k = 0; k < 9; ++k) {  // those of the next sample
-                near[k] += own[k] - share * (own[k] + plain[k]);
-                plain[k] += own[k] - last[k];
-            }
-        }
-        Matrix<9> scatter;
-        for (std::size_t a = 0; a < 9; ++a)
-            for (std::size_t c = 0; c < 9; ++c) scatter[a * 9 + c] = half[a * 9 + c] + half[c * 9 + a];
-        return scatter;
-    }
-
-    // A covariance with what correlated residuals of the edges add to it.
-    static void add_correlated(Matrix<unknowns> &P, const Matrix<9> &scatter) {
-        Matrix<unknowns> wide{};
-        for (std::size_t a = 0; a < 9; ++a)
-            for (std::size_t c = 0; c < 9; ++c) wide[a * unknowns + c] = scatter[a * 9 + c];
-        const Matrix<unknowns> more = times<unknowns>(times<unknowns>(P, wide), P);
-        for (std::size_t k = 0; k < unknowns * unknowns; ++k) P[k] += more[k];
-        for (std::size_t a = 0; a < unknowns; ++a)
-            for (std::size_t c = 0; c < a; ++c)
-                P[a * unknowns + c] = P[c * unknowns + a] = 0.5 * (P[a * unknowns + c] + P[c * unknowns + a]);
-    }
-
     std::vector<double> lower_face(const Homography &G) const {
         const Pinhole camera(target_, {start_.nuisance[1], start_.nuisance[2], start_.nuisance[3]}, start_.width, start_.height);
         std::vector<double> now = camera.lower_face(target_, G);
@@ -643,8 +484,7 @@ class Solver {
     const Start &start_;
     const Numbers &numbers_;
     double power_;
-    Matrix<8> prior_{};
-    Matrix<nuisances> nuisance_prior_{};
+    Beliefs beliefs_;
     std::vector<PatchRow> patches_;  // as they were matched last
     EdgeView view_;
     EdgeOdds odds_;

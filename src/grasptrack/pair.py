@@ -28,7 +28,7 @@ from grasptrack.tracking.decision import Decision, checked, farthest, texture_ev
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
 from grasptrack.tracking.follower import REGISTRATION
 from grasptrack.tracking.messages import Reason
-from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.redetection import Keypoints
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
@@ -65,6 +65,9 @@ class Outcome(NamedTuple):
         analysis: of the transferred grasp, in the first view; None when there is none.
         off: px by which the second image says that the worst contact is off; NaN when refused.
         reason: empty when believed, else why not.
+        confidence: 0 to 1, the complement of the probability that a contact is off, or on another object; 0 when refused
+            without contacts.
+        code: the reason in one word, one of `messages.SENTENCES`; empty when believed, or where words alone tell it.
     """
 
     strategy: str
@@ -73,6 +76,22 @@ class Outcome(NamedTuple):
     analysis: GraspAnalysis | None
     off: float
     reason: str
+    confidence: float = 0.0
+    code: str = ""
+
+
+class Place(NamedTuple):
+    """Where the contacts may be in the second image.
+
+    Attributes:
+        contacts: (k, 2) px.
+        share: probability, 0 to 1, that they lie there.
+        turn: degrees by which the object lies turned there, against the first of several places.
+    """
+
+    contacts: Floats
+    share: float
+    turn: float
 
 
 class Pair(NamedTuple):
@@ -83,12 +102,14 @@ class Pair(NamedTuple):
         current: the outline in the second image.
         turns: degrees of the other turns of the object by which it would fit as well; empty where none does.
         found: what the match of the outlines amounts to; "matched" also where only the surface tells.
+        places: where the contacts may be, the registration's first, where the image does not tell which; else empty.
     """
 
     outcomes: list[Outcome]
     current: View
     turns: list[float]
     found: Judgement
+    places: tuple[Place, ...] = ()
 
 
 def carry_to(
@@ -99,11 +120,13 @@ def carry_to(
     friction: float,
     object_at: tuple[float, float] | None = None,
     ignore: NDArray[Any] | None = None,
+    risk: float = DEFAULT_RISK,
 ) -> Pair:
     """Carry a grasp to a second image, under any turn, scales of 0.4 to 2.5 and tilts up to 60 degrees.
 
     One pair of views cannot tell a symmetric object without a surface of its own from its turned twin: of hypotheses that
-    fit alike the one that asks for the least tilt is taken, of equals the one with the smallest turn, and the others are told.
+    fit alike the one that asks for the least tilt comes first, of equals the one with the smallest turn, then the others.
+    Each has its share of the probability, which is then seldom enough for any.
 
     Args:
         grasp, reference: in the first image.
@@ -111,6 +134,7 @@ def carry_to(
         friction: Coulomb coefficient.
         object_at: (x, y) px of the object in the second image.
         ignore: (H, W) nonzero where nothing belongs to either scene.
+        risk: probability, between 0 and 1, below which an answer may be wrong.
 
     Raises:
         ObservationError: no object in the second image.
@@ -118,13 +142,14 @@ def carry_to(
         SourceError, InputError: an image or mask that cannot be used.
         AmbiguousError: the outline fits itself in every turn, as a disc does, and no surface tells how far it turned.
     """
+    numbers = NUMBERS.with_risk(risk)
     before, colours = to_bgr(first), to_bgr(second)
     hidden = None if ignore is None else grow(to_mask(ignore, colours.shape[:2], "ignore mask"))
     outline = Sampled(reference)
     try:
         found, ways, told = _by_outline(colours, outline, object_at, hidden)
     except (ObservationError, TransferError) as problem:
-        scene = _Scene(grasp, reference, before, colours, None, friction, hidden, object_at)
+        scene = _Scene(grasp, reference, before, colours, None, friction, hidden, object_at, numbers)
         decision = scene.decided(scene.by_keypoints())
         if not decision.accepted:
             raise problem from None
@@ -132,22 +157,26 @@ def carry_to(
     assert told.best is not None
     alike = [told.best, *told.others]
     worse = [m for m in ways if not any(m is known for known in alike)]
-    scene = _Scene(grasp, reference, before, colours, found, friction, hidden, object_at)
+    scene = _Scene(grasp, reference, before, colours, found, friction, hidden, object_at, numbers)
     made = [(m, e) for m in alike if (e := scene.by_match(m)) is not None]
     by_worse = [scene.by_match(m) for m in worse]
-    decision = scene.decided([*(e for _, e in made), *by_worse, *scene.by_keypoints()])
-    if decision.accepted or not made:
-        return scene.pair(decision, scene.settled(decision, told), [], told.best.homography)
+    every = [*(e for _, e in made), *by_worse, *scene.by_keypoints()]
+    whole = scene.decided(every)
+    if scene.is_sure(whole) or not made:
+        return scene.pair(whole, scene.settled(whole, told), [], told.best.homography)
     # nothing but their turns tells those apart for which there is as much evidence: the least that the surface allows
     made = _by_turn(scene.undecided(made), outline)
     decisions = [scene.decided([e, *by_worse]) for _, e in made]
-    chosen = next((i for i, each in enumerate(decisions) if each.accepted), 0)
+    chosen = next((i for i, each in enumerate(decisions) if scene.is_sure(each)), 0)
     own, decision = made[chosen][1], scene.decided([made[chosen][1], *by_worse])
-    others = [e for _, e in made if not same_place(e, own, NUMBERS)]
-    H = scene.target.homography(own.G)
-    turns = [_turn(np.linalg.inv(H) @ scene.target.homography(e.G), outline.centre) for e in others]
-    left = told._replace(status="ambiguous" if turns else told.status)
-    return scene.pair(decision, left, [math.degrees(turn) for turn in turns], H)
+    others = [e for _, e in made if not same_place(e, own, numbers)]
+    places = scene.places(own, others)
+    if not places:
+        decision = scene.decided(every)
+        return scene.pair(decision, scene.settled(decision, told), [], told.best.homography)
+    left, decision = told._replace(status="ambiguous"), decision.among(places[0].share)
+    turns = [place.turn for place in places[1:]]
+    return scene.pair(decision, left, turns, scene.target.homography(own.G), places)
 
 
 def _by_outline(
@@ -181,7 +210,9 @@ class _Scene:
         friction: float,
         hidden: Grey | None,
         object_at: tuple[float, float] | None,
+        numbers: Numbers,
     ) -> None:
+        self._numbers, self._strict = numbers, NUMBERS.learning(numbers.risk)
         self._grasp, self._view, self._friction, self._object_at = grasp, reference, friction, object_at
         self._width = FINGER_WIDTH * math.sqrt(kernels.inertia(reference.points, reference.offsets)[0])
         self._found = found
@@ -221,7 +252,11 @@ class _Scene:
     def decided(self, estimates: list[PoseEstimate | None]) -> Decision:
         """What is decided of some estimates, which stand against those that strategies will ask for."""
         self._standing = [e for e in estimates if e is not None]
-        return decide_single(self.target, self._state, self._standing, NUMBERS)
+        return decide_single(self.target, self._state, self._standing, self._numbers)
+
+    def is_sure(self, decision: Decision) -> bool:
+        """Whether a decision is accepted also at the default risk: what the user takes at a higher one is no surer for it."""
+        return decision.at(self._strict.risk).accepted
 
     def settled(self, decision: Decision, told: Judgement) -> Judgement:
         """What the outlines amount to once it is decided: where they slide along each other, only the surface tells."""
@@ -229,15 +264,57 @@ class _Scene:
         estimate, best = decision.estimate, told.best
         shown = 0.0 if estimate is None else texture_evidence(estimate, self._state.usual, NUMBERS)
         slides = best.slack <= max(SLIDES * best.size, SLIDES_NOISE * best.residual)
-        if NUMBERS.temper * shown >= -math.log(NUMBERS.risk) or (told.others and not slides):
+        if NUMBERS.temper * shown >= -math.log(self._strict.risk) or (told.others and not slides):
             return Judgement("matched", best, [], "")
         return told
 
     def undecided(self, made: list[tuple[Match, PoseEstimate]]) -> list[tuple[Match, PoseEstimate]]:
         """Those for which there is as much evidence as for the best, as far as can be told."""
-        return [(m, e) for m, e in made if not any(told_apart(self._state, other, e, NUMBERS) for _, other in made)]
+        return [
+            (m, e) for m, e in made if not any(told_apart(self._state, other, e, self._strict) for _, other in made)
+        ]
 
-    def pair(self, decision: Decision, told: Judgement, turns: list[float], H: Floats | None = None) -> Pair:
+    def places(self, own: PoseEstimate, others: list[PoseEstimate]) -> tuple[Place, ...]:
+        """Where the contacts may be by estimates that the outline does not tell apart, each place once; () if in one alone.
+
+        By its outline one fits as well as the other, whatever noise says, so that the surface gives each its share.
+        """
+        distinct = [own]
+        for e in others:
+            if not any(same_place(e, known, self._numbers) for known in distinct):
+                distinct.append(e)
+        if len(distinct) == 1:
+            return ()
+        seen = [NUMBERS.temper * max(0.0, texture_evidence(e, self._state.usual, NUMBERS)) for e in distinct]
+        weights = [math.exp(each - max(seen)) for each in seen]
+        return tuple(
+            Place(e.contacts, weight / sum(weights), self._turned(own, e))
+            for e, weight in zip(distinct, weights, strict=True)
+        )
+
+    def _turned(self, own: PoseEstimate, other: PoseEstimate) -> float:
+        """Degrees by which the object lies turned in one estimate against another."""
+        back = np.linalg.inv(self.target.homography(own.G))
+        centre = self._view.outer.points.mean(axis=0)
+        return math.degrees(_turn(back @ self.target.homography(other.G), centre))
+
+    def _rivals(self, decision: Decision) -> tuple[Place, ...]:
+        """Where else a decision that refuses has the contacts, if it knows."""
+        own, rival = decision.estimate, decision.rival
+        if decision.accepted or own is None or rival is None or decision.rival_share <= decision.risk:
+            return ()
+        return Place(own.contacts, decision.confidence, 0.0), Place(
+            rival.contacts, decision.rival_share, self._turned(own, rival)
+        )
+
+    def pair(
+        self,
+        decision: Decision,
+        told: Judgement,
+        turns: list[float],
+        H: Floats | None = None,
+        places: tuple[Place, ...] = (),
+    ) -> Pair:
         """The grasp in both images.
 
         Args:
@@ -245,13 +322,15 @@ class _Scene:
             told: of the outlines.
             turns: degrees.
             H: (3, 3) from the first image to the second, where the strategies look if there is no estimate.
+            places: where the contacts may be, the decision's first, where nothing tells which.
         """
         if decision.estimate is not None:
             H = self.target.homography(decision.estimate.G)
         assert H is not None
         current = self._view.transformed(H) if self._found is None else self._found.view
-        outcomes = [self._registered(decision), *(self._by(name, H, current) for name in STRATEGIES)]
-        return Pair(outcomes, current, turns, told)
+        share = places[0].share if places else 1.0
+        outcomes = [self._registered(decision), *(self._by(name, H, current, share) for name in STRATEGIES)]
+        return Pair(outcomes, current, turns, told, places or self._rivals(decision))
 
     def _registered(self, decision: Decision) -> Outcome:
         estimate = decision.estimate
@@ -265,10 +344,10 @@ class _Scene:
             analysis = analyze(self._grasp, self._view, self._friction, self._width, "reference")
         except GraspTrackError as problem:
             reason = reason or str(problem)
-        return Outcome(REGISTRATION, estimate.contacts, H, analysis, off, reason)
+        return Outcome(REGISTRATION, estimate.contacts, H, analysis, off, reason, decision.confidence, decision.code)
 
-    def _by(self, name: str, H: Floats, current: View) -> Outcome:
-        """What a strategy makes of the pair, told where the object is."""
+    def _by(self, name: str, H: Floats, current: View, share: float) -> Outcome:
+        """What a strategy makes of the pair, told where the object is with a probability, if it is there in any way."""
         try:
             moved = self._carried(name, H, current)
         except GraspTrackError as problem:
@@ -276,7 +355,8 @@ class _Scene:
         contacts, carried = moved.contacts, moved.homography
         own = self._exact(pose_hypothesis(self.target, name, carried, NUMBERS))
         estimates = [*self._standing, *([] if own is None else [own])]
-        decision = checked(decide_single(self.target, self._state, estimates, NUMBERS), contacts, NUMBERS)
+        decision = checked(decide_single(self.target, self._state, estimates, self._numbers), contacts)
+        decision = decision.among(share)
         estimate, reason, analysis = decision.estimate, _sentence(decision), None
         off = math.nan if estimate is None else farthest(contacts, estimate.contacts)
         try:
@@ -284,7 +364,7 @@ class _Scene:
             analysis = analyze(back, self._view, self._friction, self._width, "reference")
         except GraspTrackError as problem:
             reason = reason or str(problem)
-        return Outcome(name, contacts, carried, analysis, off, reason)
+        return Outcome(name, contacts, carried, analysis, off, reason, decision.confidence, decision.code)
 
     def _carried(self, name: str, H: Floats, current: View) -> Carried:
         """A strategy's transfer, with a homography (3, 3) between the images.
@@ -312,7 +392,7 @@ class _Scene:
 
 def _sentence(decision: Decision) -> str:
     """Why an answer is not believed; empty when it is."""
-    return Reason(decision.code, decision.figures).sentence
+    return "" if decision.accepted else Reason(decision.code, decision.figures).sentence
 
 
 def _shifted(contour: Contour, corner: Floats) -> Contour:

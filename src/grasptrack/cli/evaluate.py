@@ -59,6 +59,7 @@ def scenes(
     seed: Annotated[int, typer.Option(metavar="S", min=0, help="Of paths, textures, light and noise.")] = 0,
     fingers: ManyFingers = 2,
     friction: options.Friction = 0.5,
+    risk: options.Risk = 1e-3,
     workers: Workers = None,
     scheduler: Address = None,
     quiet: options.Quiet = False,
@@ -93,6 +94,7 @@ def scenes(
         "seed": seed,
         "fingers": options.two_or_three(fingers),
         "friction": options.positive_friction(friction),
+        "risk": options.risk_rate(risk),
     }
     work = suites.scene_suite(**asked)
     _run(output, work, schedule(scheduler, workers), asked, quiet)
@@ -108,6 +110,7 @@ def real(
     peers: Peers = False,
     fingers: ManyFingers = 2,
     friction: options.Friction = 0.5,
+    risk: options.Risk = 1e-3,
     given: Annotated[
         str | None,
         typer.Option(
@@ -146,6 +149,7 @@ def real(
         "methods": suites.methods(options.names(methods), peers=peers),
         "fingers": options.two_or_three(fingers),
         "friction": options.positive_friction(friction),
+        "risk": options.risk_rate(risk),
     }
     work = suites.real_suite(**asked)
     _run(output, work, schedule(scheduler, workers), asked, quiet)

@@ -33,6 +33,7 @@ def inspect(
     grasp: options.GraspText = None,
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
+    risk: options.Risk = 1e-3,
     strategy: StrategyName = "auto",
     min_opening: options.MinOpening = None,
     max_opening: options.MaxOpening = None,
@@ -65,6 +66,7 @@ def inspect(
     if contacts is None:
         options.two_or_three(count)
     options.positive_friction(friction)
+    options.risk_rate(risk)
     options.strategy_choice(strategy)
     lengths = {
         "min_opening": min_opening,
@@ -106,6 +108,7 @@ def inspect(
             ignore=told.ignore,
             hand=hand,
             strategy=strategy,
+            risk=risk,
         )
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
@@ -118,6 +121,7 @@ def inspect(
         "grasp": grasp,
         "fingers": count,
         "friction": friction,
+        "risk": risk,
         "strategy": strategy,
         **lengths,
         "scale": scale,

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`grasptrack`: the verbs, and the one place where errors become a line and an exit status.
 
-Status 0: done. 2: bad input or usage. 130: Ctrl-C. 1: anything else. GRASPTRACK_DEBUG=1 shows tracebacks.
+Status 0: done. 2: bad input or usage. 3: every strategy of `transfer` refuses. 130: Ctrl-C. 1: anything else.
+GRASPTRACK_DEBUG=1 shows tracebacks.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ Examples:
   grasptrack servo                  look, choose, approach, close and lift, in a physical world
   grasptrack evaluate scenes        every method on scenes with exact truth, and a report
 
-Each verb has its own --help. Exit status: 0 done, 2 bad input, 130 after Ctrl-C, 1 anything else.
+Each verb has its own --help. Exit status: 0 done, 2 bad input, 3 from transfer when every strategy
+refuses, 130 after Ctrl-C, 1 anything else.
 """
 
 app = typer.Typer(

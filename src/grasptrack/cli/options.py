@@ -22,6 +22,10 @@ Fingers = Annotated[
     int | None,
     typer.Option(metavar="K", help="Fingers of the hand, 2 unless --grasp says otherwise.", show_default=False),
 ]
+Risk = Annotated[
+    float,
+    typer.Option(metavar="R", help="Probability below which an answer may be wrong, between 0 and 1."),
+]
 Friction = Annotated[float, typer.Option(metavar="MU", help="Coulomb friction between finger and object.")]
 GraspText = Annotated[
     str | None,
@@ -202,6 +206,17 @@ def positive_friction(friction: float) -> float:
     if not (0.0 < friction < math.inf):
         raise InputError(f"--friction must be a positive number, not {friction:g}", friction=friction)
     return friction
+
+
+def risk_rate(risk: float) -> float:
+    """The probability below which an answer may be wrong.
+
+    Raises:
+        InputError: not between 0 and 1.
+    """
+    from grasptrack.tracking.numbers import check_risk
+
+    return check_risk(risk, "--risk")
 
 
 def calibration(path: str | None) -> Camera | None:

@@ -25,6 +25,7 @@ def track(
     strategy: Annotated[str, typer.Option(metavar="NAME", help="auto, rrp, grasp-line or homography.")] = "auto",
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
+    risk: options.Risk = 1e-3,
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path(
         "grasptrack-out"
     ),
@@ -59,6 +60,9 @@ def track(
     The grasp is chosen in the first image with an object, for a hand as in `grasptrack synthesize`: a length L is
     written 120px, 40mm (with --scale) or 30%, a share of the root of the object's area.
 
+    Contacts are given where they are wrong with a probability below --risk: one is off by more than 3 px and 4 % of the
+    root of the object's area, or it is another object. Every other frame is lost, with a reason.
+
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
 
     \b
@@ -68,6 +72,7 @@ def track(
       grasptrack track "images/*.png" --object 320,240 --no-video
       grasptrack track video.mp4 --grasp "193,308 157,99" --strategy rrp
       grasptrack track camera:0 --ignore fingers.png
+      grasptrack track video.mp4 --risk 1e-5
       grasptrack track video.mp4 --camera camera.yaml
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
@@ -82,6 +87,7 @@ def track(
         "strategy": options.strategy_choice(strategy),
         "fingers": fingers,
         "friction": options.positive_friction(friction),
+        "risk": options.risk_rate(risk),
         "grasp": grasp,
         "object": object_,
         "box": box,
@@ -120,6 +126,7 @@ def track(
         resynthesize=resynthesize,
         hand=hand,
         camera=calibration,
+        risk=risk,
     )
     done, notes = 0, list[str]()
     with Interruption() as interruption:

@@ -5,23 +5,29 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 from grasptrack.cli import options
 from grasptrack.cli.scene import only_image
-from grasptrack.errors import GraspTrackError, InputError
+from grasptrack.cli.terminal import tell_error
+from grasptrack.errors import GraspTrackError, InputError, TransferError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grasptrack.calibration import Camera
+    from grasptrack.contour import View
     from grasptrack.observation.undistortion import Told, Undistortion
+    from grasptrack.pair import Outcome, Pair, Place
 
+REFUSED = 3
+"""Exit status when every strategy refuses."""
 _HEADS = (
     ("strategy", "left"),
     ("contacts, px", "left"),
+    ("confidence", "right"),
     ("off by, px", "right"),
     ("stable", "left"),
     ("margin", "right"),
@@ -33,7 +39,8 @@ def transfer(
     image_b: Annotated[str, typer.Argument(metavar="IMAGE_B", help="The view to carry the grasp to.")],
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
-    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for transfer.png.")] = Path(),
+    risk: options.Risk = 1e-3,
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for transfer.json and transfer.png.")] = Path(),
     grasp: options.GraspText = None,
     object_: Annotated[
         str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object in IMAGE_A.")
@@ -41,6 +48,7 @@ def transfer(
     object_b: Annotated[str | None, typer.Option(metavar="X,Y", help="A pixel of the object in IMAGE_B.")] = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
+    json_: Annotated[bool, typer.Option("--json", help="Print transfer.json in place of the table.")] = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Carry a grasp from one view of an object to another: what each strategy makes of it, or why it is not believed.
@@ -48,9 +56,12 @@ def transfer(
     The views may differ by any turn, by scale and by tilts up to 60 degrees. "registration" lays outline and surface on
     IMAGE_B; the three strategies of the paper follow.
 
-    "off by" is how far IMAGE_B says that the worst contact is from where the strategy puts it.
+    "off by" is how far IMAGE_B says that the worst contact is from where the strategy puts it, "confidence" the
+    probability that no contact is off by more than 3 px and 4 % of the root of the object's area, or on another object: what
+    is wrong with a probability of --risk or more is refused. Where the image does not tell which of several places is
+    right, all are told.
 
-    Writes transfer.png, both views side by side.
+    Writes transfer.json, and transfer.png, both views side by side. Exit status 3 when every strategy refuses.
 
     \b
     Examples:
@@ -58,8 +69,10 @@ def transfer(
       grasptrack transfer a.png b.png --object 320,240 --object-b 300,250
       grasptrack transfer a.png b.png --grasp "193,308 157,99" --output pictures
       grasptrack transfer a.png b.png --camera camera.yaml
+      grasptrack transfer a.png b.png --risk 1e-5 --json
     """
     options.positive_friction(friction)
+    options.risk_rate(risk)
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     place_a, place_b = options.point(object_, "--object"), options.point(object_b, "--object-b")
     hidden, calibration = options.ignore_mask(ignore), options.calibration(camera)
@@ -80,47 +93,119 @@ def transfer(
     chosen = begun.update(one)
     if chosen.contacts is None or chosen.view is None:
         raise InputError(f'"{image_a}": {chosen.reason}')
+    pair, refusal = None, ""
     try:
-        pair = carry_to(Grasp(chosen.contacts), chosen.view, one, other, friction, told_b.object_at, told_b.ignore)
+        pair = carry_to(
+            Grasp(chosen.contacts), chosen.view, one, other, friction, told_b.object_at, told_b.ignore, risk
+        )
+    except TransferError as error:
+        refusal = str(error)
     except GraspTrackError as error:
         raise InputError(f'"{image_b}": {error}') from None
 
+    view, at = chosen.view, chosen.contacts
+    if lens is not None:
+        view, at = lens.view(view), lens.seen(at)
+    found = _Found.none(refusal) if pair is None else _Found.of(pair, lens_b)
+    asked = {
+        "fingers": count,
+        "friction": friction,
+        "risk": risk,
+        "grasp": grasp,
+        "object": object_,
+        "object_b": object_b,
+        "ignore": ignore,
+        "camera": camera,
+    }
+    files = _write(output, (image_a, image_b), (first, view, at), second, found, asked)
+    if json_ and not quiet:
+        typer.echo(files[0].read_text(encoding="utf-8").rstrip())
+    elif not quiet:
+        _show(chosen.analysis, at, found, options.scaled(calibration, first.shape), files)
+    if all(o.reason for o in found.outcomes):
+        tell_error(f'"{image_b}": every strategy refuses: {found.outcomes[0].reason}')
+        raise typer.Exit(REFUSED)
+
+
+class _Found(NamedTuple):
+    """What is told of the second image: outline (None where the object was not found), outcomes, places, ambiguity."""
+
+    current: View | None
+    outcomes: list[Outcome]
+    places: list[Place]
+    ambiguous: str
+
+    @classmethod
+    def none(cls, reason: str) -> _Found:
+        """Every strategy refuses for one reason."""
+        from grasptrack.pair import Outcome
+        from grasptrack.tracking.follower import REGISTRATION
+        from grasptrack.transfer import STRATEGIES
+
+        names = (REGISTRATION, *STRATEGIES)
+        return cls(None, [Outcome(name, None, None, None, math.nan, reason) for name in names], [], "")
+
+    @classmethod
+    def of(cls, pair: Pair, lens: Undistortion | None) -> _Found:
+        """Of a pair, in px of the image as it is."""
+        ambiguous = ""
+        if pair.turns:
+            others = ", ".join(f"{turn:+.0f}°" for turn in pair.turns)
+            ambiguous = f"the outline fits as well turned by {others}; the image cannot tell which is right"
+        elif pair.found.status == "ambiguous":
+            ambiguous = pair.found.reason
+        elif pair.places:
+            ambiguous = "the object fits elsewhere as well"
+        if lens is None:
+            return cls(pair.current, pair.outcomes, list(pair.places), ambiguous)
+        outcomes = [o if o.contacts is None else o._replace(contacts=lens.seen(o.contacts)) for o in pair.outcomes]
+        places = [p._replace(contacts=lens.seen(p.contacts)) for p in pair.places]
+        return cls(lens.view(pair.current), outcomes, places, ambiguous)
+
+
+def _write(
+    output: Path,
+    names: tuple[str, str],
+    reference: tuple[NDArray[Any], View, NDArray[Any]],
+    second: NDArray[Any],
+    found: _Found,
+    asked: dict[str, Any],
+) -> list[Path]:
+    """transfer.json, and transfer.png where the object was found; an older picture goes."""
+    from grasptrack.io.results import write_json
+    from grasptrack.io.transferred import transferred
     from grasptrack.view.pair import write_pair
 
-    picture = output / "transfer.png"
-    view, at, current, outcomes = chosen.view, chosen.contacts, pair.current, pair.outcomes
-    if lens is not None and lens_b is not None:
-        view, at, current = lens.view(view), lens.seen(at), lens_b.view(current)
-        outcomes = [o if o.contacts is None else o._replace(contacts=lens_b.seen(o.contacts)) for o in outcomes]
-    believed = {o.strategy: o.contacts for o in outcomes if o.contacts is not None and not o.reason}
-    refused = {o.strategy: o.reason for o in outcomes if o.reason}
-    write_pair(
-        picture,
-        (first, view, at),
-        (second, current),
-        believed,
-        refused,
-        (Path(image_a).name, Path(image_b).name),
-    )
-    if quiet:
-        return
+    data, picture = output / "transfer.json", output / "transfer.png"
+    write_json(data, transferred(names, reference[2], found.outcomes, found.places, found.ambiguous, asked))
+    if found.current is None:
+        picture.unlink(missing_ok=True)
+        return [data]
+    believed = {o.strategy: o.contacts for o in found.outcomes if o.contacts is not None and not o.reason}
+    refused = {o.strategy: o.reason for o in found.outcomes if o.reason}
+    titles = Path(names[0]).name, Path(names[1]).name
+    write_pair(picture, reference, (second, found.current), believed, refused, titles)
+    return [data, picture]
+
+
+def _show(analysis: Any, at: NDArray[Any], found: _Found, notes: list[str], files: list[Path]) -> None:
+    """The table."""
     from grasptrack.cli.report import show_rows
 
-    rows = [["(reference)", _written(at), "", *_stable(chosen.analysis)]]
-    notes = options.scaled(calibration, first.shape)
-    for outcome in outcomes:
-        if outcome.reason:
-            rows.append([outcome.strategy, "refused", _number(outcome.off), "", ""])
-            notes.append(f"{outcome.strategy} refused: {outcome.reason}")
+    rows, notes = [["(reference)", _written(at), "", "", *_stable(analysis)]], notes[:]
+    for o in found.outcomes:
+        cells = [_sure(o.confidence), _number(o.off)]
+        if o.reason:
+            rows.append([o.strategy, "refused", *cells, "", ""])
+            notes.append(f"{o.strategy} refused: {o.reason}")
         else:
-            cells = [outcome.strategy, _written(outcome.contacts), _number(outcome.off)]
-            rows.append([*cells, *_stable(outcome.analysis)])
-    if pair.turns:
-        others = ", ".join(f"{turn:+.0f}°" for turn in pair.turns)
-        notes.append(f"ambiguous: the outline fits as well turned by {others}; the image cannot tell which is right")
-    elif pair.found.status == "ambiguous":
-        notes.append(f"ambiguous: {pair.found.reason}")
-    show_rows("The grasp in both views", _HEADS, rows, [*notes, str(picture)])
+            rows.append([o.strategy, _written(o.contacts), *cells, *_stable(o.analysis)])
+    if found.ambiguous:
+        notes.append(f"ambiguous: {found.ambiguous}")
+    for i, place in enumerate(found.places):
+        turned = f", turned by {place.turn:+.0f}°" if i else ""
+        notes.append(f"{'or' if i else 'either'} {_written(place.contacts)}{turned}: {100.0 * place.share:.3g} %")
+    show_rows("The grasp in both views", _HEADS, rows, [*notes, ", ".join(map(str, files))])
 
 
 def _straight(
@@ -144,6 +229,12 @@ def _stable(analysis: Any) -> list[str]:
 
 def _written(contacts: Any) -> str:
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in contacts.tolist())
+
+
+def _sure(confidence: float) -> str:
+    """A confidence with as many digits as tell how far from 1 it is."""
+    off = 1.0 - confidence
+    return f"{confidence:.{min(9, max(3, 1 - math.floor(math.log10(off))))}f}" if off > 0.0 else "1"
 
 
 def _number(value: float) -> str:

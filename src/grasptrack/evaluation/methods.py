@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from grasptrack.errors import GraspError, InputError, StrategyError
 from grasptrack.evaluation import peers
 from grasptrack.evaluation.method import Maker, Method, Start
+from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 
@@ -24,14 +25,15 @@ class Tracker:
     Args:
         start: the contacts, and the pixel if there is one.
         strategy: of the tracker.
+        risk: probability below which its answers may be wrong.
     """
 
-    def __init__(self, start: Start, strategy: str) -> None:
+    def __init__(self, start: Start, strategy: str, risk: float = DEFAULT_RISK) -> None:
         self._refused = ""
         self._frame = -1
         self._tracker: GraspTracker | None = None
         try:
-            self._tracker = GraspTracker(strategy=strategy, grasp=start.contacts, object_at=start.object_at)
+            self._tracker = GraspTracker(strategy=strategy, grasp=start.contacts, object_at=start.object_at, risk=risk)
         except StrategyError as error:
             self._refused = str(error)
 
@@ -46,8 +48,12 @@ class Tracker:
         return TrackResult(self._frame, time, "searching", self._refused)
 
 
-def makers(names: Sequence[str]) -> dict[str, Maker]:
+def makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str, Maker]:
     """Makers of methods, in the order of their names.
+
+    Args:
+        names: of the methods.
+        risk: probability below which answers of the tracker may be wrong. Its peers know none.
 
     Raises:
         InputError: a name that is none, or a method that cannot be had here, with the reason.
@@ -55,7 +61,7 @@ def makers(names: Sequence[str]) -> dict[str, Maker]:
     found: dict[str, Maker] = {}
     for name in names:
         if name in OURS:
-            found[name] = _ours(name)
+            found[name] = _ours(name, risk)
         elif name in peers.PEERS:
             missing = peers.missing()
             if name in missing:
@@ -66,8 +72,8 @@ def makers(names: Sequence[str]) -> dict[str, Maker]:
     return found
 
 
-def _ours(strategy: str) -> Maker:
+def _ours(strategy: str, risk: float) -> Maker:
     def make(start: Start) -> Method:
-        return Tracker(start, strategy)
+        return Tracker(start, strategy, risk)
 
     return make

@@ -30,6 +30,7 @@ from grasptrack.evaluation.sequence import Shown, follow
 from grasptrack.evaluation.truth import Truth
 from grasptrack.io.sources import Frame, open_source
 from grasptrack.projective import apply_homography
+from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.tracker import GraspTracker
 
 Floats = NDArray[np.float64]
@@ -49,6 +50,7 @@ class RealCase:
         friction: for choosing it.
         known: of its object, where `scenes.csv` tells it; the first frame is then the first that the table lists.
         given: what of that is told before the first frame.
+        risk: probability below which answers of the tracker may be wrong.
     """
 
     video: Path
@@ -57,6 +59,7 @@ class RealCase:
     friction: float = 0.5
     known: Known | None = None
     given: Given = "nothing"
+    risk: float = DEFAULT_RISK
 
     @property
     def name(self) -> str:
@@ -121,7 +124,9 @@ def first_frame(table: Mapping[int, Floats], known: Known | None) -> int:
     return 0 if known is None else min(table)
 
 
-def videos_of(folder: Path, fingers: int = 2, friction: float = 0.5, given: Given | None = None) -> list[RealCase]:
+def videos_of(
+    folder: Path, fingers: int = 2, friction: float = 0.5, given: Given | None = None, risk: float = DEFAULT_RISK
+) -> list[RealCase]:
     """The videos and folders of images in a folder that have a table of homographies beside them, by name.
 
     Videos that `scenes.csv` names and that are not there are cases too: they fail alone.
@@ -130,6 +135,7 @@ def videos_of(folder: Path, fingers: int = 2, friction: float = 0.5, given: Give
         folder: of the videos.
         fingers, friction: of the grasps that are chosen.
         given: of what `scenes.csv` in that folder tells; None is a pixel where there is that table, else nothing.
+        risk: probability below which answers of the tracker may be wrong.
 
     Raises:
         InputError: no such folder, none in it, or a table that is needed and missing or broken.
@@ -146,7 +152,7 @@ def videos_of(folder: Path, fingers: int = 2, friction: float = 0.5, given: Give
         stem = next(table.name.removesuffix(end) for end in reversed(TABLES) if table.name.endswith(end))
         found = [path for path in sorted(folder.glob(f"{stem}*")) if path.stem == stem and path.suffix != ".csv"]
         of = known.get(stem)
-        cases += [RealCase(p, table, fingers, friction, of, told if of else "nothing") for p in found[:1]]
+        cases += [RealCase(p, table, fingers, friction, of, told if of else "nothing", risk) for p in found[:1]]
     if not cases:
         raise InputError(
             f'no video in "{folder}" has a table of homographies beside it: for film.mp4, film.homographies.csv '
@@ -185,7 +191,7 @@ def run_video(task: tuple[RealCase, tuple[str, ...]]) -> dict[str, list[FrameSco
         truths = case.truths((width, height))
         start = _start(case, first, truths)
         shown = (Shown(frame.image, frame.time, truths.of(frame.index)) for frame in chain([first], frames))
-        return follow(shown, makers(methods), start, begin)
+        return follow(shown, makers(methods, case.risk), start, begin)
 
 
 def _start(case: RealCase, first: Frame, truths: Truths) -> Start:

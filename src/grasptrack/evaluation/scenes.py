@@ -14,6 +14,7 @@ from grasptrack.evaluation.sequence import Shown, chosen_grasp, follow
 from grasptrack.evaluation.truth import Truth
 from grasptrack.simulation import Scene, Shape, Texture
 from grasptrack.simulation.disturbances import DISTURBANCES, applicable
+from grasptrack.tracking.numbers import DEFAULT_RISK
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class SceneCase:
         seed: of the suite.
         fingers: of the grasp that is followed.
         friction: for choosing it.
+        risk: probability below which answers of the tracker may be wrong.
     """
 
     part: Part
@@ -52,6 +54,7 @@ class SceneCase:
     seed: int = 0
     fingers: int = 2
     friction: float = 0.5
+    risk: float = DEFAULT_RISK
 
     @property
     def name(self) -> str:
@@ -77,10 +80,11 @@ def suite(
     seed: int = 0,
     fingers: int = 2,
     friction: float = 0.5,
+    risk: float = DEFAULT_RISK,
 ) -> list[SceneCase]:
     """All cases that make sense, part by part."""
     return [
-        SceneCase(part, disturbance, repeat, frames, size, seed, fingers, friction)
+        SceneCase(part, disturbance, repeat, frames, size, seed, fingers, friction, risk)
         for part in parts
         for disturbance in disturbances
         if applicable(part.shape, disturbance)
@@ -101,7 +105,7 @@ def run_case(task: tuple[SceneCase, tuple[str, ...]]) -> dict[str, list[FrameSco
     scene = case.scene()
     outline = scene[0].outline
     contacts = chosen_grasp(outline, case.fingers, case.friction)
-    return follow(_shown(scene), makers(methods), Start(contacts, outline, case.size))
+    return follow(_shown(scene), makers(methods, case.risk), Start(contacts, outline, case.size))
 
 
 def _shown(scene: Scene) -> Iterator[Shown]:

@@ -27,6 +27,7 @@ from grasptrack.evaluation.score import FrameScore
 from grasptrack.evaluation.truth import Truth
 from grasptrack.io.sources import open_source
 from grasptrack.simulation.disturbances import DISTURBANCES
+from grasptrack.tracking.numbers import DEFAULT_RISK
 
 Floats = NDArray[np.float64]
 
@@ -91,6 +92,7 @@ def scene_suite(
     seed: int,
     fingers: int,
     friction: float,
+    risk: float = DEFAULT_RISK,
     size: tuple[int, int] = (640, 480),
 ) -> Work:
     """Every part under every disturbance.
@@ -101,7 +103,7 @@ def scene_suite(
         photos, masks: folders or patterns of photos and their masks.
         disturbances: names; all of them where none is given.
         methods: names.
-        frames, repeats, seed, fingers, friction, size: as in `scenes:suite`.
+        frames, repeats, seed, fingers, friction, risk, size: as in `scenes:suite`.
 
     Raises:
         InputError: unknown names, or images that are no parts.
@@ -121,6 +123,7 @@ def scene_suite(
         seed=seed,
         fingers=fingers,
         friction=friction,
+        risk=risk,
     )
     by_name = {case.name: case for case in cases}
     if len(by_name) < len(cases):
@@ -135,7 +138,13 @@ def scene_suite(
 
 
 def real_suite(
-    *, folder: str, methods: Sequence[str], fingers: int, friction: float, given: Given | None = None
+    *,
+    folder: str,
+    methods: Sequence[str],
+    fingers: int,
+    friction: float,
+    given: Given | None = None,
+    risk: float = DEFAULT_RISK,
 ) -> Work:
     """Every video of a folder that has a table of homographies.
 
@@ -144,13 +153,14 @@ def real_suite(
         methods: names.
         fingers, friction: of the grasps that are chosen.
         given: what is told of each object, see `real:videos_of`.
+        risk: probability below which answers of the tracker may be wrong.
 
     Raises:
         InputError: no folder, no such video in it, or a grasp of three fingers to be put on two sides.
     """
     if given == "quad" and fingers != 2:
         raise InputError(f"a quadrilateral gives 2 contacts, not {fingers}", fingers=fingers)
-    cases = {case.name: case for case in videos_of(Path(folder), fingers, friction, given)}
+    cases = {case.name: case for case in videos_of(Path(folder), fingers, friction, given, risk)}
     jobs = [
         Job(name, _length(case), {"video": case.video.name, "given": case.given}, (case, tuple(methods)))
         for name, case in cases.items()

@@ -2,7 +2,8 @@
 """grasps.csv and run.json: one row for every frame, and what the run was and gave.
 
 Units in both files, for people: px for contacts (4 decimals), **degrees** for margins and tilt, s for times, ms for latency,
-0 to 1 for seen, confidence and chance. A cell is empty where there is no value. run.json repeats them under "units".
+0 to 1 for seen, chance and confidence (9 decimals, for small risks). A cell is empty where there is no value. run.json
+repeats them under "units".
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ UNITS = {
     "contacts": "px, the centre of the top-left pixel at (0, 0), x right, y down",
     "seen": "0 to 1",
     "margin": "degrees",
-    "confidence": "0 to 1",
+    "confidence": "0 to 1, the complement of the probability that a contact is off or on another object",
     "chance": "probability",
     "latency_ms": "ms",
     "tilt": "degrees",
@@ -84,7 +85,7 @@ class GraspsCsv:
                 *_cells(contacts, 2 * self._fingers, 4),
                 *_cells(seen, self._fingers, 3),
                 _cell(margin, 4),
-                _cell(result.confidence, 4),
+                _cell(result.confidence, 9),
                 _cell(result.chance, 4),
                 _cell(result.latency_ms, 4),
                 " ".join(result.reason.split()),

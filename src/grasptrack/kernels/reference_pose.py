@@ -20,7 +20,8 @@ from grasptrack.kernels.reference_pose_edges import (
 )
 from grasptrack.kernels.reference_pose_estimate import joined, placed
 from grasptrack.kernels.reference_pose_image import Level, Pyramid, level_through
-from grasptrack.kernels.reference_pose_solver import FARTHEST, Solver, Start
+from grasptrack.kernels.reference_pose_solver import FARTHEST, Solver
+from grasptrack.kernels.reference_pose_system import Start
 from grasptrack.kernels.reference_pose_target import CELLS, INNER, INNER_FIRST, Patches, Target
 from grasptrack.kernels.reference_pose_texture import TextureNumbers, cut_patches, follow_look
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.kernels.reference_pose_camera import Pinhole, pinhole_rows
+from grasptrack.kernels.reference_pose_camera import Pinhole
 from grasptrack.kernels.reference_pose_edges import (
     LEAST_HALF,
     MOST_HALF,
@@ -33,6 +33,17 @@ from grasptrack.kernels.reference_pose_image import (
     whole,
 )
 from grasptrack.kernels.reference_pose_regions import NEVER, RegionNumbers, bounded, other_shape, stretches
+from grasptrack.kernels.reference_pose_system import (
+    NUISANCES,
+    Beliefs,
+    Start,
+    System,
+    bounded_nuisance,
+    learned_nuisances,
+    scatter_of,
+    system_about,
+    with_correlated,
+)
 from grasptrack.kernels.reference_pose_target import Target
 from grasptrack.kernels.reference_pose_texture import (
     Matches,
@@ -47,10 +58,6 @@ from grasptrack.kernels.reference_pose_texture import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-NUISANCES = 4
-"""What is not known of part and camera: the part's thickness, and theta."""
-MOST_THETA = 1.2
-"""Of the log of the focal length, and of the normal's slopes: a view beyond it is not believable."""
 ROUNDS, DIRECT, TEXTURE_ROUNDS = 8, 4, 3
 FIRST_EDGE_ROUNDS, EDGE_ROUNDS = 3, 4
 """Times that edges are weighed: after the first step they are looked for anew anyway."""
@@ -74,61 +81,6 @@ EXACT = 0.002
 """The same where edges are weighed anew."""
 NEAR = 0.3
 """Of a patch's pixel: a step that is no larger is the last on its level. The edges' steps go on with the texture."""
-
-
-@dataclass(frozen=True)
-class Start:
-    """A hypothesis, and what else is known when it is tried.
-
-    Attributes:
-        G, P: (3, 3) pose, and (8, 8) covariance of its error, work px^2.
-        last: (3, 3) the pose in the image before, for the speed.
-        nuisance, nuisance_covariance: (4,), (4, 4): the part's thickness in work px, and theta, see `Pinhole`.
-        sides: see `EdgeNumbers`.
-        inner_spread: grey levels, see `EdgeNumbers`.
-        light: of the surface, where it was located last.
-        reach: work px within which edges are looked for first; 0: by the covariance.
-        edge_width: work px, standard deviation of an edge at rest.
-        blur_share: of what moved across an edge since the last image: half of its blur.
-    """
-
-    G: Floats
-    P: Floats
-    last: Floats
-    nuisance: Floats
-    nuisance_covariance: Floats
-    sides: float
-    inner_spread: np.float64
-    light: Light
-    reach: float
-    edge_width: float
-    blur_share: float
-
-
-@dataclass
-class System:
-    """Normal equations of the pose's error and of the nuisances, the latter as they are, not their error.
-
-    Attributes:
-        A, b: (12, 12), (12,).
-        prior, expected: (8, 8), (8,) of them, what was expected of the pose.
-    """
-
-    A: Floats
-    b: Floats
-    prior: Floats
-    expected: Floats
-
-    def reduced(self, count: int) -> tuple[Floats, Floats]:
-        """The equations of the leading unknowns, the others eliminated: whatever these may be is allowed for."""
-        share = np.linalg.solve(self.A[count:, count:], np.column_stack([self.A[count:, :count], self.b[count:]]))
-        off = self.A[:count, count:]
-        return self.A[:count, :count] - off @ share[:, :-1], self.b[:count] - off @ share[:, -1]
-
-    def add(self, A: Floats, b: Floats) -> None:
-        """Rows of the leading unknowns."""
-        self.A[: len(b), : len(b)] += A
-        self.b[: len(b)] += b
 
 
 @dataclass
@@ -201,7 +153,7 @@ class Solver:
         prior, nuisance_prior = inverse_definite(start.P), inverse_definite(start.nuisance_covariance)
         if prior is None or nuisance_prior is None:
             return out
-        self.prior, self.nuisance_prior = prior, nuisance_prior
+        self.beliefs = Beliefs(prior, nuisance_prior)
         found = self._texture_alone(start.G)
         if found is None:
             return out
@@ -237,13 +189,15 @@ class Solver:
             if inverse is None:
                 return out
             x = inverse @ system.b
-            every = _with_correlated(inverse, scatter)
+            every = with_correlated(inverse, scatter)
             P, spread = every[:8, :8], every[8:, 8:]
             # what does not settle goes to and fro between two answers
             d = np.clip(x[:8] if round_ < DIRECT else 0.5 * x[:8], -target.radius, target.radius)
-            nuisance = _bounded_nuisance(x[8:])
-            if not self._learn_nuisances(system, scatter, out):
+            nuisance = bounded_nuisance(x[8:])
+            learned = learned_nuisances(system, scatter, target.radius)
+            if learned is None:
                 return out
+            out.nuisance, out.nuisance_covariance = learned
             moved = self._contacts_moved(d)
             G = target.moved(G, d)
             if not np.isfinite(G).all():
@@ -261,21 +215,6 @@ class Solver:
         self._judge(out, edges, nuisance[0], spread[0, 0])
         return out
 
-    def _learn_nuisances(self, system: System, scatter: Floats, out: Solution) -> bool:
-        """What the image itself tells of the nuisances, whether it tells anything.
-
-        A pose that was expected has what was believed of them in it, which must not confirm itself.
-        """
-        A, b = system.A.copy(), system.b.copy()
-        A[:8, :8] -= system.prior - np.eye(8) / self.target.radius**2
-        b[:8] -= system.expected
-        inverse = inverse_definite(A)
-        if inverse is None:
-            return False
-        out.nuisance = _bounded_nuisance((inverse @ b)[8:])
-        out.nuisance_covariance = _with_correlated(inverse, scatter)[8:, 8:]
-        return True
-
     def _contacts_deviation(self, P: Floats) -> float:
         """Work px, standard deviation of a contact along an axis at most, by the covariance P (8, 8) of the pose's error."""
         J = self.target.jacobian(self.target.contacts)
@@ -286,39 +225,8 @@ class Solver:
         return _largest(np.abs(self.target.jacobian(self.target.contacts) @ d))
 
     def _about(self, G: Floats, nuisance: Floats) -> System | None:
-        """Priors, bounded perspective and pinhole about the pose G and what is taken for the nuisances there."""
-        target, start, n = self.target, self.start, self.numbers
-        d = target.difference(start.G, G)
-        if d is None:
-            return None
-        distance = float(d @ self.prior @ d)
-        prior = (n["prior_freedom"] + 8.0) / (n["prior_freedom"] + max(8.0, distance)) * self.prior
-        A, b = np.zeros((8 + NUISANCES, 8 + NUISANCES)), np.zeros(8 + NUISANCES)
-        out = System(A, b, prior, -prior @ d)
-        out.add(prior, out.expected)
-        A[8:, 8:] += self.nuisance_prior
-        b[8:] += self.nuisance_prior @ start.nuisance
-        # perspective against the first view, in work px at the half size
-        r = target.radius
-        z = -(G[2, :2] * r) / (G[2, :2] @ target.centre + G[2, 2]) * r
-        information = 1.0 / (n["perspective"] * r) ** 2
-        A[[6, 7], [6, 7]] += information
-        b[6:8] -= information * z
-        pin = pinhole_rows(target, G, nuisance[1:], self.width, self.height)
-        if not pin.valid:
-            return out
-        # by all unknowns, with the misfit where the nuisances are 0, and where they are as they were believed
-        J = np.column_stack([pin.by_pose, np.zeros(2), pin.by_camera])
-        rest = pin.misfit - pin.by_camera @ nuisance[1:]
-        off = rest + pin.by_camera @ start.nuisance[1:]
-        own = n["pinhole_sd"] ** 2
-        C = own * np.eye(2) + pin.by_camera @ start.nuisance_covariance[1:, 1:] @ pin.by_camera.T
-        (c0, c1), (c2, c3) = C
-        far = (off[0] * (c3 * off[0] - c1 * off[1]) + off[1] * (c0 * off[1] - c2 * off[0])) / (c0 * c3 - c1 * c2)
-        weight = (n["pinhole_freedom"] + 2.0) / (n["pinhole_freedom"] + max(2.0, float(far))) / own
-        A += weight * J.T @ J
-        b -= weight * J.T @ rest
-        return out
+        size = self.width, self.height
+        return system_about(self.target, self.start, self.numbers, self.beliefs, size, G, nuisance)
 
     # --- texture --------------------------------------------------------------------------------
 
@@ -481,7 +389,7 @@ class Solver:
         low_seen = seen_low >= seen_up
         residual = np.where(low_seen, found.lower_offset - parallax * h, found.upper_offset) - rows @ d
         scores = np.where(low_seen[:, None], lower, upper) * (weight * residual)[:, None]
-        return _scatter(scores)
+        return scatter_of(scores)
 
     # --- evidence -------------------------------------------------------------------------------
 
@@ -553,22 +461,3 @@ def _tells(fit: TextureFit, count: int) -> bool:
 def _largest(values: Floats) -> float:
     """The largest of some values, 0 at least; what is no number does not count."""
     return float(np.max(np.where(np.isnan(values), 0.0, values), initial=0.0))
-
-
-def _bounded_nuisance(x: Floats) -> Floats:
-    """Thickness and theta (4,) as far as they are believable."""
-    return np.concatenate([np.maximum(x[:1], 0.0), np.clip(x[1:], -MOST_THETA, MOST_THETA)])
-
-
-def _scatter(scores: Floats) -> Floats:
-    """(9, 9) of scores (n, 9) that are correlated with their neighbours along the outline (Newey and West 1987)."""
-    lags = max(3, int(0.06 * len(scores)))
-    near = sum((1.0 - q / lags) * np.roll(scores, q, axis=0) for q in range(1, lags))
-    cross = scores.T @ near
-    return np.asarray(scores.T @ scores + cross + cross.T)
-
-
-def _with_correlated(P: Floats, scatter: Floats) -> Floats:
-    """A covariance (12, 12) with what correlated residuals of the edges add to it."""
-    more = P + P[:, :9] @ scatter @ P[:9]
-    return 0.5 * (more + more.T)

@@ -29,7 +29,7 @@ from grasptrack.suitability.symmetry import Likeness, equals_of, symmetry_of
 from grasptrack.tracking.decision import largest_sigma
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason as Why
-from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.target import pyramid
 from grasptrack.tracking.tracker import GraspTracker
@@ -51,6 +51,7 @@ def inspect(
     ignore: NDArray[Any] | None = None,
     hand: Hand | None = None,
     strategy: str = AUTO,
+    risk: float = DEFAULT_RISK,
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
@@ -69,18 +70,19 @@ def inspect(
         ignore: (H, W) nonzero where nothing belongs to the scene.
         hand: opening and fingers that a synthesised grasp must suit.
         strategy: that is to carry the grasp.
+        risk: probability, between 0 and 1, below which an answer of the tracker may be wrong.
 
     Raises:
         ObservationError: no object.
-        SourceError, InputError: an image or mask that cannot be used, friction not positive.
+        SourceError, InputError: an image or mask that cannot be used, friction not positive, a risk not between 0 and 1.
         GraspError: given contacts that are none, or not on an object.
         StrategyError: unknown strategy, or more fingers than it can carry.
     """
     asked = GraspTracker(
-        fingers=fingers, strategy=strategy, friction=friction, grasp=grasp, object_at=object_at, box=box
+        fingers=fingers, strategy=strategy, friction=friction, grasp=grasp, object_at=object_at, box=box, risk=risk
     )
     given = None if grasp is None else Grasp(grasp)
-    first = first_view(image, given, asked.fingers, friction, object_at, box, mask, ignore, hand, strategy)
+    first = first_view(image, given, asked.fingers, friction, object_at, box, mask, ignore, hand, strategy, risk)
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)
     surface, ground = reliefs(grey, view, first.hidden)
@@ -88,7 +90,7 @@ def inspect(
     noise = math.sqrt(2.0) * looks.scatter  # of both views
     motions = motions_of(*edges.used, first.held.contacts, _frame(view), noise, sway(edges))
     whole = motions.models["homography"]
-    limit = largest_sigma(view.outer.area, NUMBERS)
+    limit = largest_sigma(view.outer.area, NUMBERS.with_risk(risk))
     stage = Stage(first.colours, first.candidate.channel, surface.noise)
     rehearsal = None if first.carrier is None else rehearse(first, stage)
     fixed = None
@@ -103,7 +105,7 @@ def inspect(
     symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
     equals = equals_of(first, likeness)
     reasons = reasons_of(
-        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, fixed, rehearsal)
+        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, fixed, rehearsal, risk)
     )
     return Suitability(
         level=level_of(reasons),

@@ -36,7 +36,7 @@ NO_TURN = "another object, or a mark on its outline such as a notch"
 
 
 class Findings(NamedTuple):
-    """All that a verdict rests on; `refusal` is what the tracker says of the first view itself."""
+    """All that a verdict rests on; `refusal` is what the tracker says of the first view, by its `risk`."""
 
     looks: Looks
     motions: Motions
@@ -48,6 +48,7 @@ class Findings(NamedTuple):
     refusal: str
     settled: Settled | None
     rehearsal: Rehearsal | None
+    risk: float
 
 
 def reasons_of(found: Findings) -> tuple[Reason, ...]:
@@ -152,7 +153,7 @@ def _of_edges(found: Findings) -> list[Reason]:
     if found.grasp is not None and found.settled is not None and found.settled.by == "outline":
         # where half of the outline is covered, half of what it tells is left
         sigma, odds = math.sqrt(2.0) * found.settled.deviations[0], 0.5 * found.settled.evidence
-        few = odds < -math.log(NUMBERS.risk) and looks.size >= SMALL  # of a small object that is said below
+        few = odds < -math.log(found.risk) and looks.size >= SMALL  # of a small object that is said below
         if sigma > found.grasp.limit or few:
             text = f"the edges scatter by {looks.scatter:.1f} px: in poorer light or behind a cover it is lost"
             listed.append(Reason("fair", text, _clearer(looks)))

@@ -67,6 +67,7 @@ def first_view(
     ignore: NDArray[Any] | None,
     hand: Hand | None,
     strategy: str,
+    risk: float,
 ) -> FirstView:
     """Object and grasp as `GraspTracker.update` chooses them in a first image; arguments as there.
 
@@ -91,7 +92,7 @@ def first_view(
     others = _others(observer, chosen.found, candidate, masked, object_at is not None or box is not None)
     for i, grasp in enumerate(chosen.grasps):
         try:
-            carrier = carrier_for(strategy, grasp, candidate.view, grey, None, observer)
+            carrier = carrier_for(strategy, grasp, candidate.view, grey, None, observer, risk)
         except TransferError as error:
             if i == 0:
                 reason = f"no grasp that {strategy} can carry: {error}"

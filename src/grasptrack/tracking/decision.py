@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.numbers import NUMBERS, Numbers
 
 if TYPE_CHECKING:
     from grasptrack.tracking.estimator import PoseEstimate
@@ -32,10 +32,11 @@ class Decision:
         tolerance: px.
         exchanged: probability that something else lies in its place.
         evidence: log-likelihood ratio of the estimate, against nothing of its kind.
-        code: why it is not accepted, one of `CODES`; empty when it is.
-        figures: the numbers that go with the code, by name.
+        doubt: what most of that probability stands for, one of `CODES`.
+        figures: the numbers that go with it, by name.
         rival: the most probable of the estimates that put a contact elsewhere.
-        accepted: whether the contacts may be given out: there is no code.
+        rival_share: probability of the contacts where the rival has them.
+        risk: probability from which on the estimate is not accepted.
     """
 
     estimate: PoseEstimate | None
@@ -45,13 +46,37 @@ class Decision:
     tolerance: float
     exchanged: float
     evidence: float
-    code: str
+    doubt: str
     figures: dict[str, float]
     rival: PoseEstimate | None
-    accepted: bool = field(init=False)
+    rival_share: float = 0.0
+    risk: float = NUMBERS.risk
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "accepted", not self.code)
+    @property
+    def accepted(self) -> bool:
+        """Whether the contacts may be given out. Nothing but the probability decides it."""
+        return self.probability_off < self.risk
+
+    @property
+    def code(self) -> str:
+        """Why it is not accepted, one of `CODES`; empty when it is."""
+        return "" if self.accepted else self.doubt
+
+    def at(self, risk: float) -> Decision:
+        """The same by another risk."""
+        return replace(self, risk=risk)
+
+    def among(self, share: float) -> Decision:
+        """The same where it is one of several answers between which nothing decides, with its share of the probability."""
+        off = any_of(self.probability_off, 1.0 - share)
+        return replace(
+            self, probability_off=off, doubt=self.doubt if self.probability_off > 1.0 - share else "ambiguous"
+        )
+
+    @property
+    def confidence(self) -> float:
+        """The complement of the probability, 0 to 1; 0 where nothing was found."""
+        return 1.0 - self.probability_off
 
 
 NOTHING = Decision(None, 1.0, 0.0, math.inf, 0.0, 0.0, 0.0, "not-found", {}, None)
@@ -372,29 +397,42 @@ def decide(
     others += [scores[k] for k in rivals]
     top = max([*others, scores[best]])
     own = math.exp(scores[best] - top)
-    p = own / (own + sum(math.exp(o - top) for o in others))
+    elsewhere = sum(math.exp(o - top) for o in others)
+    p, absent = own / (own + elsewhere), elsewhere / (own + elsewhere)
     variance = variance_of(chosen) * numbers.inflate**2
-    inside = 1.0 - math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
+    outside = math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
     other = exchanged(state, chosen, expected.steps, numbers, told[best])
-    off = 1.0 - p * inside * (1.0 - other)
-    code, figures = "", {}
-    if not off < numbers.risk:
-        figures = {"probability_off": off}
-        causes = {"presence": 1.0 - p, "uncertain": 1.0 - inside, "exchanged": other}
-        cause = max(causes, key=lambda name: causes[name]) if p > 0.5 else "presence"
-        if cause == "uncertain":
-            code, figures = "uncertain", {**figures, "sigma": math.sqrt(variance), "tolerance": allowed}
-        elif cause == "exchanged":
-            code = "other-shape" if chosen.other_shape > 0.0 else "other-surface"
-            figures["probability"] = other
-        else:
-            nowhere = max(others[1:], default=-math.inf) <= others[0]
-            code = "not-there" if nowhere else "other-place"
-            if nowhere and likeness(state, chosen, expected, numbers) > numbers.lookalike:
-                code = "lookalike"
-            figures |= {"presence": p, "edges": chosen.edge_share}
-    rival = estimates[max(rivals, key=scores.__getitem__)] if rivals else None
-    return Decision(chosen, off, p, math.sqrt(variance), allowed, other, raw[best], code, figures, rival)
+    off = any_of(absent, outside, other)
+    figures = {"probability_off": off}
+    causes = {"presence": absent, "uncertain": outside, "exchanged": other}
+    cause = max(causes, key=lambda name: causes[name]) if p > 0.5 else "presence"
+    if cause == "uncertain":
+        doubt, figures = "uncertain", {**figures, "sigma": math.sqrt(variance), "tolerance": allowed}
+    elif cause == "exchanged":
+        doubt = "other-shape" if chosen.other_shape > 0.0 else "other-surface"
+        figures["probability"] = other
+    else:
+        nowhere = max(others[1:], default=-math.inf) <= others[0]
+        doubt = "not-there" if nowhere else "other-place"
+        if nowhere and likeness(state, chosen, expected, numbers) > numbers.lookalike:
+            doubt = "lookalike"
+        figures |= {"presence": p, "edges": chosen.edge_share}
+    rival, share = None, 0.0
+    if rivals:
+        rival = estimates[max(rivals, key=scores.__getitem__)]
+        there = [k for k in rivals if farthest(estimates[k].contacts, rival.contacts) <= allowed]
+        share = sum(math.exp(scores[k] - top) for k in there) / (own + elsewhere)
+    return Decision(
+        chosen, off, p, math.sqrt(variance), allowed, other, raw[best], doubt, figures, rival, share, numbers.risk
+    )
+
+
+def any_of(*probabilities: float) -> float:
+    """Probability that any of some independent things holds: exact also where all are small, and never beyond 0 to 1."""
+    found = 0.0
+    for probability in probabilities:
+        found += (1.0 - found) * probability
+    return min(1.0, found)
 
 
 def _around(estimate: PoseEstimate, estimates: list[PoseEstimate], share: float) -> list[int]:
@@ -421,15 +459,18 @@ def farthest(contacts: Floats, others: Floats) -> float:
     return max(math.hypot(x, y) for x, y in (contacts - others).tolist())
 
 
-def checked(decision: Decision, contacts: Floats, numbers: Numbers) -> Decision:
+def checked(decision: Decision, contacts: Floats) -> Decision:
     """The decision of a strategy's own contacts (k, 2) px, which are off by as much more as they differ from the estimate's."""
-    if decision.estimate is None or not decision.accepted:
+    if decision.estimate is None:
         return decision
     distance = farthest(contacts, decision.estimate.contacts)
-    left = max(0.0, decision.tolerance - distance) / max(decision.sigma, 1e-3)
-    inside = 1.0 - math.exp(-0.5 * left * left)
-    off = 1.0 - decision.presence * inside * (1.0 - decision.exchanged)
-    if off < numbers.risk:
+    spread = max(decision.sigma, 1e-3)
+    near, left = decision.tolerance / spread, max(0.0, decision.tolerance - distance) / spread
+    # of the chance that the estimate's contacts are right, what is left for the strategy's
+    least = max(-math.expm1(-0.5 * near * near), 1e-300)
+    missed = (math.exp(-0.5 * left * left) - math.exp(-0.5 * near * near)) / least
+    off = any_of(decision.probability_off, min(1.0, max(0.0, missed)))
+    if off <= 2.0 * decision.probability_off and not decision.accepted:
         return replace(decision, probability_off=off)
     figures = {"probability_off": off, "distance": distance, "tolerance": decision.tolerance}
-    return replace(decision, probability_off=off, code="strategy-off", figures=figures)
+    return replace(decision, probability_off=off, doubt="strategy-off", figures=figures)

@@ -43,7 +43,7 @@ from grasptrack.tracking.estimator import (
 )
 from grasptrack.tracking.hypotheses import Predictions, place_is_empty, predict
 from grasptrack.tracking.messages import Reason
-from grasptrack.tracking.numbers import NUMBERS, Numbers
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.redetection import Redetection, sighted
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state
@@ -167,7 +167,7 @@ class Follower:
             contacts = found.estimate.contacts
             nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
             found = self._against_turns(found, solutions, expected, presence)
-            answer = checked(found, nearest.contacts, numbers)
+            answer = checked(found, nearest.contacts)
             if answer.accepted:
                 break
         self._learn(levels, found, predictions, steps)  # whatever the strategy makes of it
@@ -229,13 +229,20 @@ class Follower:
                 solutions.add(turned)
                 decision = decided()
         own, rival = decision.estimate, decision.rival
-        unknown = target.is_round and not state.accepted and decision.accepted
+        unknown = target.is_round and not state.accepted
         if unknown and own is not None:  # does its surface tell of another turn?
             against = texture_evidence(own, state.usual, self.numbers) < 0.0
             if against or (solutions.falls_short(own) and own.covered > self.numbers.elsewhere):
-                return replace(decision, code="ambiguous")
+                return self._any_turn(decision, own)
         only_turned = own is not None and rival is not None and self._is_turned(own, rival)
-        return replace(decision, code="ambiguous") if decision.code == "other-place" and only_turned else decision
+        return replace(decision, doubt="ambiguous") if decision.doubt == "other-place" and only_turned else decision
+
+    def _any_turn(self, decision: Decision, own: PoseEstimate) -> Decision:
+        """A decision of what is round and may have turned by any angle, few of which leave the contacts there."""
+        center = np.array(own.middle)
+        radius = float(np.hypot(*(own.contacts - center).T).max())
+        share = 2.0 / math.pi * math.asin(min(1.0, 0.5 * decision.tolerance / max(radius, 1e-9)))
+        return decision.among(share)
 
     def _is_turned(self, one: PoseEstimate, other: PoseEstimate) -> bool:
         """Whether two estimates put the contacts at different places, but the outline at the same."""
@@ -317,7 +324,7 @@ class Moved(NamedTuple):
     """The grasp in an image.
 
     Attributes:
-        decision: whether it is believed, and by what estimate.
+        decision: whether it is believed, how surely, and by what estimate.
         contacts: (k, 2) px; None where there are none.
         homography: (3, 3) H_current_reference by which they were carried: the strategy's own.
         view: the outline that was laid on the image, or found in it.
@@ -332,16 +339,21 @@ class Moved(NamedTuple):
 
 
 class Registration:
-    """The first view laid on the image: the estimate's own contacts."""
+    """The first view laid on the image: the estimate's own contacts.
+
+    Args:
+        follower: of the object.
+        risk: probability below which an answer may be wrong.
+    """
 
     name = REGISTRATION
 
-    def __init__(self, follower: Follower) -> None:
-        self.follower = follower
+    def __init__(self, follower: Follower, risk: float = DEFAULT_RISK) -> None:
+        self.follower, self._risk = follower, risk
 
     def move(self, grey: Grey, time: float | None) -> Moved:
         """The grasp in the next image (H, W), taken at a time in s."""
-        decision, target = self.follower.update(grey, time), self.follower.target
+        decision, target = self.follower.update(grey, time).at(self._risk), self.follower.target
         if decision.estimate is None or not decision.accepted:
             return Moved(decision, reason=Reason(decision.code, decision.figures))
         H = target.homography(decision.estimate.G)

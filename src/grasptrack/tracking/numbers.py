@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+
+from grasptrack.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,9 @@ class Numbers:
         swell: share a frame by which its size may have changed unseen where the ground does not tell the camera's distance.
         temper: of log-likelihoods: samples and patches are less independent than counted.
         inflate: of the standard deviations: what the model still does not know.
-        risk: accepted probability that an answer is wrong.
+        exposed: standard deviation of when a contact was exposed, as a share of the time between two images: what moves is
+            known no better, as rows are read out one after another and hands turn back while the shutter is open.
+        risk: probability of being wrong below which an answer is believed: the user's, see `with_risk` and `learning`.
         tolerance, tolerance_px: an answer is wrong if a contact is off by more than this share of sqrt(area) and so many px.
     """
 
@@ -101,10 +105,10 @@ class Numbers:
     predicted: float = 0.15
     perspective: float = 0.30
     focal_sd: float = 0.4
-    normal_sd: float = 0.5
+    normal_sd: float = 0.4
     pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0
-    new_view: float = 0.2
+    new_view: float = 1.0
     sides: float = 0.9
     thickness_sd: float = 0.04
     hazard: float = 2e-3
@@ -120,6 +124,7 @@ class Numbers:
     swell: float = 0.05
     temper: float = 0.25
     inflate: float = 1.5
+    exposed: float = 0.05
     risk: float = 1e-3
     tolerance: float = 0.04
     tolerance_px: float = 3.0
@@ -128,5 +133,41 @@ class Numbers:
         """By name, as the kernel takes them."""
         return asdict(self)
 
+    def with_risk(self, risk: float) -> Numbers:
+        """The same for answers that may be wrong with a probability below `risk`.
+
+        Raises:
+            InputError: not between 0 and 1.
+        """
+        return replace(self, risk=check_risk(risk))
+
+    def learning(self, risk: float) -> Numbers:
+        """The same for learning from images whose answers may be wrong with a probability below `risk`.
+
+        What the user takes at a higher risk is given out, but teaches nothing: doubt must not become habit.
+
+        Raises:
+            InputError: not between 0 and 1.
+        """
+        return self.with_risk(min(self.risk, check_risk(risk)))
+
 
 NUMBERS = Numbers()
+
+DEFAULT_RISK = NUMBERS.risk
+"""Probability below which an answer may be wrong, where nobody says."""
+
+
+def check_risk(risk: float, name: str = "risk") -> float:
+    """The probability below which an answer may be wrong.
+
+    Args:
+        risk: the probability.
+        name: as the message names it.
+
+    Raises:
+        InputError: not between 0 and 1.
+    """
+    if not 0.0 < risk < 1.0:
+        raise InputError(f"{name} must be a probability between 0 and 1, not {risk:g}", risk=risk)
+    return risk

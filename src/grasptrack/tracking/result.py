@@ -31,7 +31,8 @@ class TrackResult:
         contacts: (k, 2) px in the order of the grasp; None unless tracked or unstable.
         seen: (k,) 0 to 1, how much of the outline at each contact was observed; None with the contacts.
         analysis: the grasp's analysis, in the object's own plane; None with the contacts.
-        confidence: 0 to 1.
+        confidence: 0 to 1, the complement of the probability that a contact is off by more than 3 px and 4 % of sqrt(area), or
+            on another object. Lost frames tell that of the best place found, or 0; 1 in the first view, by definition.
         chance: probability, 0 to 1, that the grasp still closes although the contacts may be off by their covariance: the
             least that it is (`closing.chance_of_closing`); NaN where no covariance is known.
         homography: (3, 3) H_current_reference where the transfer gives one.

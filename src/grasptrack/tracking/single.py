@@ -9,7 +9,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.tracking.decision import LONG, TURNED, Decision, Expected, decide, evidence, farthest, tolerance
+from grasptrack.tracking.decision import (
+    LONG,
+    TURNED,
+    Decision,
+    Expected,
+    any_of,
+    decide,
+    evidence,
+    farthest,
+    texture_evidence,
+    tolerance,
+)
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.state import TrackState, initial_state
@@ -17,6 +28,8 @@ from grasptrack.tracking.target import Grey, Target
 
 Floats = NDArray[np.float64]
 
+UNCERTAIN = 4.0
+"""Grey levels of texture that compression, light and dust make in one image, and another of the same surface need not show."""
 PRESENT = 0.5
 """Prior probability that an image of which nothing is known shows the object."""
 
@@ -66,12 +79,33 @@ def single_estimate(
 
 
 def decide_single(target: Target, state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Decision:
-    """The most probable of some estimates of one image, wherever it lies."""
-    return decide(state, estimates, Expected(target.contacts, LONG), PRESENT, numbers)
+    """The most probable of some estimates of one image, wherever it lies.
+
+    No continuity says that it is this object and not another of its outline: what its surface does not show counts at once.
+    """
+    decision = decide(state, estimates, Expected(target.contacts, LONG), PRESENT, numbers)
+    own = decision.estimate
+    if own is None:
+        return decision
+    odds = numbers.exchanged * math.exp(min(50.0, -texture_evidence(own, _certain(target, state), numbers)))
+    other = odds / (1.0 + odds)
+    doubt = "other-surface" if other > decision.probability_off else decision.doubt
+    off, exchanged = any_of(decision.probability_off, other), any_of(decision.exchanged, other)
+    return replace(decision, probability_off=off, exchanged=exchanged, doubt=doubt)
+
+
+def _certain(target: Target, state: TrackState) -> list[Floats]:
+    """What is usual of each patch, were the noise of the first image `UNCERTAIN`, and so only as far as its texture is more."""
+    ratio = (target.noise / max(target.noise, UNCERTAIN)) ** 2
+    found = []
+    for usual in state.usual:
+        signal = (1.0 + usual) / np.maximum(1.0 - usual, 1e-9) * ratio  # variance over that of the noise
+        found.append(np.clip((signal - 1.0) / (signal + 1.0), 0.0, 1.0))
+    return found
 
 
 def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
-    """Whether the image has so much more evidence for one estimate than for another as is asked for."""
+    """Whether the image has so much more evidence for one estimate than for another as the risk asks for."""
     gained = evidence(one, state.usual, numbers) - evidence(other, state.usual, numbers)
     return gained >= -math.log(numbers.risk)
 

@@ -31,6 +31,8 @@ FIRST = 2
 """... and images for which the likeness that noise allows counts before the first."""
 UNSURE = 0.5
 """Most that an image in which nothing was accepted tells of the object's presence."""
+FOLLOWED = 0.999
+"""Presence from which on what shows another shape or surface is followed all the same, whatever risk is taken."""
 STILL = 0.05
 """Least wandering: what rests may be pushed."""
 CALM = 0.01
@@ -59,6 +61,8 @@ class TrackState:
         velocity: (8,) the pose's change in a usual interval, work px at the half size; None where it is not known.
         velocity_P: (8, 8) covariance of its error.
         P: (8, 8) covariance of the pose's error, work px^2 at the half size.
+        moved: work px that a contact moved in a usual interval, root mean square, in the last image and in the one before: a
+            jump is no speed; 0 where that is not known.
         presence: probability that the object is there.
         nuisance, nuisance_covariance: (4,), (4, 4) what is not known of part and camera: the part's thickness in work px, log
             of the focal length over the image's width, slopes of the first view's normal; these three as `plane` has them.
@@ -95,6 +99,7 @@ class TrackState:
     velocity: Floats | None
     velocity_P: Floats
     P: Floats
+    moved: tuple[float, float]
     presence: float
     nuisance: Floats
     nuisance_covariance: Floats
@@ -150,6 +155,10 @@ class TrackState:
         way = float(np.linalg.norm(target.handle.difference(self.last.G, e.G)))
         new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
         self._learn_motion(target, e, predictions, steps)
+        before = target.carried(self.last.G)
+        px = math.sqrt(2.0 * float(((e.contacts - before) ** 2).mean()))
+        moved = 0.0 if self.lost else px * target.size / math.sqrt(e.area) / max(steps, 1e-3)
+        self.moved = moved, self.moved[0]
         self.last = Look(levels, e.G)
         self.P = e.P
         self.presence = _between(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
@@ -187,7 +196,7 @@ class TrackState:
         self.exchanged = self.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
         self.velocity, self.elsewhere, self.confirmed = None, 0.0, 0.0
         # while something is followed that is more probably the object than another shape or surface, its place is known
-        followed = decision.presence > 1.0 - numbers.risk and decision.probability_off < 0.5
+        followed = decision.presence > FOLLOWED and decision.probability_off < 0.5
         if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
             self.expected, self.anchored, self.unseen, self.adrift = e.G, True, 0.0, 0.0
             self.last, self.P, self.presence = Look(levels, e.G), e.P, UNSURE
@@ -273,6 +282,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         velocity=None,
         velocity_P=np.zeros((8, 8)),
         P=np.eye(8) * 0.05**2,
+        moved=(0.0, 0.0),
         presence=1.0 - 1e-6,
         nuisance=np.zeros(4),
         nuisance_covariance=np.diag(

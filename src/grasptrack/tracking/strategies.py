@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -22,6 +23,7 @@ from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import Follower, Moved, Proposal, Registration
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.redetection import wide_prior
 from grasptrack.transfer import rrp, strategy_named
 from grasptrack.transfer.alignment import alignments, as_similarity
@@ -50,7 +52,15 @@ class Carrier(Protocol):
         ...
 
 
-def carrier_for(strategy: str, grasp: Grasp, view: View, grey: Grey, time: float | None, observer: Observer) -> Carrier:
+def carrier_for(
+    strategy: str,
+    grasp: Grasp,
+    view: View,
+    grey: Grey,
+    time: float | None,
+    observer: Observer,
+    risk: float = DEFAULT_RISK,
+) -> Carrier:
     """What carries a grasp from the view in which it was chosen.
 
     Args:
@@ -58,13 +68,17 @@ def carrier_for(strategy: str, grasp: Grasp, view: View, grey: Grey, time: float
         grasp, view: contacts and outline of the object.
         grey, time: (H, W) the image and when it was taken, s.
         observer: of the object.
+        risk: probability below which an answer may be wrong.
 
     Raises:
         TransferError: the strategy cannot describe the grasp on this outline.
     """
     extractor = None if strategy == AUTO else _extractor(strategy, grasp, view, grey)
-    follower = Follower(grey, view, grasp.contacts, time, observer.hidden, observer=observer)
-    return Registration(follower) if extractor is None else Alone(strategy, follower, extractor, observer)
+    numbers = NUMBERS.learning(risk)
+    follower = Follower(grey, view, grasp.contacts, time, observer.hidden, numbers, observer)
+    if extractor is None:
+        return Registration(follower, risk)
+    return Alone(strategy, follower, extractor, observer, risk)
 
 
 # --- the paper's strategies ----------------------------------------------------------------------
@@ -165,10 +179,13 @@ class Alone:
         follower: of the object.
         extractor: the strategy.
         observer: finds contours; it has been told which object is meant.
+        risk: probability below which an answer may be wrong.
     """
 
-    def __init__(self, name: str, follower: Follower, extractor: Extractor, observer: Observer) -> None:
-        self.name, self.follower = name, follower
+    def __init__(
+        self, name: str, follower: Follower, extractor: Extractor, observer: Observer, risk: float = DEFAULT_RISK
+    ) -> None:
+        self.name, self.follower, self._risk = name, follower, risk
         self._extractor, self._observer = extractor, observer
         view = follower.target.view
         self._reference = view
@@ -182,13 +199,20 @@ class Alone:
         refused: list[str] = []
         decision, chosen = self.follower.judge(grey, time, lambda G: self._proposals(grey, G, tried, refused))
         carried = next((c for proposal, c in tried if proposal is chosen), None)
-        if carried is None or not decision.accepted:
+        if carried is None:  # of its contacts nothing can be said
             self._missed += 1
-            why = Reason(decision.code or "no-transfer", decision.figures)
+            decision = replace(decision, probability_off=1.0, doubt=decision.code or "no-transfer")
+            why = Reason(decision.doubt, decision.figures)
             return Moved(decision, reason=why if tried or not refused else Reason("no-transfer", detail=refused[0]))
-        self._missed = 0
-        self._observer.believe(carried.view)
-        return Moved(decision, *carried)
+        if decision.accepted:
+            self._missed = 0
+            self._observer.believe(carried.view)
+        else:
+            self._missed += 1
+        answer = decision.at(self._risk)
+        if not answer.accepted:
+            return Moved(answer, reason=Reason(answer.code, answer.figures))
+        return Moved(answer, *carried)
 
     def _proposals(
         self, grey: Grey, G: Floats, tried: list[tuple[Proposal, Carried]], refused: list[str]

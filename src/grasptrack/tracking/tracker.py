@@ -28,6 +28,7 @@ from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import Moved
 from grasptrack.tracking.initialization import AUTO, Wish, first_view
 from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.numbers import DEFAULT_RISK, check_risk
 from grasptrack.tracking.result import Status, TrackResult
 from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import STRATEGIES
@@ -76,11 +77,13 @@ class GraspTracker:
         segmenter: your own segmentation, asked for a mask of every image that comes without one.
         camera: its calibration. Images are made straight before anything is looked at. Everything that goes in and comes
             out stays in px of the images as they are, but for the homography, which is in ideal px.
+        risk: probability, between 0 and 1, below which an answer may be wrong: contacts are given where one is off by more
+            than 3 px and 4 % of sqrt(area), or on another object, with less than this. Smaller means fewer and surer answers.
 
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
         GraspError: contacts that are none, or fewer than two fingers.
-        InputError: friction not positive, both a pixel and a box, or both a grasp and a choice.
+        InputError: friction not positive, a risk not between 0 and 1, both a pixel and a box, or both a grasp and a choice.
     """
 
     def __init__(
@@ -98,6 +101,7 @@ class GraspTracker:
         choose: Callable[[View], Sequence[Grasp]] | None = None,
         segmenter: Segmenter | None = None,
         camera: Camera | None = None,
+        risk: float = DEFAULT_RISK,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
@@ -106,7 +110,7 @@ class GraspTracker:
             raise InputError("a pixel and a box both say which object is meant: give one of them")
         if given is not None and choose is not None:
             raise InputError("a grasp and a choice of one both say which grasp is meant: give one of them")
-        self.strategy, self.friction = strategy, friction
+        self.strategy, self.friction, self.risk = strategy, friction, check_risk(risk)
         self._wish = Wish(self.fingers, strategy, friction, given, object_at, box, hand, choose, ignore)
         self._resynthesize, self._segmenter, self._camera = resynthesize, segmenter, camera
         self._lens: Undistortion | None = None
@@ -153,7 +157,9 @@ class GraspTracker:
         grey = self._observer.choose(candidate)
         for grasp in first.grasps:
             try:
-                carrier = carrier_for(self.strategy, grasp, candidate.view, grey, moment.time, self._observer)
+                carrier = carrier_for(
+                    self.strategy, grasp, candidate.view, grey, moment.time, self._observer, self.risk
+                )
             except TransferError as error:
                 reason = reason if reason.code else Reason("no-description", detail=str(error))
                 continue
@@ -192,11 +198,15 @@ class GraspTracker:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
         if estimate is None or contacts is None or moved.homography is None or moved.view is None:
-            return _answer(moment, "lost", moved.reason, grasp_id=track.number)
+            sure = moved.decision.confidence
+            return _answer(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
         follower = track.carrier.follower
         target, numbers, plane = follower.target, follower.numbers, follower.state.plane
-        H, homography_covariance = target.homography_and_covariance(estimate.G, estimate.P * numbers.inflate**2)
-        covariance = estimate.covariance * numbers.inflate**2
+        exposed = np.zeros(8)
+        exposed[:2] = numbers.exposed * min(follower.state.moved)
+        P = estimate.P * numbers.inflate**2 + np.diag(exposed**2)
+        H, homography_covariance = target.homography_and_covariance(estimate.G, P)
+        covariance = target.handle.placed(estimate.G, P)[1]
         try:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
         except (GraspError, ConditioningError) as error:
@@ -219,7 +229,7 @@ class GraspTracker:
             contacts=contacts,
             seen=target.seen(estimate.visible),
             analysis=analysis,
-            confidence=1.0 - moved.decision.probability_off,
+            confidence=moved.decision.confidence,
             chance=chance,
             margin_sd=judged.margin_sd,
             margin_image=judged.margin_image,

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One rate decides: what is answered, what the confidence says of it, and what is refused."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grasptrack.cli.main import main
+from grasptrack.errors import InputError
+from grasptrack.simulation import SHAPES
+from grasptrack.suitability import inspect
+from grasptrack.tracking import follower
+from grasptrack.tracking.decision import NOTHING, Decision, any_of, decide
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
+from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.tracker import GraspTracker
+from grasptrack.transfer import STRATEGIES
+from stages import HEIGHT, WIDTH, bar, mirrored, photo, pose
+
+BRACKET, DISC = SHAPES["bracket"](), SHAPES["disc"]()
+POSES = [pose(150.0 + 3 * k, 115.0 + 2 * k, 3.0 * k) for k in range(8)]
+SEEN = [photo([(BRACKET, H)], seed=k) for k, H in enumerate(POSES)]
+COVERED = [photo([(BRACKET, H)], [(bar(80.0 + 20 * k, 40.0), 150.0)], seed=k) for k, H in enumerate(POSES[:4])]
+WRONG = [photo([(mirrored(BRACKET), H)], seed=k) for k, H in enumerate(POSES[4:6])]
+BLANK = [photo([]), np.full((HEIGHT, WIDTH), 128, np.uint8)]
+DIM = [cv2.GaussianBlur(image, (0, 0), 6.0) for image in SEEN[5:7]]
+RUN = [*SEEN[:3], *COVERED, *WRONG, *BLANK, *DIM, *SEEN[5:]]
+RISKS = (1e-12, 1e-6, 1e-4, 1e-3, 0.01, 0.1, 0.5, 0.9, 1.0 - 1e-9)
+BAD = (0.0, 1.0, -0.1, 1.5, math.nan, math.inf)
+
+
+def track(images: list[np.ndarray] = RUN, **options: Any) -> list[TrackResult]:
+    tracker = GraspTracker(**options)
+    return [tracker.update(image) for image in images]
+
+
+@pytest.fixture(scope="module")
+def asked() -> list[tuple[Any, ...]]:
+    """What was asked of the decision in a run."""
+    calls: list[tuple[Any, ...]] = []
+
+    def noted(state: Any, estimates: Any, *rest: Any) -> Decision:
+        calls.append((copy.copy(state), list(estimates), *rest[:-1]))
+        return decide(state, estimates, *rest)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(follower, "decide", noted)
+        track()
+    return calls
+
+
+def test_what_is_accepted_shrinks_as_the_risk_falls(asked: list[tuple[Any, ...]]) -> None:
+    before: set[int] = set()
+    for risk in RISKS:
+        decided = [decide(*call, NUMBERS.with_risk(risk)) for call in asked]
+        accepted = {k for k, d in enumerate(decided) if d.accepted}
+        assert before <= accepted
+        for d in decided:
+            assert 0.0 <= d.confidence <= 1.0 and 0.0 <= d.rival_share <= 1.0
+            assert d.accepted == (d.probability_off < risk) == (not d.code)
+        before = accepted
+    assert before and len(before) > len(asked) // 3
+
+
+def test_from_the_default_up_a_higher_risk_changes_nothing_but_what_is_answered() -> None:
+    runs = [track(risk=risk) for risk in (1e-3, 0.05, 0.5, 0.999)]
+    located = [{r.frame for r in run if r.located} for run in runs]
+    assert all(few <= many for few, many in pairwise(located))
+    assert len(located[0]) < len(located[-1])
+    for run in runs[1:]:
+        assert [r.confidence for r in run] == [r.confidence for r in runs[0]]
+
+
+@pytest.mark.parametrize("risk", [1e-7, 1e-3, 0.5])
+@pytest.mark.parametrize("strategy", ["auto", *STRATEGIES])
+def test_confidence_and_status_say_the_same(strategy: str, risk: float) -> None:
+    first, *results = track(strategy=strategy, risk=risk)
+    assert first.located and first.confidence == 1.0
+    for r in results:
+        assert 0.0 <= r.confidence <= 1.0
+        assert r.confidence >= 1.0 - risk if r.located else r.confidence <= 1.0 - risk
+        assert r.located == (r.status in ("tracked", "unstable"))
+    if strategy == "auto":  # the others may find no transfer, of which nothing can be said
+        assert any(not r.located and r.confidence > 0.0 for r in results)
+
+
+def test_a_disc_whose_turn_nothing_tells_is_refused_by_its_probability() -> None:
+    images = [photo([(DISC, H)], seed=k) for k, H in enumerate(POSES[:3])]
+    for r in track(images)[1:]:
+        assert r.located or r.confidence <= 1.0 - DEFAULT_RISK
+
+
+def test_nothing_is_never_accepted() -> None:
+    assert not any(NOTHING.at(risk).accepted for risk in RISKS) and NOTHING.confidence == 0.0
+
+
+@given(st.lists(st.floats(0.0, 1.0), max_size=5))
+def test_any_of_some_things(probabilities: list[float]) -> None:
+    found = any_of(*probabilities)
+    assert max(probabilities, default=0.0) - 1e-15 <= found <= min(1.0, sum(probabilities) + 1e-15)
+    assert found == pytest.approx(1.0 - math.prod(1.0 - p for p in probabilities), abs=1e-14)
+    assert any_of(1e-30, 1e-31) == pytest.approx(1.1e-30)  # exact where all are small
+
+
+def test_learning_is_never_looser_than_the_default() -> None:
+    assert [NUMBERS.learning(risk).risk for risk in (1e-6, 1e-3, 0.5)] == [1e-6, 1e-3, 1e-3]
+    assert NUMBERS.with_risk(0.5).risk == 0.5
+
+
+# --- bounds, and where it is told -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("risk", BAD)
+def test_a_risk_that_is_none_is_bad_input(risk: float) -> None:
+    for refused in (
+        lambda: check_risk(risk),
+        lambda: GraspTracker(risk=risk),
+        lambda: inspect(SEEN[0], risk=risk),
+        lambda: NUMBERS.with_risk(risk),
+    ):
+        with pytest.raises(InputError, match="a probability between 0 and 1"):
+            refused()
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("images")
+    for k, image in enumerate(RUN[:9]):
+        cv2.imwrite(str(folder / f"{k}.png"), image)
+    return folder
+
+
+@pytest.mark.parametrize("risk", [0.0, 1.0, -0.1, math.nan])
+def test_every_verb_refuses_it_in_one_line(risk: float, images: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for verb in (["track", str(images)], ["inspect", str(images / "0.png")], ["evaluate", "scenes"]):
+        assert main([*verb, "--risk", str(risk), "--output", str(images / "out")]) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert "--risk must be a probability between 0 and 1" in line and f"not {risk:g}" in line
+
+
+def test_a_run_tells_its_risk_and_the_confidence_of_every_frame(images: Path, tmp_path: Path) -> None:
+    for risk in ("0.5", "1e-05"):
+        assert main(["track", str(images), "--risk", risk, "--output", str(tmp_path), "--no-video", "-q"]) == 0
+        assert json.loads((tmp_path / "run.json").read_text())["options"]["risk"] == float(risk)
+        head, *rows = (line.split(",") for line in (tmp_path / "grasps.csv").read_text().splitlines())
+        for row in rows[1:]:
+            told = dict(zip(head, row, strict=False))
+            sure = float(told["confidence"])
+            assert (sure >= 1.0 - float(risk)) == (told["status"] != "lost")
+            assert told["x1"] == "" or told["status"] != "lost"
