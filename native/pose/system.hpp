@@ -160,7 +160,7 @@ inline void add_correlated(Matrix<unknowns> &P, const Matrix<9> &scatter) {
 }
 
 inline double bounded_nuisance(std::size_t k, double value) {
-    return k == 0 ? std::max(0.0, value) : std::clamp(value, -most_theta, most_theta);
+    return k == 0 ? (value < 0 ? 0.0 : value) : std::clamp(value, -most_theta, most_theta);
 }
 
 // What the image itself tells of the nuisances: a pose that was expected has what was believed of them in it, which must not
