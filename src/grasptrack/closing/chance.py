@@ -49,7 +49,6 @@ class Rectifications(NamedTuple):
         best: (3, 3) px of that view to px of the plane, seen frontally: up to a similarity the plane itself.
         modes: ways in which the views so far can be explained: the probability of each, (m, 3, 3) maps that stand for what
             it leaves open, and their weights (m,), which add up to 1.
-        known: the views have told of the plane; else all but `best` is what was assumed of it beforehand.
     """
 
     best: Floats

@@ -7,10 +7,12 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.closing import Rectifications
+from grasptrack.projective import HORIZON, apply_homography
 from grasptrack.tracking.target import Target
 
 Floats = NDArray[np.float64]
@@ -111,6 +113,7 @@ class Plane:
         self._prior = np.array([numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]) ** 2
         x, y, w = (target.A @ np.array([*target.outline.mean(axis=0), 1.0])).tolist()
         self._centre = x / w, y / w
+        self._corners = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0].astype(np.float64)
         self._views: list[SeenPose] = []
         self._last, self._way = target.A, NEW_SHAPE * target.size
         # entries of a homography are as small as px make them
@@ -170,6 +173,12 @@ class Plane:
     def _rectifying(self, theta: Floats) -> Floats:
         return rectifying(theta, self._centre, self._width, self._height)
 
+    def _is_seen(self, theta: Floats) -> bool:
+        """Whether all of the first view's outline lies in front of the camera."""
+        f = self._width * math.exp(theta[0])
+        depth = f + (self._corners - 0.5 * np.array([self._width, self._height])) @ theta[1:]
+        return bool(depth.min() > HORIZON * np.abs(depth).max())
+
     def _open(self, mode: Mode) -> tuple[Floats, Floats]:
         """Maps that stand for what a mode leaves open of the slopes, and their weights: Gauss and Hermite's, three each way."""
         C, tilts = mode.covariance, mode.covariance[1:, 1:]
@@ -181,9 +190,9 @@ class Plane:
         maps, kept = [], []
         for (i, j), weight in zip(nodes, weights.tolist(), strict=True):
             d = along @ (float(i), float(j))
-            H = self._rectifying(mode.theta + np.array([float(focal @ d), *d]))
-            if np.isfinite(H).all():
-                maps.append(H)
+            theta = mode.theta + np.array([float(focal @ d), *d])
+            if self._is_seen(theta):
+                maps.append(self._rectifying(theta))
                 kept.append(weight)
         return np.array(maps), np.array(kept) / sum(kept)
 
@@ -255,19 +264,25 @@ class Plane:
         return np.asarray((axes * np.square(kept)) @ axes.T, dtype=np.float64)
 
     def _equations(self, theta: Floats) -> tuple[float, Floats, Floats]:
-        """Cost at theta, its normal equations' matrix (3, 3) and right side (3,)."""
+        """Cost at theta, its normal equations' matrix (3, 3) and right side (3,).
+
+        A pose can be plainly wrong, as one in an image that is blurred or half covered: its error has heavy tails.
+        """
         numbers = self._target.numbers
         A, b = np.diag(1.0 / self._prior), -theta / self._prior
+        if not self._is_seen(theta):
+            return math.inf, A, b
         cost = float(-b @ theta)
-        own = numbers.pinhole_sd**2
+        own, freedom = numbers.pinhole_sd**2, numbers.prior_freedom
         for view in self._views:
             misfit, by_pose, by_theta = self._target.handle.pinhole(view.G, theta, self._width, self._height)
             C = by_pose @ view.P @ by_pose.T
             (c, d), (_, e) = C.tolist()
             c, e = c + own, e + own
             W = np.array([[e, -d], [-d, c]]) / (c * e - d * d)
-            weighed = by_theta.T @ W
-            cost += float(misfit @ W @ misfit)
+            far = float(misfit @ W @ misfit)
+            cost += (freedom + 2.0) * math.log1p(far / freedom)
+            weighed = by_theta.T @ W * ((freedom + 2.0) / (freedom + far))
             A = A + weighed @ by_theta
             b = b - weighed @ misfit
         return (cost if math.isfinite(cost) else math.inf), A, b
