@@ -138,12 +138,7 @@ def test_light_on_a_ring_does_not_tell_its_turn() -> None:
     assert [f.frame for f in frames if f.is_false_accept] == []
 
 
-BLOB = pytest.mark.xfail(
-    strict=True, reason="its edges lie no farther off than those of a blurred frame, a few px beside"
-)
-
-
-@pytest.mark.parametrize("shape", ["bean", pytest.param("blob", marks=BLOB), "leaf"])
+@pytest.mark.parametrize("shape", ["bean", "blob", "leaf"])
 def test_its_mirror_image_is_refused_though_its_print_is_the_same(shape: str) -> None:
     case = suite(built_in([shape]), ["mirror"], frames=16, seed=31)[0]
     frames = run_case((case, ("auto",)))["auto"]

@@ -250,17 +250,16 @@ struct EdgeOdds {
     std::vector<std::array<double, most_candidates>> own;  // that a candidate looks like the object's own edge, against clutter
     std::vector<double> other;                             // of an edge of the object elsewhere
 
-    // Probability that an edge which lies elsewhere is not the object's own, of a pose that is off by `sigma` work px. `odds`: that it is.
-    double astray(const EdgeView &view, std::size_t i, double sigma, double odds) const {
-        double anywhere = 0, here = 0;
+    // Log-likelihood ratio of a sample: something else, whose edge lies anywhere, against the object in a pose that is off by `sigma`
+    // work px, its edge there or hidden by light, of which neither is more probable.
+    double astray(const EdgeView &view, std::size_t i, double sigma) const {
+        double here = 0;
         for (std::size_t q = 0; q < static_cast<std::size_t>(view.samples[i].count); ++q) {
             const double z = view.samples[i].offset[q] / sigma;
-            anywhere += own[i][q];
             here += own[i][q] * std::exp(-0.5 * z * z);
         }
-        anywhere /= 2 * view.reach + 1;
-        here *= odds / (std::sqrt(2 * 3.14159265358979) * sigma);
-        return anywhere > 0 ? anywhere / (anywhere + here) : 0.0;
+        here /= std::sqrt(2 * 3.14159265358979) * sigma;
+        return std::log(other[i] / (0.5 + 0.5 * here));
     }
 };
 

@@ -36,7 +36,7 @@ struct Solution {
     std::vector<double> occluded, other;
     double log_odds = 0;     // of the outline: this object, partly occluded, against no such object
     double elsewhere = 0;    // share of the outline whose edge lies elsewhere
-    double astray = 0;       // of that, farther away than a pose that is believed may be off
+    double astray = 0;       // log-likelihood ratio of the edges elsewhere: of something else, against light and a pose a little off
     double other_shape = 0;  // log-likelihood ratio of another shape
     std::vector<double> differs;
 };
@@ -446,7 +446,7 @@ class Solver {
             explain(explained_, share, stay(), false, 1.0, without);
             out.log_odds = here.log_likelihood - without.log_likelihood;
             const double allowed = std::max(numbers_.tolerance_px, numbers_.tolerance * 2 * target_.radius);
-            const double sigma = allowed / 3;  // three standard deviations are as much as a contact may be off
+            const double sigma = allowed / 2;  // two standard deviations are as much as a contact may be off
             double elsewhere = 0, astray = 0, as_lower = 0, as_either = 0;
             for (std::size_t i = 0; i < n; ++i) {
                 as_lower += std::abs(low[i]) * here.posterior[i][0] * found.lower[i];
@@ -455,11 +455,11 @@ class Solver {
                 upper[i] = here.posterior[i][0] * found.upper[i];
                 out.occluded[i] = here.posterior[i][1];
                 elsewhere += out.other[i] = here.posterior[i][2];
-                astray += here.posterior[i][2] * odds_.astray(view_, i, sigma, shares()[0] / shares()[2]);
+                if (view_.samples[i].inside) astray += here.posterior[i][2] * odds_.astray(view_, i, sigma);
             }
             out.elsewhere = elsewhere / static_cast<double>(n);
             if (as_either > 0) out.sides = as_lower / as_either;
-            out.astray = astray / static_cast<double>(n);
+            out.astray = astray * power_;
             const std::vector<double> blur = learn_widths(out.G, upper, out);
             std::vector<bool> bounded(n);
             std::vector<double> seen = out.visible;

@@ -203,7 +203,8 @@ class PoseTarget:
             correlation: of each patch of the three finest levels, one (m,) each; NaN outside the image.
             visible, occluded, other: (n,) probabilities that a sample's edge is seen, hidden, or that of something else.
             log_odds: of the outline, this object, partly hidden, against none such.
-            elsewhere: share of the outline whose edge lies elsewhere; astray: farther away than a believed pose is off.
+            elsewhere: share of the outline whose edge lies elsewhere; astray: log-likelihood ratio of these edges, of something
+                else against light that hides them and a pose that is a little off.
             other_shape: log-likelihood ratio of another shape, -1 where nothing tells; differs: (n,) its probability at each
                 sample, (0,) where the outline has too few samples to be looked at.
 

@@ -324,18 +324,19 @@ def edge_likelihoods(
     )
 
 
-def astray(target: Target, view: Candidates, numbers: EdgeNumbers, sigma: float, odds: float) -> Floats:
-    """(n,) probability that an edge like the object's which lies elsewhere is not its own, of a pose that is a little off.
+def astray(target: Target, view: Candidates, numbers: EdgeNumbers, sigma: float) -> Floats:
+    """(n,) log-likelihood ratio of something else, whose edge lies anywhere, against the object in a pose that is a little off.
+
+    Of that the edge is there or hidden by light, neither more probable; 0 outside the image.
 
     Args:
         target, view, numbers: the outline, its candidates, what is believed of them.
         sigma: work px, by which the pose is off.
-        odds: prior ones that it is its own.
     """
     own = _own(target, view, numbers)
-    anywhere = own.sum(axis=1) / (2 * view.reach + 1)
-    here = np.where(view.there(), own * _bell(view.offset, sigma * sigma), 0.0).sum(axis=1) * odds
-    return np.where(anywhere > 0.0, anywhere / (anywhere + here), 0.0)
+    other = numbers.miss + (1.0 - numbers.miss) * own.sum(axis=1) / (2 * view.reach + 1)
+    here = np.where(view.there(), own * _bell(view.offset, sigma * sigma), 0.0).sum(axis=1)
+    return np.where(view.inside, np.log(other / (0.5 + 0.5 * here)), 0.0)
 
 
 def _own(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:

@@ -417,9 +417,8 @@ class Solver:
             if either > 0:
                 out.sides = float(tells @ found.lower) / either
             allowed = max(float(numbers["tolerance_px"]), float(numbers["tolerance"]) * 2.0 * target.radius)
-            sigma = allowed / 3.0  # three standard deviations are as much as a contact may be off
-            odds = float(self.shares[0] / self.shares[2])
-            out.astray = float(out.other @ astray(target, view, self.edge_numbers, sigma, odds)) / n
+            sigma = allowed / 2.0  # two standard deviations are as much as a contact may be off
+            out.astray = float(out.other @ astray(target, view, self.edge_numbers, sigma)) * self.power
             blur = self._learn_widths(out.G, half, here.states[:, 0] * found.upper, out)
             regions = RegionNumbers(
                 numbers["cell_unlikely"],

@@ -190,11 +190,6 @@ def _sudden(state: TrackState, estimate: PoseEstimate) -> float:
     return SUDDEN / (1.0 + (0.5 * more / state.edge_width) ** 2) if more else SUDDEN
 
 
-def _astray(estimate: PoseEstimate, numbers: Numbers) -> float:
-    """As `strangeness`, of the edges that are seen farther away than a believed pose is off: no light shows them there."""
-    return -numbers.elsewhere_power * math.log1p(-min(estimate.astray, 0.999))
-
-
 def exchanged(
     state: TrackState,
     estimate: PoseEstimate,
@@ -214,9 +209,12 @@ def exchanged(
     surface, by_share = told or surface_evidence(estimate.correlation, state.usual, numbers)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
-        jump = max(0.0, strangeness(estimate, numbers) - state.strange)
+        strange = strangeness(estimate, numbers)
+        jump = max(0.0, strange - state.strange)
+        # of the edges that are seen elsewhere, as many as are not usually
+        astray = numbers.temper * max(0.0, estimate.astray) * jump / max(strange, jump, 1e-9)
         # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
-        shape += max(jump - max(0.0, surface), min(jump, _sudden(state, estimate) + _astray(estimate, numbers)))
+        shape += max(jump - max(0.0, surface), min(jump, _sudden(state, estimate) + astray))
         shape += surface_missing(by_share) if state.accepted else 0.0
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (

@@ -63,7 +63,8 @@ class PoseEstimate:
         texture_agreeing: share of the patches that agree with the pose; texture_spread: their errors in predicted sd.
         visible, occluded, other: of each sample of the outline, probabilities.
         log_odds: of the outline, this object against none.
-        elsewhere: share of the outline whose edge lies elsewhere; astray: farther away than a believed pose is off.
+        elsewhere: share of the outline whose edge lies elsewhere; astray: log-likelihood ratio of these edges, of something
+            else against light that hides them and a pose that is a little off.
         other_shape: log-likelihood ratio of another shape; differs: of each sample, probability that the shape differs there.
         middle: (x, y) px of the contacts.
         hidden: share of the outline that is hidden; covered: that, or has its edge elsewhere.
