@@ -13,9 +13,11 @@ from grasptrack import GraspTracker
 from grasptrack.analysis import analyze
 from grasptrack.closing import ClosureCheck, Rectifications
 from grasptrack.contour import Contour, View
+from grasptrack.evaluation.sequence import chosen_grasp
 from grasptrack.grasp import Grasp
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES, Conditions, Path, Scene
+from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Mode, Plane, plane_in_view, rectifying
 from outlines import BRACKET, dense
@@ -55,12 +57,19 @@ class Known(NamedTuple):
     normal_sd: float = 0.5
     pinhole_sd: float = 0.005
     inflate: float = 1.5
+    prior_freedom: float = 4.0
 
 
 class Followed:
     """Of a target, what `Plane` needs to be made."""
 
     numbers, size, A, outline = Known(), 100.0, np.eye(3), np.array([[*CENTRE], [CENTRE[0] + 1e-9, CENTRE[1]]])
+
+
+class Wide(Followed):
+    """One whose outline fills much of the image."""
+
+    outline = np.array([[20.0, 20.0], [620.0, 20.0], [620.0, 460.0], [20.0, 460.0]])
 
 
 # --- rectification -------------------------------------------------------------------------------
@@ -194,8 +203,8 @@ def test_what_is_not_known_of_the_plane_refuses_no_grasp_but_what_is_known_does(
 # --- what views teach ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("tilt", "azimuth"), [(0.0, 0.3), (30.0, 2.4), (50.0, 4.5)])
-def test_an_approach_tells_how_the_first_view_was_tilted(tilt: float, azimuth: float) -> None:
+def approach(tilt: float, azimuth: float) -> Scene:
+    """From a tilted view to a frontal one, the camera coming nearer."""
     u = np.linspace(0.0, 1.0, 30)
     path = Path(
         target=np.zeros((30, 2)),
@@ -204,7 +213,12 @@ def test_an_approach_tells_how_the_first_view_was_tilted(tilt: float, azimuth: f
         tilt=math.radians(tilt) * (1.0 - u),
         azimuth=np.full(30, azimuth),
     )
-    scene = Scene(SHAPES["bracket"](), path, conditions=Conditions(blur=0.8, noise=2.0), seed=5)
+    return Scene(SHAPES["bracket"](), path, conditions=Conditions(blur=0.8, noise=2.0), seed=5)
+
+
+@pytest.mark.parametrize(("tilt", "azimuth"), [(0.0, 0.3), (30.0, 2.4), (50.0, 4.5)])
+def test_an_approach_tells_how_the_first_view_was_tilted(tilt: float, azimuth: float) -> None:
+    scene = approach(tilt, azimuth)
     tracker, results = GraspTracker(friction=0.5), []
     for frame in scene:
         results.append(tracker.update(frame.image))
@@ -212,8 +226,33 @@ def test_an_approach_tells_how_the_first_view_was_tilted(tilt: float, azimuth: f
     last = results[-1]
     assert abs(math.degrees(last.tilt)) < 2.0 and last.tilt_sd < 0.1
     middle = results[15]
-    assert math.degrees(middle.tilt) == pytest.approx(math.degrees(path.tilt[15]), abs=4.0)
+    assert math.degrees(middle.tilt) == pytest.approx(math.degrees(scene.path.tilt[15]), abs=4.0)
     assert last.margin_sd < results[0].margin_sd
     assert last.analysis is not None and last.analysis.judged_in == "plane"
     # the last view is frontal: there both analyses are the same
     assert last.margin_image == pytest.approx(last.analysis.margin, abs=math.radians(1.5))
+
+
+def test_one_view_that_is_plainly_wrong_overturns_nothing() -> None:
+    scene = approach(30.0, 2.4)
+    view = View([Contour(dense(ring), hole=k > 0) for k, ring in enumerate(scene[0].outline)])
+    follower = Follower(scene[0].image, view, chosen_grasp(scene[0].outline))
+    decisions = [follower.update(frame.image) for frame in list(scene)[1:]]
+    assert all(d.accepted for d in decisions)
+    plane, target = follower.state.plane, follower.target
+    before = plane.modes[0]
+    stretch = 0.1 * target.size * np.array([0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0])
+    assert plane.learn(target.handle.moved(follower.state.last.G, stretch), 1e-4 * np.eye(8))
+    assert np.abs(plane.modes[0].theta - before.theta)[1:].max() < 0.1
+
+
+@given(slopes, st.floats(-1.5, 0.5), st.floats(0.01, 0.6))
+def test_every_explanation_shows_the_whole_outline(tilt: tuple[float, float], focal: float, sd: float) -> None:
+    plane = Plane(Wide(), WIDTH, HEIGHT)  # type: ignore[arg-type]
+    assume(plane.is_seen(np.array([focal, *tilt])))
+    plane._believe((Mode(np.array([focal, *tilt]), sd**2 * np.eye(3), 1.0),))
+    ((_, maps, weights),) = plane.rectifications.modes
+    assert weights.sum() == pytest.approx(1.0)
+    for H in (plane.rectifications.best, *maps):
+        depth = np.column_stack([Wide.outline, np.ones(len(Wide.outline))]) @ H[2]
+        assert depth.min() > 0.0 or depth.max() < 0.0

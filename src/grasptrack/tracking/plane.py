@@ -113,7 +113,9 @@ class Plane:
         self._prior = np.array([numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]) ** 2
         x, y, w = (target.A @ np.array([*target.outline.mean(axis=0), 1.0])).tolist()
         self._centre = x / w, y / w
-        self._corners = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0].astype(np.float64)
+        self._corners = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0].astype(
+            np.float64
+        )
         self._views: list[SeenPose] = []
         self._last, self._way = target.A, NEW_SHAPE * target.size
         # entries of a homography are as small as px make them
@@ -173,7 +175,7 @@ class Plane:
     def _rectifying(self, theta: Floats) -> Floats:
         return rectifying(theta, self._centre, self._width, self._height)
 
-    def _is_seen(self, theta: Floats) -> bool:
+    def is_seen(self, theta: Floats) -> bool:
         """Whether all of the first view's outline lies in front of the camera."""
         f = self._width * math.exp(theta[0])
         depth = f + (self._corners - 0.5 * np.array([self._width, self._height])) @ theta[1:]
@@ -191,7 +193,7 @@ class Plane:
         for (i, j), weight in zip(nodes, weights.tolist(), strict=True):
             d = along @ (float(i), float(j))
             theta = mode.theta + np.array([float(focal @ d), *d])
-            if self._is_seen(theta):
+            if self.is_seen(theta):
                 maps.append(self._rectifying(theta))
                 kept.append(weight)
         return np.array(maps), np.array(kept) / sum(kept)
@@ -270,7 +272,7 @@ class Plane:
         """
         numbers = self._target.numbers
         A, b = np.diag(1.0 / self._prior), -theta / self._prior
-        if not self._is_seen(theta):
+        if not self.is_seen(theta):
             return math.inf, A, b
         cost = float(-b @ theta)
         own, freedom = numbers.pinhole_sd**2, numbers.prior_freedom
