@@ -113,9 +113,9 @@ inline FingerRoom finger_room(const Boxed &boxed, Vec contact, Vec direction, co
                               double depth) {
     constexpr double never = std::numeric_limits<double>::infinity();
     FingerRoom room{0.0, never};
-    if (!(depth > 0)) return room;
-    const Vec across{-direction.y, direction.x};
     const double half = width / 2 * within_pad, least = 1e-9 * width;
+    if (!(depth > least)) return room;
+    const Vec across{-direction.y, direction.x};
     Box box(contact + (width / 2) * across);
     box.hold(contact - (width / 2) * across);
     box.hold(contact + (width / 2) * across - depth * direction);

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The kernels of synthesis: compiled and NumPy alike, and what each of them promises."""
 
+import itertools
 import math
 
 import numpy as np
@@ -77,9 +78,9 @@ def test_finger_rooms(outline, width, depth):
     points, _, _, offsets, _, places, rng = outline
     lean = rng.uniform(0, 2 * np.pi, len(points))
     directions = np.column_stack([np.cos(lean), np.sin(lean)])
-    for where in (places, None):
-        got = native.finger_rooms(points, offsets, points, directions, where, width, depth, width)
-        wanted = reference.finger_rooms(points, offsets, points, directions, where, width, depth, width)
+    for where, deep in itertools.product((places, None), (depth, 1e-15)):  # no deeper than rounding
+        got = native.finger_rooms(points, offsets, points, directions, where, width, deep, width)
+        wanted = reference.finger_rooms(points, offsets, points, directions, where, width, deep, width)
         np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
 
 

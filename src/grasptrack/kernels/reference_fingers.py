@@ -40,7 +40,7 @@ def finger_rooms(
         places: (k, >= 2) rows of contour, position of each contact; None where the outline is another object's, of
             which nothing lies under a pad.
         width: px, above 0.
-        depth: px; with 0 there is no rectangle.
+        depth: px; with next to 0 there is no rectangle.
         reach: px of arc length on either side of a contact; segments that begin within it are under the pad.
 
     Returns:
@@ -103,7 +103,8 @@ def _room(
     depth: float,
 ) -> tuple[float, float]:
     """Protrusion under the pad, and distance of what else lies in the rectangle."""
-    if not depth > 0:
+    least = 1e-9 * width  # of a rectangle, and of what lies in it: less is rounding
+    if not depth > least:
         return 0.0, math.inf
     half = width / 2 * WITHIN_PAD
     frame = np.array([[-direction[1], direction[0]], [-direction[0], -direction[1]]])
@@ -116,7 +117,7 @@ def _room(
     y0, y1 = py + start * (qy - py), py + end * (qy - py)
     low, high = np.minimum(y0, y1), np.maximum(y0, y1)
     beside = ((px >= half) & (qx >= half)) | ((px <= -half) & (qx <= -half))
-    there = ~beside & (high > 1e-9 * width) & (low < depth)
+    there = ~beside & (high > least) & (low < depth)
     protrusion = float(high[there & under].max(initial=0.0))
     nearest = float(np.maximum(low[there & ~under], 0.0).min(initial=math.inf))
     if nearest == math.inf and _holds(points, ends, contact - depth * direction):
