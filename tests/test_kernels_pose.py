@@ -1,174 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The core's kernel: the compiled one equals its definition, the laws of both, and what they make of nonsense."""
+"""The core's kernel: the compiled one equals its definition, and what both make of nonsense."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.kernels import reference
-from grasptrack.kernels.reference_pose_target import Target
-from grasptrack.tracking.numbers import NUMBERS
-
-native = pytest.importorskip("grasptrack._native")
-
-Floats = NDArray[np.float64]
-Grey = NDArray[np.uint8]
-
-FEW = settings(max_examples=30, deadline=None)
-SEEDS = st.integers(0, 2**32 - 1)
-NOISY = pytest.mark.parametrize("seed", range(8))
-"""Of laws that noise may break now and then: how close an answer comes, and what it tells."""
-WIDTH, HEIGHT = 160, 120
-A = np.array([[1.0, 0.0, 20.0], [0.0, 1.0, 10.0], [0.0, 0.0, 1.0]])
-"""Work px to px of the reference image."""
-CENTRE, RADIUS = np.array([60.0, 50.0]), 30.0
-CONTACTS = np.array([[30.0, 50.0], [90.0, 50.0]])
-THETA, NUISANCE_COVARIANCE = np.zeros(3), np.diag([2.0, 0.4, 0.5, 0.5]) ** 2
-FREE = {"pinhole_sd": 1e6}
-"""A camera of which nothing is known."""
-
-
-# --- scenes -----------------------------------------------------------------------------------------
-
-
-def outline(n: int) -> tuple[Floats, Floats]:
-    """Samples (n, 2) in work px and outward normals, of a shape with no symmetry."""
-
-    def at(angle: Floats) -> Floats:
-        radius = 34.0 * (1.0 + 0.18 * np.cos(3.0 * angle + 0.5) + 0.08 * np.sin(5.0 * angle))
-        return CENTRE + np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
-
-    angle = 2.0 * np.pi * np.arange(n) / max(n, 1)
-    along = at(angle + 1e-4) - at(angle - 1e-4)
-    return at(angle), np.column_stack([along[:, 1], -along[:, 0]]) / np.hypot(*along.T)[:, None]
-
-
-def draw(
-    G: Floats,
-    seed: int,
-    *,
-    noise: float = 1.5,
-    blur: float = 0.8,
-    light: tuple[float, float] = (1.0, 0.0),
-    textured: bool = True,
-    patch: tuple[Floats, float] | None = None,
-) -> Grey:
-    """The object seen through G (3, 3), with blobs on it, and a polygon (n, 2) of another grey laid over it."""
-    fine = 4
-    image = np.full((fine * HEIGHT, fine * WIDTH), 70, np.uint8)
-
-    def fill(points: Floats, level: float) -> None:
-        seen = (np.column_stack([points, np.ones(len(points))]) @ G.T).T
-        at = fine * (seen[:2] / seen[2]).T + (fine - 1) / 2.0
-        cv2.fillPoly(image, [np.round(256.0 * at).astype(np.int32)], int(level), shift=8, lineType=cv2.LINE_AA)
-
-    fill(outline(240)[0], 165)
-    rng = np.random.default_rng(seed)
-    turn = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
-    for _ in range(40 if textured else 0):
-        middle, size, level = CENTRE + rng.uniform(-15.0, 15.0, 2), rng.uniform(1.5, 4.0), rng.uniform(120.0, 210.0)
-        fill(middle + size * np.column_stack([np.cos(turn), np.sin(turn)]), level)
-    if patch is not None:
-        fill(*patch)
-    small = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA).astype(np.float64)
-    lit = light[0] * cv2.GaussianBlur(small, (0, 0), blur) + light[1]
-    return np.asarray(np.clip(np.round(lit + rng.normal(0.0, noise, lit.shape)), 0, 255), np.uint8)
-
-
-def pyramid(image: Grey) -> list[Grey]:
-    levels = [np.ascontiguousarray(image)]
-    while min(levels[-1].shape) >= 40:
-        levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.uint8))
-    return levels
-
-
-def view(rng: np.random.Generator, size: float = 1.0) -> Floats:
-    """A pose near that of the reference image."""
-    H = np.eye(3)
-    H[:2, :2] += size * rng.normal(0.0, 0.02, (2, 2))
-    H[:2, 2] = size * rng.uniform(-3.0, 3.0, 2)
-    H[2, :2] = size * rng.normal(0.0, 1e-4, 2)
-    return H @ A / (H @ A)[2, 2]
-
-
-def ingredients(seed: int, n: int, numbers: dict[str, float], textured: bool = True) -> list[Any]:
-    """All that a target is made from."""
-    levels = pyramid(draw(A, seed, textured=textured))
-    points, normals = outline(n)
-    offset, contrast, inner, _ = reference.strongest_edges(levels, A, points, normals, 1.5, 4, 2)
-    found = np.isfinite(offset)
-    points, normals = points[found] + offset[found, None] * normals[found], normals[found]
-    rng = np.random.default_rng(seed)
-    surface = np.round(CENTRE + rng.uniform(-20.0, 20.0, (80, 2)))
-    depth = np.linspace(2.0, 20.0, 16)
-
-    def beside(way: float) -> Floats:
-        at = np.round(points[:, None] + way * depth[:, None] * normals[:, None] + A[:2, 2]).astype(int)
-        return levels[0][at[..., 1], at[..., 0]].astype(np.float64)
-
-    inside = np.where(rng.random((len(points), 16)) < 0.1, np.nan, beside(-1.0))
-    value = levels[0][tuple((surface + A[:2, 2]).astype(int).T[::-1])].astype(np.float64)
-    return [
-        NUMBERS.table() | numbers, A, CENTRE, RADIUS, 1.5, 2.0, points, normals, contrast[found], inner[found], surface, value,
-        CONTACTS, depth, inside, (rng.random((len(points), 16)) < 0.9).astype(np.float64),
-    ]  # fmt: skip
-
-
-def target(module: Any, seed: int, n: int = 80, *, textured: bool = True, **numbers: float) -> Any:
-    """A target of one of the two backends."""
-    made = module.PoseTarget(*ingredients(seed, n, numbers, textured))
-    rng = np.random.default_rng(seed)
-    levels = pyramid(draw(A, seed, textured=textured))
-    for stride in (1.0, 2.0, 4.0):
-        made.add_texture(levels, np.round(CENTRE + rng.uniform(-18.0, 18.0, (30, 2))), stride)
-    return made
-
-
-def both(seed: int, n: int = 80, **more: Any) -> tuple[Any, Any]:
-    return target(native, seed, n, **more), target(reference, seed, n, **more)
-
-
-def known(drift: float, shape: float) -> Floats:
-    """(8, 8) covariance of a pose's error by work px of shift and of shape."""
-    return np.diag([drift] * 2 + [shape] * 6) ** 2
-
-
-def question(levels: list[Grey], start: Floats = A, **other: Any) -> list[Any]:
-    """Arguments of `solve`."""
-    given_ = {
-        "levels": levels, "G": start, "P": known(3.0, 1.0), "last": start, "nuisance": np.array([0.0, *THETA]),
-        "nuisance_covariance": NUISANCE_COVARIANCE, "sides": 0.9, "inner_spread": 12.0,
-        "gain": 1.0, "bias": 0.0, "reach": 0.0, "edge_width": 0.8, "blur_share": 0.45,
-    }  # fmt: skip
-    return list((given_ | other).values())
-
-
-def carried(G: Floats, points: Floats) -> Floats:
-    seen = (np.column_stack([points, np.ones(len(points))]) @ G.T).T
-    return np.asarray((seen[:2] / seen[2]).T)
-
-
-def same(found: Any, wanted: Any, *, rtol: float = 1e-7, atol: float = 1e-8) -> None:
-    """Equal up to rounding, whatever they are made of."""
-    if isinstance(wanted, dict):
-        assert list(found) == list(wanted)
-        found, wanted = list(found.values()), list(wanted.values())
-    if isinstance(wanted, list | tuple):
-        assert len(found) == len(wanted)
-        for one, other in zip(found, wanted, strict=True):
-            same(one, other, rtol=rtol, atol=atol)
-        return
-    assert np.shape(found) == np.shape(wanted)
-    np.testing.assert_allclose(found, wanted, rtol=rtol, atol=atol)
-
+from posed import (
+    CENTRE,
+    CONTACTS,
+    FEW,
+    HEIGHT,
+    SEEDS,
+    WIDTH,
+    A,
+    both,
+    draw,
+    ingredients,
+    known,
+    native,
+    outline,
+    pyramid,
+    question,
+    same,
+    view,
+)
 
 # --- equal ------------------------------------------------------------------------------------------
 
@@ -302,138 +164,6 @@ def test_texture_counts_what_is_whole_in_view() -> None:
     places = np.array([[60.0, 50.0], [-17.0, 50.0], [-14.0, 50.0], [60.0, 103.0], [60.0, 104.0], [np.nan, 0.0]])
     for module in (native, reference):
         assert module.PoseTarget(*ingredients(0, 30, {})).add_texture(levels, places, 1.0) == 3
-
-
-# --- laws -------------------------------------------------------------------------------------------
-
-
-@NOISY
-@pytest.mark.parametrize("textured", [True, False])
-def test_a_pose_is_found_where_the_object_is(seed: int, textured: bool) -> None:
-    G = view(np.random.default_rng(seed), 0.4)
-    found = target(native, seed, textured=textured).solve(*question(pyramid(draw(G, seed, textured=textured))))
-    assert found["valid"] and found["edge_share"] > 0.9
-    assert np.abs(carried(found["G"], CONTACTS) - carried(G, CONTACTS)).max() < 0.25
-
-
-@FEW
-@given(SEEDS, st.integers(-15, 15), st.integers(-8, 8))
-def test_a_pose_goes_with_its_image(seed: int, right: int, down: int) -> None:
-    """By whole px; of the camera, which has a middle, nothing is known."""
-    rng, wide = np.random.default_rng(seed), 50
-    made, shift = target(native, seed, **FREE), np.array([[1.0, 0.0, right], [0.0, 1.0, down], [0.0, 0.0, 1.0]])
-    image = np.pad(draw(view(rng), seed), wide, mode="edge")  # no border within reach
-    start = np.array([[1.0, 0.0, wide], [0.0, 1.0, wide], [0.0, 0.0, 1.0]]) @ A
-    away = np.roll(image, (down, right), axis=(0, 1))
-    asked = question([image], start, nuisance_covariance=np.diag([1e-9, *np.diag(NUISANCE_COVARIANCE)[1:]]))
-    there = question([away], shift @ start, nuisance_covariance=np.diag([1e-9, *np.diag(NUISANCE_COVARIANCE)[1:]]))
-    here, moved = made.solve(*asked), made.solve(*there)
-    assert here["valid"]
-    same(moved.pop("G"), shift @ here.pop("G"), atol=1e-5)
-    same(moved, here, rtol=1e-4, atol=1e-5)
-
-
-@NOISY
-@pytest.mark.parametrize(("gain", "bias"), [(0.7, 20.0), (0.9, -20.0), (1.1, 20.0)])
-def test_light_does_not_move_a_pose(seed: int, gain: float, bias: float) -> None:
-    made, G = target(native, seed), view(np.random.default_rng(seed), 0.4)
-    plain, lit = (
-        made.solve(*question(pyramid(draw(G, seed, noise=0.5, light=light)))) for light in ((1.0, 0.0), (gain, bias))
-    )
-    assert np.abs(carried(plain["G"], CONTACTS) - carried(lit["G"], CONTACTS)).max() < 0.05
-    assert lit["gain"] / plain["gain"] == pytest.approx(gain, rel=0.02)
-    assert lit["edge_share"] == pytest.approx(plain["edge_share"], abs=0.01)
-
-
-@FEW
-@given(SEEDS)
-def test_what_is_hidden_does_not_count(seed: int) -> None:
-    """But for the pixels at its border, which those beside it are interpolated with."""
-    rng = np.random.default_rng(seed)
-    made = target(native, seed)
-    x, y = rng.integers(20, 100), rng.integers(10, 70)
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[y : y + 40, x : x + 40] = 1
-    made.hide([mask])
-    image = draw(view(rng), seed)
-    other = image.copy()
-    other[y + 1 : y + 39, x + 1 : x + 39] = rng.integers(0, 256, (38, 38))
-    same(made.solve(*question([other])), made.solve(*question([image])), rtol=0.0, atol=0.0)
-
-
-@NOISY
-def test_a_cover_hides_the_outline_and_a_notch_is_another_shape(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    made, angle = target(native, seed, 60, textured=False), rng.uniform(0.0, 2.0 * np.pi)
-    points, normals = outline(240)
-    k = int(240 * angle / (2.0 * np.pi))
-    middle, out = points[k], normals[k]
-    along = np.array([-out[1], out[0]])
-    square = np.array([middle + a * 8.0 * along + b * out for a, b in ((-1, -10), (1, -10), (1, 10), (-1, 10))])
-    cover, notch = (
-        made.solve(*question(pyramid(draw(A, seed, textured=False, patch=(square, level))))) for level in (235.0, 70.0)
-    )
-    assert cover["valid"] and notch["valid"]
-    assert notch["other_shape"] > 1.0 > 0.0 > cover["other_shape"]
-    gone = np.linalg.norm(np.asarray(ingredients(seed, 60, {}, False)[6]) - middle, axis=1) < 6.0
-    assert cover["visible"][gone].mean() < 0.3 and cover["visible"][~gone].mean() > 0.7
-
-
-@NOISY
-def test_flow_finds_what_moved(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    before, G = pyramid(draw(A, seed)), view(rng)
-    places = CENTRE + rng.uniform(-20.0, 20.0, (50, 2))
-    made = target(native, seed, 0)
-    found = made.follow(before, A, pyramid(draw(G, seed)), A, known(6.0, 3.0), places, np.array([1.0, 2.0, 4.0]))
-    assert found["valid"] and found["agreeing"] > 0.5
-    assert np.abs(carried(found["G"], CENTRE[None]) - carried(G, CENTRE[None])).max() < 0.15
-
-
-@FEW
-@given(SEEDS)
-def test_a_move_is_its_derivatives_and_undoes_the_difference(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    made = target(native, 0, 30)
-    G, d, points = view(rng, 3.0), rng.normal(size=8), CENTRE + rng.uniform(-30.0, 30.0, (6, 2))
-    plain = Target(*ingredients(0, 30, {})[1:])
-    same(made.moved(G, np.zeros(8)), G)
-    h = 1e-4
-    change = carried(made.moved(np.eye(3), h * d), points) - carried(made.moved(np.eye(3), -h * d), points)
-    same(change / (2.0 * h), plain.jacobian(points) @ d, atol=1e-6)
-    moved = made.moved(G, d)
-    between = plain.difference(G, moved)
-    assert between is not None
-    same(between, d, atol=1e-9)
-
-
-@FEW
-@given(SEEDS)
-def test_a_pinholes_view_of_a_plane_has_no_misfit(seed: int) -> None:
-    """Turn and shift a camera before a plane: cosine and ratio of its axes stay; derivatives are those of the misfit."""
-    rng = np.random.default_rng(seed)
-    made, theta = target(native, 0, 30), rng.uniform(-0.4, 0.4, 3)
-    f = WIDTH * np.exp(theta[0])
-    K = np.array([[f, 0.0, WIDTH / 2], [0.0, f, HEIGHT / 2], [0.0, 0.0, 1.0]])
-    normal = np.array([theta[1], theta[2], 1.0])
-    R = cv2.Rodrigues(rng.uniform(-0.3, 0.3, 3))[0]
-    G = K @ (R + np.outer(rng.uniform(-0.1, 0.1, 3), normal)) @ np.linalg.inv(K) @ A
-    G /= G[2, 2]
-    misfit, by_pose, by_camera = made.pinhole(G, theta, WIDTH, HEIGHT)
-    assert np.abs(misfit).max() < 1e-9
-
-    def off(d: Floats, change: Floats) -> Floats:
-        return np.asarray(made.pinhole(made.moved(G, d), theta + change, WIDTH, HEIGHT)[0])
-
-    none, h = np.zeros(8), 1e-2
-    for found, step, shifts in (
-        (by_pose, 0.1, [(h * e, np.zeros(3)) for e in np.eye(8)]),
-        (by_camera, 1e-3, [(none, h * e) for e in np.eye(3)]),
-    ):
-        ahead, behind = (np.array([off(way * d, way * c) for d, c in shifts]).T for way in (1.0, -1.0))
-        first, second = (ahead - behind) / (2.0 * h), (ahead + behind - 2.0 * misfit[:, None]) / h**2
-        # the kernel's differences are forward ones: half a step of curvature is left in them
-        same(found, first + 0.5 * step * second, rtol=0.0, atol=2e-3 * np.abs(first).max())
 
 
 # --- nonsense ---------------------------------------------------------------------------------------

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a fitted pose, its light and its evidence obey."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grasptrack.kernels.reference_pose_target import Target
+from posed import (
+    CENTRE,
+    CONTACTS,
+    FEW,
+    FREE,
+    HEIGHT,
+    NOISY,
+    NUISANCE_COVARIANCE,
+    SEEDS,
+    WIDTH,
+    A,
+    Floats,
+    carried,
+    draw,
+    ingredients,
+    known,
+    native,
+    outline,
+    pyramid,
+    question,
+    same,
+    target,
+    view,
+)
+
+
+@NOISY
+@pytest.mark.parametrize("textured", [True, False])
+def test_a_pose_is_found_where_the_object_is(seed: int, textured: bool) -> None:
+    G = view(np.random.default_rng(seed), 0.4)
+    found = target(native, seed, textured=textured).solve(*question(pyramid(draw(G, seed, textured=textured))))
+    assert found["valid"] and found["edge_share"] > 0.9
+    assert np.abs(carried(found["G"], CONTACTS) - carried(G, CONTACTS)).max() < 0.25
+
+
+@FEW
+@given(SEEDS, st.integers(-15, 15), st.integers(-8, 8))
+def test_a_pose_goes_with_its_image(seed: int, right: int, down: int) -> None:
+    """By whole px; of the camera, which has a middle, nothing is known."""
+    rng, wide = np.random.default_rng(seed), 50
+    made, shift = target(native, seed, **FREE), np.array([[1.0, 0.0, right], [0.0, 1.0, down], [0.0, 0.0, 1.0]])
+    image = np.pad(draw(view(rng), seed), wide, mode="edge")  # no border within reach
+    start = np.array([[1.0, 0.0, wide], [0.0, 1.0, wide], [0.0, 0.0, 1.0]]) @ A
+    away = np.roll(image, (down, right), axis=(0, 1))
+    asked = question([image], start, nuisance_covariance=np.diag([1e-9, *np.diag(NUISANCE_COVARIANCE)[1:]]))
+    there = question([away], shift @ start, nuisance_covariance=np.diag([1e-9, *np.diag(NUISANCE_COVARIANCE)[1:]]))
+    here, moved = made.solve(*asked), made.solve(*there)
+    assert here["valid"]
+    same(moved.pop("G"), shift @ here.pop("G"), atol=1e-5)
+    same(moved, here, rtol=1e-4, atol=1e-5)
+
+
+@NOISY
+@pytest.mark.parametrize(("gain", "bias"), [(0.7, 20.0), (0.9, -20.0), (1.1, 20.0)])
+def test_light_does_not_move_a_pose(seed: int, gain: float, bias: float) -> None:
+    made, G = target(native, seed), view(np.random.default_rng(seed), 0.4)
+    plain, lit = (
+        made.solve(*question(pyramid(draw(G, seed, noise=0.5, light=light)))) for light in ((1.0, 0.0), (gain, bias))
+    )
+    assert np.abs(carried(plain["G"], CONTACTS) - carried(lit["G"], CONTACTS)).max() < 0.05
+    assert lit["gain"] / plain["gain"] == pytest.approx(gain, rel=0.02)
+    assert lit["edge_share"] == pytest.approx(plain["edge_share"], abs=0.01)
+
+
+@FEW
+@given(SEEDS)
+def test_what_is_hidden_does_not_count(seed: int) -> None:
+    """But for the pixels at its border, which those beside it are interpolated with."""
+    rng = np.random.default_rng(seed)
+    made = target(native, seed)
+    x, y = rng.integers(20, 100), rng.integers(10, 70)
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[y : y + 40, x : x + 40] = 1
+    made.hide([mask])
+    image = draw(view(rng), seed)
+    other = image.copy()
+    other[y + 1 : y + 39, x + 1 : x + 39] = rng.integers(0, 256, (38, 38))
+    same(made.solve(*question([other])), made.solve(*question([image])), rtol=0.0, atol=0.0)
+
+
+@NOISY
+def test_a_cover_hides_the_outline_and_a_notch_is_another_shape(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    made, angle = target(native, seed, 60, textured=False), rng.uniform(0.0, 2.0 * np.pi)
+    points, normals = outline(240)
+    k = int(240 * angle / (2.0 * np.pi))
+    middle, out = points[k], normals[k]
+    along = np.array([-out[1], out[0]])
+    square = np.array([middle + a * 8.0 * along + b * out for a, b in ((-1, -10), (1, -10), (1, 10), (-1, 10))])
+    cover, notch = (
+        made.solve(*question(pyramid(draw(A, seed, textured=False, patch=(square, level))))) for level in (235.0, 70.0)
+    )
+    assert cover["valid"] and notch["valid"]
+    assert notch["other_shape"] > 1.0 > 0.0 > cover["other_shape"]
+    gone = np.linalg.norm(np.asarray(ingredients(seed, 60, {}, False)[6]) - middle, axis=1) < 6.0
+    assert cover["visible"][gone].mean() < 0.3 and cover["visible"][~gone].mean() > 0.7
+
+
+@NOISY
+def test_flow_finds_what_moved(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    before, G = pyramid(draw(A, seed)), view(rng)
+    places = CENTRE + rng.uniform(-20.0, 20.0, (50, 2))
+    made = target(native, seed, 0)
+    found = made.follow(before, A, pyramid(draw(G, seed)), A, known(6.0, 3.0), places, np.array([1.0, 2.0, 4.0]))
+    assert found["valid"] and found["agreeing"] > 0.5
+    assert np.abs(carried(found["G"], CENTRE[None]) - carried(G, CENTRE[None])).max() < 0.15
+
+
+@FEW
+@given(SEEDS)
+def test_a_move_is_its_derivatives_and_undoes_the_difference(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    made = target(native, 0, 30)
+    G, d, points = view(rng, 3.0), rng.normal(size=8), CENTRE + rng.uniform(-30.0, 30.0, (6, 2))
+    plain = Target(*ingredients(0, 30, {})[1:])
+    same(made.moved(G, np.zeros(8)), G)
+    h = 1e-4
+    change = carried(made.moved(np.eye(3), h * d), points) - carried(made.moved(np.eye(3), -h * d), points)
+    same(change / (2.0 * h), plain.jacobian(points) @ d, atol=1e-6)
+    moved = made.moved(G, d)
+    between = plain.difference(G, moved)
+    assert between is not None
+    same(between, d, atol=1e-9)
+
+
+@FEW
+@given(SEEDS)
+def test_a_pinholes_view_of_a_plane_has_no_misfit(seed: int) -> None:
+    """Turn and shift a camera before a plane: cosine and ratio of its axes stay; derivatives are those of the misfit."""
+    rng = np.random.default_rng(seed)
+    made, theta = target(native, 0, 30), rng.uniform(-0.4, 0.4, 3)
+    f = WIDTH * np.exp(theta[0])
+    K = np.array([[f, 0.0, WIDTH / 2], [0.0, f, HEIGHT / 2], [0.0, 0.0, 1.0]])
+    normal = np.array([theta[1], theta[2], 1.0])
+    R = cv2.Rodrigues(rng.uniform(-0.3, 0.3, 3))[0]
+    G = K @ (R + np.outer(rng.uniform(-0.1, 0.1, 3), normal)) @ np.linalg.inv(K) @ A
+    G /= G[2, 2]
+    misfit, by_pose, by_camera = made.pinhole(G, theta, WIDTH, HEIGHT)
+    assert np.abs(misfit).max() < 1e-9
+
+    def off(d: Floats, change: Floats) -> Floats:
+        return np.asarray(made.pinhole(made.moved(G, d), theta + change, WIDTH, HEIGHT)[0])
+
+    none, h = np.zeros(8), 1e-2
+    for found, step, shifts in (
+        (by_pose, 0.1, [(h * e, np.zeros(3)) for e in np.eye(8)]),
+        (by_camera, 1e-3, [(none, h * e) for e in np.eye(3)]),
+    ):
+        ahead, behind = (np.array([off(way * d, way * c) for d, c in shifts]).T for way in (1.0, -1.0))
+        first, second = (ahead - behind) / (2.0 * h), (ahead + behind - 2.0 * misfit[:, None]) / h**2
+        # the kernel's differences are forward ones: half a step of curvature is left in them
+        same(found, first + 0.5 * step * second, rtol=0.0, atol=2e-3 * np.abs(first).max())
