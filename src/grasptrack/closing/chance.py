@@ -87,6 +87,7 @@ class ClosureCheck:
 
     def __init__(self, grasp: Grasp, view: View, friction: float, width: float) -> None:
         self._view, self._contacts, self._friction = view, grasp.contacts, friction
+        self._points, self._offsets = view.points, view.offsets
         self._built: float | None = None  # margin at which the regions were found
         self._share = width / math.sqrt(kernels.inertia(view.points, view.offsets)[0])
         self._rectify(FRONTAL)
@@ -150,10 +151,10 @@ class ClosureCheck:
 
     def in_image(self, contacts: Floats, carried: Floats) -> float:
         """Margin, rad, of contacts (k, 2) px in a view as it is, the outline carried there by H_current_reference (3, 3)."""
-        points = kernels.carry_points(carried, self._view.points)[0]
-        width = self._share * math.sqrt(kernels.inertia(points, self._view.offsets)[0])
-        places = kernels.locate(points, self._view.offsets, contacts)
-        frames = kernels.contact_frames(points, self._view.offsets, places, width)
+        points = kernels.carry_points(carried, self._points)[0]
+        width = self._share * math.sqrt(kernels.inertia(points, self._offsets)[0])
+        places = kernels.locate(points, self._offsets, contacts)
+        frames = kernels.contact_frames(points, self._offsets, places, width)
         return self._closing(contacts, np.ascontiguousarray(frames[:, :2]))
 
     def first(self, plane: Rectifications) -> Judgement:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -37,6 +37,9 @@ class Decision:
         rival: the most probable of the estimates that put a contact elsewhere.
         rival_share: probability of the contacts where the rival has them.
         risk: probability from which on the estimate is not accepted.
+        accepted: whether the contacts may be given out. Nothing but the probability decides it.
+        code: why they may not, one of `CODES`; empty when they may.
+        confidence: the complement of the probability, 0 to 1; 0 where nothing was found.
     """
 
     estimate: PoseEstimate | None
@@ -52,15 +55,16 @@ class Decision:
     rival_share: float = 0.0
     risk: float = NUMBERS.risk
 
-    @property
-    def accepted(self) -> bool:
-        """Whether the contacts may be given out. Nothing but the probability decides it."""
-        return self.probability_off < self.risk
+    accepted: bool = field(init=False)
+    code: str = field(init=False)
+    confidence: float = field(init=False)
 
-    @property
-    def code(self) -> str:
-        """Why it is not accepted, one of `CODES`; empty when it is."""
-        return "" if self.accepted else self.doubt
+    def __post_init__(self) -> None:
+        """What follows."""
+        accepted = self.probability_off < self.risk
+        object.__setattr__(self, "accepted", accepted)
+        object.__setattr__(self, "code", "" if accepted else self.doubt)
+        object.__setattr__(self, "confidence", 1.0 - self.probability_off)
 
     def at(self, risk: float) -> Decision:
         """The same by another risk."""
@@ -72,11 +76,6 @@ class Decision:
         return replace(
             self, probability_off=off, doubt=self.doubt if self.probability_off > 1.0 - share else "ambiguous"
         )
-
-    @property
-    def confidence(self) -> float:
-        """The complement of the probability, 0 to 1; 0 where nothing was found."""
-        return 1.0 - self.probability_off
 
 
 NOTHING = Decision(None, 1.0, 0.0, math.inf, 0.0, 0.0, 0.0, "not-found", {}, None)
