@@ -122,8 +122,8 @@ struct PoseTarget {
     };
     std::vector<Mask> hidden;
 
-    PoseTarget(const nb::dict &given, const Doubles &A, const Doubles &centre, double radius, double noise, double half, const Doubles &points,
-               const Doubles &normals, const Doubles &contrast, const Doubles &inner, const Doubles &surface,
+    PoseTarget(const nb::dict &given, const Doubles &A, const Doubles &centre, double radius, double noise, double half,
+               double normal_noise, const Doubles &points, const Doubles &normals, const Doubles &contrast, const Doubles &inner, const Doubles &surface,
                const Doubles &surface_value, const Doubles &contacts, const Doubles &depth, const Doubles &inside,
                const Doubles &outside)
         : numbers(numbers_of(given)) {
@@ -135,6 +135,7 @@ struct PoseTarget {
         target.radius = radius;
         target.noise = noise;
         target.half = half;
+        target.normal_noise = normal_noise;
         target.points = places(points, "points");
         target.normals = places(normals, "normals");
         target.contrast = values(contrast);
@@ -152,10 +153,14 @@ struct PoseTarget {
             throw std::invalid_argument("points, normals, contrasts and inner sides need the same length");
         for (std::size_t i = 0; i < n; ++i) {
             const auto J = target.jacobian(target.points[i].x, target.points[i].y);
-            pose::Vector<8> row;
-            for (std::size_t k = 0; k < 8; ++k) row[k] = target.normals[i].x * J[0][k] + target.normals[i].y * J[1][k];
+            pose::Vector<8> row, tangent;
+            for (std::size_t k = 0; k < 8; ++k) {
+                row[k] = target.normals[i].x * J[0][k] + target.normals[i].y * J[1][k];
+                tangent[k] = target.normals[i].x * J[1][k] - target.normals[i].y * J[0][k];
+            }
             target.rows.push_back(row);
             target.squares.push_back(pose::outer<8>(row));
+            target.along.push_back(pose::outer<8>(tangent));
         }
     }
 
@@ -358,11 +363,11 @@ nb::tuple surface_evidence(const std::vector<Doubles> &correlation, const std::v
 
 void bind_pose(nb::module_ &m) {
     nb::class_<PoseTarget>(m, "PoseTarget")
-        .def(nb::init<const nb::dict &, const Doubles &, const Doubles &, double, double, double, const Doubles &, const Doubles &,
+        .def(nb::init<const nb::dict &, const Doubles &, const Doubles &, double, double, double, double, const Doubles &, const Doubles &,
                       const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &,
                       const Doubles &>(),
-             "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "half"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a, "surface"_a,
-             "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
+             "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "half"_a, "normal_noise"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a,
+             "surface"_a, "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
         .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
         .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "nuisance"_a, "nuisance_covariance"_a,

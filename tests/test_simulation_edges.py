@@ -48,7 +48,7 @@ def outline_of(scene: Scene, index: int) -> tuple[np.ndarray, ...]:
     return tuple(apply_homography(scene._plane_to_image[index], p) for p in guest.shape.polygons)
 
 
-@pytest.mark.parametrize("name", [n for n in DISTURBANCES if n not in ("thick", "thick-6", "aside")])
+@pytest.mark.parametrize("name", [n for n in DISTURBANCES if n not in ("thick", "thick-6", "aside", "mixed")])
 def test_edges_lie_on_the_stated_outline(name: str) -> None:
     soft = name in ("blur", "motion-blur", "shake")
     found = []

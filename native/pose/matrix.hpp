@@ -33,6 +33,13 @@ template <std::size_t N> Matrix<N> times(const Matrix<N> &a, const Matrix<N> &b)
     return out;
 }
 
+template <std::size_t N> Matrix<N> transposed(const Matrix<N> &a) {
+    Matrix<N> out;
+    for (std::size_t i = 0; i < N; ++i)
+        for (std::size_t j = 0; j < N; ++j) out[i * N + j] = a[j * N + i];
+    return out;
+}
+
 template <std::size_t N> double quadratic(const Matrix<N> &a, const double *x) {
     double sum = 0.0;
     for (std::size_t i = 0; i < N; ++i) {

@@ -12,6 +12,7 @@
 #include "edges.hpp"
 #include "regions.hpp"
 #include "system.hpp"
+#include "telling.hpp"
 #include "texture.hpp"
 #include "wide.hpp"
 
@@ -303,6 +304,7 @@ class Solver {
         const std::vector<double> parallax = lower_face(G);
         Matrix<9> A, own{};
         Vector<9> b, toward{};
+        Packed<8> along{};
         reduce<9>(system.A, system.b, A, b);
         std::vector<double> shift(n), low(n), low_variance(n), weight(n), seen_up(n), seen_low(n), sorted;
         edge_odds(target_, view_, edge_numbers(), odds_);
@@ -339,6 +341,7 @@ class Solver {
                 variance = numbers_.edge_noise * numbers_.edge_noise + mad * mad;
             }
             Packed<8> sum{};
+            along = {};
             Vector<9> across{};  // with the thickness, the ninth unknown
             toward = {};
             for (std::size_t i = 0; i < n; ++i) {
@@ -350,8 +353,11 @@ class Solver {
                 const double u = wu > 1e-9 ? wu : 0.0, l = wl > 1e-9 ? wl : 0.0;
                 if (!(u + l > 0)) continue;
                 const Vector<8> &J = target_.rows[i];
-                const Packed<8> &square = target_.squares[i];
-                for (std::size_t k = 0; k < square.size(); ++k) sum[k] += (u + l) * square[k];
+                const Packed<8> &square = target_.squares[i], &aside = target_.along[i];
+                for (std::size_t k = 0; k < square.size(); ++k) {
+                    sum[k] += (u + l) * square[k];
+                    along[k] += (u + l) * aside[k];
+                }
                 const double drawn = u * likelihoods_.upper_offset[i] + l * likelihoods_.lower_offset[i], shared = l * parallax[i];
                 for (std::size_t a = 0; a < 8; ++a) {
                     toward[a] += drawn * J[a];
@@ -375,7 +381,8 @@ class Solver {
             vh = P9[80];
             out.edge_sigma = std::sqrt(variance);
         }
-        add_rows<9>(system.A, system.b, own, toward);
+        const Matrix<9> telling = beyond_noise(own, along, target_.normal_noise * target_.normal_noise);
+        add_rows<9>(system.A, system.b, times<9>(times<9>(telling, own), transposed<9>(telling)), times<9>(telling, toward));
         std::vector<Vector<9>> scores(n);
         double share = 0;
         sorted.clear();
@@ -385,6 +392,7 @@ class Solver {
             for (std::size_t k = 0; k < 8; ++k) residual -= target_.rows[i][k] * d[k];
             for (std::size_t k = 0; k < 8; ++k) scores[i][k] = weight[i] * residual * target_.rows[i][k];
             scores[i][8] = lower ? weight[i] * residual * parallax[i] : 0.0;
+            scores[i] = times<9>(telling, scores[i]);
             share += seen_up[i] + seen_low[i];
             if (seen_up[i] + seen_low[i] > 0.5) {
                 double least = 1e9;

@@ -234,7 +234,7 @@ class _Scene:
         G = Keypoints(self.target, self._first).find(self._levels[0])
         if G is None:
             return []
-        own = self._exact(Hypothesis("keypoints", G, self.target.noise_of_motion))
+        own = self._exact(Hypothesis("keypoints", G, self.target.noise_of_guess))
         if own is None or not self._meant(own):
             return []
         return [own, *(self._exact(way) for way in turned_hypotheses(self.target, own, NUMBERS))]

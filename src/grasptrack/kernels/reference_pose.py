@@ -73,6 +73,7 @@ class PoseTarget:
         centre, radius: (2,) and above 0, work px: the error's terms of shape count there.
         noise: grey levels, standard deviation of the camera's.
         half: work px on each side of an edge that were averaged for its contrast.
+        normal_noise: rad, by which noise may turn the normals.
         points, normals: (n, 2) samples of the outline in its order, (n, 2) unit, outward.
         contrast: (n,) signed steps there, grey levels.
         inner: (n, 6) grey levels inside each, see `strongest_edges`.
@@ -94,6 +95,7 @@ class PoseTarget:
         radius: float,
         noise: float,
         half: float,
+        normal_noise: float,
         points: Floats,
         normals: Floats,
         contrast: Floats,
@@ -120,6 +122,7 @@ class PoseTarget:
                 np.float64(radius),
                 np.float64(noise),
                 np.float64(half),
+                np.float64(normal_noise),
                 points,
                 _fixed(_places(normals, "normals"), "normals", n, 2),
                 _fixed(contrast, "contrast", n),

@@ -38,6 +38,7 @@ from grasptrack.kernels.reference_pose_system import (
     Beliefs,
     Start,
     System,
+    beyond_noise,
     bounded_nuisance,
     learned_nuisances,
     scatter_of,
@@ -369,27 +370,29 @@ class Solver:
             weight_low = seen_low / variance * self.power / (1.0 + down**2 / (9.0 * variance))
             weight = weight_up + weight_low
             # the ninth unknown is the thickness
-            own_A, own_b = np.zeros((9, 9)), np.zeros(9)
+            own_A, own_b, along = np.zeros((9, 9)), np.zeros(9), np.zeros((8, 8))
             upper, lower = np.pad(rows, ((0, 0), (0, 1))), np.column_stack([rows, parallax])
             for row, w, offset in ((upper, weight_up, found.upper_offset), (lower, weight_low, found.lower_offset)):
                 counts = w > 1e-9
                 weighed = row[counts] * w[counts, None]
                 own_A += weighed.T @ row[counts]
                 own_b += weighed.T @ offset[counts]
+                along += (self.target.along[counts] * w[counts, None]).T @ self.target.along[counts]
             P9 = inverse_definite(A + own_A)
             if P9 is None:
                 return None
             x = P9 @ (b + own_b)
             d, P, h, vh = x[:8], P9[:8, :8], max(np.float64(0.0), x[8]), P9[8, 8]
             out.edge_sigma = float(np.sqrt(variance))
-        system.add(own_A, own_b)
+        telling = beyond_noise(own_A, along, self.target.normal_noise**2)
+        system.add(telling @ own_A @ telling.T, telling @ own_b)
         out.edge_share = float((seen_up + seen_low).sum()) / len(rows)
         least = np.where(view.there(), view.difference, 1e9).min(axis=1)[seen_up + seen_low > 0.5]
         out.look = float(middle(np.sqrt(least))) if len(least) > 20 else 0.0
         low_seen = seen_low >= seen_up
         residual = np.where(low_seen, found.lower_offset - parallax * h, found.upper_offset) - rows @ d
         scores = np.where(low_seen[:, None], lower, upper) * (weight * residual)[:, None]
-        return scatter_of(scores)
+        return scatter_of(scores @ telling.T)
 
     # --- evidence -------------------------------------------------------------------------------
 

@@ -136,6 +136,31 @@ def bounded_nuisance(x: Floats) -> Floats:
     return np.concatenate([np.maximum(x[:1], 0.0), np.clip(x[1:], -MOST_THETA, MOST_THETA)])
 
 
+def beyond_noise(own: Floats, along: Floats, noise: float) -> Floats:
+    """(9, 9) by which rows of the edges are to be multiplied from the right, transposed.
+
+    Along a motion under which the outline stays on itself, as a disc turned, exact normals tell nothing; noise in them seems to
+    tell all the same (errors in variables). Of information that is so many times that of noise alone, what is beyond counts.
+
+    Args:
+        own: (9, 9) the edges' information, of the pose and of the thickness.
+        along: (8, 8) the same of motions along the outline.
+        noise: rad^2, variance of the normals' directions.
+    """
+    out = np.eye(9)
+    if not (noise > 0.0 and np.isfinite(noise * along).all() and np.isfinite(own).all()):
+        return out
+    try:
+        L = np.linalg.cholesky(noise * along)
+    except np.linalg.LinAlgError:
+        return out
+    inverse = np.linalg.inv(L)
+    values, Q = np.linalg.eigh(inverse @ own[:8, :8] @ inverse.T)
+    beyond = np.maximum(0.0, 1.0 - 1.0 / np.maximum(values, 1e-12))
+    out[:8, :8] = L @ (Q * beyond) @ Q.T @ inverse
+    return out
+
+
 def scatter_of(scores: Floats) -> Floats:
     """(9, 9) of scores (n, 9) that are correlated with their neighbours along the outline (Newey and West 1987)."""
     lags = max(3, int(0.06 * len(scores)))

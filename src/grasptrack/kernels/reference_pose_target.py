@@ -63,6 +63,7 @@ class Target:
         centre, radius: (2,), work px.
         noise: grey levels, of the camera.
         half: work px on each side of an edge that were averaged for `contrast`.
+        normal_noise: rad, by which noise may turn the normals.
         points, normals: (n, 2) samples of the outline, (n, 2) unit, outward.
         contrast: (n,) signed steps there, grey levels.
         inner: (n, INNER) grey levels inside each.
@@ -73,6 +74,7 @@ class Target:
         outside: (n, CELLS) above 0 where that far outside is outside.
         texture: fine to coarse.
         rows: (n, 8) derivatives of a sample's offset along its normal by the pose's error.
+        along: (n, 8) the same of its shift along the outline.
     """
 
     A: Floats
@@ -80,6 +82,7 @@ class Target:
     radius: float
     noise: float
     half: float
+    normal_noise: float
     points: Floats
     normals: Floats
     contrast: Floats
@@ -95,6 +98,7 @@ class Target:
     def __post_init__(self) -> None:
         J = self.jacobian(self.points)
         self.rows = self.normals[:, :1] * J[:, 0] + self.normals[:, 1:] * J[:, 1]
+        self.along = self.normals[:, :1] * J[:, 1] - self.normals[:, 1:] * J[:, 0]
 
     def jacobian(self, points: Floats) -> Floats:
         """(n, 2, 8) derivatives of the places of points (n, 2) by the pose's error."""

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from grasptrack.errors import InputError
-from grasptrack.simulation import happenings, tabletop
+from grasptrack.simulation import happenings, mixtures, tabletop
 from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.conditions import Conditions
 from grasptrack.simulation.looks import Look, look
@@ -168,6 +168,14 @@ DISTURBANCES: dict[str, Disturbance] = {
             "A part 2 to 10 % of its size thick, first seen 25 degrees from aside; the camera comes over it.",
             "model",
             happenings.aside,
+        ),
+        Disturbance(
+            "exchange-hidden", "Another part lies in its place after something passed over it.", "identity",
+            happenings.exchange_hidden,
+        ),
+        Disturbance(
+            "mixed", "All of it at once, drawn one by one: motion, lens, shutter, light, thickness, background, covers.",
+            "model", mixtures.mixed,
         ),
     )
 }  # fmt: skip

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.conditions import Glare, Shadow
@@ -221,6 +222,23 @@ def exchange(s: Setting) -> Parts:
         if best_fit(other, s.shape).distance > OTHER and other.radius() < 1.3 * max(1.0, s.shape.radius()):
             break
     return _guest(s, other.moved(float(s.rng.uniform(0.0, 2.0 * math.pi))), another_surface(s.level, s.rng))
+
+
+def exchange_hidden(s: Setting) -> Parts:
+    """The same, brought while a bar hid both, and left there."""
+    swapped, path = exchange(s), s.course()
+    before, over, on, gone = _four(s.at(0.2, 0.4, 0.5, 0.7))
+    level = float(s.rng.uniform(30.0, 210.0))
+    bar = bar_over(
+        s.shape,
+        (before, over, on, gone),
+        share=1.0,
+        angle=float(s.rng.uniform(0.0, 2.0 * math.pi)),
+        view=s.view(path),
+        colour=(level * 0.97, level, level * 1.01),
+    )
+    guests = tuple(replace(guest, start=round(0.5 * (over + on)), end=s.frames) for guest in swapped["guests"])
+    return {"path": path, "guests": guests, "covers": (bar,)}
 
 
 def twin(s: Setting) -> Parts:

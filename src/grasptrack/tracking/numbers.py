@@ -101,7 +101,7 @@ class Numbers:
     prior_freedom: float = 4.0
     drift: float = 0.06
     stretch_rate: float = 0.03
-    tilt_rate: float = 0.01
+    tilt_rate: float = 0.004
     predicted: float = 0.15
     perspective: float = 0.30
     focal_sd: float = 0.4

@@ -54,7 +54,8 @@ def make_target(
     image = _rectified(levels, A, (width, height))
     noise = camera_noise(image)
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
-    edges = _edges(levels, A, *_samples(work), noise)
+    samples = _samples(work)
+    edges = _edges(levels, A, samples.points, samples.normals, noise)
     points, normals = edges.points, edges.normals
     outline = work[0][0]
     mask: Grey = np.zeros((height, width), np.uint8)
@@ -72,6 +73,7 @@ def make_target(
         radius,
         noise,
         float(edges.half),
+        _normal_noise(samples.noise, numbers),
         np.ascontiguousarray(points),
         np.ascontiguousarray(normals),
         np.ascontiguousarray(edges.contrast),
@@ -187,16 +189,37 @@ def _rectified(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
     )
 
 
-def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
-    """Points and outward normals, evenly along all contours; none where the border cuts the object."""
+class _Samples(NamedTuple):
+    """Samples of the outline: points and outward normals (n, 2), and work px^2, variance of a contour's points across it."""
+
+    points: Floats
+    normals: Floats
+    noise: float
+
+
+NORMALS_TWICE = 2.0
+"""Standard deviations by which noise is allowed to turn normals: it is measured by a factor of that."""
+
+
+def _normal_noise(noise: float, numbers: Numbers) -> float:
+    """rad, by which noise may turn normals that come from points SPACING to either side, each off by this variance.
+
+    No edge is known better than `Numbers.edge_noise`: pixels err alike along it.
+    """
+    return NORMALS_TWICE * math.sqrt(2.0 * (noise + numbers.edge_noise**2)) / (2.0 * SPACING)
+
+
+def _samples(contours: list[tuple[Floats, bool, Any]]) -> _Samples:
+    """Evenly along all contours; none where the border cuts the object."""
     lengths = [float(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum()) for p, _, _ in contours]
     spacing = max(SPACING, sum(lengths) / SAMPLES)
     spacing = min(spacing, sum(lengths) / 60.0)
-    points, normals = [], []
+    points, normals, noise = [], [], 0.0
     for (p, _, clipped), length in zip(contours, lengths, strict=True):
         if length < 8 * spacing:
             continue
         smooth = p if clipped is not None else without_noise(p)
+        noise = max(noise, harmonics_of(p).noise / (2.0 * len(p)))
         closed = np.vstack([p, p[:1]])
         even = np.vstack([smooth, smooth[:1]])
         arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
@@ -215,12 +238,28 @@ def _samples(contours: list[tuple[Floats, bool, Any]]) -> tuple[Floats, Floats]:
         points.append(at(t, closed)[keep])
         normals.append(np.column_stack([chord[:, 1], -chord[:, 0]])[keep])
     if not points:
-        return np.zeros((0, 2)), np.zeros((0, 2))
-    return np.vstack(points), np.vstack(normals)
+        return _Samples(np.zeros((0, 2)), np.zeros((0, 2)), noise)
+    return _Samples(np.vstack(points), np.vstack(normals), noise)
 
 
 ABOVE_NOISE = 9.0
 """Power of a harmonic over that of noise from which on it is the outline's own: noise exceeds it once in e^9 harmonics."""
+
+
+class Harmonics(NamedTuple):
+    """Of a closed contour (N,): complex values, their orders, and the power of each that noise has."""
+
+    values: NDArray[np.complex128]
+    order: Floats
+    noise: float
+
+
+def harmonics_of(points: Floats) -> Harmonics:
+    """The harmonics of a closed contour's points (N, 2); the highest quarter of them is noise."""
+    n = len(points)
+    values = np.fft.fft(points[:, 0] + 1j * points[:, 1])
+    order = np.abs(np.fft.fftfreq(n, 1.0 / n))
+    return Harmonics(values, order, float(np.mean(np.abs(values[order > 0.375 * n]) ** 2)))
 
 
 def without_noise(points: Floats) -> Floats:
@@ -228,13 +267,9 @@ def without_noise(points: Floats) -> Floats:
 
     Of noise in its normals a disc seems to tell how far it turned.
     """
-    n = len(points)
-    harmonics = np.fft.fft(points[:, 0] + 1j * points[:, 1])
-    power = np.abs(harmonics) ** 2
-    order = np.abs(np.fft.fftfreq(n, 1.0 / n))
-    noise = float(np.mean(power[order > 0.375 * n]))
-    kept = np.where((power > ABOVE_NOISE * noise) | (order <= 1), harmonics, 0.0)
-    smooth = np.fft.ifft(kept)
+    found = harmonics_of(points)
+    kept = (np.abs(found.values) ** 2 > ABOVE_NOISE * found.noise) | (found.order <= 1)
+    smooth = np.fft.ifft(np.where(kept, found.values, 0.0))
     return np.column_stack([smooth.real, smooth.imag])
 
 

@@ -47,7 +47,7 @@ def first_state(target: Target, levels: list[Grey], numbers: Numbers) -> TrackSt
 
 def pose_hypothesis(target: Target, origin: str, H: Floats, numbers: Numbers) -> Hypothesis:
     """The object may be where a homography H_current_reference (3, 3) puts it, give or take what a frame may change."""
-    return Hypothesis(origin, target.pose(H), target.noise_of_motion)
+    return Hypothesis(origin, target.pose(H), target.noise_of_guess)
 
 
 def single_estimate(
@@ -74,7 +74,7 @@ def single_estimate(
     found = [e for share in (1.0, numbers.predicted) for e in solved(hypothesis.G, hypothesis.P * share**2)]
     for e in found[:]:
         if e.elsewhere > numbers.elsewhere:
-            found += solved(e.G, e.P + target.noise_of_motion, numbers.wide * target.size)
+            found += solved(e.G, e.P + target.noise_of_guess, numbers.wide * target.size)
     return max(found, key=lambda e: evidence(e, state.usual, numbers), default=None)
 
 
@@ -112,7 +112,7 @@ def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, number
 
 def turned_hypotheses(target: Target, estimate: PoseEstimate, numbers: Numbers) -> list[Hypothesis]:
     """The object as estimated, but for each of the turns in which its outline fits itself."""
-    P = target.noise_of_motion
+    P = target.noise_of_guess
     return [Hypothesis(TURNED, estimate.G @ T, P) for T in target.turns]
 
 

@@ -20,6 +20,8 @@ from grasptrack.tracking.numbers import Numbers
 Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
+GUESSED_TILT = 0.009
+"""Share of sqrt(area) by which the perspective of a pose that was guessed may be off."""
 POSE_ENTRIES = ((0, 2, 1), (1, 2, 1), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1), (2, 0, -1), (2, 1, -1))
 """Row, column and sign of each number of the pose's error in the matrix that it is, in half sizes about the middle."""
 
@@ -99,6 +101,11 @@ class Target:
         numbers = self.numbers
         shares = [numbers.drift] * 2 + [numbers.stretch_rate] * 4 + [numbers.tilt_rate] * 2
         return np.asarray(np.diag((np.array(shares) * self.size) ** 2), dtype=np.float64)
+
+    @cached_property
+    def noise_of_guess(self) -> Floats:
+        """(8, 8) the same of a pose that something else told, of a view that need not follow another, work px^2."""
+        return self.noise_of_motion + np.diag([0.0] * 6 + [(GUESSED_TILT * self.size) ** 2] * 2)
 
     @cached_property
     def precision_of_motion(self) -> Floats:
