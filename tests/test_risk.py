@@ -18,6 +18,9 @@ from hypothesis import strategies as st
 
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
+from grasptrack.evaluation.approach import choosing
+from grasptrack.evaluation.approach.looking import Looking
+from grasptrack.evaluation.demo import run_demo
 from grasptrack.simulation import SHAPES
 from grasptrack.suitability import inspect
 from grasptrack.tracking import follower
@@ -159,3 +162,43 @@ def test_a_run_tells_its_risk_and_the_confidence_of_every_frame(images: Path, tm
             sure = float(told["confidence"])
             assert (sure >= 1.0 - float(risk)) == (told["status"] != "lost")
             assert told["x1"] == "" or told["status"] != "lost"
+
+
+def test_the_servo_and_the_demonstration_refuse_it_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for verb in (["servo"], ["servo", "--trials", "3"], ["demo"]):
+        assert main([*verb, "--risk", "0", "--output", str(tmp_path / "out")]) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert "--risk must be a probability between 0 and 1, not 0" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_demonstration_is_tracked_at_the_risk(tmp_path: Path) -> None:
+    rows = {}
+    for risk in (1e-12, 1e-3):
+        (rows[risk],) = run_demo(tmp_path / str(risk), frames=12, video=False, strategies=("homography",), risk=risk)
+        told = json.loads((tmp_path / str(risk) / "homography" / "run.json").read_text())
+        assert told["options"]["risk"] == risk
+        head, *lines = (tmp_path / str(risk) / "homography" / "grasps.csv").read_text().splitlines()
+        sure = [dict(zip(head.split(","), line.split(","), strict=False)) for line in lines[1:]]
+        assert all((float(row["confidence"]) >= 1.0 - risk) == (row["status"] != "lost") for row in sure)
+
+
+def test_every_tracker_of_an_approach_takes_the_risk(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+
+    class Noted(GraspTracker):
+        def __init__(self, **options: Any) -> None:
+            asked.append(options["risk"])
+            super().__init__(**options)
+
+    monkeypatch.setattr(choosing, "GraspTracker", Noted)
+    tips, ignore = np.array([[60.0, 200.0], [260.0, 200.0]]), np.zeros((HEIGHT, WIDTH), np.uint8)
+    hand = choosing.hand_for(0.06)
+    tracker, first = choosing.first_look(SEEN[0], 0.0, ignore, hand, tips, risk=1e-7)
+    assert first.view is not None
+    looking = Looking(tracker, first.view, ignore, hand, tips, 1e-7)
+    for k in range(1, 12):  # nothing there: it looks anew
+        looking.update(BLANK[1], float(k))
+    assert set(asked) == {1e-7} and len(asked) > 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hand: how far it opens and how large its fingers are, in px, in mm, or as shares of the object's size."""
+"""The hand, how far it opens and how large its fingers are, in px, in mm, or as shares of the object; lengths as written."""
 
 from __future__ import annotations
 
@@ -64,6 +64,35 @@ def parse_length(text: str, name: str) -> Length:
     if match[2] == "%":
         return Length(value / 100.0, "size")
     return Length(value, "mm" if match[2] == "mm" else "px")
+
+
+class Measure(NamedTuple):
+    """A length of the world.
+
+    Attributes:
+        value: how many of the unit.
+        unit: "mm", "cm", "m" or "in".
+    """
+
+    value: float
+    unit: Literal["mm", "cm", "m", "in"]
+
+
+def parse_measure(text: str, name: str) -> Measure:
+    """A length of the world from "120mm", "12 cm", "0.12m" or "4.7in".
+
+    Args:
+        text: the length.
+        name: what it is, for the message.
+
+    Raises:
+        InputError: anything else, or not positive.
+    """
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(mm|cm|m|in)\s*", text)
+    value = float(match[1]) if match else math.nan
+    if match is None or not value > 0.0:
+        raise InputError(f'{name} is a length such as 120mm, 12cm, 0.12m or 4.7in, not "{text}"', text=text)
+    return Measure(value, match[2])  # type: ignore[arg-type]
 
 
 class HandPx(NamedTuple):

@@ -29,6 +29,7 @@ _HEADS = (
 def demo(
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path("demo"),
     frames: Annotated[int, typer.Option(metavar="N", min=2, help="Frames of the scene.")] = 120,
+    risk: options.Risk = 1e-3,
     no_video: options.NoVideo = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -40,11 +41,17 @@ def demo(
     Examples:
       grasptrack demo
       grasptrack demo --frames 300 --output /tmp/demo
+      grasptrack demo --risk 1e-5
     """
     from grasptrack.cli.report import show_rows
     from grasptrack.evaluation.demo import run_demo
 
-    rows = with_progress(output, quiet, lambda tell: run_demo(output, frames=frames, video=not no_video, progress=tell))
+    rate = options.risk_rate(risk)
+    rows = with_progress(
+        output,
+        quiet,
+        lambda tell: run_demo(output, frames=frames, video=not no_video, progress=tell, risk=rate),
+    )
     if quiet:
         return
     notes = [f"{row['strategy']} lost, mostly: {row['reason']}" for row in rows if row["reason"]]

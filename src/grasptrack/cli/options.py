@@ -58,6 +58,14 @@ FingerWidth = Annotated[
 ]
 FingerThickness = Annotated[str | None, typer.Option(metavar="L", help="Of a finger, across; 10 % if not given.")]
 Clearance = Annotated[str | None, typer.Option(metavar="L", help="Way of a finger to its contact; 3 % if not given.")]
+ObjectLength = Annotated[
+    str | None,
+    typer.Option(
+        "--length",
+        metavar="L",
+        help="Of the object: the longer side of the smallest rectangle round it, as 120mm, 12cm, 0.12m or 4.7in.",
+    ),
+]
 Scale = Annotated[float | None, typer.Option(metavar="PX_PER_MM", help="Scale of the image, for lengths in mm.")]
 NoVideo = Annotated[bool, typer.Option("--no-video", help="Write no overlay.mp4.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]

@@ -28,6 +28,7 @@ def servo(
         int, typer.Option(metavar="K", help="Of the hand: 2, or 3 a third of a turn apart on one drive.")
     ] = 2,
     law: Annotated[str, typer.Option(metavar="NAME", help="online, nominal or textbook.")] = "online",
+    risk: options.Risk = 1e-3,
     trials: Annotated[int | None, typer.Option(metavar="N", min=1, help="Run so many at random, on all cores.")] = None,
     images: Annotated[
         str | None, typer.Option(metavar="NAME", help="Drawn by mujoco, planar, or auto; planar for trials.")
@@ -44,7 +45,8 @@ def servo(
     """Look, choose a grasp, approach, close and lift, in a physical world (MuJoCo) whose camera nobody calibrated.
 
     One approach is written as approach.mp4 (the hand's view and a bystander's), approach.png (errors and twist) and
-    approach.json. With --trials, many are drawn at random: trials.csv has a row for each, trials.json the figures, and
+    approach.json. The hand closes only on answers of the tracker that are wrong with a probability below --risk, as of
+    `grasptrack track`. With --trials, many are drawn at random: trials.csv has a row for each, trials.json the figures, and
     failures/ a picture of each that failed.
 
     \b
@@ -54,6 +56,7 @@ def servo(
       grasptrack servo --shape guitar --fingers 3 --arm arm
       grasptrack servo --trials 200 --scenario blackout --seed 1 --output blackout
       grasptrack servo --trials 200 --law textbook --silhouettes shapes
+      grasptrack servo --risk 1e-5 --scenario belt
     """
     from grasptrack.evaluation.approach.case import check
 
@@ -61,8 +64,15 @@ def servo(
         raise InputError("--workers and --scheduler are for --trials")
     if shape is not None and silhouettes is not None:
         raise InputError("--shape and --silhouettes both say which part: give one of them")
+    asked: dict[str, Any] = {
+        "scenario": scenario,
+        "arm": arm,
+        "fingers": fingers,
+        "law": law,
+        "seed": seed,
+        "risk": options.risk_rate(risk),
+    }
     check(scenario=scenario, arm=arm, law=law, images=images or "auto", fingers=fingers)
-    asked: dict[str, Any] = {"scenario": scenario, "arm": arm, "fingers": fingers, "law": law, "seed": seed}
     shapes = _shapes(shape, silhouettes)
     if trials is None:
         _one(shapes, asked, images or "auto", output, not no_video, quiet)

@@ -11,6 +11,7 @@ import typer
 from grasptrack.cli import options
 from grasptrack.cli.terminal import INTERRUPTED, Interruption, tell_error
 from grasptrack.errors import InputError
+from grasptrack.hand import parse_measure
 
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame
@@ -40,6 +41,7 @@ def track(
     ] = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
+    length: options.ObjectLength = None,
     fps: Annotated[
         float | None, typer.Option(metavar="RATE", help="Frames/s: gives times to folders and globs, which have none.")
     ] = None,
@@ -63,6 +65,8 @@ def track(
     Contacts are given where they are wrong with a probability below --risk: one is off by more than 3 px and 4 % of the
     root of the object's area, or it is another object. Every other frame is lost, with a reason.
 
+    With --length, the object's length as a caliper measures it, every frame tells how far it is, in that unit.
+
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
 
     \b
@@ -73,7 +77,7 @@ def track(
       grasptrack track video.mp4 --grasp "193,308 157,99" --strategy rrp
       grasptrack track camera:0 --ignore fingers.png
       grasptrack track video.mp4 --risk 1e-5
-      grasptrack track video.mp4 --camera camera.yaml
+      grasptrack track video.mp4 --camera camera.yaml --length 120mm
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
     lengths = {
@@ -94,6 +98,7 @@ def track(
         "masks": masks,
         "ignore": ignore,
         "camera": camera,
+        "length": length,
         "fps": fps,
         **lengths,
         "scale": scale,
@@ -106,6 +111,7 @@ def track(
         raise InputError("--object and --box both say which object is meant: give one of them")
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
     calibration = options.calibration(camera)
+    measure = None if length is None else parse_measure(length, "--length")
 
     from grasptrack.cli.report import Progress, show_run
     from grasptrack.io.masks import open_masks
@@ -127,6 +133,7 @@ def track(
         hand=hand,
         camera=calibration,
         risk=risk,
+        length=None if measure is None else measure.value,
     )
     done, notes = 0, list[str]()
     with Interruption() as interruption:

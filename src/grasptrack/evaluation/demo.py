@@ -17,6 +17,7 @@ from grasptrack.io.base import Frame, Source
 from grasptrack.io.run import prepare_output, run_track
 from grasptrack.io.video import VideoWriter
 from grasptrack.simulation import SceneFrame, demo_scene
+from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 
@@ -54,6 +55,7 @@ def run_demo(
     video: bool = True,
     progress: Progress | None = None,
     strategies: Sequence[str] = STRATEGIES,
+    risk: float = DEFAULT_RISK,
 ) -> list[dict[str, float | int | str]]:
     """Render a scene, track it with every strategy, and score each run against the truth.
 
@@ -66,6 +68,7 @@ def run_demo(
         video: write the scene and the overlays as videos.
         progress: see `Progress`.
         strategies: of the tracker, in the order of the rows.
+        risk: of the tracker.
 
     Returns:
         A row for each strategy: counts of frames by status, the main reason of loss, contact errors in px, false
@@ -88,11 +91,19 @@ def run_demo(
         if writer is not None:
             writer.close()
     _write_truth(output / "truth.csv", rendered)
-    return [_run(strategy, rendered, scene.fps, output / strategy, video, progress).row() for strategy in strategies]
+    return [
+        _run(strategy, risk, rendered, scene.fps, output / strategy, video, progress).row() for strategy in strategies
+    ]
 
 
 def _run(
-    strategy: str, frames: Sequence[SceneFrame], fps: float, output: Path, video: bool, progress: Progress | None
+    strategy: str,
+    risk: float,
+    frames: Sequence[SceneFrame],
+    fps: float,
+    output: Path,
+    video: bool,
+    progress: Progress | None,
 ) -> Score:
     score = Score(strategy)
 
@@ -104,10 +115,10 @@ def _run(
     source = RenderedSource(frames, fps)
     run_track(
         source,
-        GraspTracker(strategy=strategy),
+        GraspTracker(strategy=strategy, risk=risk),
         output,
         video=video,
-        options={"strategy": strategy, "scene": "demo", "frames": len(frames)},
+        options={"strategy": strategy, "risk": risk, "scene": "demo", "frames": len(frames)},
         on_frame=follow,
     )
     return score

@@ -2,8 +2,8 @@
 """grasps.csv and run.json: one row for every frame, and what the run was and gave.
 
 Units in both files, for people: px for contacts (4 decimals), **degrees** for margins and tilt, s for times, ms for latency,
-0 to 1 for seen, chance and confidence (9 decimals, for small risks). A cell is empty where there is no value. run.json
-repeats them under "units".
+0 to 1 for seen, chance and confidence (9 decimals, for small risks), the user's own unit for distances (6 figures). A cell is
+empty where there is no value. run.json repeats them under "units".
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ UNITS = {
     "tilt_sd": "degrees",
     "margin_sd": "degrees",
     "margin_image": "degrees",
+    "distance": "that of the length that was told",
+    "distance_sd": "that of the length that was told",
 }
 
 
@@ -47,6 +49,7 @@ def columns(fingers: int) -> list[str]:
         *(f"seen{i}" for i in numbers),
         *("margin", "confidence", "chance", "latency_ms", "reason", "reason_code"),
         *("tilt", "tilt_sd", "margin_sd", "margin_image"),
+        *("distance", "distance_sd"),
     ]
 
 
@@ -92,6 +95,7 @@ class GraspsCsv:
                 result.reason_code,
                 *(_cell(math.degrees(v), 4) for v in (result.tilt, result.tilt_sd)),
                 *(_cell(math.degrees(v), 4) for v in (result.margin_sd, result.margin_image)),
+                *("" if not math.isfinite(v) else f"{v:.6g}" for v in (result.distance, result.distance_sd)),
             ]
         )
 

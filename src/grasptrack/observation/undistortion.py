@@ -33,7 +33,8 @@ class Undistortion:
     """Straightens images of one size, and maps what belongs to them both ways.
 
     The straight image has the matrix of the camera, so that the middle keeps its scale, and is as much larger or smaller
-    as it takes to hold all that was seen, up to MOST. What lies outside of the image seen is hidden.
+    as it takes to hold all that was seen, up to MOST. It reaches as far to either side of the optical axis, up to MOST, which
+    so is in its middle. What lies outside of the image seen is hidden.
 
     Args:
         camera: as calibrated; a calibration for a larger or smaller image of the same shape is scaled.
@@ -43,6 +44,8 @@ class Undistortion:
         camera: for this size.
         offset: (2,) ideal px of the straight image's pixel (0, 0); whole numbers.
         hidden: (h, w) uint8, 255 where the straight image shows nothing.
+        focal: focal length in widths of the straight image, and by which share its two axes differ; None where the optical
+            axis is not in the middle.
 
     Raises:
         InputError: a calibration for images of another shape.
@@ -59,11 +62,20 @@ class Undistortion:
         top, bottom = int(y[rows[0]]) - _COARSE, int(y[rows[-1]]) + _COARSE
         if not self.camera.distorted:
             left, top, right, bottom = 0, 0, width - 1, height - 1
+        (left, right), (top, bottom) = (
+            _about(middle, low, high, MOST * side)
+            for middle, low, high, side in zip(
+                self.camera.matrix[:2, 2].tolist(), (left, top), (right, bottom), self.size, strict=True
+            )
+        )
         self.offset: Floats = np.array([left, top], dtype=np.float64)
         seen, shown = self._shown(self._grid(np.arange(left, right + 1), np.arange(top, bottom + 1)))
         nearest = np.clip(seen, 0.0, (width - 1, height - 1)).astype(np.float32)  # so that no edge is made up
         self._maps = cv2.convertMaps(nearest[..., 0], nearest[..., 1], cv2.CV_16SC2)
         self.hidden: NDArray[np.uint8] = np.where(shown, np.uint8(0), np.uint8(255))
+        (fx, fy), (x, y) = np.diag(self.camera.matrix)[:2].tolist(), self.camera.matrix[:2, 2].tolist()
+        aside = max(abs(left + right - 2.0 * x), abs(top + bottom - 2.0 * y))
+        self.focal = (math.sqrt(fx * fy) / (right - left + 1), abs(math.log(fx / fy))) if aside <= 2.0 else None
 
     @staticmethod
     def _grid(x: NDArray[Any], y: NDArray[Any]) -> Floats:
@@ -193,6 +205,15 @@ class Undistortion:
             view=view,
             rectification=plane,
         )
+
+
+def _about(middle: float, low: int, high: int, most: float) -> tuple[int, int]:
+    """The range of whole px from low to high, longer at one end by `most` at most, so that its middle is as given."""
+    if 2.0 * middle > low + high + 1.0:
+        return low, min(math.floor(2.0 * middle) - low, high + math.floor(most))
+    if 2.0 * middle < low + high - 1.0:
+        return max(math.ceil(2.0 * middle) - high, low - math.floor(most)), high
+    return low, high
 
 
 class SeenGrasp(RankedGrasp):

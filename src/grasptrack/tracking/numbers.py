@@ -45,6 +45,7 @@ class Numbers:
         predicted: share of that noise that remains when texture predicts the motion.
         perspective: perspective terms stay below about this share of the half size.
         focal_sd: of the log of the focal length about one image width.
+        calibrated_sd: of the same about that of a calibration.
         normal_sd: rad, of the first view's normal about frontal.
         pinhole_sd: how far real cameras are from a pinhole, of the pose's two invariants.
         pinhole_freedom: degrees of freedom of the t distribution of that.
@@ -105,6 +106,7 @@ class Numbers:
     predicted: float = 0.15
     perspective: float = 0.30
     focal_sd: float = 0.4
+    calibrated_sd: float = 0.005
     normal_sd: float = 0.4
     pinhole_sd: float = 0.005
     pinhole_freedom: float = 30.0

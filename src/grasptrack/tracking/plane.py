@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from grasptrack.closing import Rectifications
 from grasptrack.projective import HORIZON, apply_homography
+from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Target
 
 Floats = NDArray[np.float64]
@@ -43,6 +44,18 @@ class Mode(NamedTuple):
     theta: Floats
     covariance: Floats
     probability: float
+
+
+class Focal(NamedTuple):
+    """What is known beforehand of the focal length: its log, in image widths, and the standard deviation of that."""
+
+    log: float
+    sd: float
+
+    @staticmethod
+    def usual(numbers: Numbers) -> Focal:
+        """Of a camera of which nothing is told: about one image width."""
+        return Focal(0.0, numbers.focal_sd)
 
 
 class Tilt(NamedTuple):
@@ -105,24 +118,26 @@ class Plane:
     Args:
         target: what is followed.
         width, height: px of the image.
+        focal: what is known of the camera beforehand; None where nothing is.
     """
 
-    def __init__(self, target: Target, width: float, height: float) -> None:
-        numbers = target.numbers
+    def __init__(self, target: Target, width: float, height: float, focal: Focal | None = None) -> None:
+        numbers, focal = target.numbers, focal or Focal.usual(target.numbers)
         self._target, self._width, self._height = target, float(width), float(height)
-        self._prior = np.array([numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]) ** 2
+        self._mean = np.array([focal.log, 0.0, 0.0])
+        self._prior = np.array([focal.sd, numbers.normal_sd, numbers.normal_sd]) ** 2
         x, y, w = (target.A @ np.array([*target.outline.mean(axis=0), 1.0])).tolist()
         self._centre = x / w, y / w
-        self._corners = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0].astype(
+        self.hull = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0].astype(
             np.float64
         )
         self._views: list[SeenPose] = []
         self._last, self._way = target.A, NEW_SHAPE * target.size
         # entries of a homography are as small as px make them
         far = 1e3 / (self._width + self._height)
-        self._steps = STEP * np.array([1.0, 1.0, 1.0 / far, 1.0, 1.0, 1.0 / far, far * 1e-3, far * 1e-3, 1.0])
-        self._entries = np.eye(9).reshape(9, 3, 3) * self._steps[:, None, None]
-        self._believe((Mode(np.zeros(3), np.diag(self._prior), 1.0),))
+        self.steps = STEP * np.array([1.0, 1.0, 1.0 / far, 1.0, 1.0, 1.0 / far, far * 1e-3, far * 1e-3, 1.0])
+        self.entries = np.eye(9).reshape(9, 3, 3) * self.steps[:, None, None]
+        self._believe((Mode(self._mean, np.diag(self._prior), 1.0),))
 
     def learn(self, G: Floats, P: Floats) -> bool:
         """What a view teaches in which the object was located: its pose and covariance (8, 8). Whether it was new."""
@@ -145,32 +160,43 @@ class Plane:
         """
         # as believed, after a step of each number of theta, and of each entry
         seen = self._camera_back @ homography @ self._in_view
-        moved = seen[0] + self._camera_back @ self._entries @ self._in_view[0]
+        moved = seen[0] + self._camera_back @ self.entries @ self._in_view[0]
         slopes = _slopes(np.concatenate([seen, moved]))
-        by_theta, by_entry = (slopes[1:4] - slopes[0]).T / STEP, (slopes[4:] - slopes[0]).T / self._steps
+        by_theta, by_entry = (slopes[1:4] - slopes[0]).T / STEP, (slopes[4:] - slopes[0]).T / self.steps
         spread = by_theta @ self.modes[0].covariance @ by_theta.T + by_entry @ covariance @ by_entry.T
         (a, b), (_, c) = spread.tolist()
         most = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
         return Tilt(math.atan(math.hypot(*slopes[0].tolist())), math.sqrt(max(most, 0.0)))
 
     def theta_and_covariance(self) -> tuple[Floats, Floats]:
-        """(3,) and (3, 3) of all explanations about the most probable one, with DOUBT added: for the prior of a pose."""
+        """(3,) and (3, 3) of all explanations about the most probable one, for the prior of a pose.
+
+        DOUBT is added, where not more is known beforehand: a pose must not be drawn to what it shall tell.
+        """
         own = self.modes[0].theta
         spread = sum(m.probability * (m.covariance + np.outer(m.theta - own, m.theta - own)) for m in self.modes)
-        return own, np.asarray(spread + DOUBT**2 * np.eye(3), dtype=np.float64)
+        return own, np.asarray(spread + np.diag(np.minimum(DOUBT**2, self._prior)), dtype=np.float64)
 
     def _believe(self, modes: tuple[Mode, ...]) -> None:
         """What follows from the explanations, the most probable first."""
         self.modes, theta = modes, modes[0].theta
-        f = self._width * math.exp(theta[0])
-        self._camera_back = np.array(
-            [[1.0 / f, 0.0, -0.5 * self._width / f], [0.0, 1.0 / f, -0.5 * self._height / f], [0.0, 0.0, 1.0]]
-        )
+        self._camera_back = self.rays(theta)
         steps = [theta, *(theta + STEP * np.eye(3))]
-        self._in_view = np.array([plane_in_view(t, self._centre, self._width, self._height) for t in steps])
+        self._in_view = np.array([self.in_view(t) for t in steps])
         self.rectifications = Rectifications(
             self._rectifying(theta), tuple((m.probability, *self._open(m)) for m in modes)
         )
+
+    def rays(self, theta: Floats) -> Floats:
+        """(3, 3) from px of an image to rays of the camera, the optical axis last."""
+        f = self._width * math.exp(theta[0])
+        return np.array(
+            [[1.0 / f, 0.0, -0.5 * self._width / f], [0.0, 1.0 / f, -0.5 * self._height / f], [0.0, 0.0, 1.0]]
+        )
+
+    def in_view(self, theta: Floats) -> Floats:
+        """(3, 3) from px of the plane to px of the first view, see `plane_in_view`."""
+        return plane_in_view(theta, self._centre, self._width, self._height)
 
     def _rectifying(self, theta: Floats) -> Floats:
         return rectifying(theta, self._centre, self._width, self._height)
@@ -178,25 +204,31 @@ class Plane:
     def is_seen(self, theta: Floats) -> bool:
         """Whether all of the first view's outline lies in front of the camera."""
         f = self._width * math.exp(theta[0])
-        depth = f + (self._corners - 0.5 * np.array([self._width, self._height])) @ theta[1:]
+        depth = f + (self.hull - 0.5 * np.array([self._width, self._height])) @ theta[1:]
         return bool(depth.min() > HORIZON * np.abs(depth).max())
 
     def _open(self, mode: Mode) -> tuple[Floats, Floats]:
-        """Maps that stand for what a mode leaves open of the slopes, and their weights: Gauss and Hermite's, three each way."""
+        """Maps that stand for what a mode leaves open of the slopes, and their weights."""
+        thetas, weights, _ = self.left_open(mode)
+        return np.array([self._rectifying(theta) for theta in thetas]), weights
+
+    def left_open(self, mode: Mode) -> tuple[Floats, Floats, float]:
+        """What stands for what a mode leaves open of the slopes: Gauss and Hermite's nodes, three each way.
+
+        Returns:
+            (m, 3) thetas that show the whole outline, the focal length as it goes with the slopes; (m,) their weights, which
+            add up to 1; and the variance of the focal length's log that is left there.
+        """
         C, tilts = mode.covariance, mode.covariance[1:, 1:]
         values, vectors = np.linalg.eigh(tilts)
         along = vectors * np.sqrt(3.0 * np.maximum(values, 0.0))
-        nodes = [(i, j) for i in (0, -1, 1) for j in (0, -1, 1)]
-        weights = np.array([(4.0, 1.0)[abs(i)] * (4.0, 1.0)[abs(j)] / 36.0 for i, j in nodes])
+        nodes = np.array([(i, j) for i in (0.0, -1.0, 1.0) for j in (0.0, -1.0, 1.0)])
         focal = np.linalg.solve(tilts, C[1:, 0])  # by what the focal length goes with the slopes
-        maps, kept = [], []
-        for (i, j), weight in zip(nodes, weights.tolist(), strict=True):
-            d = along @ (float(i), float(j))
-            theta = mode.theta + np.array([float(focal @ d), *d])
-            if self.is_seen(theta):
-                maps.append(self._rectifying(theta))
-                kept.append(weight)
-        return np.array(maps), np.array(kept) / sum(kept)
+        slopes = nodes @ along.T
+        thetas = mode.theta + np.column_stack([slopes @ focal, slopes])
+        seen = np.array([self.is_seen(theta) for theta in thetas])
+        weights = (np.where(nodes == 0.0, 4.0, 1.0).prod(axis=1) / 36.0)[seen]
+        return thetas[seen], weights / weights.sum(), max(float(C[0, 0] - focal @ C[1:, 0]), 0.0)
 
     # --- all views together ----------------------------------------------------------------------
 
@@ -205,7 +237,7 @@ class Plane:
         starts = [m.theta for m in self.modes if self._views[1:]]
         starts += [t * (1.0, -1.0, -1.0) for t in starts]
         for reach in (0.4, 1.2) if len(self._views) < 4 else ():
-            starts += [np.array([0.0, reach * i, reach * j]) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+            starts += [self._mean + reach * np.array([0, i, j]) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
         found: list[tuple[float, Floats, Floats]] = []
         for start in starts:
             cost, theta, covariance = self._descend(start)
@@ -271,10 +303,10 @@ class Plane:
         A pose can be plainly wrong, as one in an image that is blurred or half covered: its error has heavy tails.
         """
         numbers = self._target.numbers
-        A, b = np.diag(1.0 / self._prior), -theta / self._prior
+        A, b = np.diag(1.0 / self._prior), (self._mean - theta) / self._prior
         if not self.is_seen(theta):
             return math.inf, A, b
-        cost = float(-b @ theta)
+        cost = float(b @ (self._mean - theta))
         own, freedom = numbers.pinhole_sd**2, numbers.prior_freedom
         for view in self._views:
             misfit, by_pose, by_theta = self._target.handle.pinhole(view.G, theta, self._width, self._height)

@@ -45,6 +45,9 @@ class TrackResult:
         tilt: rad, between the optical axis and the normal of the object's plane, by all views so far.
         tilt_sd: rad, its standard deviation.
         rectification: (3, 3) px of the reference view to the object's own plane, up to a similarity, in which it is judged.
+        distance: from the camera to the object's plane, along the line of sight to the grasp's middle, in the unit in which its
+            length was told; NaN where it was not.
+        distance_sd: its standard deviation.
         reason_code: the reason in one word, see `messages.SENTENCES`; empty when tracked.
     """
 
@@ -70,6 +73,8 @@ class TrackResult:
     tilt: float = math.nan
     tilt_sd: float = math.nan
     rectification: NDArray[np.float64] | None = None
+    distance: float = math.nan
+    distance_sd: float = math.nan
 
     @property
     def located(self) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from grasptrack.tracking.decision import Decision, middle, strangeness
 from grasptrack.tracking.estimator import CONTINUOUS, PoseEstimate
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.plane import Plane
+from grasptrack.tracking.plane import Focal, Plane
 from grasptrack.tracking.target import Grey, Target
 
 if TYPE_CHECKING:
@@ -274,9 +274,9 @@ FIRST_SPREAD = 12.0
 """Grey levels; measured from the first image on."""
 
 
-def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> TrackState:
-    """The state in the first image, where the pose is known by definition."""
-    look = Look(levels, target.A)
+def initial_state(target: Target, levels: list[Grey], numbers: Numbers, focal: Focal | None = None) -> TrackState:
+    """The state in the first image, where the pose is known by definition; `focal` as for `Plane`."""
+    look, focal = Look(levels, target.A), focal or Focal.usual(numbers)
     return TrackState(
         last=look,
         velocity=None,
@@ -284,12 +284,12 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers) -> Track
         P=np.eye(8) * 0.05**2,
         moved=(0.0, 0.0),
         presence=1.0 - 1e-6,
-        nuisance=np.zeros(4),
+        nuisance=np.array([0.0, focal.log, 0.0, 0.0]),
         nuisance_covariance=np.diag(
-            [numbers.thickness_sd * target.size, numbers.focal_sd, numbers.normal_sd, numbers.normal_sd]
+            [numbers.thickness_sd * target.size, focal.sd, numbers.normal_sd, numbers.normal_sd]
         )
         ** 2,
-        plane=Plane(target, levels[0].shape[1], levels[0].shape[0]),
+        plane=Plane(target, levels[0].shape[1], levels[0].shape[0], focal),
         sides=numbers.sides,
         inner_spread=FIRST_SPREAD,
         edge_width=target.edge_width,

@@ -24,11 +24,13 @@ from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Segmenter, grow
 from grasptrack.observation.undistortion import Undistortion
+from grasptrack.tracking.distance import UNKNOWN, Distance, Ruler, ruler
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import Moved
 from grasptrack.tracking.initialization import AUTO, Wish, first_view
 from grasptrack.tracking.messages import Reason
-from grasptrack.tracking.numbers import DEFAULT_RISK, check_risk
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
+from grasptrack.tracking.plane import Focal
 from grasptrack.tracking.result import Status, TrackResult
 from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import STRATEGIES
@@ -44,11 +46,17 @@ class Track:
         number: of the grasp, from 1.
         closure: whether it closes.
         carrier: takes it from image to image.
+        ruler: tells how far it is; None where nobody said how long the object is, or it is cut off in the first view.
     """
 
     number: int
     closure: ClosureCheck
     carrier: Carrier
+    ruler: Ruler | None = None
+
+    def distance(self, homography: Floats, covariance: Floats) -> Distance:
+        """Of the object in a view, of H_current_reference (3, 3) and the covariance (9, 9) of its entries."""
+        return UNKNOWN if self.ruler is None else self.ruler.distance(homography, covariance)
 
 
 class _Moment(NamedTuple):
@@ -75,15 +83,19 @@ class GraspTracker:
         choose: your own choice in the place of synthesis: given the object's outline in the first view, the grasps to try, the
             best first, of so many fingers each.
         segmenter: your own segmentation, asked for a mask of every image that comes without one.
-        camera: its calibration. Images are made straight before anything is looked at. Everything that goes in and comes
-            out stays in px of the images as they are, but for the homography, which is in ideal px.
+        camera: its calibration. Images are made straight before anything is looked at, and the focal length is known.
+            Everything that goes in and comes out stays in px of the images as they are, but for the homography, which is in
+            ideal px.
         risk: probability, between 0 and 1, below which an answer may be wrong: contacts are given where one is off by more
             than 3 px and 4 % of sqrt(area), or on another object, with less than this. Smaller means fewer and surer answers.
+        length: of the object, in any unit: the longer side of the smallest rectangle round its outline, as a caliper measures
+            it. Results then tell their `distance` in this unit.
 
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
         GraspError: contacts that are none, or fewer than two fingers.
-        InputError: friction not positive, a risk not between 0 and 1, both a pixel and a box, or both a grasp and a choice.
+        InputError: friction not positive, a risk not between 0 and 1, both a pixel and a box, both a grasp and a choice, or
+            a length not above 0.
     """
 
     def __init__(
@@ -102,6 +114,7 @@ class GraspTracker:
         segmenter: Segmenter | None = None,
         camera: Camera | None = None,
         risk: float = DEFAULT_RISK,
+        length: float | None = None,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
@@ -110,6 +123,9 @@ class GraspTracker:
             raise InputError("a pixel and a box both say which object is meant: give one of them")
         if given is not None and choose is not None:
             raise InputError("a grasp and a choice of one both say which grasp is meant: give one of them")
+        if length is not None and not 0.0 < length < math.inf:
+            raise InputError(f"the object's length must be a positive number, not {length:g}", length=length)
+        self.length = length
         self.strategy, self.friction, self.risk = strategy, friction, check_risk(risk)
         self._wish = Wish(self.fingers, strategy, friction, given, object_at, box, hand, choose, ignore)
         self._resynthesize, self._segmenter, self._camera = resynthesize, segmenter, camera
@@ -158,7 +174,7 @@ class GraspTracker:
         for grasp in first.grasps:
             try:
                 carrier = carrier_for(
-                    self.strategy, grasp, candidate.view, grey, moment.time, self._observer, self.risk
+                    self.strategy, grasp, candidate.view, grey, moment.time, self._observer, self.risk, self._focal()
                 )
             except TransferError as error:
                 reason = reason if reason.code else Reason("no-description", detail=str(error))
@@ -166,11 +182,14 @@ class GraspTracker:
             self._grasps += 1
             width = FINGER_WIDTH * math.sqrt(kernels.inertia(candidate.view.points, candidate.view.offsets)[0])
             closure = ClosureCheck(grasp, candidate.view, self.friction, width)
-            self._track = Track(self._grasps, closure, carrier)
-            follower = carrier.follower
-            judged, tilt = (
-                closure.first(follower.state.plane.rectifications),
-                follower.state.plane.tilt(np.eye(3), np.zeros((9, 9))),
+            plane, target = carrier.follower.state.plane, carrier.follower.target
+            measured = None if self.length is None else ruler(target, plane, self.length)
+            self._track = Track(self._grasps, closure, carrier, measured)
+            still = np.eye(3), np.zeros((9, 9))
+            judged, tilt, distance = (
+                closure.first(plane.rectifications),
+                plane.tilt(*still),
+                self._track.distance(*still),
             )
             analysis = judged.analysis
             return _answer(
@@ -188,7 +207,9 @@ class GraspTracker:
                 margin_image=judged.margin_image,
                 tilt=tilt.angle,
                 tilt_sd=tilt.sd,
-                rectification=follower.state.plane.rectifications.best,
+                rectification=plane.rectifications.best,
+                distance=distance.value,
+                distance_sd=distance.sd,
                 homography=np.eye(3),
                 view=candidate.view,
             )
@@ -213,6 +234,7 @@ class GraspTracker:
             return _answer(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
         analysis, chance = judged.analysis, judged.chance
         tilt = plane.tilt(H, homography_covariance)
+        distance = track.distance(H, homography_covariance)
         reason = None
         if not analysis.stable:
             reason = Reason("not-closing", detail=analysis.reason)
@@ -236,6 +258,8 @@ class GraspTracker:
             tilt=tilt.angle,
             tilt_sd=tilt.sd,
             rectification=plane.rectifications.best,
+            distance=distance.value,
+            distance_sd=distance.sd,
             homography=H,
             homography_covariance=homography_covariance,
             covariance=covariance if contacts is estimate.contacts else covariance + _apart(contacts, estimate),
@@ -261,6 +285,13 @@ class GraspTracker:
             )
         self._frame += 1
         return grey
+
+    def _focal(self) -> Focal | None:
+        """What the calibration says of the straight images' focal length."""
+        if self._lens is None or self._lens.focal is None:
+            return None
+        focal, uneven = self._lens.focal
+        return Focal(math.log(focal), math.hypot(NUMBERS.calibrated_sd, 0.5 * uneven))
 
     def _straight(
         self, image: NDArray[Any], mask: NDArray[Any] | None, camera: Camera

@@ -12,6 +12,7 @@ from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical.engine import engine
 from grasptrack.simulation.physical.gripper import gripper
 from grasptrack.simulation.physical.setting import ARMS, SCENARIOS, Arm, Scenario
+from grasptrack.tracking.numbers import DEFAULT_RISK
 
 Law = Literal["online", "nominal", "textbook"]
 LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
@@ -48,6 +49,7 @@ class Case:
         images: who draws them.
         pictures: return a picture of the end of a trial that fails.
         fingers: of the hand, 2 or 3.
+        risk: probability below which an answer of the tracker may be wrong.
     """
 
     shape: Shape
@@ -58,6 +60,7 @@ class Case:
     images: Literal["auto", "mujoco", "planar"] = "planar"
     pictures: bool = True
     fingers: Literal[2, 3] = 2
+    risk: float = DEFAULT_RISK
 
     @property
     def name(self) -> str:

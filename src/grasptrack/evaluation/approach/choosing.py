@@ -16,6 +16,7 @@ from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand, Length
 from grasptrack.simulation.physical.gripper import BESIDE, MAX_OPENING, PAD_THICKNESS, PAD_WIDTH
 from grasptrack.synthesis import synthesize
+from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 
@@ -50,7 +51,13 @@ def hand_for(size: float, unsure: float = 0.0) -> Hand:
 
 
 def first_look(
-    image: NDArray[Any], time: float, ignore: NDArray[Any], hand: Hand, tips: Floats, strategy: str = "auto"
+    image: NDArray[Any],
+    time: float,
+    ignore: NDArray[Any],
+    hand: Hand,
+    tips: Floats,
+    strategy: str = "auto",
+    risk: float = DEFAULT_RISK,
 ) -> tuple[GraspTracker, TrackResult]:
     """A tracker that has chosen its grasp, and what it says of the first image; `searching` where it has none.
 
@@ -62,7 +69,7 @@ def first_look(
         ignore: (H, W), where the hand is in the image.
         hand: its limits.
         tips: (k, 2) px of the fingertips.
-        strategy: of the tracker.
+        strategy, risk: of the tracker.
     """
     fingers, told = len(tips), ""
 
@@ -72,7 +79,9 @@ def first_look(
         good = [g for g in found if g.quality >= NEARLY_AS_GOOD * found[0].quality]
         return sorted(good, key=lambda g: turn_between(g.contacts, tips))
 
-    tracker = GraspTracker(fingers=fingers, strategy=strategy, ignore=ignore, friction=FRICTION, choose=choose)
+    tracker = GraspTracker(
+        fingers=fingers, strategy=strategy, ignore=ignore, friction=FRICTION, choose=choose, risk=risk
+    )
     result = tracker.update(image, time)
     if result.contacts is None and result.view is not None and told:
         result = replace(result, reason=told)

@@ -20,6 +20,7 @@ from grasptrack.contour import View
 from grasptrack.evaluation.approach.choosing import first_look
 from grasptrack.hand import Hand
 from grasptrack.matching import Sampled, match
+from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 
@@ -45,14 +46,23 @@ class Looking:
         ignore: (H, W), where the hand is in the image.
         hand: its limits.
         tips: (k, 2) px of the fingertips.
+        risk: of a tracker that follows a grasp chosen anew.
 
     Attributes:
         again: how often a grasp was chosen anew.
         looked: in the last image the part was looked for anew, which takes far longer than following it.
     """
 
-    def __init__(self, tracker: GraspTracker, view: View, ignore: NDArray[Any], hand: Hand, tips: Floats) -> None:
-        self._tracker, self._ignore, self._hand, self._tips = tracker, ignore, hand, tips
+    def __init__(
+        self,
+        tracker: GraspTracker,
+        view: View,
+        ignore: NDArray[Any],
+        hand: Hand,
+        tips: Floats,
+        risk: float = DEFAULT_RISK,
+    ) -> None:
+        self._tracker, self._ignore, self._hand, self._tips, self._risk = tracker, ignore, hand, tips, risk
         self._outline = Sampled(view)
         self._found: deque[bool] = deque([True] * WINDOW, maxlen=WINDOW)
         self._wait = 0
@@ -73,7 +83,7 @@ class Looking:
         if self.looked:
             self._wait = SELDOM
             strategy = "auto" if self.again % OTHERWISE < OTHERWISE - 1 else "homography"
-            tracker, anew = first_look(image, time, self._ignore, self._hand, self._tips, strategy)
+            tracker, anew = first_look(image, time, self._ignore, self._hand, self._tips, strategy, self._risk)
             if anew.status == "tracked" and anew.view is not None and self._is_the_part(anew.view):
                 self._tracker, result = tracker, anew
                 self._found.extend([True] * WINDOW)

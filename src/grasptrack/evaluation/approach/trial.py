@@ -146,7 +146,7 @@ def _approach(run: _Run) -> None:
     for _ in range(PATIENCE):
         image = world.image()
         began = clock.perf_counter()
-        tracker, result = first_look(image, world.time(), ignore, hand, tips)
+        tracker, result = first_look(image, world.time(), ignore, hand, tips, risk=run.case.risk)
         run.look_ms.append(1e3 * (clock.perf_counter() - began))
         run.tell(Step("look", world.time(), image, result))
         row.images += 1
@@ -161,7 +161,7 @@ def _approach(run: _Run) -> None:
         return
     _start(run, result.contacts, tips)
     assert result.view is not None  # contacts lie on an outline
-    looking = Looking(tracker, result.view, ignore, hand, tips)
+    looking = Looking(tracker, result.view, ignore, hand, tips, run.case.risk)
     apart = float(np.linalg.norm(np.diff(world.hand.tips(opening)[:2], axis=0)))
     goal = Goal.fingertips(tips, apart, beyond_m=-ABOVE)
     servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))

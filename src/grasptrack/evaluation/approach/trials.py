@@ -21,6 +21,7 @@ from grasptrack.io.results import versions, write_json
 from grasptrack.io.run import prepare_folder
 from grasptrack.simulation.outlines import Shape
 from grasptrack.simulation.physical.setting import Arm, Scenario
+from grasptrack.tracking.numbers import DEFAULT_RISK
 
 Progress = Callable[[str, int, int], None]
 
@@ -39,6 +40,7 @@ def draw_cases(
     law: Law,
     images: Literal["auto", "mujoco", "planar"] = "planar",
     fingers: Literal[2, 3] = 2,
+    risk: float = DEFAULT_RISK,
 ) -> list[Case]:
     """Trials with shapes in an order that the seed decides, each as often as the others, give or take one.
 
@@ -46,14 +48,14 @@ def draw_cases(
         shapes: to draw from.
         count: of trials.
         seed: of everything; trial k is the same for every law.
-        scenario, arm, law, images, fingers: as in `Case`.
+        scenario, arm, law, images, fingers, risk: as in `Case`.
     """
     rng = np.random.default_rng((seed, 73))
     order: list[int] = []
     while len(order) < count:
         order += rng.permutation(len(shapes)).tolist()
     return [
-        Case(shapes[i], 100_000 * seed + k, scenario, arm, law, images, fingers=fingers)
+        Case(shapes[i], 100_000 * seed + k, scenario, arm, law, images, fingers=fingers, risk=risk)
         for k, i in enumerate(order[:count])
     ]
 
