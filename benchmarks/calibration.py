@@ -1,31 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits the numbers that scale covariances, and shows how many contacts their ellipses hold on other sequences."""
+"""Fits the numbers that scale covariances, writes the file of numbers, and shows on other sequences how reliable they are:
+how many contacts the ellipses hold, and how often an answer is wrong that is told with so much confidence."""
 
 from __future__ import annotations
 
 import common
 
 # isort: split
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from typing import NamedTuple
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 import grasptrack as gt
 from grasptrack.errors import GraspTrackError
+from grasptrack.evaluation.method import Start
 from grasptrack.evaluation.parts import built_in
+from grasptrack.evaluation.real import RealCase, sequence_of, videos_of
 from grasptrack.evaluation.scenes import SceneCase, suite
-from grasptrack.evaluation.sequence import chosen_grasp
+from grasptrack.evaluation.score import Score
+from grasptrack.evaluation.sequence import Shown, chosen_grasp
 from grasptrack.evaluation.truth import Truth
-from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.numbers import NUMBERS, OWN, read_numbers
 
 Floats = NDArray[np.float64]
 
-DISTURBANCES = (
-    "clean-6dof,noise,blur,motion-blur,fast,lens,thick-6,aside,rolling-shutter,shake,jpeg,cover,print,gravel,highlight"
-)
+MODEL = "mixed,lens,thick-6,aside,rolling-shutter,shake"
+DISTURBANCES = f"{MODEL},clean-6dof,noise,blur,motion-blur,fast,jpeg,cover,print,gravel,highlight"
+"""Those that break the model of a flat part and a pinhole, and the others."""
 PARTS = "bracket,key,spanner,s-blob,gear,bean,half-disc,leaf"
 OTHERS = "hook,notched-plate,guitar,t-plate,fork,ring-wrench,bottle,u-clip"
 """Parts of the sequences that the fit does not use."""
@@ -41,31 +48,76 @@ DRAWS = 200
 """Resamplings of the sequences, for the intervals."""
 
 
+RISK = 0.5
+"""At which reliability is looked at: answers of every confidence from one half on are given."""
+BINS = (0.5, 0.8, 0.9, 0.99, 0.999, 1.0)
+"""Confidences between which answers are counted."""
+
+
 class Followed(NamedTuple):
-    """Located contacts of a sequence: (n, 2) px off, (n, 2, 2) px^2 as estimated, (n,) px moved since the image before."""
+    """Contacts of a sequence, (n, ...) each, that were located at the usual risk; and all answers, (m,) each.
+
+    Attributes:
+        disturbance: or "real".
+        off: (n, 2) px.
+        covariance: (n, 2, 2) px^2, as estimated.
+        moved: (n,) px since the image before, or in that if it was less.
+        confidence, wrong: of each answer at `RISK`.
+    """
 
     disturbance: str
     off: Floats
     covariance: Floats
     moved: Floats
+    confidence: Floats
+    wrong: Floats
 
 
 def followed(case: SceneCase) -> Followed:
-    """One sequence, followed from its first image on."""
-    scene, off, covariance, moved = case.scene(), [], [], []
-    tracker, first, before = gt.GraspTracker(grasp=chosen_grasp(scene[0].outline)), None, None
-    for frame in scene:
-        result = tracker.update(frame.image, time=frame.time)
+    """One rendered sequence, followed from its first image on."""
+    scene = case.scene()
+    start = Start(chosen_grasp(scene[0].outline), scene[0].outline, case.size)
+    return followed_frames(case.disturbance, start, (Shown(f.image, f.time, Truth.of_scene(f)) for f in scene))
+
+
+def followed_real(case: RealCase) -> Followed:
+    """One real video."""
+    with sequence_of(case) as (start, shown, _):
+        return followed_frames("real", start, shown)
+
+
+def followed_frames(name: str, start: Start, frames: Iterable[Shown]) -> Followed:
+    """What the tracker says of each frame, and what is true of it."""
+    off, covariance, moved, confidence, wrong = [], [], [], [], []
+    tracker = gt.GraspTracker(grasp=start.contacts, object_at=start.object_at, risk=RISK)
+    score, before, last = Score(name, given=start.contacts), None, 0.0
+    first: Floats | None = None
+    for shown in frames:
+        result, truth = tracker.update(shown.image, time=shown.time), shown.truth
+        scored = score.add(result, truth)
         if first is None:
             first = result.contacts
-        elif result.contacts is not None and result.covariance is not None and before is not None and frame.present:
-            way = float(np.sqrt(((result.contacts - before) ** 2).mean() * 2.0))
-            known = result.covariance - (NUMBERS.exposed * way) ** 2 * np.eye(2)
-            off += list(result.contacts - Truth.of_scene(frame).carry(first))
-            covariance += list(known / NUMBERS.inflate**2)
-            moved += [way] * len(result.contacts)
+        elif result.contacts is not None and truth is not None:
+            confidence.append(result.confidence)
+            wrong.append(scored.is_false_accept)
+            way = 0.0 if before is None else float(np.sqrt(((result.contacts - before) ** 2).mean() * 2.0))
+            known = result.confidence > 1.0 - NUMBERS.risk and result.covariance is not None
+            if known and before is not None and not scored.gone:
+                least = min(way, last)
+                own = result.covariance - (NUMBERS.exposed * least) ** 2 * np.eye(2)
+                off += list(result.contacts - truth.carried(first))
+                covariance += list(own / NUMBERS.inflate**2)
+                moved += [least] * len(result.contacts)
+            last = way
         before = result.contacts
-    return Followed(case.disturbance, np.reshape(off, (-1, 2)), np.reshape(covariance, (-1, 2, 2)), np.array(moved))
+    return Followed(
+        name,
+        np.reshape(off, (-1, 2)),
+        np.reshape(covariance, (-1, 2, 2)),
+        np.array(moved),
+        np.array(confidence),
+        np.array(wrong, dtype=np.float64),
+    )
 
 
 def covariances(sequence: Followed, inflate: float, exposed: float) -> Floats:
@@ -128,12 +180,11 @@ def fitted(tried: list[Tried], chosen: NDArray[np.int64]) -> Floats:
     return np.array(GRID[best])
 
 
-def run(parts: str, disturbances: str, frames: int, seed: int) -> list[Followed]:
-    """All sequences of parts and disturbances, those left out that hold no grasp."""
-    cases = suite(built_in(parts.split(",")), disturbances.split(","), frames=frames, seed=seed)
+def run(function: Callable[[Any], Followed], cases: Sequence[Any]) -> list[Followed]:
+    """All sequences, those left out that hold no grasp."""
     found = []
     with ProcessPoolExecutor() as pool:
-        for task in [pool.submit(followed, case) for case in cases]:
+        for task in [pool.submit(function, case) for case in cases]:
             try:
                 sequence = task.result()
             except GraspTrackError:
@@ -143,8 +194,45 @@ def run(parts: str, disturbances: str, frames: int, seed: int) -> list[Followed]
     return found
 
 
+def rendered(parts: str, disturbances: str, frames: int, seed: int) -> list[Followed]:
+    """All sequences of parts and disturbances."""
+    return run(followed, suite(built_in(parts.split(",")), disturbances.split(","), frames=frames, seed=seed))
+
+
+def reliability(sequences: Sequence[Followed]) -> list[tuple[str, int, str, str, str]]:
+    """Rows: confidence, answers, wrong as told, wrong as counted, and the 95 % interval of that by resampling sequences."""
+    rng, rows = np.random.default_rng(0), []
+    for low, high in pairwise(BINS):
+        inside = [(s.confidence >= low) & ((s.confidence < high) | (high == 1.0)) for s in sequences]
+        counts = np.array([k.sum() for k in inside])
+        told = np.array([(1.0 - s.confidence[k]).sum() for s, k in zip(sequences, inside, strict=True)])
+        wrong = np.array([s.wrong[k].sum() for s, k in zip(sequences, inside, strict=True)])
+        if not counts.sum():
+            continue
+        drawn = [wrong[rng.integers(len(wrong), size=len(wrong))].sum() for _ in range(DRAWS)]
+        least, most = np.percentile(drawn, [2.5, 97.5])
+        rows.append((f"{low:g} to {high:g}", int(counts.sum()), f"{told.sum():.1f}", f"{wrong.sum():.0f}",
+                     f"{least:.0f} to {most:.0f}"))  # fmt: skip
+    return rows
+
+
+def write(path: Path, names: Sequence[str], best: Floats, low: Floats, high: Floats, by: str) -> None:
+    """The package's file with the fitted numbers in it."""
+    told = json.loads(OWN.read_text(encoding="utf-8"))
+    for k, name in enumerate(names):
+        told[name] = {
+            "value": round(float(best[k]), 4),
+            "from": round(float(low[k]), 4),
+            "to": round(float(high[k]), 4),
+            "by": by,
+        }
+    lines = [f"  {json.dumps(name)}: {json.dumps(entry)}" for name, entry in told.items()]
+    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    read_numbers(path)
+
+
 def main() -> None:
-    """Fit and print."""
+    """Fit, write, show."""
     parser = common.parser(__doc__)
     parser.add_argument("--frames", type=int, default=30)
     parser.add_argument(
@@ -153,8 +241,19 @@ def main() -> None:
     parser.add_argument("--disturbances", default=DISTURBANCES)
     parser.add_argument("--parts", default=PARTS)
     parser.add_argument("--others", default=OTHERS, help="parts that show it")
+    parser.add_argument("--real", type=Path, help="folder of videos as for `grasptrack evaluate real`, to show it on")
+    parser.add_argument(
+        "--fit-real",
+        action="store_true",
+        help="fit to every other of them too: what their references err counts as ours",
+    )
+    parser.add_argument(
+        "--write", type=Path, metavar="FILE", help="the numbers, for GRASPTRACK_NUMBERS=FILE or for the package"
+    )
     asked = parser.parse_args()
-    fit = run(asked.parts, asked.disturbances, asked.frames, asked.seed)
+    videos = videos_of(asked.real) if asked.real else []
+    fitted_to, shown_on = (videos[::2], videos[1::2]) if asked.fit_real else ([], videos)
+    fit = rendered(asked.parts, asked.disturbances, asked.frames, asked.seed) + run(followed_real, fitted_to)
     table = [tried(sequence) for sequence in fit]
     best = fitted(table, np.arange(len(fit)))
     rng = np.random.default_rng(asked.seed)
@@ -167,13 +266,18 @@ def main() -> None:
     common.table(("number", "now", "fitted", "from", "to"), [
         (name, getattr(NUMBERS, name), *(float(v[k]) for v in (best, low, high))) for k, name in enumerate(names)
     ])  # fmt: skip
-    show = run(asked.others, asked.disturbances, asked.frames, asked.seed + 1)
+    if asked.write:
+        write(asked.write, names, best, low, high, f"benchmarks/calibration.py --seed {asked.seed}")
+        common.say(f"Written: `{asked.write.name}`.")
+    show = rendered(asked.others, asked.disturbances, asked.frames, asked.seed + 1) + run(followed_real, shown_on)
     common.say(
-        f"In the 95 % ellipses, of {sum(len(s.off) for s in show)} contacts of other parts, seed {asked.seed + 1}:"
+        f"In the 95 % ellipses, of {sum(len(s.off) for s in show)} contacts of other parts and videos, seed {asked.seed + 1}:"
     )
     now, then = within(show, NUMBERS.inflate, NUMBERS.exposed), within(show, *best)
     rows = [(name, f"{100 * share:.0f} %", f"{100 * then[name]:.0f} %") for name, share in now.items()]
     common.table(("disturbance", "now", "fitted"), rows)
+    common.say(f"Answers at --risk {RISK:g} in the same sequences, with the numbers as they are now:")
+    common.table(("confidence", "answers", "wrong as told", "wrong", "95 %"), reliability(show))
     common.finish(asked.output)
 
 

@@ -26,6 +26,7 @@ PAGES = (
     "conventions.md",
     "design.md",
     "evaluation.md",
+    "numbers.md",
     "paper-map.md",
     "servo.md",
     "simulation.md",

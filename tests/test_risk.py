@@ -6,6 +6,9 @@ from __future__ import annotations
 import copy
 import json
 import math
+import os
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,7 +28,7 @@ from grasptrack.simulation import SHAPES
 from grasptrack.suitability import inspect
 from grasptrack.tracking import follower
 from grasptrack.tracking.decision import NOTHING, Decision, any_of, decide
-from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, OWN, check_risk, read_numbers
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.transfer import STRATEGIES
@@ -202,3 +205,39 @@ def test_every_tracker_of_an_approach_takes_the_risk(monkeypatch: pytest.MonkeyP
     for k in range(1, 12):  # nothing there: it looks anew
         looking.update(BLANK[1], float(k))
     assert set(asked) == {1e-7} and len(asked) > 1
+
+
+# --- the file of numbers ------------------------------------------------------------------------
+
+
+def test_the_file_of_numbers_is_read_and_what_is_wrong_in_it_is_told(tmp_path: Path) -> None:
+    told = json.loads(OWN.read_text(encoding="utf-8"))
+    assert read_numbers() == NUMBERS and {n: e["value"] for n, e in told.items()} == NUMBERS.table()
+    assert all(
+        entry["from"] <= entry["value"] <= entry["to"] and entry["by"] for entry in told.values() if "by" in entry
+    )
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(told | {"inflate": {"value": 2.25}}), encoding="utf-8")
+    assert read_numbers(path).inflate == 2.25
+    for bad, why in (
+        ({n: e for n, e in told.items() if n != "inflate"}, "inflate is missing"),
+        (told | {"inflat": {"value": 1.0}}, "inflat is no number of the core"),
+        (told | {"inflate": {"value": math.inf}}, "inflate must be a finite number, not inf"),
+        (told | {"inflate": 1.5}, "cannot read the numbers"),
+        ([], "cannot read the numbers"),
+    ):
+        path.write_text(json.dumps(bad), encoding="utf-8")
+        with pytest.raises(InputError, match=why):
+            read_numbers(path)
+    with pytest.raises(InputError, match="cannot read the numbers"):
+        read_numbers(tmp_path / "none.json")
+
+
+def test_the_environment_names_another_file_of_numbers(tmp_path: Path) -> None:
+    told = json.loads(OWN.read_text(encoding="utf-8"))
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(told | {"exposed": {"value": 0.125}}), encoding="utf-8")
+    code = "from grasptrack.tracking.numbers import NUMBERS; print(NUMBERS.exposed)"
+    environment = {**os.environ, "GRASPTRACK_NUMBERS": str(path)}
+    shown = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "0.125"

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -179,6 +180,17 @@ def run_video(task: tuple[RealCase, tuple[str, ...]]) -> dict[str, list[FrameSco
         GraspError: there is no object or no grasp in the first frame, or the object chosen there is another one.
     """
     case, methods = task
+    with sequence_of(case) as (start, shown, begin):
+        return follow(shown, makers(methods, case.risk), start, begin)
+
+
+@contextmanager
+def sequence_of(case: RealCase) -> Iterator[tuple[Start, Iterator[Shown], int]]:
+    """What all methods are told of a video, its frames from the first that its table lists on, and the number of that.
+
+    Raises:
+        InputError, GraspError: as in `run_video`.
+    """
     if not case.table.is_file():
         raise InputError(f'no video of this name with a table of homographies lies in "{case.video.parent}"')
     with open_source(case.video) as source:
@@ -190,8 +202,7 @@ def run_video(task: tuple[RealCase, tuple[str, ...]]) -> dict[str, list[FrameSco
         height, width = first.image.shape[:2]
         truths = case.truths((width, height))
         start = _start(case, first, truths)
-        shown = (Shown(frame.image, frame.time, truths.of(frame.index)) for frame in chain([first], frames))
-        return follow(shown, makers(methods, case.risk), start, begin)
+        yield start, (Shown(f.image, f.time, truths.of(f.index)) for f in chain([first], frames)), begin
 
 
 def _start(case: RealCase, first: Frame, truths: Truths) -> Start:

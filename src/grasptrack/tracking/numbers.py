@@ -1,9 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every number that the core needs and that is neither physics nor numerical tolerance, in one table, to be fitted to data."""
+"""Every number that the core needs and that is neither physics nor numerical tolerance, in one table, to be fitted to data.
+
+Their values stand in `numbers.json` beside this file, each with the interval that a fit left it and the script that made it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+import json
+import math
+import os
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 
 from grasptrack.errors import InputError
 
@@ -71,65 +78,65 @@ class Numbers:
         tolerance, tolerance_px: an answer is wrong if a contact is off by more than this share of sqrt(area) and so many px.
     """
 
-    work_size: float = 300.0
-    edge_missed: float = 0.10
-    same_sign: float = 0.90
-    edge_floor: float = 0.25
-    edge_noise: float = 0.05
-    other_spread: float = 45.0
-    share_object: float = 0.90
-    share_occluded: float = 0.08
-    share_other: float = 0.02
-    cover_power: float = 2.0
-    elsewhere_power: float = 15.0
-    stretch: float = 0.15
-    sample_distance: float = 8.0
-    blur_share: float = 0.45
-    wide: float = 0.08
-    elsewhere: float = 0.08
-    cell_unlikely: float = 0.01
-    cell_far: float = 0.3
-    cell_power: float = 12.0
-    cell_cover: float = 29.0
-    texture_floor: float = 0.1
-    texture_independent: float = 4.0
-    texture_freedom: float = 4.0
-    texture_contrast: float = 3.0
-    texture_occluded: float = 0.15
-    match_spread: float = 0.18
-    chance_spread: float = 0.33
-    patch_share: float = 3.0
-    prior_freedom: float = 4.0
-    drift: float = 0.06
-    stretch_rate: float = 0.03
-    tilt_rate: float = 0.004
-    predicted: float = 0.15
-    perspective: float = 0.30
-    focal_sd: float = 0.4
-    calibrated_sd: float = 0.005
-    normal_sd: float = 0.4
-    pinhole_sd: float = 0.005
-    pinhole_freedom: float = 30.0
-    new_view: float = 1.0
-    sides: float = 0.9
-    thickness_sd: float = 0.04
-    hazard: float = 2e-3
-    redetected: float = 0.02
-    exchanged: float = 1e-4
-    same_surface: float = 0.1
-    same_shape: float = 1e-4
-    lookalike: float = 1e-6
-    deceived: float = 1e-5
-    taken: float = 0.02
-    travel: float = 0.1
-    turn: float = 0.1
-    swell: float = 0.05
-    temper: float = 0.25
-    inflate: float = 1.5
-    exposed: float = 0.05
-    risk: float = 1e-3
-    tolerance: float = 0.04
-    tolerance_px: float = 3.0
+    work_size: float
+    edge_missed: float
+    same_sign: float
+    edge_floor: float
+    edge_noise: float
+    other_spread: float
+    share_object: float
+    share_occluded: float
+    share_other: float
+    cover_power: float
+    elsewhere_power: float
+    stretch: float
+    sample_distance: float
+    blur_share: float
+    wide: float
+    elsewhere: float
+    cell_unlikely: float
+    cell_far: float
+    cell_power: float
+    cell_cover: float
+    texture_floor: float
+    texture_independent: float
+    texture_freedom: float
+    texture_contrast: float
+    texture_occluded: float
+    match_spread: float
+    chance_spread: float
+    patch_share: float
+    prior_freedom: float
+    drift: float
+    stretch_rate: float
+    tilt_rate: float
+    predicted: float
+    perspective: float
+    focal_sd: float
+    calibrated_sd: float
+    normal_sd: float
+    pinhole_sd: float
+    pinhole_freedom: float
+    new_view: float
+    sides: float
+    thickness_sd: float
+    hazard: float
+    redetected: float
+    exchanged: float
+    same_surface: float
+    same_shape: float
+    lookalike: float
+    deceived: float
+    taken: float
+    travel: float
+    turn: float
+    swell: float
+    temper: float
+    inflate: float
+    exposed: float
+    risk: float
+    tolerance: float
+    tolerance_px: float
 
     def table(self) -> dict[str, float]:
         """By name, as the kernel takes them."""
@@ -154,7 +161,34 @@ class Numbers:
         return self.with_risk(min(self.risk, check_risk(risk)))
 
 
-NUMBERS = Numbers()
+OWN = Path(__file__).with_name("numbers.json")
+"""The values that the package comes with."""
+VARIABLE = "GRASPTRACK_NUMBERS"
+"""Environment variable that names another file of values, as `benchmarks/calibration.py` writes them."""
+
+
+def read_numbers(path: Path = OWN) -> Numbers:
+    """The numbers of a file: JSON, {name: {"value": number, ...}, ...}, with every name and no other.
+
+    Raises:
+        InputError: no such file, no JSON, a name that is missing or unknown, or a value that is no finite number.
+    """
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        values = {str(name): float(entry["value"]) for name, entry in told.items()}
+    except (OSError, ValueError, AttributeError, KeyError, TypeError) as error:
+        raise InputError(f'cannot read the numbers in "{path}": {error!r}', path=str(path)) from error
+    names = [field.name for field in fields(Numbers)]
+    for name in [*(n for n in names if n not in values), *(v for v in values if v not in names)]:
+        what = "is missing" if name in names else "is no number of the core"
+        raise InputError(f'"{path}": {name} {what}', path=str(path), name=name)
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise InputError(f'"{path}": {name} must be a finite number, not {value}', path=str(path), name=name)
+    return Numbers(**values)
+
+
+NUMBERS = read_numbers(Path(os.environ.get(VARIABLE) or OWN))
 
 DEFAULT_RISK = NUMBERS.risk
 """Probability below which an answer may be wrong, where nobody says."""
