@@ -91,9 +91,9 @@ template <std::size_t N> class Form {
     Packed<N> packed_;
 };
 
-// The inverse of a symmetric positive definite matrix by Cholesky; false where it is not one.
-template <std::size_t N> bool invert(const Matrix<N> &a, Matrix<N> &out) {
-    Matrix<N> lower{};
+// The lower triangle L with L L^T = a, of a symmetric positive definite matrix, and its inverse; false where it is not one.
+template <std::size_t N> bool cholesky(const Matrix<N> &a, Matrix<N> &lower, Matrix<N> &inverse) {
+    lower = inverse = {};
     for (std::size_t i = 0; i < N; ++i)
         for (std::size_t j = 0; j <= i; ++j) {
             double sum = a[i * N + j];
@@ -105,7 +105,6 @@ template <std::size_t N> bool invert(const Matrix<N> &a, Matrix<N> &out) {
                 lower[i * N + j] = sum / lower[j * N + j];
             }
         }
-    Matrix<N> inverse{};  // of the lower triangle
     for (std::size_t i = 0; i < N; ++i) {
         inverse[i * N + i] = 1.0 / lower[i * N + i];
         for (std::size_t j = 0; j < i; ++j) {
@@ -114,6 +113,13 @@ template <std::size_t N> bool invert(const Matrix<N> &a, Matrix<N> &out) {
             inverse[i * N + j] = sum / lower[i * N + i];
         }
     }
+    return true;
+}
+
+// The inverse of a symmetric positive definite matrix; false where it is not one.
+template <std::size_t N> bool invert(const Matrix<N> &a, Matrix<N> &out) {
+    Matrix<N> lower, inverse;
+    if (!cholesky<N>(a, lower, inverse)) return false;
     for (std::size_t i = 0; i < N; ++i)
         for (std::size_t j = 0; j <= i; ++j) {
             double sum = 0.0;

@@ -192,7 +192,7 @@ class Solver {
                 if (!system_about(target_, start_, numbers_, beliefs_, G, start_.nuisance, system)) break;
                 reduce<8>(system.A, system.b, A, b);
                 const TextureFit fit_and = fit_patches(match_all(level, level + 1, G), A, b, texture_numbers());
-                if (!telling(fit_and, set.patches.size())) break;
+                if (!tells(fit_and, set.patches.size())) break;
                 for (std::size_t k = 0; k < 64; ++k) A[k] += fit_and.information[k];
                 for (std::size_t k = 0; k < 8; ++k) b[k] += fit_and.gradient[k];
                 if (!invert<8>(A, P)) return false;
@@ -207,13 +207,6 @@ class Solver {
         return true;
     }
 
-    static bool telling(const TextureFit &fit, std::size_t count) {
-        // noise alone agrees here and there
-        constexpr double least = 4, chance = 0.12;
-        const auto n = static_cast<double>(count);
-        return fit.used >= 4 && fit.agreeing * n >= least + chance * n;
-    }
-
     TextureFit texture_rows(const Homography &G, const Matrix<8> &A, const Vector<8> &b, Solution &out) {
         TextureFit none;
         patches_ = match_all(0, told, G);
@@ -222,7 +215,7 @@ class Solver {
         out.texture_used = fit.used;
         out.texture_agreeing = fit.agreeing;
         out.texture_spread = fit.spread;
-        return telling(fit, patches_.size()) ? fit : none;
+        return tells(fit, patches_.size()) ? fit : none;
     }
 
     int reach_of(const Matrix<8> &P, double times_sd, double more) const {

@@ -57,27 +57,10 @@ inline Matrix<9> beyond_noise(const Matrix<9> &own, const Packed<8> &along, doub
     if (!(noise > 0)) return out;
     for (double value : own)
         if (!std::isfinite(value)) return out;
-    Matrix<N> L{}, inverse{};
-    const Matrix<N> of_noise = unpacked<N>(along);
-    for (std::size_t i = 0; i < N; ++i)
-        for (std::size_t j = 0; j <= i; ++j) {
-            double sum = noise * of_noise[i * N + j];
-            for (std::size_t k = 0; k < j; ++k) sum -= L[i * N + k] * L[j * N + k];
-            if (i == j) {
-                if (!(sum > 0) || !std::isfinite(sum)) return out;
-                L[i * N + i] = std::sqrt(sum);
-            } else {
-                L[i * N + j] = sum / L[j * N + j];
-            }
-        }
-    for (std::size_t i = 0; i < N; ++i) {
-        inverse[i * N + i] = 1 / L[i * N + i];
-        for (std::size_t j = 0; j < i; ++j) {
-            double sum = 0;
-            for (std::size_t k = j; k < i; ++k) sum -= L[i * N + k] * inverse[k * N + j];
-            inverse[i * N + j] = sum / L[i * N + i];
-        }
-    }
+    Packed<N> by_noise = along;
+    for (double &value : by_noise) value *= noise;
+    Matrix<N> L, inverse;
+    if (!cholesky<N>(unpacked<N>(by_noise), L, inverse)) return out;
     Matrix<N> lead;
     for (std::size_t i = 0; i < N; ++i)
         for (std::size_t j = 0; j < N; ++j) lead[i * N + j] = own[i * 9 + j];

@@ -254,6 +254,13 @@ struct TextureFit {
     std::vector<double> weight;
 };
 
+inline bool tells(const TextureFit &fit, std::size_t count) {
+    // noise alone agrees here and there
+    constexpr double least = 4, chance = 0.12;
+    const auto n = static_cast<double>(count);
+    return fit.used >= 4 && fit.agreeing * n >= least + chance * n;
+}
+
 // A patch with what it says.
 struct PatchRow {
     const Patch *patch;

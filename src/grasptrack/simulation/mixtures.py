@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,20 +13,38 @@ from grasptrack.simulation.camera import Camera
 from grasptrack.simulation.courses import from_aside, shaken
 from grasptrack.simulation.setting import Parts, Setting
 
-BACKGROUNDS = {"table": 0.4, "gravel": 0.15, "sheet": 0.1, "crowd": 0.2, "equals": 0.15}
-"""Shares of the scenes."""
-COVERS = {"none": 0.6, "bar": 0.1, "hand": 0.1, "cover": 0.1, "bar_parallel": 0.1}
-"""The same."""
+Happening = Callable[[Setting], Parts]
+
+BACKGROUNDS: tuple[tuple[Happening | None, float], ...] = (
+    (None, 0.4),
+    (tabletop.gravel, 0.15),
+    (tabletop.sheet, 0.1),
+    (tabletop.crowd, 0.2),
+    (tabletop.equals, 0.15),
+)
+"""What lies round the part, and in which share of the scenes."""
+COVERS: tuple[tuple[Happening | None, float], ...] = (
+    (None, 0.6),
+    (happenings.bar, 0.1),
+    (happenings.hand, 0.1),
+    (happenings.cover, 0.1),
+    (happenings.bar_parallel, 0.1),
+)
+"""What comes before it, likewise."""
+
+
+def _drawn(s: Setting, choices: tuple[tuple[Happening | None, float], ...]) -> Happening | None:
+    """One of them, by their shares."""
+    return choices[int(s.rng.choice(len(choices), p=[share for _, share in choices]))][0]
 
 
 def mixed(s: Setting) -> Parts:
     """Motion, lens, shutter, light, noise, compression, thickness, background and covers, drawn one by one."""
     rng = s.rng
-    background = str(rng.choice(list(BACKGROUNDS), p=list(BACKGROUNDS.values())))
-    cover = str(rng.choice(list(COVERS), p=list(COVERS.values())))
-    ground: Parts = {} if background == "table" else getattr(tabletop, background)(s)
-    over: Parts = {} if cover == "none" else getattr(happenings, cover)(s)
-    if background in ("crowd", "equals"):
+    background, cover = _drawn(s, BACKGROUNDS), _drawn(s, COVERS)
+    ground: Parts = background(s) if background is not None else {}
+    over: Parts = cover(s) if cover is not None else {}
+    if background in (tabletop.crowd, tabletop.equals):
         s = replace(s, size=0.75 * s.size)
     made = {**ground, **over, **_camera(s)}
     if rng.uniform() < 0.5:

@@ -22,7 +22,7 @@ from grasptrack.projective import HORIZON
 from grasptrack.tracking.decision import TURNED, evidence, exchanged
 from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, lead_alike, sane_area
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.target import Grey, Target
+from grasptrack.tracking.target import GUESSED_TILT, Grey, Target
 from grasptrack.transfer.alignment import alignments, as_similarity
 
 if TYPE_CHECKING:
@@ -224,7 +224,7 @@ def _unlike(a: Sampled, outline: Floats) -> float:
 
 def wide_prior(target: Target) -> Floats:
     """(8, 8) covariance of a pose that was found, work px^2."""
-    return np.asarray(np.diag([0.03 * target.size] * 6 + [0.01 * target.size] * 2) ** 2, dtype=np.float64)
+    return np.asarray(np.diag([0.03 * target.size] * 6 + [GUESSED_TILT * target.size] * 2) ** 2, dtype=np.float64)
 
 
 MATCHED = "matched"

@@ -20,8 +20,8 @@ from grasptrack.tracking.numbers import Numbers
 Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
-GUESSED_TILT = 0.009
-"""Share of sqrt(area) by which the perspective of a pose that was guessed may be off."""
+GUESSED_TILT = 0.01
+"""Share of sqrt(area) by which the perspective of a pose may be off that no frame before tells."""
 POSE_ENTRIES = ((0, 2, 1), (1, 2, 1), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1), (2, 0, -1), (2, 1, -1))
 """Row, column and sign of each number of the pose's error in the matrix that it is, in half sizes about the middle."""
 
@@ -104,8 +104,9 @@ class Target:
 
     @cached_property
     def noise_of_guess(self) -> Floats:
-        """(8, 8) the same of a pose that something else told, of a view that need not follow another, work px^2."""
-        return self.noise_of_motion + np.diag([0.0] * 6 + [(GUESSED_TILT * self.size) ** 2] * 2)
+        """(8, 8) how far a pose may be off that something else tells of a view that need not follow another, work px^2."""
+        shares = [*np.sqrt(np.diagonal(self.noise_of_motion)[:6]), *[GUESSED_TILT * self.size] * 2]
+        return np.asarray(np.diag(shares) ** 2, dtype=np.float64)
 
     @cached_property
     def precision_of_motion(self) -> Floats:
