@@ -42,6 +42,7 @@ from grasptrack.tracking.estimator import (
     renamed,
 )
 from grasptrack.tracking.hypotheses import Predictions, place_is_empty, predict
+from grasptrack.tracking.mending import Mended, Mender
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.plane import Focal
@@ -84,6 +85,10 @@ class Follower:
         numbers: the core's.
         observer: finds outlines of the object, see `Redetection`.
         focal: what is known of the camera beforehand, as for `Plane`.
+
+    Attributes:
+        target, state: of the object.
+        mended: the share of the first outline that was none, once that was found out; else 0.
     """
 
     def __init__(
@@ -103,10 +108,14 @@ class Follower:
         self.state: TrackState = first_state(self.target, levels, numbers, focal)
         self.state.time = time
         self.redetection = Redetection(self.target, levels, observer, hidden)
+        self.mended = 0.0
+        self._mended: Mended | None = None
+        self._observer, self._hidden, self._mender = observer, hidden, Mender(self.target, levels, hidden)
         self.state.lookalike = self._equals(self.state.last)
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
+        self._mend()
         state, target, numbers = self.state, self.target, self.numbers
         levels, steps = pyramid(grey), self._steps(time)
         presence = self._presence()
@@ -150,6 +159,7 @@ class Follower:
             grey, time: as for `update`.
             propose: the proposals, given the pose (3, 3) that is expected; they are asked for until one is accepted.
         """
+        self._mend()
         state, target, numbers = self.state, self.target, self.numbers
         levels, steps = pyramid(grey), self._steps(time)
         presence = self._presence()
@@ -317,10 +327,20 @@ class Follower:
         roughly = decision.code == "uncertain" and decision.evidence > 0.0
         if e is not None and (decision.accepted or roughly):
             state.learn(self.target, levels, decision, e, predictions, steps)
-            return
-        if not state.lost:
-            state.lookalike = state.lookalike or self._equals(state.located)
-        state.lose(self.target, levels, decision, predictions, steps)
+        else:
+            if not state.lost:
+                state.lookalike = state.lookalike or self._equals(state.located)
+            state.lose(self.target, levels, decision, predictions, steps)
+        self._mended = self._mender.look(state, levels, decision)
+
+    def _mend(self) -> None:
+        """Once the last image has told that the outline is another."""
+        if self._mended is not None:
+            self.target, self.mended = self._mended.target, self._mended.share
+            self.redetection = Redetection(self.target, self._mended.levels, self._observer, self._hidden)
+            self.state.forget_outline(self._mended.usual)
+            self.state.plane.mend(self.target)
+            self._mended = None
 
 
 class Moved(NamedTuple):

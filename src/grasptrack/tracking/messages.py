@@ -27,6 +27,8 @@ SENTENCES = {
     "no-transfer": "the strategy did not find its outline in this image",
     "strategy-off": "the strategy puts a contact elsewhere than the outline and the surface do",
     "off-outline": "",
+    # lost: of a first view that was wrong
+    "false-edge": "later views show no edge where the first one did: a contact lies beside the object",
     # unstable
     "not-closing": "",
     "slips": "the contacts may be too far off for the grasp to close",

@@ -66,6 +66,7 @@ class Numbers:
         same_shape: probability that another outline does not show beside what is seen of the object's own.
         lookalike: probability that something just like it is at a given other place, as long as none was seen.
         deceived: probability that the outline shows an object a little beside where it is, as in blur or along other edges.
+        misled: probability that the first outline is wrong somewhere, as by a shadow, though its image does not say so.
         taken: probability that what rested was taken along by what hid it.
         travel: px a frame that an unseen object may have gone, as a share of sqrt(area).
         turn: rad a frame that it may have turned unseen.
@@ -127,6 +128,7 @@ class Numbers:
     same_shape: float
     lookalike: float
     deceived: float
+    misled: float
     taken: float
     travel: float
     turn: float

@@ -128,9 +128,7 @@ class Plane:
         self._prior = np.array([focal.sd, numbers.normal_sd, numbers.normal_sd]) ** 2
         x, y, w = (target.A @ np.array([*target.outline.mean(axis=0), 1.0])).tolist()
         self._centre = x / w, y / w
-        self.hull = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0].astype(
-            np.float64
-        )
+        self.mend(target)
         self._views: list[SeenPose] = []
         self._last, self._way = target.A, NEW_SHAPE * target.size
         # entries of a homography are as small as px make them
@@ -138,6 +136,11 @@ class Plane:
         self.steps = STEP * np.array([1.0, 1.0, 1.0 / far, 1.0, 1.0, 1.0 / far, far * 1e-3, far * 1e-3, 1.0])
         self.entries = np.eye(9).reshape(9, 3, 3) * self.steps[:, None, None]
         self._believe((Mode(self._mean, np.diag(self._prior), 1.0),))
+
+    def mend(self, target: Target) -> None:
+        """The first view has this outline, in the same work px."""
+        hull = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0]
+        self._target, self.hull = target, np.asarray(hull, dtype=np.float64)
 
     def learn(self, G: Floats, P: Floats) -> bool:
         """What a view teaches in which the object was located: its pose and covariance (8, 8). Whether it was new."""

@@ -48,6 +48,8 @@ class TrackResult:
         distance: from the camera to the object's plane, along the line of sight to the grasp's middle, in the unit in which its
             length was told; NaN where it was not.
         distance_sd: its standard deviation.
+        mended: share of the first view's outline that later views show to be none, 0 to 1, told once: in the first result that
+            stands on the mended outline; else 0.
         reason_code: the reason in one word, see `messages.SENTENCES`; empty when tracked.
     """
 
@@ -75,6 +77,7 @@ class TrackResult:
     rectification: NDArray[np.float64] | None = None
     distance: float = math.nan
     distance_sd: float = math.nan
+    mended: float = 0.0
 
     @property
     def located(self) -> bool:

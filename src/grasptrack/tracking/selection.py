@@ -38,21 +38,50 @@ CORNERS = 80
 """Places at which a look is laid on the next image, at most."""
 
 
-def make_target(
-    levels: list[Grey], view: View, contacts: Floats, numbers: Numbers, hidden: Grey | None = None
-) -> Target:
-    """A target from the first image's pyramid, the object's outline and contacts in it, px, and the mask of what is hidden."""
+class Frame(NamedTuple):
+    """Work px of a first view: their map (3, 3) to its own, width and height, the middle (2,) and sqrt(area) of the object."""
+
+    A: Floats
+    crop: tuple[int, int]
+    centre: Floats
+    size: float
+
+
+def frame_about(view: View, numbers: Numbers) -> Frame:
+    """Work px about an outline of the first view."""
     outer = view.outer.points
-    area = view.outer.area
-    length = math.sqrt(area)
+    length = math.sqrt(view.outer.area)
     s = min(1.0, numbers.work_size / length)
     margin = 0.2 * length + 12.0 / s
     # whole px: between them interpolation takes up to three quarters of the noise, which would not be measured
     low, high = np.floor(outer.min(axis=0) - margin), outer.max(axis=0) + margin
     width, height = (int(v) for v in np.ceil((high - low) * s))
     A = np.array([[1.0 / s, 0.0, low[0]], [0.0, 1.0 / s, low[1]], [0.0, 0.0, 1.0]])
+    return Frame(A, (width, height), ((outer - low) * s).mean(axis=0), length * s)
+
+
+def make_target(
+    levels: list[Grey],
+    view: View,
+    contacts: Floats,
+    numbers: Numbers,
+    hidden: Grey | None = None,
+    like: Target | None = None,
+) -> Target:
+    """A target of the first view.
+
+    Args:
+        levels: pyramid of the first image.
+        view, contacts: the object's outline in it, and (k, 2) px.
+        numbers: the core's.
+        hidden: (H, W) nonzero where no image shows anything of the scene.
+        like: a target of the same view, whose work px and camera's noise hold on, so that poses mean what they meant.
+    """
+    frame = frame_about(view, numbers) if like is None else Frame(like.A, like.crop, like.centre, like.size)
+    A, (width, height), size = frame.A, frame.crop, frame.size
+    s, low = 1.0 / A[0, 0], A[:2, 2]
     image = _rectified(levels, A, (width, height))
-    noise = camera_noise(image)
+    noise = camera_noise(image) if like is None else like.noise
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
     samples = _samples(work)
     edges = _edges(levels, A, samples.points, samples.normals, noise)
@@ -60,8 +89,6 @@ def make_target(
     outline = work[0][0]
     mask: Grey = np.zeros((height, width), np.uint8)
     cv2.fillPoly(mask, [np.round(p).astype(np.int32) for p, _, _ in work], 255)
-    size = length * s
-    centre, radius = outline.mean(axis=0), size / 2.0
     beyond = 2 * edges.half + 3  # the outline's own edge, as wide as it is, is no surface
     surface_mask = as_grey(cv2.erode(mask, np.ones((beyond, beyond), np.uint8)))
     surface = surface_samples(surface_mask)
@@ -69,8 +96,8 @@ def make_target(
     target = kernels.PoseTarget(
         numbers.table(),
         A,
-        np.ascontiguousarray(centre),
-        radius,
+        np.ascontiguousarray(frame.centre),
+        size / 2.0,
         noise,
         float(edges.half),
         _normal_noise(samples.noise, numbers),
@@ -106,8 +133,10 @@ def make_target(
     return Target(
         view,
         contacts,
-        area,
+        view.outer.area,
         A,
+        frame.crop,
+        frame.centre,
         size,
         work_contacts,
         outline,

@@ -216,6 +216,11 @@ class TrackState:
         if e is not None:
             self.P = e.P
 
+    def forget_outline(self, usual: list[Floats]) -> None:
+        """What was strange of an outline that was mended is so no more; `usual` is of the patches within it."""
+        self.usual, self.exchanged = usual, False
+        self.strange = self.elsewhere = self.confirmed = 0.0
+
     def _learn_motion(self, target: Target, estimate: PoseEstimate, predictions: Predictions, steps: float) -> None:
         """How it moves; how far even motion and rest on the ground are off."""
         numbers, ground = target.numbers, predictions.ground

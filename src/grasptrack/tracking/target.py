@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is followed, as the estimator looks for it: outline, texture and contacts of the first view. Never changes."""
+"""What is followed, as the estimator looks for it: outline, texture and contacts of the first view."""
 
 from __future__ import annotations
 
@@ -56,6 +56,8 @@ class Target:
         contacts: (k, 2) px of the first image.
         area: px^2 in the first image.
         A: (3, 3) work px -> px of the first image.
+        crop: width and height of the rectified first view, work px.
+        centre: (2,) work px, about which the pose's error is told.
         size: sqrt(area) in work px.
         work_contacts: (k, 2) work px.
         outline: (N, 2) work px, of the outer contour, for drawing and overlap.
@@ -76,6 +78,8 @@ class Target:
     contacts: Floats
     area: float
     A: Floats
+    crop: tuple[int, int]
+    centre: Floats
     size: float
     work_contacts: Floats
     outline: Floats
@@ -146,7 +150,7 @@ class Target:
     @cached_property
     def _generators(self) -> Floats:
         """(8, 3, 3) by which G is to be multiplied for its derivatives, as a map from px of the first view, by its error."""
-        r, (x, y) = self.size / 2.0, self.outline.mean(axis=0)
+        r, (x, y) = self.size / 2.0, self.centre
         T = np.array([[1.0 / r, 0.0, -x / r], [0.0, 1.0 / r, -y / r], [0.0, 0.0, 1.0]])
         E = np.zeros((8, 3, 3))
         for k, (i, j, sign) in enumerate(POSE_ENTRIES):

@@ -24,6 +24,7 @@ from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.observation.observer import Observer
 from grasptrack.observation.segmentation import Segmenter, grow
 from grasptrack.observation.undistortion import Undistortion
+from grasptrack.tracking.decision import tolerance
 from grasptrack.tracking.distance import UNKNOWN, Distance, Ruler, ruler
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import Moved
@@ -47,12 +48,16 @@ class Track:
         closure: whether it closes.
         carrier: takes it from image to image.
         ruler: tells how far it is; None where nobody said how long the object is, or it is cut off in the first view.
+        mended: whether the outline is another than the first view's by now.
+        false_edge: px by which a contact lies beside that outline, where it is too much; else 0.
     """
 
     number: int
     closure: ClosureCheck
     carrier: Carrier
     ruler: Ruler | None = None
+    mended: bool = False
+    false_edge: float = 0.0
 
     def distance(self, homography: Floats, covariance: Floats) -> Distance:
         """Of the object in a view, of H_current_reference (3, 3) and the covariance (9, 9) of its entries."""
@@ -161,7 +166,12 @@ class GraspTracker:
         else:
             # contour extraction, grasp transfer, and whether to believe it
             moved = self._track.carrier.move(grey, time)
-            result = self._analyzed(moment, self._track, moved)
+            track, share = self._track, self._track.carrier.follower.mended
+            if share and not track.mended:
+                track = self._track = self._on_mended(track)
+                result = replace(self._analyzed(moment, track, moved), mended=share)
+            else:
+                result = self._analyzed(moment, track, moved)
         return result if self._lens is None else self._lens.result(result)
 
     def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
@@ -180,11 +190,9 @@ class GraspTracker:
                 reason = reason if reason.code else Reason("no-description", detail=str(error))
                 continue
             self._grasps += 1
-            width = FINGER_WIDTH * math.sqrt(kernels.inertia(candidate.view.points, candidate.view.offsets)[0])
-            closure = ClosureCheck(grasp, candidate.view, self.friction, width)
-            plane, target = carrier.follower.state.plane, carrier.follower.target
-            measured = None if self.length is None else ruler(target, plane, self.length)
-            self._track = Track(self._grasps, closure, carrier, measured)
+            closure = _closure(grasp, candidate.view, self.friction)
+            self._track = Track(self._grasps, closure, carrier, self._ruler(carrier))
+            plane = carrier.follower.state.plane
             still = np.eye(3), np.zeros((9, 9))
             judged, tilt, distance = (
                 closure.first(plane.rectifications),
@@ -215,12 +223,32 @@ class GraspTracker:
             )
         return _answer(moment, "searching", reason, view=candidate.view)
 
+    def _ruler(self, carrier: Carrier) -> Ruler | None:
+        """What tells how far the object is, where its length was told."""
+        follower = carrier.follower
+        return None if self.length is None else ruler(follower.target, follower.state.plane, self.length)
+
+    def _on_mended(self, track: Track) -> Track:
+        """The same grasp, judged on the outline that the first view has by now."""
+        target = track.carrier.follower.target
+        grasp, view = Grasp(target.contacts), target.view
+        track = replace(track, mended=True, ruler=self._ruler(track.carrier))
+        off = float(grasp.on(view)[:, 2].max())
+        if off > tolerance(target.area, target.numbers):
+            return replace(track, false_edge=off)
+        return replace(track, closure=_closure(grasp, view, self.friction))
+
     def _analyzed(self, moment: _Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
         if estimate is None or contacts is None or moved.homography is None or moved.view is None:
             sure = moved.decision.confidence
             return _answer(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
+        if track.false_edge:  # fingers would close on nothing
+            if self._resynthesize:
+                self._track, self._wish = None, self._wish.again(moved.view)
+            beside = Reason("false-edge", {"distance": track.false_edge})
+            return _answer(moment, "lost", beside, grasp_id=track.number, confidence=moved.decision.confidence)
         follower = track.carrier.follower
         target, numbers, plane = follower.target, follower.numbers, follower.state.plane
         exposed = np.zeros(8)
@@ -321,6 +349,12 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
             f"grasps are synthesised for 2 or 3 fingers, not {fingers}; give the contacts", fingers=fingers
         )
     return fingers
+
+
+def _closure(grasp: Grasp, view: View, friction: float) -> ClosureCheck:
+    """Judges a grasp on an outline."""
+    width = FINGER_WIDTH * math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+    return ClosureCheck(grasp, view, friction, width)
 
 
 def _size(image: NDArray[Any]) -> tuple[int, int]:

@@ -1,0 +1,364 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A first outline with a bite, a bridge or a highlight in it: found out by the views that follow, and mended once.
+
+The first view defines the contacts and the plane in which poses are told; both stay. Its outline is only what one image
+showed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.contour import Contour, View
+from grasptrack.errors import ObservationError
+from grasptrack.observation.candidate import Candidate
+from grasptrack.observation.segmentation import candidates
+from grasptrack.projective import apply_homography
+from grasptrack.tracking.decision import Decision, surface_evidence
+from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
+from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.selection import LEVEL_SPREAD, make_target
+from grasptrack.tracking.state import FOLLOWED, Look, TrackState
+from grasptrack.tracking.target import Grey, Target, as_grey, pyramid
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+VIEWS = 6
+"""Later views of which a second look at the first view is made, ..."""
+TRIALS = 3
+"""... and those on which both outlines are then tried."""
+LOOKS = 3
+"""Second looks at most, each after twice as many views."""
+ROOM = 0.5
+"""Share of sqrt(area) round the outline that a second look shows."""
+ROUND = 0.2
+"""Share of sqrt(area) round what differs in which the sides are looked at."""
+NEAR = 2.0
+"""px within which an outline goes along where an edge was seen."""
+BESIDE = 3
+"""px from all outlines at which a side's grey levels are its own."""
+CHANCE = 0.3
+"""Share of an outline for which grained ground offers edges by chance."""
+SURE = 20.0
+"""Nats beyond which a look at grey levels says no more."""
+SATURATED = 250
+"""Grey level from which on an image shows nothing but light."""
+
+
+class Mended(NamedTuple):
+    """A first view with another outline than at first.
+
+    Attributes:
+        target: of it.
+        levels: pyramid of the first image as later views show it.
+        usual: of each patch of the target's three finest levels: its correlation.
+        share: of the first outline that was none.
+    """
+
+    target: Target
+    levels: list[Grey]
+    usual: list[Floats]
+    share: float
+
+
+class _Trial(NamedTuple):
+    """Another outline of the first view, to be tried on further views.
+
+    Attributes:
+        target: of it.
+        levels: pyramid of the first image as later views show it.
+        apart: (n,) which of its samples do not lie on the first outline.
+        looks: nats, of what lies between both outlines: of object and ground as the other one has them, against a cover.
+        lit: light alone tells why the first image shows another.
+        seen: of each further view: the share of these samples that show their edge.
+    """
+
+    target: Target
+    levels: list[Grey]
+    apart: Bools
+    looks: float
+    lit: bool
+    seen: list[float]
+
+    def odds(self, numbers: Numbers) -> float:
+        """Of this outline against the first one: its edges seen by chance, or those of something that covers the first one.
+
+        The views show the same: they are no independent witnesses.
+        """
+        points = self.target.points
+        spacing = float(np.median(np.hypot(*(np.roll(points, -1, axis=0) - points).T)))
+        independent = float(self.apart.sum()) * min(1.0, spacing / numbers.sample_distance)
+        seen, miss = float(np.mean(self.seen)), numbers.edge_missed
+        edges = seen * math.log((1.0 - miss) / CHANCE) + (1.0 - seen) * math.log(miss / (1.0 - CHANCE))
+        against = math.exp(-independent * edges) + numbers.share_occluded * math.exp(-self.looks)
+        return self.prior(numbers) / against
+
+    def prior(self, numbers: Numbers) -> float:
+        """Probability that a first image such as this one shows another outline."""
+        return 1.0 if self.lit else numbers.misled
+
+
+class Mender:
+    """Compares the first outline with the views that follow.
+
+    Args:
+        target: of the first view.
+        levels: pyramid of the first image.
+        hidden: (H, W) nonzero where no image shows anything of the scene.
+    """
+
+    def __init__(self, target: Target, levels: list[Grey], hidden: Grey | None = None) -> None:
+        self._target, self._levels, self._hidden = target, levels, hidden
+        self._agreed: Bools = np.zeros(len(target.points), dtype=np.bool_)
+        self._views: list[Look] = []
+        self._seen = self._accepted = self._looks = 0
+        self._trial: _Trial | None = None
+        self.is_over = target.view.is_clipped or not len(target.points)
+
+    def look(self, state: TrackState, levels: list[Grey], decision: Decision) -> Mended | None:
+        """What another image says of the first outline: another one, once it is surely that.
+
+        Args:
+            state: of the object.
+            levels: the image's pyramid.
+            decision: of the image.
+        """
+        e = decision.estimate
+        if self.is_over or e is None or not self._is_trusted(decision):
+            return None
+        self._seen += 1
+        self._agreed |= e.visible > 0.5
+        self._views = [*self._views[1 - VIEWS :], Look(levels, e.G)]
+        if self._trial is not None:
+            return self._tried(state, levels, e)
+        if self._seen < VIEWS << self._looks:
+            return None
+        self.is_over = self._looks == LOOKS or self._longest_open() < 2.0 * self._target.numbers.tolerance
+        if not self.is_over:
+            self._looks += 1
+            self._trial = self._second_look()
+        return None
+
+    def _is_trusted(self, decision: Decision) -> bool:
+        """Whether the pose is the object's: as believed; or, where nothing was believed yet, whatever its shape is."""
+        if decision.accepted:
+            self._accepted += 1
+            return True
+        placed = decision.presence > FOLLOWED and 2.0 * decision.sigma < decision.tolerance
+        return not self._accepted and decision.code == "other-shape" and placed
+
+    def _longest_open(self) -> float:
+        """The longest stretch of the first outline, as a share of sqrt(area), along which no later view showed its edge."""
+        return _longest(self._target.outline, self._target.points[self._agreed]) / self._target.size
+
+    # --- another look at the first view ----------------------------------------------------------
+
+    def _second_look(self) -> _Trial | None:
+        """The first view as the later ones show it, and the outline that it then has; None where that is no other."""
+        target, grey = self._target, self._levels[0]
+        x0, y0, x1, y1 = _window(target.view, grey.shape)
+        shift = np.array([x0, y0], dtype=np.float64)
+        first = np.ascontiguousarray(grey[y0:y1, x0:x1])
+        seen = [_carried(view, target, first, shift) for view in self._views]
+        shown = as_grey(np.round(np.asarray(np.median(np.array(seen), axis=0))))
+        hidden = None if self._hidden is None else np.ascontiguousarray(self._hidden[y0:y1, x0:x1])
+        try:
+            found = candidates(shown, hidden=hidden)
+        except ObservationError:
+            return None
+        edges = apply_homography(target.A, target.points[self._agreed]) - shift
+        own = _moved(target.view, -shift)
+        candidate = max(found, key=lambda c: _along(c, edges))
+        if _along(candidate, edges) < 1.0 - target.numbers.elsewhere or candidate.view.is_clipped:
+            return None
+        samples = apply_homography(target.A, target.points) - shift
+        gone = kernels.locate(candidate.view.points, candidate.view.offsets, samples)[:, 2] > NEAR
+        if gone.any() and self._agreed[gone].mean() > CHANCE:  # what was seen once was right
+            return None
+        sides = _Sides(first, shown, own, candidate.view)
+        looks = sides.looks(target.noise, target.numbers)
+        if not looks > 0.0:
+            return None
+        whole = grey.copy()
+        whole[y0:y1, x0:x1] = shown
+        levels = pyramid(whole)
+        view = _moved(candidate.view, shift)
+        other = make_target(levels, view, target.contacts, target.numbers, self._hidden, like=target)
+        lit = float(np.mean(first[sides.differ] >= SATURATED)) > 0.5
+        return _Trial(other, levels, _away(other.points, target.outline) > NEAR, looks, lit, [])
+
+    # --- which outline the views that follow show ------------------------------------------------
+
+    def _tried(self, state: TrackState, levels: list[Grey], e: PoseEstimate) -> Mended | None:
+        """Another image for both outlines."""
+        trial, numbers = self._trial, self._target.numbers
+        assert trial is not None
+        # the first outline may have drawn the pose along
+        near = Hypothesis(e.origin, e.G, e.P + numbers.predicted**2 * self._target.noise_of_motion)
+        other = estimate_pose(trial.target, state, levels, near)
+        if other is not None and trial.apart.any():
+            trial.seen.append(float(other.visible[trial.apart].mean()))
+            if len(trial.seen) < TRIALS:
+                return None
+        self._trial = None
+        if other is None or not trial.seen or not trial.odds(numbers) > 1.0 / numbers.risk:
+            return None
+        if not self._is_same(trial, state, e):
+            return None
+        self.is_over = True
+        usual = [np.clip(np.nan_to_num(r), 0.0, 1.0) for r in other.correlation]
+        share = float(np.mean(_away(self._target.outline, trial.target.outline) > NEAR))
+        return Mended(trial.target, trial.levels, usual, share)
+
+    def _is_same(self, trial: _Trial, state: TrackState, e: PoseEstimate) -> bool:
+        """Whether it is still the first view's object, and not another one that was brought before the second view.
+
+        Where views were believed this is decided. Else both explain them, and the priors tell; another object need not
+        have the surface of the first, and an image that shows only light there says why its outline was another.
+        """
+        if self._accepted >= TRIALS:
+            return True
+        numbers = self._target.numbers
+        surface = surface_evidence(e.correlation, state.usual, numbers)[0]
+        another = numbers.exchanged * max(numbers.same_surface, math.exp(-max(0.0, surface)))
+        return another / (another + trial.prior(numbers)) < numbers.risk
+
+
+class _Sides:
+    """What two outlines of one view differ by, and the grey levels that object and ground have beside that.
+
+    Args:
+        first, shown: (H, W) the view as the first image shows it, and as later ones do.
+        own, other: the outlines, px.
+
+    Attributes:
+        differ: (H, W) material of one of them alone.
+    """
+
+    def __init__(self, first: Grey, shown: Grey, own: View, other: View) -> None:
+        before, after = (_filled(view, shown.shape) for view in (own, other))
+        square = np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), np.uint8)
+        self._inside = cv2.erode(before & after, square) > 0
+        self._outside = cv2.dilate(before | after, square) == 0
+        open_ = as_grey(cv2.morphologyEx(before ^ after, cv2.MORPH_OPEN, np.ones((BESIDE, BESIDE), np.uint8)))
+        self._added, self._removed = (open_ & after) > 0, (open_ & before) > 0
+        self.differ: Bools = np.asarray(self._added | self._removed, dtype=np.bool_)
+        self._first, self._shown = first.astype(np.float64), shown.astype(np.float64)
+        self._reach = max(2 * BESIDE, round(ROUND * math.sqrt(other.outer.area)))
+
+    def looks(self, noise: float, numbers: Numbers) -> float:
+        """Nats by which what they differ by looks like object or ground as the other one has them, rather than like something
+        in front of both, which would not end where the first outline does; 0 where they do not differ.
+
+        Args:
+            noise: grey levels, of the camera.
+            numbers: the core's.
+        """
+        parts = [(self._added, self._inside), (self._removed, self._outside)]
+        told = [self._alike(part, side, numbers) for part, side in parts if part.any()]
+        if told:
+            told.append(self._unchanged(noise, numbers))
+        return min(max(numbers.cell_power * min(told, default=0.0), -SURE), SURE)
+
+    def _alike(self, part: Bools, side: Bools, numbers: Numbers) -> float:
+        """Nats a pixel by which a part has the grey levels of a side near it, rather than those of a cover."""
+        own = self._shown[side & self._near(part)]
+        if not len(own):
+            return 0.0
+        level = float(np.median(own))
+        spread = 1.4826 * float(np.median(np.abs(own - level))) + LEVEL_SPREAD
+        return _nats(self._shown[part] - level, spread, numbers)
+
+    def _unchanged(self, noise: float, numbers: Numbers) -> float:
+        """Nats a pixel by which the ground beside is as it was, as far as the first image showed it, rather than covered."""
+        known = self._outside & (self._first < SATURATED)
+        beside = known & self._near(self.differ)
+        if not beside.any():
+            return 0.0
+        changed = self._shown - self._first
+        light = float(np.median(changed[known]))
+        return _nats(changed[beside] - light, math.sqrt(2.0) * noise + LEVEL_SPREAD, numbers)
+
+    def _near(self, part: Bools) -> Bools:
+        square = np.ones((2 * self._reach + 1, 2 * self._reach + 1), np.uint8)
+        return np.asarray(cv2.dilate(part.astype(np.uint8), square) > 0)
+
+
+def _nats(off: Floats, spread: float, numbers: Numbers) -> float:
+    """Mean log-likelihood ratio of grey levels that are so far off what is expected, (n,): of that, against a cover."""
+    own, cover = spread**2, spread**2 + numbers.cell_cover**2
+    ratio = math.sqrt(cover / own) * np.exp(0.5 * off**2 * (1.0 / cover - 1.0 / own))
+    return float(np.mean(np.log((1.0 - numbers.cell_unlikely) * ratio + numbers.cell_unlikely)))
+
+
+def _away(points: Floats, outline: Floats) -> Floats:
+    """(n,) distance of points (n, 2) from a closed outline (N, 2), in their unit."""
+    offsets = np.array([0, len(outline)], dtype=np.int64)
+    return np.asarray(kernels.locate(outline, offsets, np.ascontiguousarray(points))[:, 2], dtype=np.float64)
+
+
+def _longest(outline: Floats, edges: Floats) -> float:
+    """Length of the longest stretch of a closed outline (N, 2) that lies by none of some places (n, 2), in their unit."""
+    step = np.hypot(*(np.roll(outline, -1, axis=0) - outline).T)
+    if not len(edges):
+        return float(step.sum())
+    apart = np.hypot(*(np.roll(edges, -1, axis=0) - edges).T)
+    near = 2.0 * float(np.median(apart))
+    bare = np.full(len(outline), True)
+    for block in range(0, len(outline), 256):
+        here = outline[block : block + 256, None] - edges[None]
+        bare[block : block + 256] = (here**2).sum(axis=2).min(axis=1) > near**2
+    if bare.all():
+        return float(step.sum())
+    start = int(np.flatnonzero(~bare)[0])
+    longest = length = 0.0
+    for is_bare, way in zip(np.roll(bare, -start).tolist(), np.roll(step, -start).tolist(), strict=True):
+        length = length + way if is_bare else 0.0
+        longest = max(longest, length)
+    return longest
+
+
+def _window(view: View, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom px of the part of an image round an outline."""
+    room = ROOM * math.sqrt(view.outer.area)
+    (x0, y0), (x1, y1) = view.outer.bounds
+    height, width = shape
+    return max(0, int(x0 - room)), max(0, int(y0 - room)), min(width, int(x1 + room)), min(height, int(y1 + room))
+
+
+def _carried(view: Look, target: Target, first: Grey, shift: Floats) -> Grey:
+    """(h, w) a window of the first image as a later view shows it; what that does not hold stays as it is."""
+    H = target.homography(view.G) @ np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    size = first.shape[1], first.shape[0]
+    out = cv2.warpPerspective(view.levels[0], H, size, first.copy(), flags=flags, borderMode=cv2.BORDER_TRANSPARENT)
+    return as_grey(out)
+
+
+def _along(candidate: Candidate, edges: Floats) -> float:
+    """Share of edges (n, 2) px that lie on a candidate's outline."""
+    view = candidate.view
+    return float(np.mean(kernels.locate(view.points, view.offsets, np.ascontiguousarray(edges))[:, 2] < NEAR))
+
+
+def _moved(view: View, by: Floats) -> View:
+    """The same outline moved by (x, y) px."""
+    contours: Sequence[Contour] = view.contours
+    return View([Contour(c.points + by, hole=c.hole, strength=c.strength, clipped=c.clipped) for c in contours])
+
+
+def _filled(view: View, shape: tuple[int, ...]) -> Grey:
+    """(H, W) 1 on the material, else 0."""
+    mask: Grey = np.zeros(shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.round(c.points * 16.0).astype(np.int32) for c in view.contours], (1,), shift=4)
+    return mask
