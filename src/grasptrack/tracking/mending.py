@@ -159,7 +159,9 @@ class Mender:
 
     def _longest_open(self) -> float:
         """The longest stretch of the first outline, as a share of sqrt(area), along which no later view showed its edge."""
-        return _longest(self._target.outline, self._target.points[self._agreed]) / self._target.size
+        target = self._target
+        every = max(1, len(target.outline) // len(target.points))  # no closer together than the samples
+        return _longest(target.outline[::every], target.points[self._agreed]) / target.size
 
     # --- another look at the first view ----------------------------------------------------------
 
