@@ -228,7 +228,7 @@ def test_the_focal_length_that_is_told_is_kept() -> None:
 # --- where it is told ----------------------------------------------------------------------------
 
 
-def test_the_files_tell_it_at_the_end_of_each_row(tmp_path: FilePath) -> None:
+def test_the_files_tell_it_in_each_row(tmp_path: FilePath) -> None:
     scene, _ = approach(3)
     for frame in list(scene)[:3]:
         cv2.imwrite(str(tmp_path / f"{frame.index}.png"), frame.image)
@@ -240,8 +240,8 @@ def test_the_files_tell_it_at_the_end_of_each_row(tmp_path: FilePath) -> None:
         )
         with (tmp_path / "o" / "grasps.csv").open() as file:
             head, *rows = csv.reader(file)
-        assert head[-2:] == ["distance", "distance_sd"]
-        told[length] = [row[-2:] for row in rows]
+        assert head[-3:-1] == ["distance", "distance_sd"]
+        told[length] = [row[-3:-1] for row in rows]
         options = json.loads((tmp_path / "o" / "run.json").read_text())["options"]
         assert options["length"] == length
     assert told[None] == [["", ""]] * 3
