@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether confidence is the probability that it says: wrong answers of a run of scenes, counted and expected."""
+"""Whether confidence is the probability that it says, and what each risk costs: wrong answers of runs of `grasptrack evaluate`,
+counted and expected, and the share of frames that is answered at each risk, beside other methods where a run has them."""
 
 from __future__ import annotations
 
@@ -7,47 +8,194 @@ import common
 
 # isort: split
 import math
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from grasptrack.evaluation.integrity import WHOLE
 from grasptrack.evaluation.run_folder import read_run
 from grasptrack.evaluation.score import FrameScore
 
-BINS = (0.0, 0.9, 0.99, 0.995, 0.999, 1.0)
+Floats = NDArray[np.float64]
+
+BINS = (0.0, 0.5, 0.8, 0.9, 0.99, 0.999, 1.0)
+"""Confidences between which answers are counted."""
+RISKS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+DRAWS = 500
+"""Resamplings of the sequences, for the intervals: frames of one sequence are wrong together."""
+WIDE = 6.4
+"""Inches."""
 
 
-def answered(folder: Path, method: str) -> list[tuple[str, FrameScore]]:
-    """Frames that were answered, each with its sequence; those that define the truth left out."""
-    return [
-        (case, frame)
-        for case, scores in read_run(folder).scores.items()
-        for frame in scores.get(method, [])
-        if frame.answered and not frame.defining and math.isfinite(frame.confidence)
-    ]
+class Case(NamedTuple):
+    """Answers of one method to one sequence, (n,) each, by no order; and frames that show the object whole.
+
+    Attributes:
+        name: of the sequence.
+        told, wrong, whole: of each answer: confidence, whether it is a false accept, whether all of the object can be seen.
+        frames: that show the object whole.
+    """
+
+    name: str
+    told: Floats
+    wrong: Floats
+    whole: Floats
+    frames: int
+
+
+def cases_of(folders: Sequence[Path]) -> Iterator[tuple[str, Case]]:
+    """Each method's answers to each sequence; the frames that define the truth are left out."""
+    for folder in folders:
+        for name, scores in read_run(folder).scores.items():
+            for method, frames in scores.items():
+                yield method, _case(name, [f for f in frames if not f.defining])
+
+
+def _case(name: str, frames: list[FrameScore]) -> Case:
+    given = [f for f in frames if f.answered]
+    confidence = [f.confidence if math.isfinite(f.confidence) else 1.0 for f in given]
+    wrong, whole = ([float(x) for x in v] for v in zip(*((f.is_false_accept, _is_whole(f)) for f in given), strict=True)
+                    ) if given else ([], [])  # fmt: skip
+    return Case(name, np.array(confidence), np.array(wrong), np.array(whole), sum(map(_is_whole, frames)))
+
+
+def _is_whole(f: FrameScore) -> bool:
+    return f.present and f.visible >= WHOLE
+
+
+class Bin(NamedTuple):
+    """Answers of about one confidence: their number, how many are wrong as told and as counted, with the 95 % interval."""
+
+    low: float
+    high: float
+    count: int
+    told: float
+    wrong: int
+    least: float
+    most: float
+
+
+def bins_of(cases: Sequence[Case]) -> list[Bin]:
+    """Those of BINS that hold answers.
+
+    The interval is that of the count, were the run repeated: of sequences drawn anew, and never narrower than what a Poisson
+    count leaves.
+    """
+    rng, found = np.random.default_rng(0), []
+    for low, high in pairwise(BINS):
+        inside = [(c.told >= low) & ((c.told < high) | (high == 1.0)) for c in cases]
+        wrong = np.array([c.wrong[k].sum() for c, k in zip(cases, inside, strict=True)])
+        count = int(sum(k.sum() for k in inside))
+        if not count:
+            continue
+        told = float(sum((1.0 - c.told[k]).sum() for c, k in zip(cases, inside, strict=True)))
+        drawn = [wrong[rng.integers(len(wrong), size=len(wrong))].sum() for _ in range(DRAWS)]
+        n = float(wrong.sum())
+        least = min(float(np.percentile(drawn, 2.5)), max(0.0, (math.sqrt(n) - 0.98) ** 2))
+        most = max(float(np.percentile(drawn, 97.5)), (math.sqrt(n + 1.0) + 0.98) ** 2)
+        found.append(Bin(low, high, count, told, int(n), least, most))
+    return found
+
+
+def at_risk(cases: Sequence[Case], risk: float) -> tuple[float, int, float]:
+    """Share of the whole frames that is located, answers wrong of all, and as told, with `--risk` so."""
+    taken = [c.told > 1.0 - risk for c in cases]
+    frames = sum(c.frames for c in cases)
+    located = sum(float((c.whole * (1.0 - c.wrong))[k].sum()) for c, k in zip(cases, taken, strict=True))
+    wrong = sum(float(c.wrong[k].sum()) for c, k in zip(cases, taken, strict=True))
+    told = sum(float((1.0 - c.told)[k].sum()) for c, k in zip(cases, taken, strict=True))
+    return located / max(1, frames), round(wrong), told
+
+
+def best_at(cases: Sequence[Case], risk: float) -> float | None:
+    """The largest share of whole frames that a method locates if its confidence is cut where so many answers are wrong.
+
+    The best cut is known from the truth alone: it flatters a method that cannot tell its risk. None where no cut does.
+    """
+    told, wrong, whole = (np.concatenate([getattr(c, name) for c in cases]) for name in ("told", "wrong", "whole"))
+    order = np.argsort(-told, kind="stable")
+    told, wrong, whole = told[order], wrong[order], whole[order]
+    last = np.append(np.diff(told) != 0.0, True)  # answers of one confidence are taken together
+    share = np.cumsum(wrong) / np.arange(1, len(wrong) + 1)
+    fits = last & (share <= risk)
+    return float(np.cumsum(whole * (1.0 - wrong))[fits].max() / sum(c.frames for c in cases)) if fits.any() else None
+
+
+def draw(path: Path, bins: Sequence[Bin], title: str) -> None:
+    """Reliability: the share of wrong answers as counted over that told, with intervals."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDE, 0.62 * WIDE), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    told = np.array([max(b.told / b.count, 1e-5) for b in bins])
+    least, seen, most = (np.array([getattr(b, k) / b.count for b in bins]) for k in ("least", "wrong", "most"))
+    floor = 1e-5
+    low = np.maximum(seen, floor)
+    axes.plot([floor, 1.0], [floor, 1.0], color="0.7", lw=1.0, label="as told")
+    axes.errorbar(
+        told, low, [low - np.clip(least, floor, low), np.maximum(most, low) - low], fmt="o", color="#1f5fa8", capsize=3, lw=1.2,
+        label="counted, 95 % interval",
+    )  # fmt: skip
+    for b, x, y in zip(bins, told, np.maximum(most, low), strict=True):
+        axes.annotate(
+            f"{b.wrong} of {b.count}", (x, y), xytext=(0, 5), textcoords="offset points", fontsize=8, ha="center"
+        )
+    axes.set(xscale="log", yscale="log", xlim=(floor / 1.5, 1.2), ylim=(floor / 1.5, 2.5))
+    axes.set(xlabel="wrong answers as told: 1 - confidence", ylabel="wrong answers as counted", title=title)
+    axes.legend(loc="lower right", frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=150)
 
 
 def main() -> None:
     """Run and print."""
     parser = common.parser(__doc__)
-    parser.add_argument("run", type=Path, help="folder of a run of `grasptrack evaluate scenes`")
-    parser.add_argument("--method", default="auto")
+    parser.add_argument(
+        "runs", type=Path, nargs="+", help="folders of runs of `grasptrack evaluate`, best made with --risk 0.5"
+    )
+    parser.add_argument("--method", default="auto", help="whose confidence is a probability")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="PNG of the reliability diagram")
     asked = parser.parse_args()
-    frames = answered(asked.run, asked.method)
-    told = np.array([frame.confidence for _, frame in frames])
-    wrong = np.array([frame.is_false_accept for _, frame in frames])
+    methods: dict[str, list[Case]] = {}
+    for method, case in cases_of(asked.runs):
+        methods.setdefault(method, []).append(case)
+    if asked.method not in methods:
+        parser.error(f'no answers of "{asked.method}" there; there are those of {", ".join(methods) or "no method"}')
+    cases = methods.pop(asked.method)
     common.heading("Confidence")
-    common.say(f"{len(frames)} answers of {asked.method} in {len({case for case, _ in frames})} sequences.")
-    rows = []
-    for low, high in pairwise(BINS):
-        which = (told >= low) & ((told < high) | (high == 1.0))
-        if which.any():
-            n, counted = int(which.sum()), int(wrong[which].sum())
-            most = (counted + 1.0 + math.sqrt(counted + 0.75)) / n
-            rows.append((f"{low:g} to {high:g}", n, float((1.0 - told[which]).sum()), counted, most))
-    common.say("The bound is that of one sigma on the rate of wrong answers.")
-    common.table(("confidence", "answers", "wrong expected", "wrong counted", "bound"), rows)
+    count = sum(len(c.told) for c in cases)
+    common.say(f"{count} answers of {asked.method} in {len(cases)} sequences.")
+    bins = bins_of(cases)
+    rows = [
+        (f"{b.low:g} to {b.high:g}", b.count, f"{b.told:.1f}", b.wrong, f"{b.least:.0f} to {b.most:.0f}") for b in bins
+    ]
+    common.table(("confidence", "answers", "wrong as told", "wrong", "95 %"), rows)
+    common.say("At each risk: located of the frames that show the part whole, and wrong answers of all.")
+    told = []
+    for risk in RISKS:
+        located, wrong, expected = at_risk(cases, risk)
+        told.append((f"{risk:g}", f"{100 * located:.1f} %", wrong, f"{expected:.2f}"))
+    common.table(("risk", "located", "wrong", "wrong as told"), told)
+    if methods:
+        common.say(
+            "The others tell no risk. Located if each is cut where, by the truth, as many of its answers are wrong:"
+        )
+        found = {
+            name: [best_at(theirs, risk) for risk in RISKS] for name, theirs in {asked.method: cases, **methods}.items()
+        }
+        common.table(
+            ("method", *(f"{risk:g}" for risk in RISKS)),
+            [(n, *("-" if v is None else f"{100 * v:.1f} %" for v in shares)) for n, shares in found.items()],
+        )
+    if asked.picture:
+        draw(asked.picture, bins, f"{count} answers in {len(cases)} sequences")
+        common.say(f"Picture: {asked.picture.name}")
     common.finish(asked.output)
 
 

@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
+from grasptrack.evaluation.parts import silhouettes
+from grasptrack.evaluation.scenes import suite
+from grasptrack.evaluation.sequence import chosen_grasp
 
 PLATE = np.array([[0.0, 0], [70, 6], [66, 30], [34, 33], [28, 66], [-4, 60]])
 FINER = 4
@@ -37,3 +42,22 @@ def test_an_equal_that_came_to_its_place_is_not_taken_for_it(speed: float, dark:
         assert np.hypot(*(result.contacts - first - (speed * k, 0.0)).T).max() < 3.0
         found += 1
     assert found >= 5
+
+
+SILHOUETTES = Path(__file__).resolve().parents[2] / "shared" / "data" / "silhouettes"
+
+
+@pytest.mark.skipif(not SILHOUETTES.is_dir(), reason="needs the silhouettes of ../shared/data")
+def test_an_equal_beside_the_object_that_a_hand_covers_is_not_taken_for_it() -> None:
+    """The first view showed but half of the equal; later one image shows both, and the next ones the equal alone, clearly."""
+    (part,) = [p for p in silhouettes(str(SILHOUETTES)) if p.shape.name == "beetle-6"]
+    (case,) = suite([part], ["mixed"], frames=40, seed=9002)
+    scene = case.scene()
+    contacts = chosen_grasp(scene[0].outline)
+    tracker, found = GraspTracker(grasp=contacts), 0
+    for k in range(30):
+        result = tracker.update(scene[k].image, time=scene[k].time)
+        if result.contacts is not None:
+            assert np.hypot(*(result.contacts - scene[k].carry(contacts)).T).max() < 8.0, k
+            found += 1
+    assert found > 10

@@ -26,8 +26,10 @@ from grasptrack.tracking.decision import (
     checked,
     decide,
     evidence,
+    exchanged,
     farthest,
     left,
+    middle,
     strangeness,
     texture_evidence,
     tolerance,
@@ -312,6 +314,18 @@ class Follower:
                 return True
         return False
 
+    def _shows_both(self, decision: Decision) -> bool:
+        """Whether one image shows the object where it was, and something that looks just like it elsewhere."""
+        state, one, other = self.state, decision.estimate, decision.rival
+        if one is None or other is None or math.dist(one.middle, other.middle) < SAME_PLACE * math.sqrt(one.area):
+            return False
+        less, more = sorted(evidence(e, state.usual, self.numbers) for e in (one, other))
+        if not less > ALIKE * more > 0.0:
+            return False
+        place = middle(self.target.carried(state.expected))
+        away = max(one, other, key=lambda e: math.dist(e.middle, place))
+        return exchanged(state, away, 1.0, self.numbers) < 0.5
+
     def _steps(self, time: float | None) -> float:
         """Time since the last image in usual intervals, 1 where times are not told."""
         state = self.state
@@ -324,6 +338,7 @@ class Follower:
 
     def _learn(self, levels: list[Grey], decision: Decision, predictions: Predictions, steps: float) -> None:
         state, e = self.state, decision.estimate
+        state.lookalike = state.lookalike or self._shows_both(decision)
         roughly = decision.code == "uncertain" and decision.evidence > 0.0
         if e is not None and (decision.accepted or roughly):
             state.learn(self.target, levels, decision, e, predictions, steps)
@@ -331,7 +346,8 @@ class Follower:
             if not state.lost:
                 state.lookalike = state.lookalike or self._equals(state.located)
             state.lose(self.target, levels, decision, predictions, steps)
-        self._mended = self._mender.look(state, levels, decision)
+        if not self._mender.is_over:
+            self._mended = self._mender.look(state, levels, decision)
 
     def _mend(self) -> None:
         """Once the last image has told that the outline is another."""

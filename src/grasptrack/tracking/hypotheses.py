@@ -56,7 +56,7 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     even = _moving_on(target, state, steps)
     if even is not None:
         rest.insert(0, Hypothesis("moving on", even, free))
-    flow = None if state.lost else _laid(target, state, levels, rest, Q, target.corners)
+    flow = None if state.lost else _laid(target, state, levels, rest, Q, target.clear_corners(state.visible))
     first = []
     if flow is not None:
         hypothesis = Hypothesis("texture", flow["G"], state.P + flow["P"] + Q * numbers.predicted**2)
@@ -69,7 +69,7 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     settled = flow is not None and _settles(target, flow, numbers)
     if settled and state.accepted % GROUND:
         return Predictions(first, rest, None, even)
-    ground = _laid(target, state, levels, rest, Q, target.ring)
+    ground = _laid(target, state, levels, rest, Q, target.clear_ring(state.visible))
     if ground is None:
         return Predictions(first or rest, rest if first else [], None, even)
     # what rested on the ground rests on it still

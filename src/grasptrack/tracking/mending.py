@@ -126,7 +126,7 @@ class Mender:
         self.is_over = target.view.is_clipped or not len(target.points)
 
     def look(self, state: TrackState, levels: list[Grey], decision: Decision) -> Mended | None:
-        """What another image says of the first outline: another one, once it is surely that.
+        """What another image says of the first outline: another one, once it is surely that; not to be asked once it is over.
 
         Args:
             state: of the object.
@@ -134,7 +134,7 @@ class Mender:
             decision: of the image.
         """
         e = decision.estimate
-        if self.is_over or e is None or not self._is_trusted(decision):
+        if e is None or not self._is_trusted(decision):
             return None
         self._seen += 1
         self._agreed |= e.visible > 0.5

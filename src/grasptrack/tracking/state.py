@@ -35,6 +35,8 @@ FOLLOWED = 0.999
 """Presence from which on what shows another shape or surface is followed all the same, whatever risk is taken."""
 STILL = 0.05
 """Least wandering: what rests may be pushed."""
+UNKNOWN: Floats = np.empty(0)
+"""Nothing is known of what is visible."""
 CALM = 0.01
 """Share of the process noise that always remains."""
 
@@ -58,6 +60,7 @@ class TrackState:
 
     Attributes:
         last: the last image, with the best pose found in it.
+        visible: (N,) probability of each sample of the outline to be visible in it; empty where that is not known.
         velocity: (8,) the pose's change in a usual interval, work px at the half size; None where it is not known.
         velocity_P: (8, 8) covariance of its error.
         P: (8, 8) covariance of the pose's error, work px^2 at the half size.
@@ -96,6 +99,7 @@ class TrackState:
     """
 
     last: Look
+    visible: Floats
     velocity: Floats | None
     velocity_P: Floats
     P: Floats
@@ -159,7 +163,7 @@ class TrackState:
         px = math.sqrt(2.0 * float(((e.contacts - before) ** 2).mean()))
         moved = 0.0 if self.lost else px * target.size / math.sqrt(e.area) / max(steps, 1e-3)
         self.moved = moved, self.moved[0]
-        self.last = Look(levels, e.G)
+        self.last, self.visible = Look(levels, e.G), e.visible
         self.P = e.P
         self.presence = _between(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
         self.expected, self.anchored, self.unseen, self.adrift, self.lost = e.G, True, 0.0, 0.0, 0
@@ -200,7 +204,9 @@ class TrackState:
         if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
             self.expected, self.anchored, self.unseen, self.adrift = e.G, True, 0.0, 0.0
             self.last, self.P, self.presence = Look(levels, e.G), e.P, UNSURE
+            self.visible = e.visible
             return
+        self.visible = UNKNOWN
         self.anchored = self.anchored and ground is not None
         if ground is not None and self.anchored:
             self.expected = ground
@@ -218,7 +224,7 @@ class TrackState:
 
     def forget_outline(self, usual: list[Floats]) -> None:
         """What was strange of an outline that was mended is so no more; `usual` is of the patches within it."""
-        self.usual, self.exchanged = usual, False
+        self.usual, self.exchanged, self.visible = usual, False, UNKNOWN
         self.strange = self.elsewhere = self.confirmed = 0.0
 
     def _learn_motion(self, target: Target, estimate: PoseEstimate, predictions: Predictions, steps: float) -> None:
@@ -284,6 +290,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers, focal: F
     look, focal = Look(levels, target.A), focal or Focal.usual(numbers)
     return TrackState(
         last=look,
+        visible=UNKNOWN,
         velocity=None,
         velocity_P=np.zeros((8, 8)),
         P=np.eye(8) * 0.05**2,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -20,6 +21,8 @@ from grasptrack.tracking.numbers import Numbers
 Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
+PATCH = 3
+"""Pixels of its own level by which a patch reaches to either side of its middle."""
 GUESSED_TILT = 0.01
 """Share of sqrt(area) by which the perspective of a pose may be off that no frame before tells."""
 POSE_ENTRIES = ((0, 2, 1), (1, 2, 1), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1), (2, 0, -1), (2, 1, -1))
@@ -127,6 +130,41 @@ class Target:
     def seen(self, visible: Floats) -> Floats:
         """(k,) 0 to 1: how much of the edge under each finger shows, of the samples' probabilities (N,) to be visible."""
         return np.asarray(visible @ self._under, dtype=np.float64)
+
+    def clear_corners(self, visible: Floats) -> Floats:
+        """(n, 2) work px, the corners whose coarsest patches hold no sample of the outline that does not show.
+
+        What hides a sample moves by itself: a patch that holds any of it tells of that motion. Nothing else may contradict it,
+        as on an outline that slides along itself.
+
+        Args:
+            visible: (N,) probability of each sample to be visible; empty where that is not known.
+        """
+        return self._clear(self.corners, self._corners_away, visible)
+
+    def clear_ring(self, visible: Floats) -> Floats:
+        """(n, 2) work px, the same of the ring."""
+        return self._clear(self.ring, self._ring_away, visible)
+
+    def _clear(self, places: Floats, away: Floats, visible: Floats) -> Floats:
+        hidden = visible <= 0.5
+        if not len(places) or not hidden.any():
+            return places
+        reach = math.sqrt(2.0) * PATCH * float(self.corner_strides.max())
+        return np.ascontiguousarray(places[away[:, hidden].min(axis=1) > reach])
+
+    @cached_property
+    def _corners_away(self) -> Floats:
+        """(n, N) work px from each corner to each sample of the outline."""
+        return self._away(self.corners)
+
+    @cached_property
+    def _ring_away(self) -> Floats:
+        """(n, N) the same of the ring."""
+        return self._away(self.ring)
+
+    def _away(self, places: Floats) -> Floats:
+        return np.asarray(np.hypot(*(places[:, None] - self.points[None]).transpose(2, 0, 1)), dtype=np.float64)
 
     @cached_property
     def _under(self) -> Floats:
