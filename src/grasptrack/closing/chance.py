@@ -24,9 +24,6 @@ CHANCE = 0.9
 """A grasp that closes with less than this probability, its contacts being as uncertain as they are, is not stable."""
 SURE = 1e-6
 """Where the chances to leave a region add up to no more than this, a joint covariance is not looked at more closely."""
-KNOWN = math.radians(1.0)
-"""rad of margin, standard deviation by the plane's tilt, below which the tilt counts as known: what no view has told yet is
-no reason to refuse a grasp."""
 BUILD = math.radians(0.3)
 """rad of margin, by which it may change before the regions are found anew."""
 SAME = 1e-4
@@ -47,15 +44,21 @@ class Rectifications(NamedTuple):
 
     Attributes:
         best: (3, 3) px of that view to px of the plane, seen frontally: up to a similarity the plane itself.
-        modes: ways in which the views so far can be explained: the probability of each, (m, 3, 3) maps that stand for what
-            it leaves open, and their weights (m,), which add up to 1.
+        maps: (m, 3, 3) others that stand for what is open of it; none where nothing is said of that.
+        weights: (m,) their probabilities, which add up to 1.
     """
 
     best: Floats
-    modes: tuple[tuple[float, Floats, Floats], ...]
+    maps: Floats
+    weights: Floats
+
+    @staticmethod
+    def sure(best: Floats) -> Rectifications:
+        """One map (3, 3), and nothing said of how sure that is."""
+        return Rectifications(best, np.empty((0, 3, 3)), np.empty(0))
 
 
-FRONTAL = Rectifications(np.eye(3), ())
+FRONTAL = Rectifications.sure(np.eye(3))
 """The view of the choice taken as frontal, and nothing said of how sure that is."""
 
 
@@ -66,14 +69,15 @@ class Judgement(NamedTuple):
         analysis: of the contacts in the object's own plane.
         margin_sd: rad, of the margin, by what is not known of the plane and by the noise of the outline.
         margin_image: rad, in the current view as it is.
-        chance: that the grasp closes: by the contacts' covariance and, once the views have told of the plane, by what they
-            leave open of it.
+        chance: that the grasp closes, by the contacts' covariance and by what is not known of plane and outline.
+        chance_there: the same if the contacts are where they are thought to be.
     """
 
     analysis: GraspAnalysis
     margin_sd: float
     margin_image: float
     chance: float
+    chance_there: float
 
 
 class ClosureCheck:
@@ -108,15 +112,13 @@ class ClosureCheck:
         self._margin_sd, self._closes = self._spread(contacts, view, width)
 
     def _spread(self, contacts: Floats, view: View, width: float) -> tuple[float, float]:
-        """Standard deviation of the margin, and the probability that it is above 0; 1 as long as the plane is not known."""
-        tilted, closes, noise = 0.0, 0.0, self._noise(contacts, view, width)
-        for probability, maps, weights in self._plane.modes:
-            margins = np.array([self._margin(each @ self._to_view, contacts) for each in maps])
-            mean = float(weights @ margins)
-            own = float(weights @ (margins - mean) ** 2)
-            tilted += probability * (own + (mean - self._analysis.margin) ** 2)
-            closes += probability * within(-math.inf, mean, own + noise)
-        return math.sqrt(tilted + noise), closes if self._plane.modes and tilted < KNOWN**2 else 1.0
+        """Standard deviation of the margin, and the probability that it is above 0; 1 where nothing is said of the plane."""
+        noise, (_, maps, weights) = self._noise(contacts, view, width), self._plane
+        if not len(maps):
+            return math.sqrt(noise), 1.0
+        margins = np.array([self._margin(each @ self._to_view, contacts) for each in maps])
+        closes = sum(w * within(-math.inf, m, noise) for m, w in zip(margins.tolist(), weights.tolist(), strict=True))
+        return math.sqrt(float(weights @ (margins - self._analysis.margin) ** 2) + noise), closes
 
     def _noise(self, contacts: Floats, view: View, width: float) -> float:
         """rad^2, variance of the margin by what the first view's outline is off: across it, and by what bends under a finger.
@@ -162,7 +164,7 @@ class ClosureCheck:
         if plane is not self._plane:
             self._rectify(plane)
         chance = self._closes if self._analysis.stable else 0.0
-        return Judgement(self._analysis, self._margin_sd, self.in_image(self._contacts, np.eye(3)), chance)
+        return Judgement(self._analysis, self._margin_sd, self.in_image(self._contacts, np.eye(3)), chance, chance)
 
     def judge(
         self,
@@ -201,7 +203,7 @@ class ClosureCheck:
             analysis = self._analyzer.analyze(carried_points(plane.best, back), self._friction)
         chance = chance_of_closing(self._regions, covariance, homography @ self._regions_to_view, contacts)
         chance *= self._closes
-        return Judgement(analysis, self._margin_sd, self.in_image(contacts, carried), chance)
+        return Judgement(analysis, self._margin_sd, self.in_image(contacts, carried), chance, self._closes)
 
 
 def carried_points(H: Floats, points: Floats) -> Floats:

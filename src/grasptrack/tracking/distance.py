@@ -80,7 +80,7 @@ class Ruler:
             covariance: (9, 9) of its entries, row by row.
         """
         if self._modes is not self._plane.modes:
-            self._modes, self._all = self._plane.modes, self._explained(self._plane.modes)
+            self._modes, self._all = self._plane.modes, self._explained()
         weights, back, in_view, unit, focal = self._all
         ray = np.array([*self._middle, 1.0])
         told = self._told(back, homography, in_view, unit, ray)
@@ -103,22 +103,15 @@ class Ruler:
         lengths = np.linalg.norm(axes[:, :, :2], axis=1)
         return np.asarray(unit * np.linalg.norm(ray, axis=1) / np.sqrt(lengths[:, 0] * lengths[:, 1]))
 
-    def _explained(self, modes: tuple[Mode, ...]) -> _Explained:
-        """Of all explanations."""
-        plane, parts = self._plane, []
-        for mode in modes:
-            thetas, weights, focal = plane.left_open(mode)
-            in_view = np.array([plane.in_view(theta) for theta in thetas])
-            extents = np.array([extent(apply_homography(np.linalg.inv(H), plane.hull)) for H in in_view])
-            back = np.array([plane.rays(theta) for theta in thetas])
-            parts.append(
-                _Explained(
-                    mode.probability * weights, back, in_view, self._length / extents, np.full(len(thetas), focal)
-                )
-            )
-        both = _Explained(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-        self._off = math.sqrt(2.0) * self._ends * float(both.unit[0]) / self._length
-        return both
+    def _explained(self) -> _Explained:
+        """By the plane as it is known now."""
+        plane = self._plane
+        thetas, weights, focal = plane.open
+        in_view = np.array([plane.in_view(theta) for theta in thetas])
+        extents = np.array([extent(apply_homography(np.linalg.inv(H), plane.hull)) for H in in_view])
+        back = np.array([plane.rays(theta) for theta in thetas])
+        self._off = math.sqrt(2.0) * self._ends / float(extents[0])
+        return _Explained(weights, back, in_view, self._length / extents, focal)
 
 
 def extent(outline: Floats) -> float:

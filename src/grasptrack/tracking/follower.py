@@ -47,7 +47,7 @@ from grasptrack.tracking.hypotheses import Predictions, place_is_empty, predict
 from grasptrack.tracking.mending import Mended, Mender
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.redetection import Redetection, sighted
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state
@@ -86,7 +86,7 @@ class Follower:
         hidden: (H, W) nonzero where no image shows anything of the scene.
         numbers: the core's.
         observer: finds outlines of the object, see `Redetection`.
-        focal: what is known of the camera beforehand, as for `Plane`.
+        before: what is known of camera and tilt beforehand, as for `Plane`.
 
     Attributes:
         target, state: of the object.
@@ -102,12 +102,12 @@ class Follower:
         hidden: Grey | None = None,
         numbers: Numbers = NUMBERS,
         observer: Observer | None = None,
-        focal: Focal | None = None,
+        before: Beforehand | None = None,
     ) -> None:
         levels = pyramid(grey)
         self.numbers = numbers
         self.target = make_target(levels, view, contacts, numbers, hidden)
-        self.state: TrackState = first_state(self.target, levels, numbers, focal)
+        self.state: TrackState = first_state(self.target, levels, numbers, before)
         self.state.time = time
         self.redetection = Redetection(self.target, levels, observer, hidden)
         self.mended = 0.0

@@ -31,6 +31,7 @@ SENTENCES = {
     "false-edge": "later views show no edge where the first one did: a contact lies beside the object",
     # unstable
     "not-closing": "",
+    "open-margin": "what is not known of the plane's tilt and of the outline leaves open whether the grasp closes",
     "slips": "the contacts may be too far off for the grasp to close",
 }
 """What is said with each code; nothing where a step's own words say it all."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -30,6 +31,9 @@ DOUBT = 0.1
 """Of theta: so far a pose may be from a view of the plane that is believed."""
 STEP = 1e-3
 """Of the differences that stand for derivatives, in units of theta."""
+RINGS, AROUND = 6, 8
+"""Of what stands for slopes that are open: rings about the most probable ones, and places on each."""
+NODES = 1 + RINGS * AROUND
 
 
 class Mode(NamedTuple):
@@ -46,16 +50,44 @@ class Mode(NamedTuple):
     probability: float
 
 
-class Focal(NamedTuple):
-    """What is known beforehand of the focal length: its log, in image widths, and the standard deviation of that."""
+class Beforehand(NamedTuple):
+    """What is known of theta before a view has told anything.
 
-    log: float
-    sd: float
+    Attributes:
+        theta: (3,) the most probable.
+        covariance: (3, 3) of it.
+        freedom: of the slopes' t distribution, above 2; infinite where they are Gaussian, as the focal length's log always is.
+    """
+
+    theta: Floats
+    covariance: Floats
+    freedom: float = math.inf
 
     @staticmethod
-    def usual(numbers: Numbers) -> Focal:
-        """Of a camera of which nothing is told: about one image width."""
-        return Focal(0.0, numbers.focal_sd)
+    def usual(numbers: Numbers) -> Beforehand:
+        """Of a camera of which nothing is told: about one image width, looking down, and now and then from far aside."""
+        return Beforehand.calibrated(0.0, numbers.focal_sd, numbers)
+
+    @staticmethod
+    def calibrated(log: float, sd: float, numbers: Numbers) -> Beforehand:
+        """The same where the focal length's log, in image widths, is told and how far that is known."""
+        spread = np.array([sd, numbers.normal_sd, numbers.normal_sd]) ** 2
+        return Beforehand(np.array([log, 0.0, 0.0]), np.diag(spread), numbers.prior_freedom)
+
+    def cost(self, theta: Floats) -> tuple[float, Floats, Floats]:
+        """Twice the negative log of its density at theta, and of that the normal equations' matrix (3, 3) and right side (3,)."""
+        C, off, A = self.covariance, self.theta - theta, np.zeros((3, 3))
+        slopes, by_slopes = np.linalg.inv(C[1:, 1:]), np.linalg.solve(C[1:, 1:], C[1:, 0])
+        row = np.array([1.0, *-by_slopes])  # of the focal length, beyond what goes with the slopes
+        left = float(C[0, 0] - by_slopes @ C[1:, 0])
+        far, n, weight = float(off[1:] @ slopes @ off[1:]), self.freedom, 1.0
+        if math.isfinite(n):  # a t distribution of this covariance is narrower in its middle
+            far *= n / (n - 2.0)
+            weight = (n + 2.0) / (n + far) * n / (n - 2.0)
+            far = (n + 2.0) * math.log1p(far / n)
+        A[1:, 1:] = weight * slopes
+        A += np.outer(row, row) / left
+        return far + float(row @ off) ** 2 / left, A, A @ off
 
 
 class Tilt(NamedTuple):
@@ -108,6 +140,20 @@ class SeenPose:
     P: Floats
 
 
+class Open(NamedTuple):
+    """What stands for what the views leave open.
+
+    Attributes:
+        thetas: (m, 3) that show the whole outline, the focal length as it goes with the slopes.
+        weights: (m,) their probabilities, which add up to 1.
+        focal: (m,) variance of the focal length's log that is left there.
+    """
+
+    thetas: Floats
+    weights: Floats
+    focal: Floats
+
+
 class Plane:
     """Learns the first view's tilt and the focal length from poses in views that differ.
 
@@ -118,14 +164,12 @@ class Plane:
     Args:
         target: what is followed.
         width, height: px of the image.
-        focal: what is known of the camera beforehand; None where nothing is.
+        before: what is known of theta beforehand; None where nothing is.
     """
 
-    def __init__(self, target: Target, width: float, height: float, focal: Focal | None = None) -> None:
-        numbers, focal = target.numbers, focal or Focal.usual(target.numbers)
+    def __init__(self, target: Target, width: float, height: float, before: Beforehand | None = None) -> None:
         self._target, self._width, self._height = target, float(width), float(height)
-        self._mean = np.array([focal.log, 0.0, 0.0])
-        self._prior = np.array([focal.sd, numbers.normal_sd, numbers.normal_sd]) ** 2
+        self._before = before = before or Beforehand.usual(target.numbers)
         x, y, w = (target.A @ np.array([*target.outline.mean(axis=0), 1.0])).tolist()
         self._centre = x / w, y / w
         self.mend(target)
@@ -135,7 +179,7 @@ class Plane:
         far = 1e3 / (self._width + self._height)
         self.steps = STEP * np.array([1.0, 1.0, 1.0 / far, 1.0, 1.0, 1.0 / far, far * 1e-3, far * 1e-3, 1.0])
         self.entries = np.eye(9).reshape(9, 3, 3) * self.steps[:, None, None]
-        self._believe((Mode(self._mean, np.diag(self._prior), 1.0),))
+        self._believe((Mode(before.theta, before.covariance, 1.0),))
 
     def mend(self, target: Target) -> None:
         """The first view has this outline, in the same work px."""
@@ -161,24 +205,45 @@ class Plane:
             homography: (3, 3) H_current_reference.
             covariance: (9, 9) of its entries, row by row.
         """
+        slopes, by_theta, by_entry = self._seen(homography)
+        spread = by_theta @ self.modes[0].covariance @ by_theta.T + by_entry @ covariance @ by_entry.T
+        (a, b), (_, c) = spread.tolist()
+        most = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
+        return Tilt(math.atan(math.hypot(*slopes.tolist())), math.sqrt(max(most, 0.0)))
+
+    def beforehand(self, homography: Floats, covariance: Floats) -> Beforehand:
+        """What all of this tells of the same plane to who takes a later view for the first one; arguments as of `tilt`.
+
+        DOUBT is added: the view that will be the first is a later one.
+        """
+        slopes, by_theta, by_entry = self._seen(homography)
+        own, spread = self._spread_of_modes()
+        J = np.vstack([[1.0, 0.0, 0.0], by_theta])
+        C = J @ spread @ J.T
+        C[1:, 1:] += by_entry @ covariance @ by_entry.T + DOUBT**2 * np.eye(2)
+        return Beforehand(np.array([own[0], *slopes]), C)
+
+    def _seen(self, homography: Floats) -> tuple[Floats, Floats, Floats]:
+        """(2,) slopes of the plane's normal in a view, and their derivatives (2, 3) by theta and (2, 9) by the homography."""
         # as believed, after a step of each number of theta, and of each entry
         seen = self._camera_back @ homography @ self._in_view
         moved = seen[0] + self._camera_back @ self.entries @ self._in_view[0]
         slopes = _slopes(np.concatenate([seen, moved]))
-        by_theta, by_entry = (slopes[1:4] - slopes[0]).T / STEP, (slopes[4:] - slopes[0]).T / self.steps
-        spread = by_theta @ self.modes[0].covariance @ by_theta.T + by_entry @ covariance @ by_entry.T
-        (a, b), (_, c) = spread.tolist()
-        most = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
-        return Tilt(math.atan(math.hypot(*slopes[0].tolist())), math.sqrt(max(most, 0.0)))
+        return slopes[0], (slopes[1:4] - slopes[0]).T / STEP, (slopes[4:] - slopes[0]).T / self.steps
 
     def theta_and_covariance(self) -> tuple[Floats, Floats]:
         """(3,) and (3, 3) of all explanations about the most probable one, for the prior of a pose.
 
         DOUBT is added, where not more is known beforehand: a pose must not be drawn to what it shall tell.
         """
+        own, spread = self._spread_of_modes()
+        return own, spread + np.diag(np.minimum(DOUBT**2, np.diagonal(self._before.covariance)))
+
+    def _spread_of_modes(self) -> tuple[Floats, Floats]:
+        """The most probable theta (3,), and the covariance (3, 3) of all explanations about it."""
         own = self.modes[0].theta
         spread = sum(m.probability * (m.covariance + np.outer(m.theta - own, m.theta - own)) for m in self.modes)
-        return own, np.asarray(spread + np.diag(np.minimum(DOUBT**2, self._prior)), dtype=np.float64)
+        return own, np.asarray(spread, dtype=np.float64)
 
     def _believe(self, modes: tuple[Mode, ...]) -> None:
         """What follows from the explanations, the most probable first."""
@@ -186,9 +251,9 @@ class Plane:
         self._camera_back = self.rays(theta)
         steps = [theta, *(theta + STEP * np.eye(3))]
         self._in_view = np.array([self.in_view(t) for t in steps])
-        self.rectifications = Rectifications(
-            self._rectifying(theta), tuple((m.probability, *self._open(m)) for m in modes)
-        )
+        self.open = self._left_open()
+        maps = np.array([self._rectifying(each) for each in self.open.thetas])
+        self.rectifications = Rectifications(self._rectifying(theta), maps, self.open.weights)
 
     def rays(self, theta: Floats) -> Floats:
         """(3, 3) from px of an image to rays of the camera, the optical axis last."""
@@ -210,28 +275,21 @@ class Plane:
         depth = f + (self.hull - 0.5 * np.array([self._width, self._height])) @ theta[1:]
         return bool(depth.min() > HORIZON * np.abs(depth).max())
 
-    def _open(self, mode: Mode) -> tuple[Floats, Floats]:
-        """Maps that stand for what a mode leaves open of the slopes, and their weights."""
-        thetas, weights, _ = self.left_open(mode)
-        return np.array([self._rectifying(theta) for theta in thetas]), weights
-
-    def left_open(self, mode: Mode) -> tuple[Floats, Floats, float]:
-        """What stands for what a mode leaves open of the slopes: Gauss and Hermite's nodes, three each way.
-
-        Returns:
-            (m, 3) thetas that show the whole outline, the focal length as it goes with the slopes; (m,) their weights, which
-            add up to 1; and the variance of the focal length's log that is left there.
-        """
-        C, tilts = mode.covariance, mode.covariance[1:, 1:]
-        values, vectors = np.linalg.eigh(tilts)
-        along = vectors * np.sqrt(3.0 * np.maximum(values, 0.0))
-        nodes = np.array([(i, j) for i in (0.0, -1.0, 1.0) for j in (0.0, -1.0, 1.0)])
-        focal = np.linalg.solve(tilts, C[1:, 0])  # by what the focal length goes with the slopes
-        slopes = nodes @ along.T
-        thetas = mode.theta + np.column_stack([slopes @ focal, slopes])
-        seen = np.array([self.is_seen(theta) for theta in thetas])
-        weights = (np.where(nodes == 0.0, 4.0, 1.0).prod(axis=1) / 36.0)[seen]
-        return thetas[seen], weights / weights.sum(), max(float(C[0, 0] - focal @ C[1:, 0]), 0.0)
+    def _left_open(self) -> Open:
+        """What stands for what all explanations leave open of the slopes; the first is the most probable theta."""
+        nodes = _nodes(math.inf if self._views else self._before.freedom)
+        parts = []
+        for mode in self.modes:
+            C, tilts = mode.covariance, mode.covariance[1:, 1:]
+            values, vectors = np.linalg.eigh(tilts)
+            focal = np.linalg.solve(tilts, C[1:, 0])  # by what the focal length goes with the slopes
+            slopes = nodes @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+            thetas = mode.theta + np.column_stack([slopes @ focal, slopes])
+            thetas = thetas[[self.is_seen(theta) for theta in thetas]]
+            left = max(float(C[0, 0] - focal @ C[1:, 0]), 0.0)
+            share = mode.probability / len(thetas)
+            parts.append(Open(thetas, np.full(len(thetas), share), np.full(len(thetas), left)))
+        return Open(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
     # --- all views together ----------------------------------------------------------------------
 
@@ -240,7 +298,7 @@ class Plane:
         starts = [m.theta for m in self.modes if self._views[1:]]
         starts += [t * (1.0, -1.0, -1.0) for t in starts]
         for reach in (0.4, 1.2) if len(self._views) < 4 else ():
-            starts += [self._mean + reach * np.array([0, i, j]) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+            starts += [self._before.theta + reach * np.array([0, i, j]) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
         found: list[tuple[float, Floats, Floats]] = []
         for start in starts:
             cost, theta, covariance = self._descend(start)
@@ -306,10 +364,9 @@ class Plane:
         A pose can be plainly wrong, as one in an image that is blurred or half covered: its error has heavy tails.
         """
         numbers = self._target.numbers
-        A, b = np.diag(1.0 / self._prior), (self._mean - theta) / self._prior
+        cost, A, b = self._before.cost(theta)
         if not self.is_seen(theta):
             return math.inf, A, b
-        cost = float(b @ (self._mean - theta))
         own, freedom = numbers.pinhole_sd**2, numbers.prior_freedom
         for view in self._views:
             misfit, by_pose, by_theta = self._target.handle.pinhole(view.G, theta, self._width, self._height)
@@ -323,6 +380,26 @@ class Plane:
             A = A + weighed @ by_theta
             b = b - weighed @ misfit
         return (cost if math.isfinite(cost) else math.inf), A, b
+
+
+@lru_cache
+def _nodes(freedom: float) -> Floats:
+    """(NODES, 2) slopes, equally probable, of a t distribution of mean 0 and covariance 1; the first is 0.
+
+    About it lie rings, each as far as its share of the distribution is on average, rms, and turned against the one before.
+    """
+    edges = 1.0 - np.append(0.0, 1.0 + AROUND * np.arange(RINGS + 1.0)) / NODES  # probabilities to lie farther out
+    edges[-1] = 0.0
+    if math.isfinite(freedom):
+        share = 1.0 - 2.0 / freedom
+        within = (freedom - 2.0) * (edges**share / share - edges)
+    else:
+        within = 2.0 * (edges - edges * np.log(np.maximum(edges, 1e-300)))
+    squares = (within[:-1] - within[1:])[1:] * NODES / AROUND
+    squares *= 2.0 * NODES / (AROUND * squares.sum())  # the middle's is theirs
+    turns = 2.0 * math.pi * (np.arange(AROUND) / AROUND + 0.5 * np.arange(RINGS)[:, None] / AROUND)
+    rings = np.sqrt(squares)[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], axis=2)
+    return np.concatenate([np.zeros((1, 2)), rings.reshape(-1, 2)])
 
 
 def _slopes(seen: Floats) -> Floats:

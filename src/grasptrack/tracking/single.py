@@ -23,7 +23,7 @@ from grasptrack.tracking.decision import (
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.state import TrackState, initial_state
 from grasptrack.tracking.target import Grey, Target
 
@@ -35,12 +35,12 @@ PRESENT = 0.5
 """Prior probability that an image of which nothing is known shows the object."""
 
 
-def first_state(target: Target, levels: list[Grey], numbers: Numbers, focal: Focal | None = None) -> TrackState:
+def first_state(target: Target, levels: list[Grey], numbers: Numbers, before: Beforehand | None = None) -> TrackState:
     """The state in the first image's pyramid, each patch of the surface expected to look alike as far as noise allows.
 
-    `focal` as for `Plane`.
+    `before` as for `Plane`.
     """
-    state = initial_state(target, levels, numbers, focal)
+    state = initial_state(target, levels, numbers, before)
     own = estimate_pose(target, state, levels, Hypothesis("first", target.A, state.P))
     if own is None:
         return state

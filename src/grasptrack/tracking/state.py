@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from grasptrack.tracking.decision import Decision, middle, strangeness
 from grasptrack.tracking.estimator import CONTINUOUS, PoseEstimate
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.plane import Focal, Plane
+from grasptrack.tracking.plane import Beforehand, Plane
 from grasptrack.tracking.target import Grey, Target
 
 if TYPE_CHECKING:
@@ -285,9 +285,11 @@ FIRST_SPREAD = 12.0
 """Grey levels; measured from the first image on."""
 
 
-def initial_state(target: Target, levels: list[Grey], numbers: Numbers, focal: Focal | None = None) -> TrackState:
-    """The state in the first image, where the pose is known by definition; `focal` as for `Plane`."""
-    look, focal = Look(levels, target.A), focal or Focal.usual(numbers)
+def initial_state(target: Target, levels: list[Grey], numbers: Numbers, before: Beforehand | None = None) -> TrackState:
+    """The state in the first image, where the pose is known by definition; `before` as for `Plane`."""
+    nuisance_covariance = np.diag([(numbers.thickness_sd * target.size) ** 2, 0.0, 0.0, 0.0])
+    look, before = Look(levels, target.A), before or Beforehand.usual(numbers)
+    nuisance_covariance[1:, 1:] = before.covariance
     return TrackState(
         last=look,
         visible=UNKNOWN,
@@ -296,12 +298,9 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers, focal: F
         P=np.eye(8) * 0.05**2,
         moved=(0.0, 0.0),
         presence=1.0 - 1e-6,
-        nuisance=np.array([0.0, focal.log, 0.0, 0.0]),
-        nuisance_covariance=np.diag(
-            [numbers.thickness_sd * target.size, focal.sd, numbers.normal_sd, numbers.normal_sd]
-        )
-        ** 2,
-        plane=Plane(target, levels[0].shape[1], levels[0].shape[0], focal),
+        nuisance=np.array([0.0, *before.theta]),
+        nuisance_covariance=nuisance_covariance,
+        plane=Plane(target, levels[0].shape[1], levels[0].shape[0], before),
         sides=numbers.sides,
         inner_spread=FIRST_SPREAD,
         edge_width=target.edge_width,

@@ -24,7 +24,7 @@ from grasptrack.tracking.follower import Follower, Moved, Proposal, Registration
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.redetection import wide_prior
 from grasptrack.transfer import rrp, strategy_named
 from grasptrack.transfer.alignment import alignments, as_similarity
@@ -61,7 +61,7 @@ def carrier_for(
     time: float | None,
     observer: Observer,
     risk: float = DEFAULT_RISK,
-    focal: Focal | None = None,
+    before: Beforehand | None = None,
 ) -> Carrier:
     """What carries a grasp from the view in which it was chosen.
 
@@ -71,14 +71,14 @@ def carrier_for(
         grey, time: (H, W) the image and when it was taken, s.
         observer: of the object.
         risk: probability below which an answer may be wrong.
-        focal: what is known of the camera beforehand, as for `Plane`.
+        before: what is known of camera and tilt beforehand, as for `Plane`.
 
     Raises:
         TransferError: the strategy cannot describe the grasp on this outline.
     """
     extractor = None if strategy == AUTO else _extractor(strategy, grasp, view, grey)
     numbers = NUMBERS.learning(risk)
-    follower = Follower(grey, view, grasp.contacts, time, observer.hidden, numbers, observer, focal)
+    follower = Follower(grey, view, grasp.contacts, time, observer.hidden, numbers, observer, before)
     if extractor is None:
         return Registration(follower, risk)
     return Alone(strategy, follower, extractor, observer, risk)

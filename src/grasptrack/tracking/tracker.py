@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack import kernels
 from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.calibration import Camera
-from grasptrack.closing import CHANCE, ClosureCheck
+from grasptrack.closing import CHANCE, ClosureCheck, Judgement
 from grasptrack.contour import View
 from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError, TransferError
 from grasptrack.grasp import Grasp
@@ -31,7 +31,7 @@ from grasptrack.tracking.follower import Moved
 from grasptrack.tracking.initialization import AUTO, Wish, first_view
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.result import Status, TrackResult
 from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import STRATEGIES
@@ -184,7 +184,7 @@ class GraspTracker:
         for grasp in first.grasps:
             try:
                 carrier = carrier_for(
-                    self.strategy, grasp, candidate.view, grey, moment.time, self._observer, self.risk, self._focal()
+                    self.strategy, grasp, candidate.view, grey, moment.time, self._observer, self.risk, self._beforehand()
                 )
             except TransferError as error:
                 reason = reason if reason.code else Reason("no-description", detail=str(error))
@@ -199,16 +199,16 @@ class GraspTracker:
                 plane.tilt(*still),
                 self._track.distance(*still),
             )
-            analysis = judged.analysis
+            refused = _refused(judged)
             return _answer(
                 moment,
-                "tracked" if analysis.stable else "unstable",
-                None if analysis.stable else Reason("not-closing", detail=analysis.reason),
+                "tracked" if refused is None else "unstable",
+                refused,
                 strategy=carrier.name,
                 grasp_id=self._grasps,
                 contacts=grasp.contacts,
                 seen=np.ones(len(grasp)),
-                analysis=analysis,
+                analysis=judged.analysis,
                 confidence=1.0,
                 chance=judged.chance,
                 margin_sd=judged.margin_sd,
@@ -260,27 +260,22 @@ class GraspTracker:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
         except (GraspError, ConditioningError) as error:
             return _answer(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
-        analysis, chance = judged.analysis, judged.chance
         tilt = plane.tilt(H, homography_covariance)
         distance = track.distance(H, homography_covariance)
-        reason = None
-        if not analysis.stable:
-            reason = Reason("not-closing", detail=analysis.reason)
-        elif chance < CHANCE:
-            reason = Reason("slips", {"chance": chance})
-        if not analysis.stable and self._resynthesize:  # another grasp makes what is seen no surer
+        refused = _refused(judged)
+        if not judged.analysis.stable and self._resynthesize:  # another grasp makes what is seen no surer
             self._track, self._wish = None, self._wish.again(moved.view)
         return _answer(
             moment,
-            "tracked" if reason is None else "unstable",
-            reason,
+            "tracked" if refused is None else "unstable",
+            refused,
             strategy=track.carrier.name,
             grasp_id=track.number,
             contacts=contacts,
             seen=target.seen(estimate.visible),
-            analysis=analysis,
+            analysis=judged.analysis,
             confidence=moved.decision.confidence,
-            chance=chance,
+            chance=judged.chance,
             margin_sd=judged.margin_sd,
             margin_image=judged.margin_image,
             tilt=tilt.angle,
@@ -314,12 +309,12 @@ class GraspTracker:
         self._frame += 1
         return grey
 
-    def _focal(self) -> Focal | None:
+    def _beforehand(self) -> Beforehand | None:
         """What the calibration says of the straight images' focal length."""
         if self._lens is None or self._lens.focal is None:
             return None
         focal, uneven = self._lens.focal
-        return Focal(math.log(focal), math.hypot(NUMBERS.calibrated_sd, 0.5 * uneven))
+        return Beforehand.calibrated(math.log(focal), math.hypot(NUMBERS.calibrated_sd, 0.5 * uneven), NUMBERS)
 
     def _straight(
         self, image: NDArray[Any], mask: NDArray[Any] | None, camera: Camera
@@ -355,6 +350,15 @@ def _closure(grasp: Grasp, view: View, friction: float) -> ClosureCheck:
     """Judges a grasp on an outline."""
     width = FINGER_WIDTH * math.sqrt(kernels.inertia(view.points, view.offsets)[0])
     return ClosureCheck(grasp, view, friction, width)
+
+
+def _refused(judged: Judgement) -> Reason | None:
+    """Why a grasp is not stable; None where it is."""
+    if not judged.analysis.stable:
+        return Reason("not-closing", detail=judged.analysis.reason)
+    if judged.chance_there < CHANCE:  # wherever the contacts are
+        return Reason("open-margin", {"chance": judged.chance})
+    return Reason("slips", {"chance": judged.chance}) if judged.chance < CHANCE else None
 
 
 def _size(image: NDArray[Any]) -> tuple[int, int]:
