@@ -23,6 +23,8 @@ NEW_SHAPE = 0.08
 """Change of the object's image, but for its place, as a share of sqrt(area), after which a view tells anew of the plane."""
 MOST_VIEWS = 16
 """Views that are kept; of more every other one is left out."""
+FEW = 4
+"""Views up to which explanations are sought from all sides."""
 MOST_MODES = 2
 """Explanations that are kept: two views of a plane have two."""
 LEAST_SD = 1e-3
@@ -34,6 +36,16 @@ STEP = 1e-3
 RINGS, AROUND = 6, 8
 """Of what stands for slopes that are open: rings about the most probable ones, and places on each."""
 NODES = 1 + RINGS * AROUND
+FEWER = 1 + 2 * AROUND
+"""Of these, the innermost are enough about each of many explanations."""
+FOCALS = np.linspace(-2.1, 2.1, 7)
+"""Standard deviations of the focal length's log, at which few views are looked at."""
+WIDER = 4.0
+"""By which a variance is taken larger where it says where to look."""
+NEGLIGIBLE = 1e-3
+"""Probability below which what is open is left out."""
+HELD = 1e12
+"""Precision of what shall not move."""
 
 
 class Mode(NamedTuple):
@@ -55,12 +67,12 @@ class Beforehand(NamedTuple):
 
     Attributes:
         theta: (3,) the most probable.
-        covariance: (3, 3) of it.
-        freedom: of the slopes' t distribution, above 2; infinite where they are Gaussian, as the focal length's log always is.
+        scale: (3, 3) its covariance, where the slopes are Gaussian, as the focal length's log always is.
+        freedom: of the slopes' t distribution, above 2, the scale then being its own; infinite where they are Gaussian.
     """
 
     theta: Floats
-    covariance: Floats
+    scale: Floats
     freedom: float = math.inf
 
     @staticmethod
@@ -71,21 +83,27 @@ class Beforehand(NamedTuple):
     @staticmethod
     def calibrated(log: float, sd: float, numbers: Numbers) -> Beforehand:
         """The same where the focal length's log, in image widths, is told and how far that is known."""
-        spread = np.array([sd, numbers.normal_sd, numbers.normal_sd]) ** 2
-        return Beforehand(np.array([log, 0.0, 0.0]), np.diag(spread), numbers.prior_freedom)
+        scale = np.diag(np.square([sd, numbers.normal_sd, numbers.normal_sd]))
+        return Beforehand(np.array([log, 0.0, 0.0]), scale, numbers.prior_freedom)
+
+    @property
+    def covariance(self) -> Floats:
+        """(3, 3) of theta."""
+        C = self.scale.copy()
+        if math.isfinite(self.freedom):
+            C[1:, 1:] *= self.freedom / (self.freedom - 2.0)
+        return C
 
     def cost(self, theta: Floats) -> tuple[float, Floats, Floats]:
-        """Twice the negative log of its density at theta, and of that the normal equations' matrix (3, 3) and right side (3,)."""
-        C, off, A = self.covariance, self.theta - theta, np.zeros((3, 3))
-        slopes, by_slopes = np.linalg.inv(C[1:, 1:]), np.linalg.solve(C[1:, 1:], C[1:, 0])
+        """Twice the negative log of its density at theta; and the normal equations' matrix (3, 3) and right side (3,) there."""
+        C, off, A = self.scale, self.theta - theta, np.zeros((3, 3))
+        inverse, by_slopes = np.linalg.inv(C[1:, 1:]), np.linalg.solve(C[1:, 1:], C[1:, 0])
         row = np.array([1.0, *-by_slopes])  # of the focal length, beyond what goes with the slopes
-        left = float(C[0, 0] - by_slopes @ C[1:, 0])
-        far, n, weight = float(off[1:] @ slopes @ off[1:]), self.freedom, 1.0
-        if math.isfinite(n):  # a t distribution of this covariance is narrower in its middle
-            far *= n / (n - 2.0)
-            weight = (n + 2.0) / (n + far) * n / (n - 2.0)
-            far = (n + 2.0) * math.log1p(far / n)
-        A[1:, 1:] = weight * slopes
+        left, n = float(C[0, 0] - by_slopes @ C[1:, 0]), self.freedom
+        far, weight = float(off[1:] @ inverse @ off[1:]), 1.0
+        if math.isfinite(n):
+            far, weight = (n + 2.0) * math.log1p(far / n), (n + 2.0) / (n + far)
+        A[1:, 1:] = weight * inverse
         A += np.outer(row, row) / left
         return far + float(row @ off) ** 2 / left, A, A @ off
 
@@ -206,7 +224,7 @@ class Plane:
             covariance: (9, 9) of its entries, row by row.
         """
         slopes, by_theta, by_entry = self._seen(homography)
-        spread = by_theta @ self.modes[0].covariance @ by_theta.T + by_entry @ covariance @ by_entry.T
+        spread = by_theta @ self._spread_of_open() @ by_theta.T + by_entry @ covariance @ by_entry.T
         (a, b), (_, c) = spread.tolist()
         most = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
         return Tilt(math.atan(math.hypot(*slopes.tolist())), math.sqrt(max(most, 0.0)))
@@ -237,13 +255,20 @@ class Plane:
         DOUBT is added, where not more is known beforehand: a pose must not be drawn to what it shall tell.
         """
         own, spread = self._spread_of_modes()
-        return own, spread + np.diag(np.minimum(DOUBT**2, np.diagonal(self._before.covariance)))
+        return own, spread + np.diag(np.minimum(DOUBT**2, np.diagonal(self._before.scale)))
 
     def _spread_of_modes(self) -> tuple[Floats, Floats]:
         """The most probable theta (3,), and the covariance (3, 3) of all explanations about it."""
         own = self.modes[0].theta
         spread = sum(m.probability * (m.covariance + np.outer(m.theta - own, m.theta - own)) for m in self.modes)
         return own, np.asarray(spread, dtype=np.float64)
+
+    def _spread_of_open(self) -> Floats:
+        """(3, 3) covariance of what is left open, about the most probable theta."""
+        off = self.open.thetas - self.modes[0].theta
+        spread = (off * self.open.weights[:, None]).T @ off
+        spread[0, 0] += float(self.open.weights @ self.open.focal)
+        return np.asarray(spread, dtype=np.float64)
 
     def _believe(self, modes: tuple[Mode, ...]) -> None:
         """What follows from the explanations, the most probable first."""
@@ -277,6 +302,10 @@ class Plane:
 
     def _left_open(self) -> Open:
         """What stands for what all explanations leave open of the slopes; the first is the most probable theta."""
+        if 0 < len(self._views) < FEW:
+            found = self._explored()
+            if found is not None:
+                return found
         nodes = _nodes(math.inf if self._views else self._before.freedom)
         parts = []
         for mode in self.modes:
@@ -291,13 +320,49 @@ class Plane:
             parts.append(Open(thetas, np.full(len(thetas), share), np.full(len(thetas), left)))
         return Open(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
+    def _explored(self) -> Open | None:
+        """The same of few views, which may leave open what no two Gaussians describe; None where nothing explains them.
+
+        For each of some focal lengths the slopes that explain the views best are sought, and what lies about these counts as
+        probable as it is: importance sampling, by the Gaussians that were found.
+        """
+        sd = math.sqrt(float(self._before.scale[0, 0]))
+        far = [reach * np.array(way) for reach in (0.4, 1.2) for way in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+        starts = [m.theta[1:] for m in self.modes] + far
+        thetas, costs, odds = [], [], []
+        for log in self._before.theta[0] + sd * FOCALS:
+            bumps: list[tuple[Floats, Floats]] = []
+            for start in starts:
+                _, theta, C = self._descend(np.array([log, *start]), slopes_alone=True)
+                new = all(((theta[1:] - other) ** 2).sum() > 1e-4 for other, _ in bumps)
+                if new and np.isfinite(C).all() and self.is_seen(theta):
+                    bumps.append((theta[1:], WIDER * C[1:, 1:]))
+            if not bumps:
+                continue
+            starts = [middle for middle, _ in bumps] + far[4:]
+            places = np.concatenate([m + _nodes(math.inf)[:FEWER] @ np.linalg.cholesky(C).T for m, C in bumps])
+            density = sum(_gaussian(places - middle, C) for middle, C in bumps)
+            for place, d in zip(places, np.asarray(density).tolist(), strict=True):
+                theta = np.array([log, *place])
+                cost = self._equations(theta)[0]
+                if math.isfinite(cost):
+                    thetas.append(theta)
+                    costs.append(cost)
+                    odds.append(1.0 / d)
+        if not thetas:
+            return None
+        weights = np.exp(-0.5 * (np.array(costs) - min(costs))) * odds
+        weights /= weights.sum()
+        kept = np.argsort(-weights)[: int((weights > NEGLIGIBLE).sum())]
+        return Open(np.array(thetas)[kept], weights[kept] / weights[kept].sum(), np.zeros(len(kept)))
+
     # --- all views together ----------------------------------------------------------------------
 
     def _solved(self) -> tuple[Mode, ...]:
         """Explanations of all views, the most probable first."""
         starts = [m.theta for m in self.modes if self._views[1:]]
         starts += [t * (1.0, -1.0, -1.0) for t in starts]
-        for reach in (0.4, 1.2) if len(self._views) < 4 else ():
+        for reach in (0.4, 1.2) if len(self._views) < FEW else ():
             starts += [self._before.theta + reach * np.array([0, i, j]) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
         found: list[tuple[float, Floats, Floats]] = []
         for start in starts:
@@ -323,14 +388,18 @@ class Plane:
         spread = sum(m.probability * (m.covariance + np.outer(m.theta - middle, m.theta - middle)) for m in modes)
         return (Mode(middle, np.asarray(spread), 1.0),)
 
-    def _descend(self, theta: Floats) -> tuple[float, Floats, Floats]:
-        """Cost, theta and covariance of the explanation that is reached from a start, by Levenberg and Marquardt."""
+    def _descend(self, theta: Floats, *, slopes_alone: bool = False) -> tuple[float, Floats, Floats]:
+        """Cost, theta and covariance of the explanation that is reached from a start, by Levenberg and Marquardt.
+
+        With `slopes_alone` the focal length stays.
+        """
+        held = np.array([HELD if slopes_alone else 0.0, 0.0, 0.0])
         cost, A, b = self._equations(theta)
         damping = 1e-3
         for _ in range(20):
             if not math.isfinite(cost):
                 break
-            new = theta + np.linalg.solve(A + damping * np.diag(np.diag(A)), b)
+            new = theta + np.linalg.solve(A + np.diag(damping * np.diag(A) + held), b)
             there = self._equations(new)
             if there[0] < cost:
                 done, theta = cost - there[0] < 1e-3, new
@@ -342,7 +411,7 @@ class Plane:
                 damping *= 5.0
                 if damping > 1e5:
                     break
-        return cost, theta, np.asarray(np.linalg.inv(A), dtype=np.float64) if math.isfinite(cost) else A
+        return cost, theta, np.asarray(np.linalg.inv(A + np.diag(held)), dtype=np.float64) if math.isfinite(cost) else A
 
     def _spread(self, cost: float, theta: Floats, covariance: Floats) -> Floats:
         """A covariance, made smaller along axes on which the cost rises sooner than its second derivative says.
@@ -400,6 +469,12 @@ def _nodes(freedom: float) -> Floats:
     turns = 2.0 * math.pi * (np.arange(AROUND) / AROUND + 0.5 * np.arange(RINGS)[:, None] / AROUND)
     rings = np.sqrt(squares)[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], axis=2)
     return np.concatenate([np.zeros((1, 2)), rings.reshape(-1, 2)])
+
+
+def _gaussian(off: Floats, C: Floats) -> Floats:
+    """(m,) densities, up to a factor, at places (m, 2) from the mean, of a covariance (2, 2)."""
+    far = (off * np.linalg.solve(C, off.T).T).sum(axis=1)
+    return np.asarray(np.exp(-0.5 * far) / math.sqrt(float(np.linalg.det(C))))
 
 
 def _slopes(seen: Floats) -> Floats:

@@ -289,7 +289,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers, before: 
     """The state in the first image, where the pose is known by definition; `before` as for `Plane`."""
     nuisance_covariance = np.diag([(numbers.thickness_sd * target.size) ** 2, 0.0, 0.0, 0.0])
     look, before = Look(levels, target.A), before or Beforehand.usual(numbers)
-    nuisance_covariance[1:, 1:] = before.covariance
+    nuisance_covariance[1:, 1:] = before.scale
     return TrackState(
         last=look,
         visible=UNKNOWN,

@@ -184,7 +184,14 @@ class GraspTracker:
         for grasp in first.grasps:
             try:
                 carrier = carrier_for(
-                    self.strategy, grasp, candidate.view, grey, moment.time, self._observer, self.risk, self._beforehand()
+                    self.strategy,
+                    grasp,
+                    candidate.view,
+                    grey,
+                    moment.time,
+                    self._observer,
+                    self.risk,
+                    self._beforehand(),
                 )
             except TransferError as error:
                 reason = reason if reason.code else Reason("no-description", detail=str(error))
