@@ -42,6 +42,7 @@ class Case(NamedTuple):
     tilt: int
     way: int
     seed: int
+    friction: float = FRICTION
 
     def scene(self) -> Scene:
         """The camera leans at first, comes over the part and closer, and rolls by 30 degrees."""
@@ -77,20 +78,22 @@ class Told(NamedTuple):
     margin_sd: float
     margin_image: float
     margin_first: float
-    stable: bool
+    tracked: bool
+    tilt_open: bool
+    chance: float
 
 
-def in_plane(scene: Scene, contacts: NDArray[np.float64]) -> float:
+def in_plane(scene: Scene, contacts: NDArray[np.float64], friction: float = FRICTION) -> float:
     """rad, the margin of contacts (k, 2) px of the first image on the true outline, in the table's own plane."""
     back = np.linalg.inv(scene.path.table_to_image(scene.camera)[0])
     polygons = [UNIT * apply_homography(back, p) for p in scene[0].outline]
     outline = View([Contour(stations([p], 1.0)[0], hole=i > 0) for i, p in enumerate(polygons)])
-    return analyze(gt.Grasp(UNIT * apply_homography(back, contacts)), outline, FRICTION).margin
+    return analyze(gt.Grasp(UNIT * apply_homography(back, contacts)), outline, friction).margin
 
 
 def run(case: Case) -> list[Told]:
     """Located frames after the first; empty where the first view has no grasp on the part."""
-    scene, tracker = case.scene(), gt.GraspTracker(friction=FRICTION)
+    scene, tracker = case.scene(), gt.GraspTracker(friction=case.friction)
     told: list[Told] = []
     true = first = math.nan
     for frame in scene:
@@ -99,7 +102,7 @@ def run(case: Case) -> list[Told]:
             if result.contacts is None or result.analysis is None:
                 return []
             try:
-                true, first = in_plane(scene, result.contacts), result.analysis.margin
+                true, first = in_plane(scene, result.contacts, case.friction), result.analysis.margin
             except gt.GraspError:  # it took something else
                 return []
             continue
@@ -108,7 +111,9 @@ def run(case: Case) -> list[Told]:
         figures = (scene.path.tilt[frame.index], result.tilt, result.tilt_sd)
         margins = (true, result.analysis.margin, result.margin_sd, result.margin_image, first)
         degrees = (math.degrees(float(v)) for v in (*figures, *margins))
-        told.append(Told(frame.index, *degrees, result.status == "tracked"))
+        told.append(
+            Told(frame.index, *degrees, result.status == "tracked", result.reason_code == "tilt-open", result.chance)
+        )
     return told
 
 
@@ -129,9 +134,22 @@ def row(name: str, frames: list[Told]) -> list[str]:
         *(f"{np.median(abs(e)):.2f} / {np.percentile(abs(e), 95):.2f}" for e in (off, image, first)),
         f"{np.median(sd):.2f}",
         f"{100 * (abs(off) <= 1.96 * sd).mean():.0f} %",
-        f"{sum(f.stable for f in open_)} of {len(open_)}",
-        f"{sum(f.stable for f in shut)} of {len(shut)}",
+        f"{sum(f.tracked and not f.tilt_open for f in open_)} of {len(open_)}",
+        str(sum(f.tilt_open for f in open_)),
+        f"{sum(not f.tracked for f in shut)} of {len(shut)}",
+        str(sum(f.tilt_open for f in shut)),
     ]
+
+
+def believed(frames: list[Told]) -> list[list[str]]:
+    """Rows of the chances that were told against how often the grasp closes in truth."""
+    rows = []
+    for low, high in itertools.pairwise((0.0, 0.1, 0.5, 0.9, 0.99, 1.01)):
+        found = [f for f in frames if low <= f.chance < high]
+        if found:
+            told, true = (np.mean([each(f) for f in found]) for each in (lambda f: f.chance, lambda f: f.margin > 0.0))
+            rows.append([f"{low:g} to {min(high, 1.0):g}", str(len(found)), f"{told:.3f}", f"{true:.3f}"])
+    return rows
 
 
 HEADS = [
@@ -144,7 +162,7 @@ HEADS = [
         "image",
         "first view",
     ),
-    *("margin's sd", "in 1.96 sd", "not closing, called stable", "closing, called stable"),
+    *("margin's sd", "in 1.96 sd", "not closing: stable", "tilt-open", "closing: unstable", "tilt-open"),
 ]
 
 
@@ -153,10 +171,11 @@ def main() -> None:
     parser = common.parser(__doc__)
     parser.add_argument("--parts", default=PARTS)
     parser.add_argument("--seed", type=int, default=100)
+    parser.add_argument("--friction", type=float, default=FRICTION)
     parser.add_argument("--workers", type=int, default=1)
     asked = parser.parse_args()
     names = asked.parts.split(",")
-    cases = [Case(*c, asked.seed) for c in itertools.product(names, TILTS, range(len(AZIMUTHS)))]
+    cases = [Case(*c, asked.seed, asked.friction) for c in itertools.product(names, TILTS, range(len(AZIMUTHS)))]
     common.heading("The object's own plane")
     with ProcessPoolExecutor(asked.workers) as pool:
         told = dict(zip(cases, pool.map(run, cases), strict=True))
@@ -174,6 +193,12 @@ def main() -> None:
     table("Last frame:", FRAMES - 1, FRAMES - 1)
     table("Second half of the way:", FRAMES // 2, FRAMES - 1)
     table("First half of the way:", 1, FRAMES // 2 - 1)
+    for title, drawn in (
+        ("Chance of closing as told, first half, tilts as above:", [f for found in told.values() for f in found]),
+        ("The same, first views at 0 to 30 degrees:", [f for c, found in told.items() if c.tilt <= 30 for f in found]),
+    ):
+        common.say(title)
+        common.table(["chance", "frames", "told", "closes"], believed([f for f in drawn if f.frame < FRAMES // 2]))
     common.finish(asked.output)
 
 

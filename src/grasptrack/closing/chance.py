@@ -46,11 +46,13 @@ class Rectifications(NamedTuple):
         best: (3, 3) px of that view to px of the plane, seen frontally: up to a similarity the plane itself.
         maps: (m, 3, 3) others that stand for what is open of it; none where nothing is said of that.
         weights: (m,) their probabilities, which add up to 1.
+        told: whether a view has told of the plane; else all that is open is what was thought beforehand.
     """
 
     best: Floats
     maps: Floats
     weights: Floats
+    told: bool = True
 
     @staticmethod
     def sure(best: Floats) -> Rectifications:
@@ -69,15 +71,22 @@ class Judgement(NamedTuple):
         analysis: of the contacts in the object's own plane.
         margin_sd: rad, of the margin, by what is not known of the plane and by the noise of the outline.
         margin_image: rad, in the current view as it is.
-        chance: that the grasp closes, by the contacts' covariance and by what is not known of plane and outline.
-        chance_there: the same if the contacts are where they are thought to be.
+        closes: chance that the grasp closes where its contacts are thought to be, by what is not known of plane and outline.
+        stays: chance that the contacts are so near to there that it closes as well, by their covariance.
+        settled: the plane leaves less of the margin open than the first outline does, so that later views tell little more.
     """
 
     analysis: GraspAnalysis
     margin_sd: float
     margin_image: float
-    chance: float
-    chance_there: float
+    closes: float
+    stays: float
+    settled: bool
+
+    @property
+    def chance(self) -> float:
+        """That the grasp closes."""
+        return self.closes * self.stays
 
 
 class ClosureCheck:
@@ -109,16 +118,17 @@ class ClosureCheck:
             # for three fingers it takes some tens of ms
             self._regions = regions_of(Grasp.of(contacts), view, self._friction, width)
             self._regions_to_view, self._built = self._to_view, self._analysis.margin
-        self._margin_sd, self._closes = self._spread(contacts, view, width)
+        self._margin_sd, self._closes, self._settled = self._spread(contacts, view, width)
 
-    def _spread(self, contacts: Floats, view: View, width: float) -> tuple[float, float]:
-        """Standard deviation of the margin, and the probability that it is above 0; 1 where nothing is said of the plane."""
-        noise, (_, maps, weights) = self._noise(contacts, view, width), self._plane
+    def _spread(self, contacts: Floats, view: View, width: float) -> tuple[float, float, bool]:
+        """Standard deviation of the margin, probability that it is above 0 (1 where nothing is said of the plane), `settled`."""
+        noise, (_, maps, weights, _) = self._noise(contacts, view, width), self._plane
         if not len(maps):
-            return math.sqrt(noise), 1.0
+            return math.sqrt(noise), 1.0, True
         margins = np.array([self._margin(each @ self._to_view, contacts) for each in maps])
         closes = sum(w * within(-math.inf, m, noise) for m, w in zip(margins.tolist(), weights.tolist(), strict=True))
-        return math.sqrt(float(weights @ (margins - self._analysis.margin) ** 2) + noise), closes
+        tilted = float(weights @ (margins - self._analysis.margin) ** 2)
+        return math.sqrt(tilted + noise), closes, tilted < noise
 
     def _noise(self, contacts: Floats, view: View, width: float) -> float:
         """rad^2, variance of the margin by what the first view's outline is off: across it, and by what bends under a finger.
@@ -163,8 +173,15 @@ class ClosureCheck:
         """In the view of the choice, where the contacts are by definition."""
         if plane is not self._plane:
             self._rectify(plane)
-        chance = self._closes if self._analysis.stable else 0.0
-        return Judgement(self._analysis, self._margin_sd, self.in_image(self._contacts, np.eye(3)), chance, chance)
+        stays = 1.0 if self._analysis.stable else 0.0
+        return Judgement(
+            self._analysis,
+            self._margin_sd,
+            self.in_image(self._contacts, np.eye(3)),
+            self._closes,
+            stays,
+            self._settled,
+        )
 
     def judge(
         self,
@@ -201,9 +218,10 @@ class ClosureCheck:
         analysis = self._analysis
         if not np.abs(back - self._contacts).max() < SAME:
             analysis = self._analyzer.analyze(carried_points(plane.best, back), self._friction)
-        chance = chance_of_closing(self._regions, covariance, homography @ self._regions_to_view, contacts)
-        chance *= self._closes
-        return Judgement(analysis, self._margin_sd, self.in_image(contacts, carried), chance, self._closes)
+        stays = chance_of_closing(self._regions, covariance, homography @ self._regions_to_view, contacts)
+        return Judgement(
+            analysis, self._margin_sd, self.in_image(contacts, carried), self._closes, stays, self._settled
+        )
 
 
 def carried_points(H: Floats, points: Floats) -> Floats:

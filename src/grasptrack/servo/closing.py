@@ -97,7 +97,7 @@ class Doubt:
         return why
 
     def _unbelieved(self, result: TrackResult, goal: Floats, time: float) -> str:
-        if result.contacts is None or result.seen is None or result.status != "tracked":
+        if result.contacts is None or result.seen is None or result.status != "tracked" or result.reason_code:
             return f"at the goal, but {result.status}: {result.reason}"
         if self._seen_at is None:
             self._seen_at = [-math.inf] * len(result.seen)

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from grasptrack.analysis import DEFAULT_FRICTION, ON_OUTLINE
 from grasptrack.contour import View
-from grasptrack.errors import GraspError, ObservationError, StrategyError, TransferError
+from grasptrack.errors import (
+    ConditioningError,
+    ContourError,
+    GraspError,
+    ObservationError,
+    StrategyError,
+    TransferError,
+)
 from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand
 from grasptrack.observation.candidate import Candidate
@@ -21,9 +28,12 @@ from grasptrack.observation.observer import Observer
 from grasptrack.observation.proposals import Box
 from grasptrack.observation.segmentation import apart
 from grasptrack.observation.undistortion import Told, Undistortion
+from grasptrack.projective import apply_homography
 from grasptrack.synthesis import synthesize
 from grasptrack.tracking.messages import Reason
 from grasptrack.transfer import strategy_named
+
+Floats = NDArray[np.float64]
 
 AUTO = "auto"
 
@@ -50,6 +60,8 @@ class Wish:
         choose: the user's choice in the place of synthesis.
         ignore: (H, W) nonzero where nothing belongs to the scene.
         before: the outline that the object had in the image before, where it needs another grasp.
+        plane: tells of an outline the homography (3, 3) from px to its own plane, in which a grasp is to be chosen; None where
+            nothing is known but that the view may be frontal.
     """
 
     fingers: int = 2
@@ -62,6 +74,7 @@ class Wish:
     choose: Callable[[View], Sequence[Grasp]] | None = None
     ignore: NDArray[Any] | None = None
     before: View | None = None
+    plane: Callable[[View], Floats] | None = None
 
     def straight(self, lens: Undistortion) -> Wish:
         """The same, of the image without its lens's distortion.
@@ -74,9 +87,9 @@ class Wish:
         grasp = None if told.contacts is None else Grasp(told.contacts)
         return replace(self, grasp=grasp, object_at=told.object_at, box=told.box, ignore=told.ignore)
 
-    def again(self, view: View) -> Wish:
-        """Another grasp on the object that has this outline."""
-        return replace(self, grasp=None, object_at=None, box=None, before=view)
+    def again(self, view: View, plane: Callable[[View], Floats]) -> Wish:
+        """Another grasp on the object that has this outline, chosen in its plane."""
+        return replace(self, grasp=None, object_at=None, box=None, before=view, plane=plane)
 
 
 class FirstView(NamedTuple):
@@ -134,7 +147,7 @@ def _grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[l
             raise GraspError(f"a grasp of {wish.fingers} contacts is to be chosen", fingers=wish.fingers)
         return chosen, "the choice that was given made none"
     beside = [c.view for c in apart([candidate, *found])[1:]]
-    return grasps(candidate.view, wish.strategy, wish.fingers, wish.friction, wish.hand, beside)
+    return grasps(candidate.view, wish.strategy, wish.fingers, wish.friction, wish.hand, beside, wish.plane)
 
 
 def holding(found: list[Candidate], grasp: Grasp) -> Candidate:
@@ -167,7 +180,13 @@ def others(found: list[Candidate], chosen: Candidate) -> list[Candidate]:
 
 
 def grasps(
-    view: View, strategy: str, fingers: int, friction: float, hand: Hand | None, beside: list[View]
+    view: View,
+    strategy: str,
+    fingers: int,
+    friction: float,
+    hand: Hand | None,
+    beside: list[View],
+    plane: Callable[[View], Floats] | None = None,
 ) -> tuple[list[Grasp], str]:
     """Synthesised grasps in the order in which they are to be tried, and why there is none.
 
@@ -176,14 +195,32 @@ def grasps(
         strategy: that will carry the grasp.
         fingers, friction, hand: as in synthesis.
         beside: outlines of what lies beside the object.
+        plane: as of `Wish`.
     """
-    found = synthesize(view, fingers, friction, top=10, hand=hand, neighbours=beside)
-    ranked: list[Grasp] = [*found]
+    H = np.eye(3) if plane is None else plane(view)
+    own = [view] if plane is None else _in_plane([view], H)
+    if not own:
+        return [], "the object's plane is not seen from its front"
+    neighbours = beside if plane is None else _in_plane(beside, H)
+    found = synthesize(own[0], fingers, friction, top=10, hand=hand, neighbours=neighbours)
+    back = np.linalg.inv(H)
+    ranked: list[Grasp] = [g if plane is None else Grasp(apply_homography(back, g.contacts), g.quality) for g in found]
     if strategy == AUTO and ranked:
         # among grasps that are nearly as good, the first that most descriptions can carry
         good = [g for g in ranked if g.quality >= NEARLY_AS_GOOD * ranked[0].quality]
         ranked = sorted(good, key=lambda g: -describable(g, view))
     return ranked, found.reason
+
+
+def _in_plane(views: list[View], H: Floats) -> list[View]:
+    """Outlines under a homography; those that it takes to infinity lie nowhere near."""
+    carried = []
+    for view in views:
+        try:
+            carried.append(view.transformed(H))
+        except (ConditioningError, ContourError):
+            continue
+    return carried
 
 
 def describable(grasp: Grasp, view: View) -> int:

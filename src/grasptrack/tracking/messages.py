@@ -29,6 +29,8 @@ SENTENCES = {
     "off-outline": "",
     # lost: of a first view that was wrong
     "false-edge": "later views show no edge where the first one did: a contact lies beside the object",
+    # tracked
+    "tilt-open": "no view has told yet how the object's plane is tilted",
     # unstable
     "not-closing": "",
     "open-margin": "what is not known of the plane's tilt and of the outline leaves open whether the grasp closes",

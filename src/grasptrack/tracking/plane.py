@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.closing import Rectifications
+from grasptrack.contour import View
 from grasptrack.projective import HORIZON, apply_homography
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Target
@@ -150,6 +151,12 @@ def rectifying(theta: Floats, centre: tuple[float, float], width: float, height:
     return np.asarray(H / H[2, 2], dtype=np.float64)
 
 
+def rectifying_view(theta: Floats, view: View, *, width: float, height: float) -> Floats:
+    """(3, 3) homography from px of a view, of which theta is known, to the plane of the object whose outline it shows."""
+    x, y = view.outer.points.mean(axis=0).tolist()
+    return rectifying(theta, (x, y), width, height)
+
+
 @dataclass(frozen=True)
 class SeenPose:
     """A view that told of the plane: its pose (3, 3), work px -> px, and covariance (8, 8)."""
@@ -278,7 +285,8 @@ class Plane:
         self._in_view = np.array([self.in_view(t) for t in steps])
         self.open = self._left_open()
         maps = np.array([self._rectifying(each) for each in self.open.thetas])
-        self.rectifications = Rectifications(self._rectifying(theta), maps, self.open.weights)
+        told = bool(self._views) or not math.isfinite(self._before.freedom)
+        self.rectifications = Rectifications(self._rectifying(theta), maps, self.open.weights, told)
 
     def rays(self, theta: Floats) -> Floats:
         """(3, 3) from px of an image to rays of the camera, the optical axis last."""

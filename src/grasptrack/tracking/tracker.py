@@ -7,6 +7,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ from grasptrack.tracking.follower import Moved
 from grasptrack.tracking.initialization import AUTO, Wish, first_view
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
-from grasptrack.tracking.plane import Beforehand
+from grasptrack.tracking.plane import Beforehand, rectifying_view
 from grasptrack.tracking.result import Status, TrackResult
 from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import STRATEGIES
@@ -140,6 +141,7 @@ class GraspTracker:
         self._frame = -1
         self._grasps = 0
         self._track: Track | None = None
+        self._plane: Beforehand | None = None  # of another grasp: what the one before has told
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
 
@@ -176,7 +178,9 @@ class GraspTracker:
 
     def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
+        before, self._plane = self._beforehand(), None
         first = first_view(self._observer, replace(self._wish, friction=self.friction), masked)
+        self._wish = replace(self._wish, plane=None)  # later it would lie otherwise
         candidate, reason = first.candidate, first.reason
         if candidate is None:
             return _answer(moment, "searching", reason)
@@ -191,7 +195,7 @@ class GraspTracker:
                     moment.time,
                     self._observer,
                     self.risk,
-                    self._beforehand(),
+                    before,
                 )
             except TransferError as error:
                 reason = reason if reason.code else Reason("no-description", detail=str(error))
@@ -206,11 +210,11 @@ class GraspTracker:
                 plane.tilt(*still),
                 self._track.distance(*still),
             )
-            refused = _refused(judged)
+            status, why = _told(judged, plane.rectifications.told)
             return _answer(
                 moment,
-                "tracked" if refused is None else "unstable",
-                refused,
+                status,
+                why,
                 strategy=carrier.name,
                 grasp_id=self._grasps,
                 contacts=grasp.contacts,
@@ -229,6 +233,12 @@ class GraspTracker:
                 view=candidate.view,
             )
         return _answer(moment, "searching", reason, view=candidate.view)
+
+    def _again(self, view: View, plane: Beforehand) -> None:
+        """Another grasp is to be chosen in the next image, on the object that has this outline and lies in this plane."""
+        height, width = self._shape or (0, 0)
+        self._track, self._plane = None, plane
+        self._wish = self._wish.again(view, partial(rectifying_view, plane.theta, width=width, height=height))
 
     def _ruler(self, carrier: Carrier) -> Ruler | None:
         """What tells how far the object is, where its length was told."""
@@ -251,17 +261,17 @@ class GraspTracker:
         if estimate is None or contacts is None or moved.homography is None or moved.view is None:
             sure = moved.decision.confidence
             return _answer(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
-        if track.false_edge:  # fingers would close on nothing
-            if self._resynthesize:
-                self._track, self._wish = None, self._wish.again(moved.view)
-            beside = Reason("false-edge", {"distance": track.false_edge})
-            return _answer(moment, "lost", beside, grasp_id=track.number, confidence=moved.decision.confidence)
         follower = track.carrier.follower
         target, numbers, plane = follower.target, follower.numbers, follower.state.plane
         exposed = np.zeros(8)
         exposed[:2] = numbers.exposed * min(follower.state.moved)
         P = estimate.P * numbers.inflate**2 + np.diag(exposed**2)
         H, homography_covariance = target.homography_and_covariance(estimate.G, P)
+        if track.false_edge:  # fingers would close on nothing
+            if self._resynthesize:
+                self._again(moved.view, plane.beforehand(H, homography_covariance))
+            beside = Reason("false-edge", {"distance": track.false_edge})
+            return _answer(moment, "lost", beside, grasp_id=track.number, confidence=moved.decision.confidence)
         covariance = target.handle.placed(estimate.G, P)[1]
         try:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
@@ -269,13 +279,13 @@ class GraspTracker:
             return _answer(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
         tilt = plane.tilt(H, homography_covariance)
         distance = track.distance(H, homography_covariance)
-        refused = _refused(judged)
-        if not judged.analysis.stable and self._resynthesize:  # another grasp makes what is seen no surer
-            self._track, self._wish = None, self._wish.again(moved.view)
+        status, reason = _told(judged, plane.rectifications.told)
+        if self._resynthesize and _needs_another(judged, plane.rectifications.told):
+            self._again(moved.view, plane.beforehand(H, homography_covariance))
         return _answer(
             moment,
-            "tracked" if refused is None else "unstable",
-            refused,
+            status,
+            reason,
             strategy=track.carrier.name,
             grasp_id=track.number,
             contacts=contacts,
@@ -317,7 +327,9 @@ class GraspTracker:
         return grey
 
     def _beforehand(self) -> Beforehand | None:
-        """What the calibration says of the straight images' focal length."""
+        """What is known of camera and tilt: by the grasp before, or what the calibration says of the focal length."""
+        if self._plane is not None:
+            return self._plane
         if self._lens is None or self._lens.focal is None:
             return None
         focal, uneven = self._lens.focal
@@ -359,13 +371,26 @@ def _closure(grasp: Grasp, view: View, friction: float) -> ClosureCheck:
     return ClosureCheck(grasp, view, friction, width)
 
 
-def _refused(judged: Judgement) -> Reason | None:
-    """Why a grasp is not stable; None where it is."""
+def _told(judged: Judgement, told: bool) -> tuple[Status, Reason | None]:
+    """Whether a grasp is stable, and why not or by how much that is open; `told` as of `Rectifications`.
+
+    What no view has told yet is no reason to refuse a grasp, and is said.
+    """
+    chance = {"chance": judged.chance}
     if not judged.analysis.stable:
-        return Reason("not-closing", detail=judged.analysis.reason)
-    if judged.chance_there < CHANCE:  # wherever the contacts are
-        return Reason("open-margin", {"chance": judged.chance})
-    return Reason("slips", {"chance": judged.chance}) if judged.chance < CHANCE else None
+        return "unstable", Reason("not-closing", detail=judged.analysis.reason)
+    if told and judged.closes < CHANCE:
+        return "unstable", Reason("open-margin", chance)
+    if (judged.chance if told else judged.stays) < CHANCE:
+        return "unstable", Reason("slips", chance)
+    return "tracked", Reason("tilt-open", chance) if judged.chance < CHANCE else None
+
+
+def _needs_another(judged: Judgement, told: bool) -> bool:
+    """Whether a grasp is refused for good: another one makes what is seen no surer, and later views may make this one so."""
+    if not told:
+        return not judged.analysis.stable
+    return judged.closes < 1.0 - CHANCE or (judged.closes < CHANCE and judged.settled)
 
 
 def _size(image: NDArray[Any]) -> tuple[int, int]:
