@@ -67,9 +67,12 @@ class Case(NamedTuple):
 
 
 class Told(NamedTuple):
-    """Of a frame, degrees: what is true, and what the tracker says."""
+    """Of a frame: what the tracker says of the grasp; and, in degrees, what is true and what it says."""
 
     frame: int
+    tracked: bool
+    tilt_open: bool
+    chance: float
     tilt: float
     said_tilt: float
     tilt_sd: float
@@ -78,9 +81,6 @@ class Told(NamedTuple):
     margin_sd: float
     margin_image: float
     margin_first: float
-    tracked: bool
-    tilt_open: bool
-    chance: float
 
 
 def in_plane(scene: Scene, contacts: NDArray[np.float64], friction: float = FRICTION) -> float:
@@ -111,9 +111,8 @@ def run(case: Case) -> list[Told]:
         figures = (scene.path.tilt[frame.index], result.tilt, result.tilt_sd)
         margins = (true, result.analysis.margin, result.margin_sd, result.margin_image, first)
         degrees = (math.degrees(float(v)) for v in (*figures, *margins))
-        told.append(
-            Told(frame.index, *degrees, result.status == "tracked", result.reason_code == "tilt-open", result.chance)
-        )
+        said = result.status == "tracked", result.reason_code == "tilt-open", result.chance
+        told.append(Told(frame.index, *said, *degrees))
     return told
 
 
@@ -147,7 +146,8 @@ def believed(frames: list[Told]) -> list[list[str]]:
     for low, high in itertools.pairwise((0.0, 0.1, 0.5, 0.9, 0.99, 1.01)):
         found = [f for f in frames if low <= f.chance < high]
         if found:
-            told, true = (np.mean([each(f) for f in found]) for each in (lambda f: f.chance, lambda f: f.margin > 0.0))
+            told = np.mean([f.chance for f in found])
+            true = np.mean([f.margin > 0.0 for f in found])
             rows.append([f"{low:g} to {min(high, 1.0):g}", str(len(found)), f"{told:.3f}", f"{true:.3f}"])
     return rows
 

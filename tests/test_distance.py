@@ -25,7 +25,7 @@ from grasptrack.simulation import SHAPES, Conditions, Path, Scene
 from grasptrack.simulation import Camera as Pinhole
 from grasptrack.tracking.distance import Ruler, extent
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.plane import Focal, Mode, Plane
+from grasptrack.tracking.plane import Beforehand, Mode, Plane
 from grasptrack.tracking.result import TrackResult
 from test_plane import FOCAL, HEIGHT, WIDTH, Followed, camera, rendered, slopes, turned
 
@@ -220,7 +220,7 @@ def test_the_focal_length_that_is_told_is_kept() -> None:
     class Told(Followed):
         numbers = Followed.numbers
 
-    plane = Plane(Told(), WIDTH, HEIGHT, Focal(0.7, 0.01))  # type: ignore[arg-type]
+    plane = Plane(Told(), WIDTH, HEIGHT, Beforehand.calibrated(0.7, 0.01, NUMBERS))  # type: ignore[arg-type]
     theta, covariance = plane.theta_and_covariance()
     assert theta.tolist() == [0.7, 0.0, 0.0] and covariance[0, 0] == pytest.approx(2e-4)
 

@@ -121,7 +121,7 @@ class ClosureCheck:
         self._margin_sd, self._closes, self._settled = self._spread(contacts, view, width)
 
     def _spread(self, contacts: Floats, view: View, width: float) -> tuple[float, float, bool]:
-        """Standard deviation of the margin, probability that it is above 0 (1 where nothing is said of the plane), `settled`."""
+        """Standard deviation of the margin, how probably it is above 0 (1: nothing is said of the plane), and `settled`."""
         noise, (_, maps, weights, _) = self._noise(contacts, view, width), self._plane
         if not len(maps):
             return math.sqrt(noise), 1.0, True
