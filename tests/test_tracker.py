@@ -113,7 +113,7 @@ def test_resynthesize_gives_a_new_grasp_and_a_new_number() -> None:
 def test_a_grasp_that_closes_only_where_it_is_does_not_close_for_sure(strategy: str) -> None:
     (start,) = track(IMAGES[:1])
     assert start.contacts is not None and start.analysis is not None
-    for room in (0.05, 0.01, 0.002, 0.001, 0.0003):  # rad of the friction angle to spare
+    for room in (0.2, 0.01, 0.002, 0.001, 0.0003):  # rad of the friction angle to spare
         friction = math.tan(math.atan(0.5) - start.analysis.margin + room)
         results = track(IMAGES, grasp=start.contacts, friction=friction, strategy=strategy)
         assert (results[0].status, results[0].reason_code) == ("tracked", "tilt-open")
@@ -127,7 +127,7 @@ def test_a_grasp_that_closes_only_where_it_is_does_not_close_for_sure(strategy: 
             # the plane is known better and better, but no view changes the margin by more than it was unsure of
             assert abs(r.analysis.margin - room) < 2.0 * r.margin_sd
         chances = [r.chance for r in results[1:]]
-        if room >= 0.05:
+        if room >= 0.2:
             assert chances[-1] > 0.99
         if room <= 0.001:
             assert max(chances) < CHANCE

@@ -53,7 +53,8 @@ class Numbers:
         perspective: perspective terms stay below about this share of the half size.
         focal_sd: of the log of the focal length about one image width.
         calibrated_sd: of the same about that of a calibration.
-        normal_sd: rad, of the first view's normal about frontal.
+        normal_sd: scale of the slopes of the first view's normal about frontal, of a t distribution of as many degrees of
+            freedom as the prior of the pose.
         pinhole_sd: how far real cameras are from a pinhole, of the pose's two invariants.
         pinhole_freedom: degrees of freedom of the t distribution of that.
         new_view: way, as a share of sqrt(area), after which a view tells anew of camera and thickness: near views err alike.

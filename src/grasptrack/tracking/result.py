@@ -25,7 +25,8 @@ class TrackResult:
         time: s, or None where the source has no times.
         status: searching (no object or no stable grasp yet), tracked (located, believed, stable), unstable (located and
             believed, but the analysis refuses it), lost (not found, or not believed: no contacts).
-        reason: empty when tracked, else a short sentence.
+        reason: a short sentence; empty when tracked, but where no view has told yet how the object is tilted and whether the
+            grasp closes depends on it.
         strategy: the transfer that gave the contacts; empty when none did.
         grasp_id: number of the grasp, from 1; None before there is one.
         contacts: (k, 2) px in the order of the grasp; None unless tracked or unstable.
@@ -33,14 +34,14 @@ class TrackResult:
         analysis: the grasp's analysis, in the object's own plane; None with the contacts.
         confidence: 0 to 1, the complement of the probability that a contact is off by more than 3 px and 4 % of sqrt(area), or
             on another object. Lost frames tell that of the best place found, or 0; 1 in the first view, by definition.
-        chance: probability, 0 to 1, that the grasp still closes although the contacts may be off by their covariance: the
-            least that it is (`closing.chance_of_closing`); NaN where no covariance is known.
+        chance: probability, 0 to 1, that the grasp closes although the contacts may be off by their covariance, the least that
+            it is (`closing.chance_of_closing`), and the object's plane tilted otherwise; NaN where no covariance is known.
         homography: (3, 3) H_current_reference where the transfer gives one.
         homography_covariance: (9, 9) of its entries, row by row, the last one being 1, where it is known.
         covariance: (k, 2, 2) px^2 of the contacts where it is known.
         view: the outline that was observed, for drawing; None when nothing was.
         latency_ms: time that the update took.
-        margin_sd: rad, standard deviation of the analysis's margin, by what is not known of the object's plane.
+        margin_sd: rad, standard deviation of the analysis's margin, by what is not known of the object's plane and outline.
         margin_image: rad, the margin in the image as it is, where perspective bends friction cones.
         tilt: rad, between the optical axis and the normal of the object's plane, by all views so far.
         tilt_sd: rad, its standard deviation.
@@ -50,7 +51,7 @@ class TrackResult:
         distance_sd: its standard deviation.
         mended: share of the first view's outline that later views show to be none, 0 to 1, told once: in the first result that
             stands on the mended outline; else 0.
-        reason_code: the reason in one word, see `messages.SENTENCES`; empty when tracked.
+        reason_code: the reason in one word, see `messages.SENTENCES`; empty with the reason.
     """
 
     frame: int

@@ -84,7 +84,7 @@ class GraspTracker:
         object_at: (x, y) px of the object in the first image.
         box: left, top, width and height of it, px, in the place of a pixel.
         ignore: (H, W) nonzero where nothing belongs to the scene.
-        resynthesize: choose a new grasp, with a new grasp_id, when the analysis refuses the present one.
+        resynthesize: choose a new grasp, with a new grasp_id, when the present one is refused for good.
         hand: opening and fingers that a synthesised grasp must suit; default fingers in proportion to the object.
         choose: your own choice in the place of synthesis: given the object's outline in the first view, the grasps to try, the
             best first, of so many fingers each.
