@@ -34,7 +34,7 @@ DOUBT = 0.1
 """Of theta: so far a pose may be from a view of the plane that is believed."""
 STEP = 1e-3
 """Of the differences that stand for derivatives, in units of theta."""
-RINGS, AROUND = 6, 8
+RINGS, AROUND = 10, 10
 """Of what stands for slopes that are open: rings about the most probable ones, and places on each."""
 NODES = 1 + RINGS * AROUND
 FEWER = 1 + 2 * AROUND
