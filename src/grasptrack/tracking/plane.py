@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -36,12 +36,11 @@ STEP = 1e-3
 """Of the differences that stand for derivatives, in units of theta."""
 RINGS, AROUND = 10, 10
 """Of what stands for slopes that are open: rings about the most probable ones, and places on each."""
-NODES = 1 + RINGS * AROUND
-FEWER = 1 + 2 * AROUND
-"""Of these, the innermost are enough about each of many explanations."""
+FEW_RINGS, FEW_AROUND = 2, 8
+"""The same about each of many explanations."""
 FOCALS = np.linspace(-2.1, 2.1, 7)
 """Standard deviations of the focal length's log, at which few views are looked at."""
-WIDER = 4.0
+WIDER = 2.0
 """By which a variance is taken larger where it says where to look."""
 NEGLIGIBLE = 1e-3
 """Probability below which what is open is left out."""
@@ -63,7 +62,8 @@ class Mode(NamedTuple):
     probability: float
 
 
-class Beforehand(NamedTuple):
+@dataclass(frozen=True)
+class Beforehand:
     """What is known of theta before a view has told anything.
 
     Attributes:
@@ -97,16 +97,21 @@ class Beforehand(NamedTuple):
 
     def cost(self, theta: Floats) -> tuple[float, Floats, Floats]:
         """Twice the negative log of its density at theta; and the normal equations' matrix (3, 3) and right side (3,) there."""
-        C, off, A = self.scale, self.theta - theta, np.zeros((3, 3))
-        inverse, by_slopes = np.linalg.inv(C[1:, 1:]), np.linalg.solve(C[1:, 1:], C[1:, 0])
-        row = np.array([1.0, *-by_slopes])  # of the focal length, beyond what goes with the slopes
-        left, n = float(C[0, 0] - by_slopes @ C[1:, 0]), self.freedom
+        inverse, row, left = self._parts
+        off, A, n = self.theta - theta, left.copy(), self.freedom
         far, weight = float(off[1:] @ inverse @ off[1:]), 1.0
         if math.isfinite(n):
             far, weight = (n + 2.0) * math.log1p(far / n), (n + 2.0) / (n + far)
-        A[1:, 1:] = weight * inverse
-        A += np.outer(row, row) / left
-        return far + float(row @ off) ** 2 / left, A, A @ off
+        A[1:, 1:] += weight * inverse
+        return far + float(row @ off) ** 2, A, A @ off
+
+    @cached_property
+    def _parts(self) -> tuple[Floats, Floats, Floats]:
+        """Of the slopes (2, 2) the inverse scale; of the focal length, beyond what goes with them, (3,) and (3, 3)."""
+        C = self.scale
+        by_slopes = np.linalg.solve(C[1:, 1:], C[1:, 0])
+        row = np.array([1.0, *-by_slopes]) / math.sqrt(float(C[0, 0] - by_slopes @ C[1:, 0]))
+        return np.asarray(np.linalg.inv(C[1:, 1:]), dtype=np.float64), row, np.outer(row, row)
 
 
 class Tilt(NamedTuple):
@@ -348,7 +353,9 @@ class Plane:
             if not bumps:
                 continue
             starts = [middle for middle, _ in bumps] + far[4:]
-            places = np.concatenate([m + _nodes(math.inf)[:FEWER] @ np.linalg.cholesky(C).T for m, C in bumps])
+            places = np.concatenate(
+                [m + _nodes(math.inf, FEW_RINGS, FEW_AROUND) @ np.linalg.cholesky(C).T for m, C in bumps]
+            )
             density = sum(_gaussian(places - middle, C) for middle, C in bumps)
             for place, d in zip(places, np.asarray(density).tolist(), strict=True):
                 theta = np.array([log, *place])
@@ -460,23 +467,24 @@ class Plane:
 
 
 @lru_cache
-def _nodes(freedom: float) -> Floats:
-    """(NODES, 2) slopes, equally probable, of a t distribution of mean 0 and covariance 1; the first is 0.
+def _nodes(freedom: float, rings: int = RINGS, around: int = AROUND) -> Floats:
+    """(1 + rings * around, 2) slopes, equally probable, of a t distribution of mean 0 and covariance 1; the first is 0.
 
     About it lie rings, each as far as its share of the distribution is on average, rms, and turned against the one before.
     """
-    edges = 1.0 - np.append(0.0, 1.0 + AROUND * np.arange(RINGS + 1.0)) / NODES  # probabilities to lie farther out
+    count = 1 + rings * around
+    edges = 1.0 - np.append(0.0, 1.0 + around * np.arange(rings + 1.0)) / count  # probabilities to lie farther out
     edges[-1] = 0.0
     if math.isfinite(freedom):
         share = 1.0 - 2.0 / freedom
         within = (freedom - 2.0) * (edges**share / share - edges)
     else:
         within = 2.0 * (edges - edges * np.log(np.maximum(edges, 1e-300)))
-    squares = (within[:-1] - within[1:])[1:] * NODES / AROUND
-    squares *= 2.0 * NODES / (AROUND * squares.sum())  # the middle's is theirs
-    turns = 2.0 * math.pi * (np.arange(AROUND) / AROUND + 0.5 * np.arange(RINGS)[:, None] / AROUND)
-    rings = np.sqrt(squares)[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], axis=2)
-    return np.concatenate([np.zeros((1, 2)), rings.reshape(-1, 2)])
+    squares = (within[:-1] - within[1:])[1:] * count / around
+    squares *= 2.0 * count / (around * squares.sum())  # the middle's is theirs
+    turns = 2.0 * math.pi * (np.arange(around) / around + 0.5 * np.arange(rings)[:, None] / around)
+    places = np.sqrt(squares)[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], axis=2)
+    return np.concatenate([np.zeros((1, 2)), places.reshape(-1, 2)])
 
 
 def _gaussian(off: Floats, C: Floats) -> Floats:
