@@ -128,7 +128,7 @@ def test_a_grasp_that_closes_only_where_it_is_does_not_close_for_sure(strategy: 
             assert abs(r.analysis.margin - room) < 2.0 * r.margin_sd
         chances = [r.chance for r in results[1:]]
         if room >= 0.2:
-            assert chances[-1] > 0.99
+            assert chances[-1] > 0.95
         if room <= 0.001:
             assert max(chances) < CHANCE
         # views that tell nothing of the plane: a low chance asks for no other grasp
