@@ -24,7 +24,7 @@ from recordings import plate, plates, write
 
 HEAD = (
     "frame,time_s,status,strategy,grasp_id,x1,y1,x2,y2,seen1,seen2,margin,confidence,chance,latency_ms,reason,reason_code,"
-    "tilt,tilt_sd,margin_sd,margin_image,distance,distance_sd,mended"
+    "tilt,tilt_sd,margin_sd,margin_image,distance,distance_sd,mended,notice"
 )
 
 

@@ -96,6 +96,7 @@ def test_the_columns_are_the_contract() -> None:
         "distance",
         "distance_sd",
         "mended",
+        "notice",
     ]
     assert columns(2) == [*start, "x1", "y1", "x2", "y2", "seen1", "seen2", *end]
     assert columns(3) == [*start, "x1", "y1", "x2", "y2", "x3", "y3", "seen1", "seen2", "seen3", *end]

@@ -316,7 +316,7 @@ def test_another_grasp_is_chosen_in_the_objects_own_plane(tilt: float, azimuth: 
     last = began[max(margins)]
     assert last.analysis is not None and last.rectification is not None and results[-1].status == "tracked"
     # it is judged where it was chosen: in a plane that is known to lie aside, though its own first view has told nothing
-    assert last.tilt > math.radians(10.0) and last.reason_code != "tilt-open"
+    assert last.tilt > math.radians(10.0) and not last.notice
     assert last.analysis.margin == pytest.approx(margins[max(margins)], abs=2.0 * last.margin_sd)
 
 
@@ -325,7 +325,7 @@ def test_a_grasp_that_does_not_close_is_not_called_stable_once_the_views_tell() 
     tracker = GraspTracker(friction=0.3)
     results = [tracker.update(frame.image) for frame in scene]
     assert results[0].contacts is not None and true_margin(scene, 0, results[0].contacts, 0.3) < 0.0
-    assert (results[0].status, results[0].reason_code) == ("tracked", "tilt-open")
+    assert (results[0].status, results[0].notice) == ("tracked", "tilt-open")
     assert results[0].chance < CHANCE and results[0].margin_sd > math.radians(8.0)
     assert all(r.status == "tracked" or r.reason_code in ("not-closing", "open-margin") for r in results)
     assert {r.status for r in results[10:]} == {"unstable"}

@@ -50,7 +50,7 @@ def columns(fingers: int) -> list[str]:
         *(f"seen{i}" for i in numbers),
         *("margin", "confidence", "chance", "latency_ms", "reason", "reason_code"),
         *("tilt", "tilt_sd", "margin_sd", "margin_image"),
-        *("distance", "distance_sd", "mended"),
+        *("distance", "distance_sd", "mended", "notice"),
     ]
 
 
@@ -98,6 +98,7 @@ class GraspsCsv:
                 *(_cell(math.degrees(v), 4) for v in (result.margin_sd, result.margin_image)),
                 *("" if not math.isfinite(v) else f"{v:.6g}" for v in (result.distance, result.distance_sd)),
                 _cell(result.mended or None, 4),
+                result.notice,
             ]
         )
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
 from grasptrack.servo.features import spread
+from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
 
 Floats = NDArray[np.float64]
@@ -97,8 +98,8 @@ class Doubt:
         return why
 
     def _unbelieved(self, result: TrackResult, goal: Floats, time: float) -> str:
-        if result.contacts is None or result.seen is None or result.status != "tracked" or result.reason_code:
-            return f"at the goal, but {result.status}: {result.reason}"
+        if result.contacts is None or result.seen is None or result.status != "tracked" or result.notice:
+            return f"at the goal, but {result.status}: {result.reason or SENTENCES[result.notice]}"
         if self._seen_at is None:
             self._seen_at = [-math.inf] * len(result.seen)
         seen = [share >= self._asked.seen for share in result.seen.tolist()]

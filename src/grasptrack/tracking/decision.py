@@ -306,11 +306,13 @@ def left(steps: float, numbers: Numbers) -> float:
 
 def likeness(state: TrackState, estimate: PoseEstimate, expected: Expected, numbers: Numbers) -> float:
     """Probability that something just like the object lies where an estimate has it, and not the object."""
-    if not state.lookalike:
+    if not (state.lookalike or state.beside):
         return numbers.lookalike
     away = math.dist(estimate.middle, middle(expected.contacts))
-    if not state.lost and away < SAME_PLACE * math.sqrt(estimate.area):
+    if away < SAME_PLACE * math.sqrt(estimate.area) and not (state.lost and state.lookalike):
         return numbers.lookalike
+    if not state.lookalike:
+        return max(numbers.lookalike, SEEN_LIKE)
     return max(numbers.lookalike, SEEN_LIKE * left(expected.steps, numbers))
 
 

@@ -25,8 +25,7 @@ class TrackResult:
         time: s, or None where the source has no times.
         status: searching (no object or no stable grasp yet), tracked (located, believed, stable), unstable (located and
             believed, but the analysis refuses it), lost (not found, or not believed: no contacts).
-        reason: a short sentence; empty when tracked, but where no view has told yet how the object is tilted and whether the
-            grasp closes depends on it.
+        reason: a short sentence; empty when tracked.
         strategy: the transfer that gave the contacts; empty when none did.
         grasp_id: number of the grasp, from 1; None before there is one.
         contacts: (k, 2) px in the order of the grasp; None unless tracked or unstable.
@@ -52,6 +51,8 @@ class TrackResult:
         mended: share of the first view's outline that later views show to be none, 0 to 1, told once: in the first result that
             stands on the mended outline; else 0.
         reason_code: the reason in one word, see `messages.SENTENCES`; empty with the reason.
+        notice: what is to be known of a tracked frame, in one word: "tilt-open" where no view has told yet how the object's
+            plane is tilted, and whether the grasp closes depends on it; else empty.
     """
 
     frame: int
@@ -79,6 +80,7 @@ class TrackResult:
     distance: float = math.nan
     distance_sd: float = math.nan
     mended: float = 0.0
+    notice: str = ""
 
     @property
     def located(self) -> bool:

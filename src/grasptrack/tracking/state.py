@@ -95,6 +95,7 @@ class TrackState:
         gone: since it was located its place was seen without it.
         exchanged: the last image showed something else in its place.
         lookalike: something just like it was seen elsewhere.
+        beside: the same, while the object itself was seen in its place.
         sighted: (3, 3) where something like it was seen in the last image, but not believed to be it; None where nothing was.
     """
 
@@ -135,6 +136,7 @@ class TrackState:
     gone: bool
     exchanged: bool
     lookalike: bool
+    beside: bool
     sighted: Floats | None
 
     def learn(
@@ -326,6 +328,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers, before: 
         gone=False,
         exchanged=False,
         lookalike=False,
+        beside=False,
         sighted=None,
         expected=target.A,
         usual=[np.zeros(n) for n in target.counts],

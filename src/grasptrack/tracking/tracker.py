@@ -405,9 +405,12 @@ def _size(image: NDArray[Any]) -> tuple[int, int]:
 
 def _answer(moment: _Moment, status: Status, reason: Reason | None, **found: Any) -> TrackResult:
     """The result of an update, which is over."""
-    sentence, code = ("", "") if reason is None else (reason.sentence, reason.code)
-    latency_ms = 1e3 * (clock.perf_counter() - moment.started)
-    return TrackResult(moment.frame, moment.time, status, sentence, reason_code=code, latency_ms=latency_ms, **found)
+    latency_ms, reason = 1e3 * (clock.perf_counter() - moment.started), reason or Reason()
+    if status == "tracked":  # nothing refuses it
+        told = {"notice": reason.code, "reason": ""}
+    else:
+        told = {"reason": reason.sentence, "reason_code": reason.code}
+    return TrackResult(moment.frame, moment.time, status, latency_ms=latency_ms, **told, **found)
 
 
 def _apart(contacts: Floats, estimate: PoseEstimate) -> Floats:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from grasptrack.tracking.messages import SENTENCES
 from grasptrack.view.style import (
     INK_RGB,
     MUTED_RGB,
@@ -43,7 +44,8 @@ def add_strip(canvas: Picture, result: TrackResult, number: int) -> Picture:
 
     small = max(10, round(0.86 * em))
     left = _chip(strip, result.status, pad, first, em, colour) + pad
-    reason = " ".join(result.reason.split()) or ("grasp located, stable" if result.status == "tracked" else "")
+    stable = SENTENCES[result.notice] if result.notice else "stable"
+    reason = " ".join(result.reason.split()) or (f"grasp located, {stable}" if result.status == "tracked" else "")
     size = em if text_width(reason, em) <= width - pad - left else small
     ink = MUTED_RGB if result.status == "tracked" else INK_RGB
     put_text(strip, ellipsised(reason, width - pad - left, size), left, first, size, ink)
