@@ -99,7 +99,8 @@ class Doubt:
 
     def _unbelieved(self, result: TrackResult, goal: Floats, time: float) -> str:
         if result.contacts is None or result.seen is None or result.status != "tracked" or result.notice:
-            return f"at the goal, but {result.status}: {result.reason or SENTENCES[result.notice]}"
+            why = result.reason or (SENTENCES[result.notice] if result.notice else "")
+            return f"at the goal, but {result.status}: {why}"
         if self._seen_at is None:
             self._seen_at = [-math.inf] * len(result.seen)
         seen = [share >= self._asked.seen for share in result.seen.tolist()]

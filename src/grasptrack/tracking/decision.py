@@ -308,8 +308,7 @@ def likeness(state: TrackState, estimate: PoseEstimate, expected: Expected, numb
     """Probability that something just like the object lies where an estimate has it, and not the object."""
     if not (state.lookalike or state.beside):
         return numbers.lookalike
-    away = math.dist(estimate.middle, middle(expected.contacts))
-    if away < SAME_PLACE * math.sqrt(estimate.area) and not (state.lost and state.lookalike):
+    if is_near(estimate, expected.contacts) and not (state.lost and state.lookalike):
         return numbers.lookalike
     if not state.lookalike:
         return max(numbers.lookalike, SEEN_LIKE)
@@ -451,6 +450,11 @@ def middle(points: Floats) -> tuple[float, float]:
     for u, v in points.tolist():
         x, y = x + u, y + v
     return x / len(points), y / len(points)
+
+
+def is_near(estimate: PoseEstimate, contacts: Floats) -> bool:
+    """Whether an estimate lies in the place of contacts (k, 2) px."""
+    return math.dist(estimate.middle, middle(contacts)) < SAME_PLACE * math.sqrt(estimate.area)
 
 
 def farthest(contacts: Floats, others: Floats) -> float:

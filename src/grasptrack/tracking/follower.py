@@ -338,7 +338,11 @@ class Follower:
 
     def _learn(self, levels: list[Grey], decision: Decision, predictions: Predictions, steps: float) -> None:
         state, e = self.state, decision.estimate
-        state.beside = state.beside or self._shows_both(decision)
+        if self._shows_both(decision):
+            if state.lost:  # which of them came to its place, nobody saw
+                state.lookalike = True
+            else:
+                state.beside = True
         roughly = decision.code == "uncertain" and decision.evidence > 0.0
         if e is not None and (decision.accepted or roughly):
             state.learn(self.target, levels, decision, e, predictions, steps)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.tracking.decision import Decision, middle, strangeness
+from grasptrack.tracking.decision import Decision, is_near, middle, strangeness
 from grasptrack.tracking.estimator import CONTINUOUS, PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Beforehand, Plane
@@ -209,15 +209,18 @@ class TrackState:
             self.visible = e.visible
             return
         self.visible = UNKNOWN
+        # what shows its outline in its place has not left it, whatever else is wrong
+        at_place = e is not None and decision.presence > FOLLOWED and is_near(e, target.carried(self.expected))
         self.anchored = self.anchored and ground is not None
         if ground is not None and self.anchored:
             self.expected = ground
             self.last = Look(levels, ground)
-            self.unseen += self.wander
+            self.unseen += 0.0 if at_place else self.wander
             self.adrift = 0.0
         else:
-            self.adrift += max(1.0, steps)
-            self.unseen += max(1.0, steps)
+            passed = 0.0 if at_place else max(1.0, steps)
+            self.adrift += passed
+            self.unseen += passed
             self.last = Look(levels, self.last.G if e is None else e.G)
         # what looks like it elsewhere looks like it again and again: that makes it no surer
         self.presence = _between(decision.presence, numbers.redetected, UNSURE)

@@ -407,10 +407,12 @@ def _answer(moment: _Moment, status: Status, reason: Reason | None, **found: Any
     """The result of an update, which is over."""
     latency_ms, reason = 1e3 * (clock.perf_counter() - moment.started), reason or Reason()
     if status == "tracked":  # nothing refuses it
-        told = {"notice": reason.code, "reason": ""}
+        sentence, code, notice = "", "", reason.code
     else:
-        told = {"reason": reason.sentence, "reason_code": reason.code}
-    return TrackResult(moment.frame, moment.time, status, latency_ms=latency_ms, **told, **found)
+        sentence, code, notice = reason.sentence, reason.code, ""
+    return TrackResult(
+        moment.frame, moment.time, status, sentence, reason_code=code, notice=notice, latency_ms=latency_ms, **found
+    )
 
 
 def _apart(contacts: Floats, estimate: PoseEstimate) -> Floats:
