@@ -113,6 +113,14 @@ class Beforehand:
         row = np.array([1.0, *-by_slopes]) / math.sqrt(float(C[0, 0] - by_slopes @ C[1:, 0]))
         return np.asarray(np.linalg.inv(C[1:, 1:]), dtype=np.float64), row, np.outer(row, row)
 
+    @staticmethod
+    def calibrated(told: tuple[float, float] | None, numbers: Numbers) -> Focal | None:
+        """By a calibration, as `Undistortion.focal` has it; None where that tells nothing."""
+        if told is None:
+            return None
+        focal, uneven = told
+        return Focal(math.log(focal), math.hypot(numbers.calibrated_sd, 0.5 * uneven))
+
 
 class Tilt(NamedTuple):
     """rad between the optical axis and the object's plane's normal, and its standard deviation."""
