@@ -153,7 +153,7 @@ def fitted(outcomes: Sequence[Outcome], weights: Floats) -> Unforeseen:
 
     def shares(logs: Floats) -> float:
         u = UNFORESEEN._replace(**dict(zip(("located", "lost", "weight"), np.exp(logs).tolist(), strict=True)))
-        return -sum(w * log_chance(*beta_of(d, u), o.frames, o.located) for o, d, w in known)
+        return -float(sum(w * log_chance(*beta_of(d, u), o.frames, o.located) for o, d, w in known))
 
     def errors(logs: Floats) -> float:
         names = ("factor", "factor_spread", "beyond", "beyond_spread")

@@ -97,7 +97,7 @@ def inspect(
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)
     surface, ground = reliefs(grey, view, first.hidden)
-    target = make_target(pyramid(grey), view, first.held.contacts, NUMBERS, first.hidden)
+    target = first.carrier.follower.target if first.carrier else _target(first)
     looks = _looks(first, target, edges, surface)
     noise = math.sqrt(2.0) * looks.scatter  # of both views
     motions = motions_of(*edges.used, first.held.contacts, _frame(view), noise, sway(edges))
@@ -139,6 +139,10 @@ def inspect(
         view=view,
         edges=edges,
     )
+
+
+def _target(first: FirstView) -> Target:
+    return make_target(pyramid(first.grey), first.candidate.view, first.held.contacts, NUMBERS, first.hidden)
 
 
 def _drawn(

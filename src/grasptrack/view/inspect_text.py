@@ -51,7 +51,7 @@ class Sheet:
         taken = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
         self._write(self._left + 1.35, self._size[1] - 0.44, taken, 13.0, weight="bold")
         if told := expected(found):
-            self._lines(_sentence(f"expected: {told}"), 11.0)
+            self._lines(_sentence(f"expected: {told}"), 10.5)
         if not found.reasons:
             self._lines("Nothing speaks against it.", 11.0)
         for reason in found.reasons[:_REASONS]:
