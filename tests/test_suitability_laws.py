@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an inspection rests on: motions, scatter, noise and rehearsed views, on curves and images that are known exactly."""
+"""What an inspection rests on: motions, noise, drawn runs and what they foretell, on curves and images that are known."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from grasptrack.contour import Contour, View
 from grasptrack.observation.images import PLAIN
 from grasptrack.projective import apply_homography
 from grasptrack.suitability import inspect
-from grasptrack.suitability.edges import Edges, scatter, sway
+from grasptrack.suitability.edges import Edges, sway
 from grasptrack.suitability.motions import MODELS, NAMES, SLIDING, Frame, Motions, motions_of, slid
 from grasptrack.suitability.prediction import Drawn, Run, Unforeseen, errors_of, log_chance, predict_run, shares_of
 from grasptrack.suitability.relief import QUANTUM, reliefs
@@ -48,11 +48,8 @@ def shown(found: Motions, name: str) -> float:
     return found.motions[NAMES.index(name)].shown
 
 
-def of(
-    points: np.ndarray, normals: np.ndarray, size: float, noise: float = 0.1, axes: np.ndarray | None = None
-) -> Motions:
-    frame = Frame(points.mean(axis=0), np.eye(2) if axes is None else axes, size)
-    return motions_of(points, normals, points[[0, len(points) // 2]], frame, noise)
+def of(points: np.ndarray, normals: np.ndarray, size: float, axes: np.ndarray | None = None) -> Motions:
+    return motions_of(points, normals, Frame(points.mean(axis=0), np.eye(2) if axes is None else axes, size))
 
 
 @given(half=st.integers(20, 400), thick=st.integers(10, 60))
@@ -71,8 +68,7 @@ def test_a_circle_hides_turns_and_what_moves_a_circle_into_itself(radius: float)
     found = of(radius * normals, normals, math.sqrt(math.pi) * radius)
     assert shown(found, "turn") < 1e-9 and shown(found, "scale") == pytest.approx(1.0)
     assert [m.name for m in found.motions if "similarity" not in m.observed and m.name in NAMES[:4]] == ["turn"]
-    # the homographies that map a conic to itself have three parameters
-    assert found.free.shape == (8, 3) and not any(m.observable for m in found.models.values())
+    assert not any(m.observable for m in found.models.values())
     moved = slid(found, radius * normals)
     assert np.abs(np.einsum("ij,ij->i", moved, normals)).max() < 1e-6 * np.abs(moved).max()
 
@@ -94,25 +90,11 @@ def test_what_an_outline_shows_does_not_depend_on_where_it_lies_nor_on_its_size(
     assert [m.observed for m in second.motions] == [m.observed for m in first.motions]
     for name in MODELS:
         assert second.models[name].weakest == pytest.approx(first.models[name].weakest, rel=1e-6)
-        # as many edges with the same scatter in px fix the contacts to the same px
-        assert second.models[name].sigma == pytest.approx(first.models[name].sigma, rel=1e-3)
-
-
-@given(noise=st.floats(0.02, 1.0), factor=st.floats(1.1, 5.0))
-def test_errors_grow_with_the_scatter_and_with_the_parameters(noise: float, factor: float) -> None:
-    points, normals = sampled(np.array([[-70, -45], [70, -45], [70, 5], [-20, 5], [-20, 45], [-70, 45]], float))
-    calm, rough = of(points, normals, 90.0, noise), of(points, normals, 90.0, factor * noise)
-    for name in MODELS:
-        assert rough.models[name].sigma == pytest.approx(factor * calm.models[name].sigma, rel=2e-2)
-    order = [calm.models[name].sigma for name in MODELS]
-    assert (order[0] <= order[1] + 1e-9).all() and (order[1] <= order[2] + 1e-9).all()
 
 
 def test_an_outline_without_edges_shows_nothing() -> None:
-    frame = Frame(np.zeros(2), np.eye(2), 50.0)
-    found = motions_of(np.zeros((0, 2)), np.zeros((0, 2)), np.array([[0.0, 9.0], [9.0, 0.0]]), frame, 1.0)
+    found = motions_of(np.zeros((0, 2)), np.zeros((0, 2)), Frame(np.zeros(2), np.eye(2), 50.0))
     assert not any(m.observable for m in found.models.values())
-    assert all(np.isfinite(m.sigma).all() for m in found.models.values())
 
 
 # --- edges ---------------------------------------------------------------------------------------
@@ -134,10 +116,10 @@ def wavering(noise: float, a: float, b: float, seed: int) -> Edges:
 
 @settings(max_examples=40)
 @given(noise=st.floats(0.02, 0.3), a=st.floats(60.0, 150.0), b=st.floats(60.0, 150.0), seed=st.integers(0, 99))
-def test_scatter_is_the_noise_of_edges_on_any_smooth_outline(noise: float, a: float, b: float, seed: int) -> None:
+def test_directions_sway_by_the_noise_of_edges_on_any_smooth_outline(
+    noise: float, a: float, b: float, seed: int
+) -> None:
     edges = wavering(noise, a, b, seed)
-    assert scatter(edges, 0.0) == pytest.approx(noise, rel=0.35)
-    assert scatter(edges, 1e3) > 10.0  # nothing is better than the pixels' own noise allows
     # a chord over four px sways by its ends' noise
     assert sway(edges) == pytest.approx(math.sqrt(2.0) * noise / 4.0, rel=0.45, abs=2e-3)
 
@@ -325,8 +307,7 @@ def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int
     assert (seen.surface.settles, seen.ground.settles) == (surface, ground)
     assert (seen.level == "poor") == (by == "nothing") == (seen.strategy == "")
     assert ("only the ground fixes it: on a belt it will be lost" in seen.verdict) == (by == "ground")
-    plain = inspect(image, strategy="homography")  # looks at the outline alone
-    assert plain.settled is None and plain.by == "nothing"
+    assert inspect(image, strategy="homography").by == by  # the core judges what it carries
 
 
 def test_what_slides_along_itself_is_expected_to_be_lost_and_found_where_its_surface_tells() -> None:
@@ -378,7 +359,7 @@ def test_an_equal_with_another_print_is_no_equal() -> None:
 def test_noise_of_the_directions_only_hides_motions(sway_a: float, sway_b: float) -> None:
     points, normals = sampled(np.array([[-70, -45], [70, -45], [70, 5], [-20, 5], [-20, 45], [-70, 45]], float))
     frame = Frame(points.mean(axis=0), np.eye(2), 90.0)
-    low, high = (motions_of(points, normals, points[:2], frame, 0.1, s) for s in sorted((sway_a, sway_b)))
+    low, high = (motions_of(points, normals, frame, s) for s in sorted((sway_a, sway_b)))
     for name in MODELS:
         one, other = low.models[name], high.models[name]
         assert other.weakest <= one.weakest + 1e-9 and one.observable >= other.observable

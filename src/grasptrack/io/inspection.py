@@ -48,12 +48,7 @@ def inspection(found: Suitability, name: str, shape: tuple[int, ...], options: M
             {**m._asdict(), "shown": _plain(m.shown), "observed": list(m.observed)} for m in found.motions.motions
         ],
         "models": {
-            key: {
-                "observable": m.observable,
-                "weakest": _plain(m.weakest),
-                "least": m.least,
-                "sigma_px": None if found.grasp is None else _plain(m.sigma),
-            }
+            key: {"observable": m.observable, "weakest": _plain(m.weakest), "least": m.least}
             for key, m in models.items()
         },
         "symmetry": {

@@ -18,14 +18,14 @@ from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand
 from grasptrack.observation.images import PLAIN
 from grasptrack.suitability.advice import Findings, is_lost, level_of, reasons_of
-from grasptrack.suitability.edges import Edges, edges_of, scatter, sway
+from grasptrack.suitability.edges import Edges, edges_of, sway
 from grasptrack.suitability.first import FirstView, first_view
-from grasptrack.suitability.motions import TURN, Frame, Motions, motions_of
+from grasptrack.suitability.motions import TURN, Frame, motions_of
 from grasptrack.suitability.prediction import RUNS, Drawn, Looked, Prediction, Run, drawn_runs, predict_run, rehearse
 from grasptrack.suitability.relief import Relief, reliefs
 from grasptrack.suitability.restaged import Setting, Stage
 from grasptrack.suitability.result import Held, Looks, Reason, Suitability, Texture
-from grasptrack.suitability.settled import Settled, settled
+from grasptrack.suitability.settled import Settled, loose, settled
 from grasptrack.suitability.strategies import peaks_of, recommended, strategies_of
 from grasptrack.suitability.symmetry import Likeness, equals_of, symmetry_of
 from grasptrack.tracking.decision import largest_sigma, tolerance
@@ -61,9 +61,8 @@ def inspect(
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
-    Object and grasp are chosen as `GraspTracker` does in a first image. Errors are expected from the normal equations of
-    the outline and the scatter of its edges, and where it leaves motions free from the tracker's own evidence of the surface
-    and the ground; the tracker is also tried on the image itself, moved a little.
+    Object and grasp are chosen as `GraspTracker` does in a first image. What a run will give follows from runs of the tracker
+    that are drawn: on the image itself, moved as an approach would move it, where the truth is known.
 
     Args:
         image: 8 or 16 bit, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
@@ -99,8 +98,7 @@ def inspect(
     surface, ground = reliefs(grey, view, first.hidden)
     target = first.carrier.follower.target if first.carrier else _target(first)
     looks = _looks(first, target, edges, surface)
-    noise = math.sqrt(2.0) * looks.scatter  # of both views
-    motions = motions_of(*edges.used, first.held.contacts, _frame(view), noise, sway(edges))
+    motions = motions_of(*edges.used, _frame(view), sway(edges))
     whole = motions.models["homography"]
     limit = largest_sigma(view.outer.area, NUMBERS.with_risk(risk))
     auto = strategy == AUTO  # the others segment, in colour
@@ -108,18 +106,18 @@ def inspect(
     prediction, fixed = None, None
     if first.carrier is not None:
         runs_drawn, looked = _drawn(first, stage, strategy, risk, focal, runs)
-        fixed = settled(first, target, looked, limit, whole.covariance, whole.observable)
+        fixed = settled(first, target, looked, limit, whole.observable)
         # beyond its tolerance the tracker refuses
         adrift = min(fixed.deviations[2], tolerance(view.outer.area, NUMBERS)) if fixed.by == "nothing" else 0.0
         prediction = predict_run(Drawn.of(runs_drawn, math.sqrt(view.outer.area), adrift))
     refusal = "" if fixed is None else _refusal(fixed.by != "nothing", fixed.covariance, limit)
-    grip = None if first.grasp is None else _held(first.grasp, view, friction, limit, motions, fixed, prediction)
+    grip = None if first.grasp is None else _held(first, friction, limit, motions.frame.size, fixed, prediction)
     usable = strategies_of(first.held, view, grey, refusal)
     likeness = Likeness(first, target, stage)
     symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
     equals = equals_of(first, likeness)
     reasons = reasons_of(
-        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, fixed, prediction, risk)
+        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, fixed, prediction)
     )
     return Suitability(
         level=level_of(grip, prediction),
@@ -198,7 +196,6 @@ def _looks(first: FirstView, target: Target, edges: Edges, surface: Relief) -> L
         sharpness=math.sqrt(2.0 * math.pi) * target.edge_width * float(target.A[0, 0]),
         strength=strength,
         clear=float(edges.clear[inside].mean()) if inside.any() else 0.0,
-        scatter=scatter(edges, surface.noise),
         border=max(0.0, float(min(low.min(), width - 1.0 - high[0], height - 1.0 - high[1]))),
         holes=len(view.contours) - 1,
         clipped=view.is_clipped,
@@ -206,20 +203,15 @@ def _looks(first: FirstView, target: Target, edges: Edges, surface: Relief) -> L
 
 
 def _held(
-    grasp: Grasp,
-    view: View,
-    friction: float,
-    limit: float,
-    motions: Motions,
-    fixed: Settled | None,
-    prediction: Prediction | None,
+    first: FirstView, friction: float, limit: float, size: float, fixed: Settled | None, prediction: Prediction | None
 ) -> Held:
     """The grasp with the errors to be expected of its contacts: in the ratios of their covariances, as large as predicted."""
-    covariance = motions.models["homography"].covariance if fixed is None else fixed.covariance
+    grasp, view = first.held, first.candidate.view
+    covariance = loose(first) if fixed is None else fixed.covariance
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     expected = math.nan if prediction is None else prediction.error_px
     known = 1.0 if math.isnan(expected) else expected / float(sigma.max())
-    width = FINGER_WIDTH * motions.frame.size
+    width = FINGER_WIDTH * size
     analysis = analyze(grasp, view, friction, width, "reference")
     return Held(
         contacts=grasp.contacts,

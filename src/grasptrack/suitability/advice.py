@@ -36,7 +36,7 @@ NO_TURN = "another object, or a mark on its outline such as a notch"
 
 
 class Findings(NamedTuple):
-    """All that a verdict rests on; `refusal` is what the tracker says of the first view, by its `risk`."""
+    """All that a verdict rests on; `refusal` is what the tracker says of the first view."""
 
     looks: Looks
     motions: Motions
@@ -48,7 +48,6 @@ class Findings(NamedTuple):
     refusal: str
     settled: Settled | None
     prediction: Prediction | None
-    risk: float
 
 
 def is_lost(prediction: Prediction | None) -> bool:
@@ -162,13 +161,6 @@ def _listed(names: list[str]) -> str:
 
 def _of_edges(found: Findings) -> list[Reason]:
     looks, listed = found.looks, []
-    if found.grasp is not None and found.settled is not None and found.settled.by == "outline":
-        # where half of the outline is covered, half of what it tells is left
-        sigma, odds = math.sqrt(2.0) * found.settled.deviations[0], 0.5 * found.settled.evidence
-        few = odds < -math.log(found.risk) and looks.size >= SMALL  # of a small object that is said below
-        if sigma > found.grasp.limit or few:
-            text = f"the edges scatter by {looks.scatter:.1f} px: in poorer light or behind a cover it is lost"
-            listed.append(Reason(text, _clearer(looks)))
     if looks.clear * (1.0 - COVER) < HALF:
         text = f"only {100.0 * looks.clear:.0f} % of the outline has a clear edge"
         listed.append(Reason(text, _clearer(looks)))

@@ -33,7 +33,7 @@ QUANTILES = (0.025, 0.5, 0.975)
 """Of the intervals, and of the middle."""
 TWO_SIDED = NormalDist().inv_cdf(QUANTILES[2])
 """Standard deviations to either side that hold as much of a normal distribution."""
-NODES = np.array([NormalDist().inv_cdf((i + 0.5) / 64) for i in range(64)])
+NODES = np.array([NormalDist().inv_cdf((i + 0.5) / 32) for i in range(32)])
 """Of a normal distribution, all alike probable."""
 
 

@@ -47,7 +47,6 @@ class Looks(NamedTuple):
         sharpness: px, width of the edge: contrast over steepest slope.
         strength: grey levels per px, median along the outline.
         clear: 0 to 1, share of the outline in the image with an edge that the tracker can use.
-        scatter: px, standard deviation of one edge's place.
         border: px from the outline to the nearest border of the image.
         holes: number of them.
         clipped: the border cuts the object.
@@ -63,7 +62,6 @@ class Looks(NamedTuple):
     sharpness: float
     strength: float
     clear: float
-    scatter: float
     border: float
     holes: int
     clipped: bool

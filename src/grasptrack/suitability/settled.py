@@ -28,6 +28,8 @@ VIEWS = 3
 """Images of a drawn run, its first, in which it is looked at."""
 MORE = 0.5
 """A surface settles a motion only where it leaves less than this share of the error that the outline leaves."""
+LOOSE = 0.25
+"""Share of sqrt(area), standard deviation of a contact that nothing fixes."""
 BACKGROUND = "background"
 """Origin of an estimate that rests on the motion of the ground."""
 UNTEXTURED = replace(NUMBERS, texture_contrast=math.inf)
@@ -40,12 +42,10 @@ class Settled(NamedTuple):
     Attributes:
         covariances: (3, k, 2, 2) px^2 of each contact: by the outline alone, with the surface, and with the ground too.
         by: the least of these that fixes every contact as the tracker asks for; "outline" only where it shows all motions.
-        evidence: log of the odds that it is the object, as the tracker has it, in the median view.
     """
 
     covariances: Floats
     by: By
-    evidence: float
 
     @property
     def deviations(self) -> tuple[float, float, float]:
@@ -59,9 +59,7 @@ class Settled(NamedTuple):
         return np.asarray(self.covariances[{"outline": 0, "surface": 1}.get(self.by, 2)])
 
 
-def settled(
-    first: FirstView, target: Target, looked: Sequence[Looked], limit: float, outline: Floats, shown: bool
-) -> Settled:
+def settled(first: FirstView, target: Target, looked: Sequence[Looked], limit: float, shown: bool) -> Settled:
     """What fixes the contacts, as the tracker itself counts it, in small motions of the first view.
 
     Args:
@@ -69,14 +67,12 @@ def settled(
         target: made of it.
         looked: at least `VIEWS` images of a drawn run, from its beginning.
         limit: px, the standard deviation of a contact from which on it is not believed.
-        outline: (k, 2, 2) px^2 of each contact, by the noise of the outline's edges and directions.
         shown: the outline shows all motions.
     """
     levels = pyramid(first.grey)
     bare = make_target(levels, first.candidate.view, first.held.contacts, UNTEXTURED, first.hidden)
     by_outline, by_surface = (first_state(each, levels, NUMBERS) for each in (bare, target))
     alone, surface, ground = _Covariances(), _Covariances(), _Covariances()
-    odds = []
     for grey, step, decision in looked[:VIEWS]:
         image = pyramid(grey)
         alone.add(_laid(bare, by_outline, image, step.H))
@@ -86,11 +82,11 @@ def settled(
         ):  # else there is only noise
             surface.add(textured)
         followed = decision.estimate
-        odds.append(-math.inf if followed is None else decision.evidence)
         if followed is not None and followed.origin == BACKGROUND:
             ground.add(followed)
     # noisy directions of the edges seem to show what the shape does not
-    least = alone.median(outline) if shown else outline
+    free = loose(first)
+    least = alone.median(free) if shown else free
     more = _better(surface.median(least), least)
     most = _better(ground.median(more), more)
     deviation = [_deviation(C) for C in (least, more, most)]
@@ -101,7 +97,12 @@ def settled(
         by = "surface"
     elif deviation[2] <= min(limit, MORE * deviation[0]):
         by = "ground"
-    return Settled(np.stack([least, more, most]), by, float(np.median(odds)))
+    return Settled(np.stack([least, more, most]), by)
+
+
+def loose(first: FirstView) -> Floats:
+    """(k, 2, 2) px^2 of each contact where nothing fixes it."""
+    return np.tile(LOOSE**2 * first.candidate.view.outer.area * np.eye(2), (len(first.held), 1, 1))
 
 
 class _Covariances:

@@ -33,9 +33,7 @@ def rows(found: Suitability) -> list[Row]:
         Row(
             "contrast", f"{looks.contrast:.0f} levels", f"noise {looks.noise:.1f}, the ground's grain {looks.grain:.1f}"
         ),
-        Row(
-            "edges", f"{100.0 * looks.clear:.0f} % clear", f"{looks.sharpness:.1f} px wide, scatter {px(looks.scatter)}"
-        ),
+        Row("edges", f"{100.0 * looks.clear:.0f} % clear", f"{looks.sharpness:.1f} px wide"),
         Row("motions", told(found.motions), weakest(found.motions)),
         Row("symmetry", symmetry(found.symmetry), f"equal objects in view: {len(found.equals) or 'none'}"),
         Row("peaks", str(len(found.peaks)), f"a homography needs {PEAKS}"),
@@ -49,8 +47,6 @@ def rows(found: Suitability) -> list[Row]:
 
 
 def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
-    models = found.motions.models
-    each = ", ".join(f"{n} {_figure(float(m.sigma.max())) if m.observable else 'not fixed'}" for n, m in models.items())
     run = found.prediction
     error = px(found.error_px) if math.isfinite(found.error_px) else "not known"
     listed = [
@@ -59,7 +55,7 @@ def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
             f"{grasp.opening:.0f} px wide",
             f"margin {math.degrees(grasp.margin):.0f}°, closes with {100.0 * grasp.chance:.0f} % chance",
         ),
-        Row("error", error, each),
+        Row("error", error, "of the worst contact, rms over a run"),
     ]
     if run is not None:
         listed.append(
