@@ -54,6 +54,8 @@ WHOLE = 0.999
 """Of the outline, so much is seen in a frame that counts: what covers the object cannot be foretold from one image."""
 LEAST = 10
 """Frames that count; of fewer no share is taken."""
+LOGS = (math.log(1e-5), math.log(100.0))
+"""Between which the logs of what is fitted are looked for."""
 DRAWS = 40
 """Resamplings of the runs, for the intervals of what is fitted."""
 
@@ -145,8 +147,17 @@ def run(function: Callable[[Any], Outcome | None], cases: Sequence[Any], jobs: i
 # --- the fit -------------------------------------------------------------------------------------
 
 
-def fitted(outcomes: Sequence[Outcome], weights: Floats) -> Unforeseen:
-    """The numbers that make what came of runs most probable, and their errors' quantiles best (pinball loss of the log)."""
+def fitted(
+    outcomes: Sequence[Outcome], weights: Floats, start: Unforeseen = UNFORESEEN, near: float = 0.02
+) -> Unforeseen:
+    """The numbers that make what came of runs most probable, and their errors' quantiles best (pinball loss of the log).
+
+    Args:
+        outcomes: of the runs.
+        weights: (n,) of each.
+        start: from where they are looked for.
+        near: share of each number within which they are found.
+    """
     known = [
         (o, o.drawn, w) for o, w in zip(outcomes, weights.tolist(), strict=True) if o.drawn is not None and w > 0.0
     ]
@@ -166,9 +177,13 @@ def fitted(outcomes: Sequence[Outcome], weights: Floats) -> Unforeseen:
                     loss += w * max(q * off, (q - 1.0) * off) / math.sqrt(q * (1.0 - q))
         return loss
 
-    options: dict[str, Any] = {"xatol": 0.02, "fatol": 1e-3, "maxiter": 400}
-    first = minimize(shares, np.log(UNFORESEEN[:3]), method="Nelder-Mead", options=options).x
-    second = minimize(errors, np.log(UNFORESEEN[3:]), method="Nelder-Mead", options=options).x
+    def least(loss: Callable[[Floats], float], numbers: Sequence[float]) -> Floats:
+        logs = np.log(numbers)
+        simplex = np.vstack([logs, logs + 0.4 * np.eye(len(logs))])
+        options = {"xatol": near, "fatol": 0.05 * near, "maxiter": 400, "initial_simplex": simplex}
+        return np.asarray(minimize(loss, logs, method="Nelder-Mead", bounds=[LOGS] * len(logs), options=options).x)
+
+    first, second = least(shares, start[:3]), least(errors, start[3:])
     return Unforeseen(*np.exp([*first, *second]).tolist())
 
 
@@ -185,7 +200,8 @@ def write(path: Path, outcomes: Sequence[Outcome], by: str) -> Unforeseen:
     best, rng = fitted(outcomes, weights), np.random.default_rng(0)
     count = len(outcomes)
     drawn = [
-        fitted(outcomes, weights * np.bincount(rng.integers(0, count, count), minlength=count)) for _ in range(DRAWS)
+        fitted(outcomes, weights * np.bincount(rng.integers(0, count, count), minlength=count), best, 0.2)
+        for _ in range(DRAWS)
     ]
     low, high = np.quantile(np.array(drawn), [0.025, 0.975], axis=0)
     told = {

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
+from grasptrack.simulation import SHAPES
 from grasptrack.suitability import Suitability, inspect
 from grasptrack.suitability.words import expected, rows
 from grasptrack.tracking.tracker import GraspTracker
@@ -56,6 +57,16 @@ def test_an_ellipse_shows_a_turn_but_not_under_tilt() -> None:
     turn = next(m for m in oval.motions.motions if m.name == "turn")
     assert "similarity" in turn.observed and "homography" not in turn.observed
     assert oval.level == "poor" and "tilt" in oval.verdict and oval.motions.slide is not None
+
+
+@pytest.mark.parametrize(("name", "level"), [("egg", "poor"), ("disc", "poor"), ("bracket", "good"), ("key", "good")])
+def test_what_slides_along_itself_without_a_surface_is_poor(name: str, level: str) -> None:
+    """An egg is located for a while, by even motion; then it drifts."""
+    seen = inspect(drawn(95.0 * np.asarray(SHAPES[name]().polygons[0])))
+    assert seen.level == level and (seen.by == "nothing") == (level == "poor")
+    if level == "poor":
+        assert seen.located_interval[0] < 0.5
+        assert math.isnan(seen.error_px) or seen.error_interval[1] > 2.0 * 3.0
 
 
 def test_a_long_strip_slides_along_itself() -> None:
@@ -106,12 +117,15 @@ def test_object_and_grasp_are_those_of_the_tracker(options: dict[str, Any]) -> N
 
 
 def test_errors_grow_with_noise_and_fall_with_contrast() -> None:
-    def least(image: np.ndarray) -> float:
-        return inspect(image).error_interval[0]
+    def drawn_error(image: np.ndarray) -> float:
+        seen = inspect(image)
+        assert seen.prediction is not None
+        assert seen.error_interval[0] < seen.error_px < seen.error_interval[1]
+        return seen.prediction.drawn.error
 
-    noisy = [least(drawn(L_PLATE, noise=noise)) for noise in (1.0, 4.0, 10.0)]
+    noisy = [drawn_error(drawn(L_PLATE, noise=noise)) for noise in (1.0, 4.0, 10.0)]
     assert noisy == sorted(noisy) and noisy[-1] > 2.0 * noisy[0]
-    clear = [least(drawn(L_PLATE, noise=3.0, contrast=contrast)) for contrast in (130.0, 50.0, 25.0)]
+    clear = [drawn_error(drawn(L_PLATE, noise=3.0, contrast=contrast)) for contrast in (130.0, 50.0, 25.0)]
     assert clear == sorted(clear) and clear[-1] > 2.0 * clear[0]
 
 
@@ -200,7 +214,7 @@ def test_the_level_follows_from_the_prediction_by_one_rule(name: str) -> None:
     assert seen.grasp is not None and seen.prediction is not None
     bad = seen.located < 0.5 or seen.error_interval[1] > seen.grasp.tolerance
     level = "poor" if bad else "good" if seen.located_interval[0] >= 0.9 else "fair"
-    assert seen.level == level and seen.verdict.startswith(level) and (seen.strategy == "") == (seen.located < 0.5)
+    assert seen.level == level and seen.verdict.startswith(level) and (seen.strategy == "" or seen.located >= 0.5)
     assert all(r.text in seen.verdict for r in seen.reasons)
 
 

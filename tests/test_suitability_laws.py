@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import cv2
@@ -17,7 +18,16 @@ from grasptrack.projective import apply_homography
 from grasptrack.suitability import inspect
 from grasptrack.suitability.edges import Edges, sway
 from grasptrack.suitability.motions import MODELS, NAMES, SLIDING, Frame, Motions, motions_of, slid
-from grasptrack.suitability.prediction import Drawn, Run, Unforeseen, errors_of, log_chance, predict_run, shares_of
+from grasptrack.suitability.prediction import (
+    FILE,
+    Drawn,
+    Run,
+    Unforeseen,
+    errors_of,
+    log_chance,
+    predict_run,
+    shares_of,
+)
 from grasptrack.suitability.relief import QUANTUM, reliefs
 from grasptrack.suitability.restaged import REST, SHIFT, Setting, Stage, Step, denoised, draw_run
 from grasptrack.tracking.plane import Focal
@@ -217,6 +227,15 @@ def test_light_and_shutter_change_levels_and_edges_as_they_say(gain: float, u: f
 USUAL = Unforeseen(located=0.6, lost=0.05, weight=5.0, factor=1.0, factor_spread=0.4, beyond=1e-3, beyond_spread=0.8)
 
 
+def test_each_fitted_number_stands_with_its_interval_and_its_script() -> None:
+    told = json.loads(FILE.read_text(encoding="utf-8"))
+    assert list(told) == list(Unforeseen._fields)
+    for entry in told.values():
+        assert 0.0 < entry["from"] <= entry["value"] <= entry["to"] and entry["by"].startswith(
+            "benchmarks/suitability.py --fit"
+        )
+
+
 def of_runs(located: int, error: float = 0.1, size: float = 100.0) -> Drawn:
     lost = "too little" if located < 12 else ""
     return Drawn.of([Run(12, (error,) * located, lost), Run(12, (error,) * 12, "")], size)
@@ -307,7 +326,8 @@ def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int
     assert (seen.surface.settles, seen.ground.settles) == (surface, ground)
     assert (seen.level == "poor") == (by == "nothing") == (seen.strategy == "")
     assert ("only the ground fixes it: on a belt it will be lost" in seen.verdict) == (by == "ground")
-    assert inspect(image, strategy="homography").by == by  # the core judges what it carries
+    alone = inspect(image, strategy="homography")  # the core judges what it carries, but the ground carries none of it
+    assert alone.by == ("nothing" if by == "ground" else by)
 
 
 def test_what_slides_along_itself_is_expected_to_be_lost_and_found_where_its_surface_tells() -> None:
