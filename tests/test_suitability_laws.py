@@ -324,7 +324,8 @@ def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int
     assert outline >= surface >= ground and outline > seen.grasp.limit
     assert (surface <= seen.grasp.limit) == bool(within) and (ground <= seen.grasp.limit) == bool(within or round_it)
     assert (seen.surface.settles, seen.ground.settles) == (surface, ground)
-    assert (seen.level == "poor") == (by == "nothing") == (seen.strategy == "")
+    assert (seen.level == "poor") == (within == 0) and (seen.strategy == "") == (by == "nothing")
+    assert (seen.located > 0.5) == (by != "nothing")  # by the ground alone, though less exactly
     assert ("only the ground fixes it: on a belt it will be lost" in seen.verdict) == (by == "ground")
     alone = inspect(image, strategy="homography")  # the core judges what it carries, but the ground carries none of it
     assert alone.by == ("nothing" if by == "ground" else by)
