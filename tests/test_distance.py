@@ -230,10 +230,10 @@ def test_the_focal_length_that_is_told_is_kept() -> None:
 
 @given(st.floats(0.3, 3.0), st.floats(0.0, 0.2))
 def test_a_calibration_is_doubted_by_as_much_as_its_axes_differ(focal: float, uneven: float) -> None:
-    told = Focal.calibrated((focal, uneven), NUMBERS)
-    assert told is not None and math.exp(told.log) == pytest.approx(focal)
-    assert told.sd >= max(NUMBERS.calibrated_sd, 0.5 * uneven) and told.sd < NUMBERS.focal_sd
-    assert Focal.calibrated(None, NUMBERS) is None
+    told = Beforehand.by_calibration((focal, uneven), NUMBERS)
+    assert told is not None and math.exp(told.theta[0]) == pytest.approx(focal)
+    assert max(NUMBERS.calibrated_sd, 0.5 * uneven) <= math.sqrt(told.scale[0, 0]) * (1.0 + 1e-9) < NUMBERS.focal_sd
+    assert Beforehand.by_calibration(None, NUMBERS) is None
 
 
 @pytest.mark.parametrize("verb", ["track", "transfer", "inspect"])
@@ -244,7 +244,7 @@ def test_every_verb_takes_the_focal_length_of_a_calibration(
     known: list[tuple[float, float]] = []
     begin = single.first_state
 
-    def noted(target: Target, levels: list[Grey], numbers: Numbers, focal: Focal | None = None) -> TrackState:
+    def noted(target: Target, levels: list[Grey], numbers: Numbers, focal: Beforehand | None = None) -> TrackState:
         state = begin(target, levels, numbers, focal)
         theta, covariance = state.plane.theta_and_covariance()
         known.append((float(theta[0]), math.sqrt(covariance[0, 0])))

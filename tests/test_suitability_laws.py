@@ -30,7 +30,8 @@ from grasptrack.suitability.prediction import (
 )
 from grasptrack.suitability.relief import QUANTUM, reliefs
 from grasptrack.suitability.restaged import REST, SHIFT, Setting, Stage, Step, denoised, draw_run
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.plane import Beforehand
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 
 
@@ -169,7 +170,7 @@ def test_slopes_within_and_round_an_outline_are_kept_apart() -> None:
 
 
 def setting(x: float, y: float, size: float, focal_sd: float = 0.4) -> Setting:
-    return Setting(np.array([x, y]), size, 0.8 * size, 640, 480, Focal(0.0, focal_sd))
+    return Setting(np.array([x, y]), size, 0.8 * size, 640, 480, Beforehand.calibrated(0.0, focal_sd, NUMBERS))
 
 
 def test_a_view_that_has_not_moved_is_the_image_but_for_its_noise() -> None:
@@ -204,7 +205,7 @@ def test_a_run_begins_at_the_first_view_never_mirrors_and_keeps_the_object_in_si
 @given(seed=st.integers(0, 99), focal=st.floats(-0.5, 0.7))
 def test_a_drawn_run_is_a_pinholes_view_of_a_plane(seed: int, focal: float) -> None:
     """K^-1 H K of a frontal first view has two columns alike long and at right angles, in any focal length that is known."""
-    where = setting(250.0, 200.0, 120.0, 0.0)._replace(focal=Focal(focal, 0.0))
+    where = setting(250.0, 200.0, 120.0, 0.0)._replace(focal=Beforehand.calibrated(focal, 0.0, NUMBERS))
     f = 640.0 * math.exp(focal)
     K = np.array([[f, 0.0, 319.5], [0.0, f, 239.5], [0.0, 0.0, 1.0]])
     for step in draw_run(where, 6, np.random.default_rng(seed)):

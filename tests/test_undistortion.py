@@ -24,7 +24,7 @@ from grasptrack.observation.undistortion import MOST, Undistortion
 from grasptrack.projective import apply_homography, similarity
 from grasptrack.simulation import DISTURBANCES, SHAPES, SceneFrame
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 
@@ -329,7 +329,7 @@ def test_inspect_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], 
     assert found["options"]["camera"] == str(file)
     lens, straight = Undistortion(camera, 640, 480), camera.undistort(chosen.contacts)
     J = lens.stretch(straight - lens.offset)
-    focal = Focal.calibrated(lens.focal, NUMBERS)
+    focal = Beforehand.by_calibration(lens.focal, NUMBERS)
     ideal = inspect(lens.image(seen[0].image), ignore=lens.ignored(None), focal=focal)
     assert ideal.grasp is not None
     assert np.allclose(found["grasp"]["covariance_px2"], J @ ideal.grasp.covariance @ np.swapaxes(J, 1, 2), rtol=1e-3)

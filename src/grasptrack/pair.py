@@ -29,7 +29,7 @@ from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
 from grasptrack.tracking.follower import REGISTRATION
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.redetection import Keypoints
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
@@ -122,7 +122,7 @@ def carry_to(
     object_at: tuple[float, float] | None = None,
     ignore: NDArray[Any] | None = None,
     risk: float = DEFAULT_RISK,
-    focal: Focal | None = None,
+    focal: Beforehand | None = None,
 ) -> Pair:
     """Carry a grasp to a second image, under any turn, scales of 0.4 to 2.5 and tilts up to 60 degrees.
 
@@ -214,7 +214,7 @@ class _Scene:
         hidden: Grey | None,
         object_at: tuple[float, float] | None,
         numbers: Numbers,
-        focal: Focal | None,
+        focal: Beforehand | None,
     ) -> None:
         self._numbers, self._strict = numbers, NUMBERS.learning(numbers.risk)
         self._grasp, self._view, self._friction, self._object_at = grasp, reference, friction, object_at

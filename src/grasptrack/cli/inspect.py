@@ -92,7 +92,7 @@ def inspect(
     from grasptrack.suitability import inspect as look
     from grasptrack.suitability.seen import as_seen
     from grasptrack.tracking.numbers import NUMBERS
-    from grasptrack.tracking.plane import Focal
+    from grasptrack.tracking.plane import Beforehand
     from grasptrack.view.inspect import write_inspection
 
     picture = only_image(image, "inspect takes one image").image
@@ -116,7 +116,7 @@ def inspect(
             hand=hand,
             strategy=strategy,
             risk=risk,
-            focal=None if lens is None else Focal.calibrated(lens.focal, NUMBERS),
+            focal=None if lens is None else Beforehand.by_calibration(lens.focal, NUMBERS),
             runs=runs,
         )
     except ObservationError as error:

@@ -32,7 +32,7 @@ from grasptrack.tracking.decision import largest_sigma, tolerance
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.strategies import carrier_for
 from grasptrack.tracking.target import Target, pyramid
@@ -56,7 +56,7 @@ def inspect(
     hand: Hand | None = None,
     strategy: str = AUTO,
     risk: float = DEFAULT_RISK,
-    focal: Focal | None = None,
+    focal: Beforehand | None = None,
     runs: int = RUNS,
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
@@ -144,13 +144,13 @@ def _target(first: FirstView) -> Target:
 
 
 def _drawn(
-    first: FirstView, stage: Stage, strategy: str, risk: float, focal: Focal | None, runs: int
+    first: FirstView, stage: Stage, strategy: str, risk: float, focal: Beforehand | None, runs: int
 ) -> tuple[list[Run], list[Looked]]:
     """Runs that are drawn, and the images of the first of them."""
     view, grasp, grey = first.candidate.view, first.held, first.grey
     away = view.outer.points - (centre := view.outer.points.mean(axis=0))
     size, reach = math.sqrt(view.outer.area), float(np.hypot(*away.T).max())
-    setting = Setting(centre, size, reach, grey.shape[1], grey.shape[0], focal or Focal.usual(NUMBERS))
+    setting = Setting(centre, size, reach, grey.shape[1], grey.shape[0], focal or Beforehand.usual(NUMBERS))
     carrier, made, seen = first.carrier, [], list[Looked]()
     for steps in drawn_runs(setting, runs):
         if carrier is None:

@@ -18,7 +18,7 @@ from grasptrack.observation.proposals import Box
 from grasptrack.observation.segmentation import grow
 from grasptrack.tracking import initialization
 from grasptrack.tracking.initialization import Wish
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.strategies import Carrier, carrier_for
 
 
@@ -69,7 +69,7 @@ def first_view(
     hand: Hand | None,
     strategy: str,
     risk: float,
-    focal: Focal | None,
+    focal: Beforehand | None,
 ) -> FirstView:
     """Object and grasp as `GraspTracker.update` chooses them in a first image; arguments as there, `focal` as for `Plane`.
 

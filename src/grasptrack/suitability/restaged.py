@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.observation.images import Channel, Grey
-from grasptrack.tracking.plane import Focal
+from grasptrack.tracking.plane import Beforehand
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class Setting(NamedTuple):
     reach: float
     width: int
     height: int
-    focal: Focal
+    focal: Beforehand
 
     @property
     def middle(self) -> Floats:
@@ -101,7 +101,8 @@ def draw_run(setting: Setting, count: int, rng: np.random.Generator) -> list[Ste
     """
     turn, tilt = math.radians(TURN) * rng.uniform(-1.0, 1.0), math.radians(TILT) * rng.uniform()
     about, growth = rng.uniform(-math.pi, math.pi), math.exp(rng.uniform(math.log(FARTHER), math.log(NEARER)))
-    f = setting.width * math.exp(setting.focal.log + setting.focal.sd * rng.standard_normal())
+    log, sd = float(setting.focal.theta[0]), math.sqrt(float(setting.focal.scale[0, 0]))
+    f = setting.width * math.exp(log + sd * rng.standard_normal())
     room = np.maximum(setting.middle - growth * setting.reach, 0.0)  # in which it remains in view as a whole
     end = setting.middle + rng.uniform(-1.0, 1.0, 2) * room
     shift = end - setting.centre

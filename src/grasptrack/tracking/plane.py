@@ -87,6 +87,14 @@ class Beforehand:
         scale = np.diag(np.square([sd, numbers.normal_sd, numbers.normal_sd]))
         return Beforehand(np.array([log, 0.0, 0.0]), scale, numbers.prior_freedom)
 
+    @staticmethod
+    def by_calibration(told: tuple[float, float] | None, numbers: Numbers) -> Beforehand | None:
+        """The same by a calibration, as `Undistortion.focal` has it; None where that tells nothing."""
+        if told is None:
+            return None
+        focal, uneven = told
+        return Beforehand.calibrated(math.log(focal), math.hypot(numbers.calibrated_sd, 0.5 * uneven), numbers)
+
     @property
     def covariance(self) -> Floats:
         """(3, 3) of theta."""
@@ -112,14 +120,6 @@ class Beforehand:
         by_slopes = np.linalg.solve(C[1:, 1:], C[1:, 0])
         row = np.array([1.0, *-by_slopes]) / math.sqrt(float(C[0, 0] - by_slopes @ C[1:, 0]))
         return np.asarray(np.linalg.inv(C[1:, 1:]), dtype=np.float64), row, np.outer(row, row)
-
-    @staticmethod
-    def calibrated(told: tuple[float, float] | None, numbers: Numbers) -> Focal | None:
-        """By a calibration, as `Undistortion.focal` has it; None where that tells nothing."""
-        if told is None:
-            return None
-        focal, uneven = told
-        return Focal(math.log(focal), math.hypot(numbers.calibrated_sd, 0.5 * uneven))
 
 
 class Tilt(NamedTuple):
