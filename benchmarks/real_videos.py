@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from grasptrack import GraspTracker, open_source
-from grasptrack.evaluation.real import STRATEGIES, score_video
+from grasptrack.evaluation.methods import OURS
+from grasptrack.evaluation.real import score_video
 
 VIDEOS = ("postcard-161", "bruegel-62")
 STILL = 55  # frames of lego-square-99 before the hand comes
@@ -46,7 +47,7 @@ def covered_part(video: Path, output: Path) -> None:
     """Tracks the part that a hand pushes from frame 55 on; writes pictures of the answers to look at."""
     frames = list(open_source(video))
     rows = []
-    for strategy in STRATEGIES:
+    for strategy in OURS:
         tracker, first, still, answers, tiles = GraspTracker(strategy=strategy), None, 0.0, [], []
         for frame in frames:
             result = tracker.update(frame.image, time=frame.time)

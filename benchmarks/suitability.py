@@ -1,152 +1,305 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Does `inspect` foretell what the tracker then does: expected error against measured, verdict against frames located."""
+"""Does `inspect` foretell the run: share of located frames and error against their intervals, on rendered scenes and videos."""
 
 from __future__ import annotations
 
 import common
 
 # isort: split
+import json
 import math
+import time
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from typing import NamedTuple
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
 
-from grasptrack import GraspTracker, inspect
-from grasptrack.errors import ObservationError
-from grasptrack.evaluation.score import accept_limit
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import DISTURBANCES, SHAPES
+from grasptrack import inspect
+from grasptrack.errors import GraspTrackError
+from grasptrack.evaluation.method import Start
+from grasptrack.evaluation.methods import makers
+from grasptrack.evaluation.parts import built_in
+from grasptrack.evaluation.real import RealCase, sequence_of, videos_of
+from grasptrack.evaluation.scenes import SceneCase, suite
+from grasptrack.evaluation.score import FrameScore
+from grasptrack.evaluation.sequence import Shown, chosen_grasp, follow
+from grasptrack.evaluation.truth import Truth
+from grasptrack.suitability.prediction import (
+    FILE,
+    FRAMES,
+    QUANTILES,
+    UNFORESEEN,
+    Drawn,
+    Unforeseen,
+    beta_of,
+    errors_of,
+    log_chance,
+    predict_run,
+)
+from real_videos import data_folder
+
+Floats = NDArray[np.float64]
 
 LEVELS = ("good", "fair", "poor")
-LOST, TRACKED = 0.5, 0.95
-"""A scene is lost when less of its frames after the first is located than the one, tracked when at least the other."""
+PARTS = "bracket,spanner,gasket,notched-plate,disc,square,gear,hinge,strip,key,hammer-head,ellipse,egg,half-disc,pencil,guitar"
+"""Of the scenes that a fit uses."""
+OTHERS = "bracket,t-plate,cross,star,arrow,hex-nut,u-clip,hook,fork,spoon,disc,egg,bean,crescent,slotted-disc,bottle"
+DISTURBANCES = "clean-4dof,clean-6dof,noise,blur,light,motion-blur,lens,thick,rolling-shutter,jpeg,print,mixed"
+WHOLE = 0.999
+"""Of the outline, so much is seen in a frame that counts: what covers the object cannot be foretold from one image."""
+LEAST = 10
+"""Frames that count; of fewer no share is taken."""
+LOGS = (math.log(1e-5), math.log(100.0))
+"""Between which the logs of what is fitted are looked for."""
+DRAWS = 40
+"""Resamplings of the runs, for the intervals of what is fitted."""
 
 
 class Outcome(NamedTuple):
-    """What was foretold of a scene, and what came of it: px, shares of the frames after the first, frames."""
+    """What was foretold of a run, and what came of it.
 
-    disturbance: str
-    shape: str
+    Attributes:
+        kind: the disturbance, or "video".
+        name: of the scene or video.
+        level, verdict: of the inspection.
+        drawn: what its prediction rests on; None where the grasp cannot be carried.
+        seconds: that it took.
+        frames, located: that count, and how many of them were located.
+        error: px of the worst contact, rms over these; NaN where none was.
+        wrong: frames among them whose contacts were wrong.
+    """
+
+    kind: str
+    name: str
     level: str
-    why: str
-    expected: float
-    fixed: bool
-    located: float
+    verdict: str
+    drawn: Drawn | None
+    seconds: float
+    frames: int
+    located: int
     error: float
     wrong: int
-    answered: int
+
+    @property
+    def share(self) -> float:
+        """Of the frames, 0 to 1."""
+        return self.located / self.frames
 
 
-def run(task: tuple[str, str, int, int]) -> Outcome | None:
-    """One scene: inspect its first frame, track the rest; None where there is nothing to choose."""
-    disturbance, shape, seed, frames = task
-    scene = DISTURBANCES[disturbance].scene(SHAPES[shape](), frames, seed)
-    try:
-        found = inspect(scene[0].image)
-    except ObservationError:
+def outcome(kind: str, name: str, start: Start, shown: Iterable[Shown]) -> Outcome | None:
+    """Inspect the first frame and track the rest, both told of the same contacts; None where too few frames count."""
+    frames = iter(shown)
+    first = next(frames)
+    began = time.process_time()
+    found = inspect(first.image, grasp=start.contacts, object_at=start.object_at)
+    seconds = time.process_time() - began
+    scored: list[FrameScore] = follow(chain([first], frames), makers(["auto"]), start)["auto"][1:]
+    counted = [f for f in scored if f.present and f.visible >= WHOLE]
+    if len(counted) < LEAST:
         return None
-    if found.grasp is None:
-        return None
-    tracker, chosen, off, wrong = GraspTracker(), found.grasp.contacts, [], 0
-    for k in range(frames):
-        frame = scene[k]
-        result = tracker.update(frame.image, time=frame.time)
-        if k == 0:
-            assert result.contacts is not None and np.array_equal(result.contacts, chosen)
-        elif result.contacts is not None:
-            away = np.hypot(*(result.contacts - apply_homography(frame.H_current_reference, chosen)).T)
-            off.append(float(away.max()))
-            wrong += off[-1] > accept_limit(found.looks.size**2)
+    errors = np.array([f.error for f in counted if f.answered])
     return Outcome(
-        disturbance,
-        shape,
+        kind,
+        name,
         found.level,
         found.verdict,
-        found.expected,
-        found.by != "nothing",
-        len(off) / (frames - 1),
-        math.sqrt(float(np.mean(np.square(off)))) if off else math.nan,
-        wrong,
-        len(off),
+        None if found.prediction is None else found.prediction.drawn,
+        seconds,
+        len(counted),
+        len(errors),
+        float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else math.nan,
+        sum(f.is_false_accept for f in counted),
     )
 
 
-def ranked(values: list[float]) -> np.ndarray:
-    """Ranks, those of equal values shared."""
-    listed = np.array(values)
-    return np.array([(listed < v).sum() + 0.5 * ((listed == v).sum() - 1) for v in listed])
+def of_scene(case: SceneCase) -> Outcome | None:
+    """A rendered scene; None where there is nothing to choose."""
+    scene = case.scene()
+    outline = scene[0].outline
+    try:
+        start = Start(chosen_grasp(outline, case.fingers, case.friction), outline, case.size)
+        return outcome(case.disturbance, case.name, start, (Shown(f.image, f.time, Truth.of_scene(f)) for f in scene))
+    except GraspTrackError:
+        return None
 
 
-def correlation(some: list[Outcome]) -> float:
-    """Spearman's, of expected and measured errors."""
-    if len(some) < 3:
-        return math.nan
-    return float(np.corrcoef(ranked([o.expected for o in some]), ranked([o.error for o in some]))[0, 1])
+def of_video(case: RealCase) -> Outcome | None:
+    """A real video; None where its object is not found."""
+    try:
+        with sequence_of(case) as (start, shown, _):
+            return outcome("video", case.name, start, shown)
+    except GraspTrackError as error:
+        print(f"{case.name}: {error}")
+        return None
+
+
+def run(function: Callable[[Any], Outcome | None], cases: Sequence[Any], jobs: int) -> list[Outcome]:
+    """All that came of some cases."""
+    with ProcessPoolExecutor(jobs) as workers:
+        return [o for o in workers.map(function, cases) if o is not None]
+
+
+# --- the fit -------------------------------------------------------------------------------------
+
+
+def fitted(
+    outcomes: Sequence[Outcome], weights: Floats, start: Unforeseen = UNFORESEEN, near: float = 0.02
+) -> Unforeseen:
+    """The numbers that make what came of runs most probable, and their errors' quantiles best (pinball loss of the log).
+
+    Args:
+        outcomes: of the runs.
+        weights: (n,) of each.
+        start: from where they are looked for.
+        near: share of each number within which they are found.
+    """
+    known = [
+        (o, o.drawn, w) for o, w in zip(outcomes, weights.tolist(), strict=True) if o.drawn is not None and w > 0.0
+    ]
+
+    def shares(logs: Floats) -> float:
+        u = UNFORESEEN._replace(**dict(zip(("located", "lost", "weight"), np.exp(logs).tolist(), strict=True)))
+        return -float(sum(w * log_chance(*beta_of(d, u), o.frames, o.located) for o, d, w in known))
+
+    def errors(logs: Floats) -> float:
+        names = ("factor", "factor_spread", "beyond", "beyond_spread")
+        u = UNFORESEEN._replace(**dict(zip(names, np.exp(logs).tolist(), strict=True)))
+        loss = 0.0
+        for o, d, w in known:
+            if o.located and d.located:
+                for q, value in zip(QUANTILES, errors_of(d, u), strict=True):
+                    off = math.log(o.error / value)
+                    loss += w * max(q * off, (q - 1.0) * off) / math.sqrt(q * (1.0 - q))
+        return loss
+
+    def least(loss: Callable[[Floats], float], numbers: Sequence[float]) -> Floats:
+        logs = np.log(numbers)
+        simplex = np.vstack([logs, logs + 0.4 * np.eye(len(logs))])
+        options = {"xatol": near, "fatol": 0.05 * near, "maxiter": 400, "initial_simplex": simplex}
+        return np.asarray(minimize(loss, logs, method="Nelder-Mead", bounds=[LOGS] * len(logs), options=options).x)
+
+    first, second = least(shares, start[:3]), least(errors, start[3:])
+    return Unforeseen(*np.exp([*first, *second]).tolist())
+
+
+def weighed(outcomes: Sequence[Outcome]) -> Floats:
+    """(n,) so that videos count as much as scenes."""
+    videos = np.array([o.kind == "video" for o in outcomes])
+    share = np.where(videos, 0.5 / max(int(videos.sum()), 1), 0.5 / max(int((~videos).sum()), 1))
+    return np.asarray(share * len(outcomes), dtype=np.float64)
+
+
+def write(path: Path, outcomes: Sequence[Outcome], by: str) -> Unforeseen:
+    """Fit, and write the numbers with their intervals."""
+    weights = weighed(outcomes)
+    best, rng = fitted(outcomes, weights), np.random.default_rng(0)
+    count = len(outcomes)
+    drawn = [
+        fitted(outcomes, weights * np.bincount(rng.integers(0, count, count), minlength=count), best, 0.2)
+        for _ in range(DRAWS)
+    ]
+    low, high = np.quantile(np.array(drawn), [0.025, 0.975], axis=0)
+    told = {
+        name: {"value": float(f"{v:.3g}"), "from": float(f"{a:.2g}"), "to": float(f"{b:.2g}"), "by": by}
+        for name, v, a, b in zip(Unforeseen._fields, best, low.tolist(), high.tolist(), strict=True)
+    }
+    lines = [f'  "{name}": {json.dumps(entry)}' for name, entry in told.items()]
+    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    return Unforeseen(*(float(str(entry["value"])) for entry in told.values()))
+
+
+# --- tables --------------------------------------------------------------------------------------
+
+
+def is_within(o: Outcome, unforeseen: Unforeseen) -> tuple[bool, bool]:
+    """Whether the share of located frames and the error of a run lie within their intervals."""
+    assert o.drawn is not None
+    run = predict_run(o.drawn, o.frames, unforeseen)
+    (a, b), (c, d) = run.located_interval, run.error_interval
+    return a <= o.share <= b, not o.located or not o.drawn.located or c <= o.error <= d
+
+
+def by_kind(outcomes: Sequence[Outcome], unforeseen: Unforeseen) -> list[list[object]]:
+    """Rows of how often runs of each kind lie within."""
+    rows: list[list[object]] = []
+    kinds = list(dict.fromkeys(o.kind for o in outcomes))
+    for kind in (*kinds, "all"):
+        some = [o for o in outcomes if kind in (o.kind, "all") and o.drawn is not None]
+        shares, errors = zip(*(is_within(o, unforeseen) for o in some), strict=True)
+        ratio = [o.error / predict_run(o.drawn, FRAMES, unforeseen).error_px for o in some if o.drawn and o.located]
+        middle = float(np.nanmedian(ratio)) if ratio else math.nan
+        rows.append([kind, len(some), f"{100 * np.mean(shares):.0f} %", f"{100 * np.mean(errors):.0f} %", middle])
+    return rows
+
+
+def by_level(outcomes: Sequence[Outcome]) -> list[list[object]]:
+    """Rows of what came of runs that were called good, fair and poor."""
+    rows: list[list[object]] = []
+    for level in LEVELS:
+        some = [o for o in outcomes if o.level == level]
+        if some:
+            frames, located = sum(o.frames for o in some), sum(o.located for o in some)
+            least = min(o.share for o in some)
+            error = float(np.nanmedian([o.error for o in some])) if located else math.nan
+            wrong = f"{sum(o.wrong for o in some)} of {located}"
+            rows.append([level, len(some), f"{100 * located / frames:.1f} %", f"{100 * least:.0f} %", error, wrong])
+    return rows
+
+
+def told(o: Outcome, unforeseen: Unforeseen) -> list[object]:
+    """A run beside what was foretold of it."""
+    if o.drawn is None:
+        return [o.name, o.level, "", f"{100 * o.share:.0f} %", "", o.error, ""]
+    run = predict_run(o.drawn, o.frames, unforeseen)
+    (a, b), (c, d) = run.located_interval, run.error_interval
+    within = is_within(o, unforeseen)
+    px = "" if math.isnan(c) else f"{c:.2g} to {d:.2g}"
+    outside = ", ".join(what for what, inside in zip(("located", "px"), within, strict=True) if not inside)
+    return [o.name, o.level, f"{100 * a:.0f} to {100 * b:.0f} %", f"{100 * o.share:.1f} %", px, o.error, outside]
 
 
 def main() -> None:
     parser = common.parser(__doc__)
-    parser.add_argument("--disturbances", default="clean-6dof,noise,blur")
-    parser.add_argument("--shapes", default=",".join(SHAPES))
-    parser.add_argument("--seeds", default="7,8", help="of the scenes, one each")
-    parser.add_argument("--frames", type=int, default=25)
+    parser.add_argument("--parts", default=OTHERS, help=f"of the scenes; with --fit {PARTS}")
+    parser.add_argument("--disturbances", default=DISTURBANCES)
+    parser.add_argument("--frames", type=int, default=31, help="of a scene")
+    parser.add_argument("--seed", type=int, default=0, help="of the scenes")
+    parser.add_argument(
+        "--real", type=Path, action="append", help="folder of videos, as for `evaluate real`; several may be"
+    )
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--list", action="store_true", help="print the scenes of which the verdict was not borne out")
+    parser.add_argument("--fit", action="store_true", help="fit what is not foreseen to these runs")
+    parser.add_argument("--write", type=Path, default=FILE, help="file for what is fitted")
     args = parser.parse_args()
+    parts = PARTS if args.fit and args.parts == OTHERS else args.parts
     names = args.disturbances.split(",")
-    tasks = [
-        (name, shape, int(seed), args.frames)
-        for name in names
-        for shape in args.shapes.split(",")
-        for seed in args.seeds.split(",")
-    ]
-    with ProcessPoolExecutor(args.jobs) as workers:
-        outcomes = [o for o in workers.map(run, tasks) if o is not None]
+    scenes = suite(built_in(parts.split(",")), names, frames=args.frames, seed=args.seed)
+    videos = [case for folder in args.real or [data_folder() / "videos"] for case in videos_of(folder)]
+    outcomes = [*run(of_scene, scenes, args.jobs), *run(of_video, videos, args.jobs)]
     common.heading("Suitability")
     common.say(
-        f"{len(outcomes)} of {len(tasks)} scenes, {args.frames} frames each; inspected in the first frame, tracked by auto "
-        f"in the others. A scene is tracked when at least {100 * TRACKED:.0f} % of these frames are located, lost when less "
-        f"than {100 * LOST:.0f} %."
+        f"{len(outcomes)} of {len(scenes)} scenes and {len(videos)} videos; inspected in the first frame, tracked by auto in "
+        "the others that show the object as a whole. Time of an inspection: median "
+        f"{np.median([o.seconds for o in outcomes]):.2f} s, at most {max(o.seconds for o in outcomes):.2f} s of one core."
     )
-    rows = []
-    for level in LEVELS:
-        some = [o for o in outcomes if o.level == level]
-        if some:
-            answered = [o for o in some if o.answered]
-            rows.append(
-                [
-                    level,
-                    len(some),
-                    f"{100 * np.mean([o.located >= TRACKED for o in some]):.0f} %",
-                    f"{100 * np.mean([o.located < LOST for o in some]):.0f} %",
-                    f"{100 * np.mean([o.located for o in some]):.1f} %",
-                    float(np.median([o.error for o in answered])) if answered else math.nan,
-                    f"{sum(o.wrong for o in some)} of {sum(o.answered for o in some)}",
-                ]
-            )
+    unforeseen = UNFORESEEN
+    if args.fit:
+        unforeseen = write(args.write, outcomes, f"benchmarks/suitability.py --fit --seed {args.seed}")
+        common.say(f"Fitted: {', '.join(f'{n} {v:.3g}' for n, v in unforeseen._asdict().items())}.")
     common.table(
-        ["verdict", "scenes", "tracked", "lost", "frames located", "median px", "wrong of answered"],
-        rows,
+        ["runs of", "runs", "located within", "px within", "px of the median told"], by_kind(outcomes, unforeseen)
     )
-    common.say("Errors of the worst contact, rms over a scene, where it is fixed and answered, over the one expected.")
-    rows = []
-    for name in (*names, "all"):
-        some = [o for o in outcomes if o.answered and o.fixed and name in (o.disturbance, "all")]
-        ratio = [o.error / o.expected for o in some]
-        if some:
-            low, middle, high = np.quantile(ratio, [0.05, 0.5, 0.95]).tolist()
-            within = f"{100 * np.mean([0.5 <= r <= 2.0 for r in ratio]):.0f} %"
-            rows.append([name, len(some), correlation(some), low, middle, high, within])
-    common.table(["scenes of", "scenes", "rank correlation", "5 %", "median", "95 %", "within twice"], rows)
-    if args.list:
-        for o in outcomes:
-            amiss = (o.level != "poor" and o.located < TRACKED) or (o.level == "poor" and o.located >= LOST) or o.wrong
-            if amiss:
-                print(
-                    f"{o.disturbance} {o.shape}: located {100 * o.located:.0f} %, expected {o.expected:.2f}, measured "
-                    f"{o.error:.2f} px, {o.wrong} wrong; {o.why}"
-                )
+    common.table(["verdict", "runs", "located", "least of a run", "median px", "wrong"], by_level(outcomes))
+    listed = [o for o in outcomes if o.kind == "video"]
+    listed += [o for o in outcomes if o.kind != "video" and (o.drawn is None or not all(is_within(o, unforeseen)))]
+    common.say("Each video, and the scenes that lie outside an interval.")
+    head = ["run", "verdict", "located, 95 %", "located", "px, 95 %", "px", "outside"]
+    common.table(head, [told(o, unforeseen) for o in listed])
     common.finish(args.output)
 
 

@@ -38,8 +38,22 @@ def test_the_table_and_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(given(write(tmp_path / "a.png", plate()), tmp_path)) == 0
     said = capsys.readouterr()
     assert said.err == "" and said.out.startswith("GOOD, --strategy auto")
-    for row in ("object", "contrast", "edges", "motions", "symmetry", "peaks", "grasp-line", "grasp", "error", "tried"):
+    for row in (
+        "object",
+        "contrast",
+        "edges",
+        "motions",
+        "symmetry",
+        "peaks",
+        "grasp-line",
+        "grasp",
+        "error",
+        "located",
+    ):
         assert re.search(rf"^ {row} ", said.out, re.MULTILINE), row
+    assert re.search(
+        r"Expected: located in \d+ to 100 % of frames, contacts [\d.]+ to [\d.]+ px off \(95 %\)", said.out
+    )
     assert "inspect.json" in said.out and "inspect.png" in said.out
     picture = cv2.imread(str(tmp_path / "out" / "inspect.png"))
     assert picture is not None and picture.shape == (900, 1600, 3)
@@ -90,7 +104,7 @@ def test_what_is_asked_for_is_done(tmp_path: Path) -> None:
 def test_a_hand_without_a_grasp_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(given(write(tmp_path / "a.png", plate()), tmp_path, "--max-opening", "9")) == 0
     assert "too wide for the opening of 9 px" in capsys.readouterr().out
-    assert data(tmp_path)["grasp"] is None and data(tmp_path)["expected_px"] is None
+    assert data(tmp_path)["grasp"] is None and data(tmp_path)["error_px"] is None and data(tmp_path)["located"] == 0.0
 
 
 def test_ellipses_are_drawn_to_be_seen() -> None:

@@ -23,10 +23,13 @@ from grasptrack.observation.undistortion import Undistortion
 from grasptrack.projective import apply_homography
 from grasptrack.simulation import SHAPES, Conditions, Path, Scene
 from grasptrack.simulation import Camera as Pinhole
+from grasptrack.tracking import single
 from grasptrack.tracking.distance import Ruler, extent
-from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.plane import Beforehand, Mode, Plane
 from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.target import Grey, Target
 from test_plane import FOCAL, HEIGHT, WIDTH, Followed, camera, rendered, slopes, turned
 
 BOX = np.array([[-3.0, -1.0], [3.0, -1.0], [3.0, 1.0], [-3.0, 1.0]])
@@ -223,6 +226,45 @@ def test_the_focal_length_that_is_told_is_kept() -> None:
     plane = Plane(Told(), WIDTH, HEIGHT, Beforehand.calibrated(0.7, 0.01, NUMBERS))  # type: ignore[arg-type]
     theta, covariance = plane.theta_and_covariance()
     assert theta.tolist() == [0.7, 0.0, 0.0] and covariance[0, 0] == pytest.approx(2e-4)
+
+
+@given(st.floats(0.3, 3.0), st.floats(0.0, 0.2))
+def test_a_calibration_is_doubted_by_as_much_as_its_axes_differ(focal: float, uneven: float) -> None:
+    told = Beforehand.by_calibration((focal, uneven), NUMBERS)
+    assert told is not None and math.exp(told.theta[0]) == pytest.approx(focal)
+    assert max(NUMBERS.calibrated_sd, 0.5 * uneven) <= math.sqrt(told.scale[0, 0]) * (1.0 + 1e-9) < NUMBERS.focal_sd
+    assert Beforehand.by_calibration(None, NUMBERS) is None
+
+
+@pytest.mark.parametrize("verb", ["track", "transfer", "inspect"])
+def test_every_verb_takes_the_focal_length_of_a_calibration(
+    verb: str, tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever makes a state of the object knows it, and as exactly as the calibration does."""
+    known: list[tuple[float, float]] = []
+    begin = single.first_state
+
+    def noted(target: Target, levels: list[Grey], numbers: Numbers, focal: Beforehand | None = None) -> TrackState:
+        state = begin(target, levels, numbers, focal)
+        theta, covariance = state.plane.theta_and_covariance()
+        known.append((float(theta[0]), math.sqrt(covariance[0, 0])))
+        return state
+
+    monkeypatch.setattr("grasptrack.tracking.follower.first_state", noted)
+    monkeypatch.setattr("grasptrack.pair.first_state", noted)
+    scene, _ = approach(3)
+    images = [str(tmp_path / f"{i}.png") for i in range(2)]
+    for i, name in enumerate(images):
+        cv2.imwrite(name, scene[i].image)
+    (tmp_path / "c.json").write_text('{"width": 640, "height": 480, "focal": 900, "k1": 0.0}')
+    given = {"track": [str(tmp_path / "*.png"), "--no-video"], "transfer": images, "inspect": images[:1]}[verb]
+    for calibrated in (False, True):
+        known.clear()
+        more = ["--camera", str(tmp_path / "c.json")] if calibrated else []
+        assert main([verb, *given, *more, "--quiet", "--output", str(tmp_path / "o")]) == 0
+        log, sd = known[-1]
+        assert log == pytest.approx(math.log(900 / 640) if calibrated else 0.0, abs=0.01)
+        assert (sd < 0.02) == calibrated and sd >= NUMBERS.calibrated_sd
 
 
 # --- where it is told ----------------------------------------------------------------------------

@@ -23,6 +23,8 @@ from grasptrack.observation.images import to_bgr
 from grasptrack.observation.undistortion import MOST, Undistortion
 from grasptrack.projective import apply_homography, similarity
 from grasptrack.simulation import DISTURBANCES, SHAPES, SceneFrame
+from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 
@@ -310,7 +312,6 @@ def test_transfer_with_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert np.abs(start - [x, y]).max() < 1.0  # px of the image, in which the contacts were given
         off.append(np.abs(end - truth(start)).max())
     assert off[0] < 0.2  # they are written with one decimal
-    print(off)
     assert len(off) == 1 or off[1] > 2.0 * off[0]
     assert cv2.imread(str(tmp_path / "transfer.png")) is not None
 
@@ -328,10 +329,12 @@ def test_inspect_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], 
     assert found["options"]["camera"] == str(file)
     lens, straight = Undistortion(camera, 640, 480), camera.undistort(chosen.contacts)
     J = lens.stretch(straight - lens.offset)
-    ideal = inspect(lens.image(seen[0].image), ignore=lens.ignored(None))
+    focal = Beforehand.by_calibration(lens.focal, NUMBERS)
+    ideal = inspect(lens.image(seen[0].image), ignore=lens.ignored(None), focal=focal)
     assert ideal.grasp is not None
     assert np.allclose(found["grasp"]["covariance_px2"], J @ ideal.grasp.covariance @ np.swapaxes(J, 1, 2), rtol=1e-3)
-    assert found["expected_px"] == pytest.approx(max(found["grasp"]["sigma_px"]))
+    assert found["error_px"] == pytest.approx(ideal.error_px, rel=1e-5)
+    assert found["located_interval"] == pytest.approx(ideal.located_interval)
     along = np.diff(chosen.view.outer.points, axis=0)
     peaks = np.array(found["peaks"])
     apart = np.hypot(*(peaks[:, None] - chosen.view.outer.points[None]).transpose(2, 0, 1)).min(axis=1)

@@ -29,6 +29,7 @@ from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
 from grasptrack.tracking.follower import REGISTRATION
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.redetection import Keypoints
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
@@ -121,6 +122,7 @@ def carry_to(
     object_at: tuple[float, float] | None = None,
     ignore: NDArray[Any] | None = None,
     risk: float = DEFAULT_RISK,
+    focal: Beforehand | None = None,
 ) -> Pair:
     """Carry a grasp to a second image, under any turn, scales of 0.4 to 2.5 and tilts up to 60 degrees.
 
@@ -135,6 +137,7 @@ def carry_to(
         object_at: (x, y) px of the object in the second image.
         ignore: (H, W) nonzero where nothing belongs to either scene.
         risk: probability, between 0 and 1, below which an answer may be wrong.
+        focal: what is known of the first image's camera beforehand, as for `Plane`.
 
     Raises:
         ObservationError: no object in the second image.
@@ -149,7 +152,7 @@ def carry_to(
     try:
         found, ways, told = _by_outline(colours, outline, object_at, hidden)
     except (ObservationError, TransferError) as problem:
-        scene = _Scene(grasp, reference, before, colours, None, friction, hidden, object_at, numbers)
+        scene = _Scene(grasp, reference, before, colours, None, friction, hidden, object_at, numbers, focal)
         decision = scene.decided(scene.by_keypoints())
         if not decision.accepted:
             raise problem from None
@@ -157,7 +160,7 @@ def carry_to(
     assert told.best is not None
     alike = [told.best, *told.others]
     worse = [m for m in ways if not any(m is known for known in alike)]
-    scene = _Scene(grasp, reference, before, colours, found, friction, hidden, object_at, numbers)
+    scene = _Scene(grasp, reference, before, colours, found, friction, hidden, object_at, numbers, focal)
     made = [(m, e) for m in alike if (e := scene.by_match(m)) is not None]
     by_worse = [scene.by_match(m) for m in worse]
     every = [*(e for _, e in made), *by_worse, *scene.by_keypoints()]
@@ -211,6 +214,7 @@ class _Scene:
         hidden: Grey | None,
         object_at: tuple[float, float] | None,
         numbers: Numbers,
+        focal: Beforehand | None,
     ) -> None:
         self._numbers, self._strict = numbers, NUMBERS.learning(numbers.risk)
         self._grasp, self._view, self._friction, self._object_at = grasp, reference, friction, object_at
@@ -221,7 +225,7 @@ class _Scene:
         before, self._levels = pyramid(self._first), pyramid(self._second)
         same_size = hidden is not None and hidden.shape == self._first.shape
         self.target = make_target(before, reference, grasp.contacts, NUMBERS, hidden if same_size else None)
-        self._state = first_state(self.target, before, NUMBERS)
+        self._state = first_state(self.target, before, NUMBERS, focal)
         self._standing: list[PoseEstimate] = []
 
     def by_match(self, way: Match) -> PoseEstimate | None:

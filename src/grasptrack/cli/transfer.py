@@ -82,6 +82,8 @@ def transfer(
     from grasptrack.grasp import Grasp
     from grasptrack.observation.undistortion import Told
     from grasptrack.pair import carry_to
+    from grasptrack.tracking.numbers import NUMBERS
+    from grasptrack.tracking.plane import Beforehand
     from grasptrack.tracking.tracker import GraspTracker
 
     lens, one, told = _straight(calibration, first, Told(contacts, place_a, None, hidden))
@@ -94,9 +96,10 @@ def transfer(
     if chosen.contacts is None or chosen.view is None:
         raise InputError(f'"{image_a}": {chosen.reason}')
     pair, refusal = None, ""
+    focal = None if lens is None else Beforehand.by_calibration(lens.focal, NUMBERS)
     try:
         pair = carry_to(
-            Grasp(chosen.contacts), chosen.view, one, other, friction, told_b.object_at, told_b.ignore, risk
+            Grasp(chosen.contacts), chosen.view, one, other, friction, told_b.object_at, told_b.ignore, risk, focal
         )
     except TransferError as error:
         refusal = str(error)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from grasptrack.suitability import Suitability
     from grasptrack.suitability.result import Held, Texture
 
-FORMAT = 2
+FORMAT = 3
 """Raised when a key changes its meaning or goes away; new keys alone do not raise it."""
 
 
@@ -28,7 +28,7 @@ def inspection(found: Suitability, name: str, shape: tuple[int, ...], options: M
         shape: height and width of the image.
         options: what was asked for.
     """
-    models, rehearsal = found.motions.models, found.rehearsal
+    models, run = found.motions.models, found.prediction
     return {
         "format": FORMAT,
         "image": {"name": name, "width": shape[1], "height": shape[0]},
@@ -38,18 +38,17 @@ def inspection(found: Suitability, name: str, shape: tuple[int, ...], options: M
         "verdict": found.verdict,
         "reasons": [reason._asdict() for reason in found.reasons],
         "strategy": found.strategy,
-        "expected_px": _plain(found.expected),
+        "located": _plain(found.located),
+        "located_interval": _plain(list(found.located_interval)),
+        "error_px": _plain(found.error_px),
+        "error_interval_px": _plain(list(found.error_interval)),
+        "drawn": None if run is None else {key: _plain(value) for key, value in run.drawn._asdict().items()},
         "object": {key: _plain(value) for key, value in found.looks._asdict().items()},
         "motions": [
             {**m._asdict(), "shown": _plain(m.shown), "observed": list(m.observed)} for m in found.motions.motions
         ],
         "models": {
-            key: {
-                "observable": m.observable,
-                "weakest": _plain(m.weakest),
-                "least": m.least,
-                "sigma_px": None if found.grasp is None else _plain(m.sigma),
-            }
+            key: {"observable": m.observable, "weakest": _plain(m.weakest), "least": m.least}
             for key, m in models.items()
         },
         "symmetry": {
@@ -64,7 +63,6 @@ def inspection(found: Suitability, name: str, shape: tuple[int, ...], options: M
         "fixed_by": found.by,
         "evidence_px": None if found.settled is None else _evidence(found.settled.deviations),
         "grasp": None if found.grasp is None else _grasp(found.grasp),
-        "rehearsal": None if rehearsal is None else {k: _plain(v) for k, v in rehearsal._asdict().items()},
         "outline": [_plain(contour.points) for contour in found.view.contours],
     }
 
@@ -87,6 +85,7 @@ def _grasp(grasp: Held) -> dict[str, Any]:
         "sigma_px": _plain(grasp.sigma),
         "covariance_px2": _plain(grasp.covariance),
         "limit_px": _plain(grasp.limit),
+        "tolerance_px": _plain(grasp.tolerance),
     }
 
 

@@ -13,25 +13,29 @@ from grasptrack import kernels
 from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, analyze
 from grasptrack.closing import chance_of_closing, regions_of
 from grasptrack.contour import View
+from grasptrack.errors import InputError
 from grasptrack.grasp import Grasp
 from grasptrack.hand import Hand
-from grasptrack.suitability.advice import Findings, level_of, reasons_of
-from grasptrack.suitability.edges import Edges, edges_of, scatter, sway
+from grasptrack.observation.images import PLAIN
+from grasptrack.suitability.advice import Findings, is_lost, level_of, reasons_of
+from grasptrack.suitability.edges import Edges, edges_of, sway
 from grasptrack.suitability.first import FirstView, first_view
-from grasptrack.suitability.motions import TURN, Frame, Motions, motions_of
-from grasptrack.suitability.rehearsal import Rehearsal, rehearse
+from grasptrack.suitability.motions import TURN, Frame, motions_of
+from grasptrack.suitability.prediction import RUNS, Drawn, Looked, Prediction, Run, drawn_runs, predict_run, rehearse
 from grasptrack.suitability.relief import Relief, reliefs
-from grasptrack.suitability.restaged import Stage
+from grasptrack.suitability.restaged import Setting, Stage
 from grasptrack.suitability.result import Held, Looks, Reason, Suitability, Texture
-from grasptrack.suitability.settled import Settled, settled
+from grasptrack.suitability.settled import Settled, loose, settled
 from grasptrack.suitability.strategies import peaks_of, recommended, strategies_of
 from grasptrack.suitability.symmetry import Likeness, equals_of, symmetry_of
-from grasptrack.tracking.decision import largest_sigma
+from grasptrack.tracking.decision import largest_sigma, tolerance
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.target import pyramid
+from grasptrack.tracking.strategies import carrier_for
+from grasptrack.tracking.target import Target, pyramid
 from grasptrack.tracking.tracker import GraspTracker
 
 __all__ = ["Reason", "Suitability", "inspect"]
@@ -52,12 +56,13 @@ def inspect(
     hand: Hand | None = None,
     strategy: str = AUTO,
     risk: float = DEFAULT_RISK,
+    focal: Beforehand | None = None,
+    runs: int = RUNS,
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
-    Object and grasp are chosen as `GraspTracker` does in a first image. Errors are expected from the normal equations of
-    the outline and the scatter of its edges, and where it leaves motions free from the tracker's own evidence of the surface
-    and the ground; the tracker is also tried on the image itself, moved a little.
+    Object and grasp are chosen as `GraspTracker` does in a first image. What a run will give follows from runs of the tracker
+    that are drawn: on the image itself, moved as an approach would move it, where the truth is known.
 
     Args:
         image: 8 or 16 bit, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
@@ -71,10 +76,13 @@ def inspect(
         hand: opening and fingers that a synthesised grasp must suit.
         strategy: that is to carry the grasp.
         risk: probability, between 0 and 1, below which an answer of the tracker may be wrong.
+        focal: what is known of the camera beforehand, as for `Plane`; the image is then one without distortion.
+        runs: that are drawn.
 
     Raises:
         ObservationError: no object.
-        SourceError, InputError: an image or mask that cannot be used, friction not positive, a risk not between 0 and 1.
+        SourceError, InputError: an image or mask that cannot be used, friction not positive, no run, a risk not between 0
+            and 1.
         GraspError: given contacts that are none, or not on an object.
         StrategyError: unknown strategy, or more fingers than it can carry.
     """
@@ -82,35 +90,39 @@ def inspect(
         fingers=fingers, strategy=strategy, friction=friction, grasp=grasp, object_at=object_at, box=box, risk=risk
     )
     given = None if grasp is None else Grasp(grasp)
-    first = first_view(image, given, asked.fingers, friction, object_at, box, mask, ignore, hand, strategy, risk)
+    if runs < 1:
+        raise InputError(f"at least 1 run must be drawn, not {runs}", runs=runs)
+    first = first_view(image, given, asked.fingers, friction, object_at, box, mask, ignore, hand, strategy, risk, focal)
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)
     surface, ground = reliefs(grey, view, first.hidden)
-    looks = _looks(first, edges, surface)
-    noise = math.sqrt(2.0) * looks.scatter  # of both views
-    motions = motions_of(*edges.used, first.held.contacts, _frame(view), noise, sway(edges))
+    target = first.carrier.follower.target if first.carrier else _target(first)
+    looks = _looks(first, target, edges, surface)
+    motions = motions_of(*edges.used, _frame(view), sway(edges))
     whole = motions.models["homography"]
     limit = largest_sigma(view.outer.area, NUMBERS.with_risk(risk))
-    stage = Stage(first.colours, first.candidate.channel, surface.noise)
-    rehearsal = None if first.carrier is None else rehearse(first, stage)
-    fixed = None
-    if first.carrier is not None and strategy == AUTO:  # the others look at the outline alone
-        fixed = settled(first, stage, limit, whole.covariance, whole.observable)
-    known = whole.covariance if fixed is None else fixed.covariances[0]
-    alone = "" if first.carrier is None else _refusal(whole.observable, known, limit)
-    refusal = alone if fixed is None else _refusal(fixed.by != "nothing", fixed.covariance, limit)
-    grip = None if first.grasp is None else _held(first.grasp, view, friction, limit, motions, fixed, rehearsal)
-    usable = strategies_of(first.held, view, grey, alone, refusal)
-    likeness = Likeness(first, stage)
+    auto = strategy == AUTO  # the others segment, in colour
+    stage = Stage(grey if auto else first.colours, PLAIN if auto else first.candidate.channel, surface.noise)
+    prediction, fixed = None, None
+    if first.carrier is not None:
+        runs_drawn, looked = _drawn(first, stage, strategy, risk, focal, runs)
+        fixed = settled(first, target, looked, limit, whole.observable)
+        # beyond its tolerance the tracker refuses
+        adrift = min(fixed.deviations[2], tolerance(view.outer.area, NUMBERS)) if fixed.by == "nothing" else 0.0
+        prediction = predict_run(Drawn.of(runs_drawn, math.sqrt(view.outer.area), adrift))
+    refusal = "" if fixed is None else _refusal(fixed.by != "nothing", fixed.covariance, limit)
+    grip = None if first.grasp is None else _held(first, friction, limit, motions.frame.size, fixed, prediction)
+    usable = strategies_of(first.held, view, grey, refusal)
+    likeness = Likeness(first, target, stage)
     symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
     equals = equals_of(first, likeness)
     reasons = reasons_of(
-        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, fixed, rehearsal, risk)
+        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, fixed, prediction)
     )
     return Suitability(
-        level=level_of(reasons),
+        level=level_of(grip, prediction),
         reasons=reasons,
-        strategy=recommended(usable) if grip is not None and not refusal else "",
+        strategy="" if grip is None or is_lost(prediction) else recommended(usable),
         looks=looks,
         motions=motions,
         symmetry=symmetry,
@@ -121,10 +133,34 @@ def inspect(
         ground=Texture(ground.rms, ground.least, math.nan if fixed is None else fixed.deviations[2]),
         grasp=grip,
         settled=fixed,
-        rehearsal=rehearsal,
+        prediction=prediction,
         view=view,
         edges=edges,
     )
+
+
+def _target(first: FirstView) -> Target:
+    return make_target(pyramid(first.grey), first.candidate.view, first.held.contacts, NUMBERS, first.hidden)
+
+
+def _drawn(
+    first: FirstView, stage: Stage, strategy: str, risk: float, focal: Beforehand | None, runs: int
+) -> tuple[list[Run], list[Looked]]:
+    """Runs that are drawn, and the images of the first of them."""
+    view, grasp, grey = first.candidate.view, first.held, first.grey
+    away = view.outer.points - (centre := view.outer.points.mean(axis=0))
+    size, reach = math.sqrt(view.outer.area), float(np.hypot(*away.T).max())
+    setting = Setting(centre, size, reach, grey.shape[1], grey.shape[0], focal or Beforehand.usual(NUMBERS))
+    carrier, made, seen = first.carrier, [], list[Looked]()
+    for steps in drawn_runs(setting, runs):
+        if carrier is None:
+            first.observer.look(first.colours)
+            first.observer.choose(first.candidate)
+            carrier = carrier_for(strategy, grasp, view, grey, None, first.observer, risk, focal)
+        run, looked = rehearse(carrier, first, stage, steps)
+        made.append(run)
+        seen, carrier = seen or looked, None
+    return made, seen
 
 
 def _refusal(fixed: bool, covariance: Floats, limit: float) -> str:
@@ -139,7 +175,7 @@ def _frame(view: View) -> Frame:
     return Frame(np.array([x, y]), np.array([[c, s], [-s, c]]), math.sqrt(area))
 
 
-def _looks(first: FirstView, edges: Edges, surface: Relief) -> Looks:
+def _looks(first: FirstView, target: Target, edges: Edges, surface: Relief) -> Looks:
     view, grey = first.candidate.view, first.grey
     height, width = grey.shape
     low, high = view.outer.points.min(axis=0), view.outer.points.max(axis=0)
@@ -157,37 +193,25 @@ def _looks(first: FirstView, edges: Edges, surface: Relief) -> Looks:
         contrast=float(np.median(edges.contrast[inside])) if inside.any() else 0.0,
         noise=surface.noise,
         grain=1.4826 * float(np.median(np.abs(beyond - ground))) if len(beyond) else math.nan,
-        sharpness=_edge_width(first),
+        sharpness=math.sqrt(2.0 * math.pi) * target.edge_width * float(target.A[0, 0]),
         strength=strength,
         clear=float(edges.clear[inside].mean()) if inside.any() else 0.0,
-        scatter=scatter(edges, surface.noise),
         border=max(0.0, float(min(low.min(), width - 1.0 - high[0], height - 1.0 - high[1]))),
         holes=len(view.contours) - 1,
         clipped=view.is_clipped,
     )
 
 
-def _edge_width(first: FirstView) -> float:
-    """px, contrast over steepest slope of the edges, as the tracker measures them; NaN where it sees none."""
-    target = make_target(pyramid(first.grey), first.candidate.view, first.held.contacts, NUMBERS, first.hidden)
-    return math.sqrt(2.0 * math.pi) * target.edge_width * float(target.A[0, 0])
-
-
 def _held(
-    grasp: Grasp,
-    view: View,
-    friction: float,
-    limit: float,
-    motions: Motions,
-    fixed: Settled | None,
-    rehearsal: Rehearsal | None,
+    first: FirstView, friction: float, limit: float, size: float, fixed: Settled | None, prediction: Prediction | None
 ) -> Held:
-    """The grasp with the errors to be expected of its contacts, both ways to foretell them taken together."""
-    covariance = motions.models["homography"].covariance if fixed is None else fixed.covariance
+    """The grasp with the errors to be expected of its contacts: in the ratios of their covariances, as large as predicted."""
+    grasp, view = first.held, first.candidate.view
+    covariance = loose(first) if fixed is None else fixed.covariance
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
-    tried = math.nan if rehearsal is None else rehearsal.error
-    known = 1.0 if math.isnan(tried) else math.sqrt(0.5 * (1.0 + (tried / float(sigma.max())) ** 2))
-    width = FINGER_WIDTH * motions.frame.size
+    expected = math.nan if prediction is None else prediction.error_px
+    known = 1.0 if math.isnan(expected) else expected / float(sigma.max())
+    width = FINGER_WIDTH * size
     analysis = analyze(grasp, view, friction, width, "reference")
     return Held(
         contacts=grasp.contacts,
@@ -198,4 +222,5 @@ def _held(
         sigma=known * sigma,
         covariance=known**2 * covariance,
         limit=limit,
+        tolerance=tolerance(view.outer.area, NUMBERS),
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Good, fair or poor, why, and what would help. Every limit is one of the tracker's own."""
+"""Good, fair or poor by what is predicted of a run; what speaks against the object, and what would help."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from grasptrack.closing import CHANCE
 from grasptrack.kernels.reference_edges import WINDOW
 from grasptrack.suitability.edges import MIN_STRENGTH, RELATIVE_STRENGTH
 from grasptrack.suitability.motions import SLIDING, Motions
-from grasptrack.suitability.rehearsal import Rehearsal
+from grasptrack.suitability.prediction import Prediction
 from grasptrack.suitability.result import Held, Level, Looks, Reason
 from grasptrack.suitability.settled import Settled
 from grasptrack.suitability.strategies import Usable, recommended
@@ -25,8 +25,8 @@ HALF = 0.5
 """Of the outline, so much must show its edge: with less, more of it is missing than seen."""
 COVER = 0.3
 """Share of the outline that a cover may take without harm where all of it has a clear edge."""
-REHEARSED = 0.75
-"""Share of the rehearsed motions that must be followed: they are smaller than those of any use."""
+TRACKED, LOST = 0.9, 0.5
+"""Share of the frames that is located at the least where an object is good; and below which, by expectation, it is poor."""
 HARDLY = math.sqrt(2.0) * SLIDING
 """Of a motion, the part across the outline below which the evidence counts for less than half."""
 
@@ -36,7 +36,7 @@ NO_TURN = "another object, or a mark on its outline such as a notch"
 
 
 class Findings(NamedTuple):
-    """All that a verdict rests on; `refusal` is what the tracker says of the first view, by its `risk`."""
+    """All that a verdict rests on; `refusal` is what the tracker says of the first view."""
 
     looks: Looks
     motions: Motions
@@ -47,39 +47,50 @@ class Findings(NamedTuple):
     no_grasp: str
     refusal: str
     settled: Settled | None
-    rehearsal: Rehearsal | None
-    risk: float
+    prediction: Prediction | None
+
+
+def is_lost(prediction: Prediction | None) -> bool:
+    """Whether a run is expected to lose the object in most frames."""
+    return prediction is not None and prediction.located < LOST
+
+
+def level_of(grasp: Held | None, prediction: Prediction | None) -> Level:
+    """How well an object can be tracked, by what a run will give.
+
+    Poor: no grasp that closes and that the strategy can carry; or less than half of the frames expected to be located; or,
+    within 95 %, contacts off by more than the tracker promises. Good, else: with 95 %, at least nine tenths of the frames
+    located.
+    """
+    if grasp is None or not grasp.stable or prediction is None or is_lost(prediction):
+        return "poor"
+    if prediction.error_interval[1] > grasp.tolerance:
+        return "poor"
+    return "good" if prediction.located_interval[0] >= TRACKED else "fair"
 
 
 def reasons_of(found: Findings) -> tuple[Reason, ...]:
-    """Why an object is less than good to track, the gravest first; empty when it is good."""
+    """What speaks against an object, of the grasp first; empty when nothing does."""
     listed = [*_of_grasp(found), *_of_motions(found), *_of_edges(found), *_of_likeness(found)]
-    rehearsal = found.rehearsal
-    lost = 0 if rehearsal is None else rehearsal.steps - rehearsal.located
-    if rehearsal is not None and lost and not any(r.level == "poor" for r in listed):
-        level: Level = "poor" if rehearsal.located < REHEARSED * rehearsal.steps else "fair"
-        text = f"lost in {lost} of {rehearsal.steps} small motions that were tried: {rehearsal.reason}"
-        listed.append(Reason(level, text, "" if found.looks.clear * (1.0 - COVER) < HALF else _clearer(found.looks)))
-    return tuple(sorted(listed, key=lambda r: r.level != "poor"))
-
-
-def level_of(reasons: tuple[Reason, ...]) -> Level:
-    """The gravest of some reasons."""
-    return "poor" if any(r.level == "poor" for r in reasons) else "fair" if reasons else "good"
+    drawn = None if found.prediction is None else found.prediction.drawn
+    if drawn is not None and drawn.located < drawn.images:
+        text = f"lost in {drawn.images - drawn.located} of {drawn.images} images that were drawn: {drawn.reason}"
+        listed.append(Reason(text, "" if found.looks.clear * (1.0 - COVER) < HALF else _clearer(found.looks)))
+    return tuple(listed)
 
 
 def _of_grasp(found: Findings) -> list[Reason]:
     listed = []
     grasp = found.grasp
     if found.no_grasp:
-        listed.append(Reason("poor", found.no_grasp, "give contacts with --grasp, or more --friction"))
+        listed.append(Reason(found.no_grasp, "give contacts with --grasp, or more --friction"))
     elif grasp is not None and not grasp.stable:
-        listed.append(Reason("poor", "the grasp does not close", "another grasp, or more --friction"))
+        listed.append(Reason("the grasp does not close", "another grasp, or more --friction"))
     elif grasp is not None and grasp.chance < CHANCE and _fixed(found):
         text = f"the grasp closes with a chance of only {100.0 * grasp.chance:.0f} % where its contacts are uncertain"
-        listed.append(Reason("fair", text, "another grasp, on longer straight sides"))
+        listed.append(Reason(text, "another grasp, on longer straight sides"))
     if not recommended(found.strategies) and not found.refusal:
-        listed.append(Reason("poor", f"no strategy can carry it: {found.strategies[0].reason}", "more contrast"))
+        listed.append(Reason(f"no strategy can carry it: {found.strategies[0].reason}", "more contrast"))
     return listed
 
 
@@ -96,30 +107,30 @@ def _of_motions(found: Findings) -> list[Reason]:
     by = None if found.settled is None else found.settled.by
     if by not in ("surface", "ground"):
         return listed
-    free = listed[0].text if listed and listed[0].level == "poor" else "the outline hardly fixes the contacts"
+    free = listed[0].text if listed else "the outline hardly fixes the contacts"
     if found.refusal:
-        return [Reason("poor", found.refusal, "another grasp, nearer to where the outline bends")]
+        return [Reason(found.refusal, "another grasp, nearer to where the outline bends")]
     if by == "surface":
         text = f"{free}; the surface fixes it: where that is covered or in glare, it may be lost"
-        return [Reason("fair", text, "keep the surface in view")]
+        return [Reason(text, "keep the surface in view")]
     text = f"{free}; only the ground fixes it: on a belt it will be lost"
-    return [Reason("fair", text, "let the object rest on the ground, or mark its surface")]
+    return [Reason(text, "let the object rest on the ground, or mark its surface")]
 
 
 def _of_outline(found: Findings) -> list[Reason]:
     models, looks = found.motions.models, found.looks
     flat = models["similarity"]
     if not flat.observable and flat.unswayed >= HARDLY:
-        return [Reason("poor", "the noise of its edges hides how it moves", _clearer(looks))]
+        return [Reason("the noise of its edges hides how it moves", _clearer(looks))]
     if found.symmetry.every or not flat.observable:
         hidden = [
             m.name for m in found.motions.motions if "similarity" not in m.observed and "affine" not in m.observed
         ]
         what = "a turn about its centre" if found.symmetry.every or "turn" in hidden else "a shift along itself"
-        return [Reason("poor", f"{what} is not shown by the outline", NO_TURN)]
+        return [Reason(f"{what} is not shown by the outline", NO_TURN)]
     whole = models["homography"]
     if not whole.observable and whole.unswayed >= HARDLY:
-        return [Reason("poor", "the noise of its edges hides a tilt", _clearer(looks))]
+        return [Reason("the noise of its edges hides a tilt", _clearer(looks))]
     if not whole.observable:
         mixed = _mixed(found.motions)
         text = (
@@ -127,14 +138,14 @@ def _of_outline(found: Findings) -> list[Reason]:
             if mixed
             else "a tilt is not shown by this outline"
         )
-        return [Reason("poor", text, "begin with the whole object in view" if looks.clipped else NO_TURN)]
+        return [Reason(text, "begin with the whole object in view" if looks.clipped else NO_TURN)]
     if found.refusal:
-        return [Reason("poor", found.refusal, "another grasp, nearer to where the outline bends")]
+        return [Reason(found.refusal, "another grasp, nearer to where the outline bends")]
     if whole.weakest < HARDLY:
         share = f"{100.0 * whole.weakest:.0f} %; {100.0 * SLIDING:.0f} % is needed"
         text = f"{WORDS.get(whole.least, 'a tilt')} is hardly told from other motions ({share})"
         advice = "a sharper image" if looks.sharpness > WINDOW else "more of the object in view, or another object"
-        return [Reason("fair", text, advice)]
+        return [Reason(text, advice)]
     return []
 
 
@@ -150,26 +161,18 @@ def _listed(names: list[str]) -> str:
 
 def _of_edges(found: Findings) -> list[Reason]:
     looks, listed = found.looks, []
-    if found.grasp is not None and found.settled is not None and found.settled.by == "outline":
-        # where half of the outline is covered, half of what it tells is left
-        sigma, odds = math.sqrt(2.0) * found.settled.deviations[0], 0.5 * found.settled.evidence
-        few = odds < -math.log(found.risk) and looks.size >= SMALL  # of a small object that is said below
-        if sigma > found.grasp.limit or few:
-            text = f"the edges scatter by {looks.scatter:.1f} px: in poorer light or behind a cover it is lost"
-            listed.append(Reason("fair", text, _clearer(looks)))
     if looks.clear * (1.0 - COVER) < HALF:
-        level: Level = "poor" if looks.clear < HALF else "fair"
         text = f"only {100.0 * looks.clear:.0f} % of the outline has a clear edge"
-        listed.append(Reason(level, text, _clearer(looks)))
+        listed.append(Reason(text, _clearer(looks)))
     elif looks.strength < FAINT:
         text = f"faint edges ({looks.strength:.1f} grey levels per px)"
-        listed.append(Reason("fair", text, _clearer(looks)))
+        listed.append(Reason(text, _clearer(looks)))
     if looks.size < SMALL:
         text = f"a small object: its area is only that of {looks.size:.0f} x {looks.size:.0f} px"
-        listed.append(Reason("fair", text, "move nearer, or take a larger image"))
+        listed.append(Reason(text, "move nearer, or take a larger image"))
     if looks.clipped:
         text = "the image border cuts the object: once lost, it is not found again"
-        listed.append(Reason("fair", text, "begin with the whole object in view"))
+        listed.append(Reason(text, "begin with the whole object in view"))
     return listed
 
 
@@ -194,9 +197,9 @@ def _of_likeness(found: Findings) -> list[Reason]:
         text = (
             f"it looks the same after a turn by {360.0 / symmetry.order:.0f}°: out of sight for a moment, it stays lost"
         )
-        listed.append(Reason("fair", text, "keep it in view, or mark one side"))
+        listed.append(Reason(text, "keep it in view, or mark one side"))
     if found.equals:
         others = "another object has" if found.equals == 1 else f"{found.equals} other objects have"
         text = f"{others} the same outline: out of sight for a moment, it stays lost"
-        listed.append(Reason("fair", text, "keep it in view, or take its equals away"))
+        listed.append(Reason(text, "keep it in view, or take its equals away"))
     return listed

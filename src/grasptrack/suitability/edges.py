@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.contour import Bools, View
-from grasptrack.kernels.reference_edges import WINDOW
 from grasptrack.kernels.reference_evidence import lower_median
 from grasptrack.observation.images import Grey
 
@@ -26,10 +25,7 @@ SPACING, MOST = 2.0, 480
 ACROSS = 6.0
 """px along the outline over which its direction is taken."""
 LEAST = 5
-"""Edges in a row that their scatter is measured on."""
-CENTROID = 1.8
-"""px of an edge's own noise, times its contrast and over the image's: what the centroid of gradients within WINDOW makes of
-independent noise of the pixels, their interpolation allowed for."""
+"""Stretches in a row that their directions' noise is measured on."""
 
 
 class Edges(NamedTuple):
@@ -94,36 +90,8 @@ def edges_of(view: View, grey: Grey, polarity: int) -> Edges:
     )
 
 
-def scatter(edges: Edges, pixels: float) -> float:
-    """px, standard deviation of one edge's place along its normal.
-
-    What third differences of neighbouring edges show, in which curvature cancels; at least what the noise of the pixels
-    alone makes of edges of this contrast.
-
-    Args:
-        edges: along the outline.
-        pixels: grey levels, standard deviation of a pixel.
-    """
-    differences = []
-    for i in range(int(edges.contour.max()) + 1):
-        own = np.flatnonzero(edges.contour == i)
-        for start in range(edges.spacing):
-            at = own[start :: edges.spacing]
-            if len(at) >= LEAST:
-                q, good = edges.points[at], edges.clear[at]
-                third = np.roll(q, -2, 0) - 3.0 * np.roll(q, -1, 0) + 3.0 * q - np.roll(q, 1, 0)
-                across = edges.normals[at] + np.roll(edges.normals[at], -1, 0)
-                across /= np.maximum(np.hypot(*across.T), 1e-9)[:, None]
-                whole = good & np.roll(good, -1) & np.roll(good, -2) & np.roll(good, 1)
-                differences.append(np.einsum("ij,ij->i", third, across)[whole])
-    shown = np.abs(np.concatenate(differences)) if differences else np.zeros(0)
-    rough = 1.4826 * lower_median(shown) / math.sqrt(20.0)
-    contrast = float(np.median(edges.contrast[edges.clear])) if edges.clear.any() else 0.0
-    return max(rough, CENTROID * pixels / contrast) if contrast > 0.0 else WINDOW
-
-
 def sway(edges: Edges) -> float:
-    """rad, standard deviation of an edge's direction from noise alone: by third differences, as `scatter`."""
+    """rad, standard deviation of an edge's direction from noise alone: by third differences, in which curvature cancels."""
     angles = np.arctan2(edges.normals[:, 1], edges.normals[:, 0])
     step, differences = round(ACROSS), []
     for i in range(int(edges.contour.max()) + 1):

@@ -18,6 +18,7 @@ from grasptrack.observation.proposals import Box
 from grasptrack.observation.segmentation import grow
 from grasptrack.tracking import initialization
 from grasptrack.tracking.initialization import Wish
+from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.strategies import Carrier, carrier_for
 
 
@@ -68,8 +69,9 @@ def first_view(
     hand: Hand | None,
     strategy: str,
     risk: float,
+    focal: Beforehand | None,
 ) -> FirstView:
-    """Object and grasp as `GraspTracker.update` chooses them in a first image; arguments as there.
+    """Object and grasp as `GraspTracker.update` chooses them in a first image; arguments as there, `focal` as for `Plane`.
 
     Raises:
         ObservationError: no object.
@@ -92,7 +94,7 @@ def first_view(
     others = _others(observer, chosen.found, candidate, masked, object_at is not None or box is not None)
     for i, grasp in enumerate(chosen.grasps):
         try:
-            carrier = carrier_for(strategy, grasp, candidate.view, grey, None, observer, risk)
+            carrier = carrier_for(strategy, grasp, candidate.view, grey, None, observer, risk, focal)
         except TransferError as error:
             if i == 0:
                 reason = f"no grasp that {strategy} can carry: {error}"

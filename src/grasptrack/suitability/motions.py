@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which motions an outline shows, and how far each contact may be off for it: from the normal equations of a registration."""
+"""Which motions an outline shows: from the normal equations of a registration."""
 
 from __future__ import annotations
 
@@ -29,8 +29,6 @@ NAMES = (
 TURN = NAMES.index("turn")
 SLIDING = 0.16
 """A motion whose part along the normals is, rms, less than this share of itself is not seen, for noise does as much."""
-LOOSE = 0.25
-"""What the outline does not show of a motion may be as large as this fraction of sqrt(area)."""
 FREE = 0.4
 """A motion is not shown when so much of it, by its square, lies among those that slide the outline along itself."""
 
@@ -60,7 +58,6 @@ class Model(NamedTuple):
         least: the named motion that is most like that one.
         unswayed: 0 to 1, `weakest` had the normals no noise that is taken off: what is much more than `weakest` is hidden by
             noise, not by the shape.
-        covariance: (k, 2, 2) px^2 of each contact.
     """
 
     name: str
@@ -68,12 +65,6 @@ class Model(NamedTuple):
     weakest: float
     least: str
     unswayed: float
-    covariance: Floats
-
-    @property
-    def sigma(self) -> Floats:
-        """(k,) px, root of the mean squared distance by which each contact is off."""
-        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)), dtype=np.float64)
 
 
 class Frame(NamedTuple):
@@ -101,37 +92,30 @@ class Motions(NamedTuple):
         motions: all eight.
         models: by name.
         frame: in which the motions are told.
-        free: (8, r) parameters in the frame of motions that a homography has and the outline does not show, each moving
-            the outline by 1 px rms.
-        slide: (8,) that of them, of the smallest model that has any, which the outline shows least; None where it shows all.
+        slide: (8,) parameters in the frame of the motion, of the smallest model that has any, which the outline shows least,
+            moving it by 1 px rms; None where it shows all.
     """
 
     motions: tuple[Motion, ...]
     models: dict[str, Model]
     frame: Frame
-    free: Floats
     slide: Floats | None
 
 
-def motions_of(
-    points: Floats, normals: Floats, contacts: Floats, frame: Frame, noise: float, sway: float = 0.0
-) -> Motions:
+def motions_of(points: Floats, normals: Floats, frame: Frame, sway: float = 0.0) -> Motions:
     """What edges at points (m, 2) px with normals (m, 2) show of a motion.
 
     Args:
         points, normals: of the edges that a registration uses.
-        contacts: (k, 2) px.
         frame: of the outline.
-        noise: px, standard deviation of an edge's place.
         sway: rad, standard deviation of the normals' directions; what this makes of a motion along the outline is no sign
             of it.
     """
     fields = displacement_fields(frame.place(points))
     across = normals @ frame.axes.T
     along = np.column_stack([-across[:, 1], across[:, 0]])
-    at = frame.axes.T @ displacement_fields(frame.place(contacts))
     models, seen = {}, {}
-    free, slide = np.zeros((8, 0)), None
+    slide = None
     for name, count in MODELS.items():
         own = whitening(fields[:, :, :count])
         named = np.linalg.inv(own)  # columns: the named motions, in motions of their own
@@ -139,9 +123,6 @@ def motions_of(
         B = np.einsum("mi,mij->mj", along, fields[:, :, :count]) @ own
         told, V = np.linalg.eigh(A.T @ A - sway**2 * (B.T @ B))
         slides = told <= SLIDING**2 * len(points)
-        sure = np.maximum(told - SLIDING**2 * len(points), 0.0)
-        C = (V / (sure / noise**2 + 1.0 / (LOOSE * frame.size) ** 2)) @ V.T
-        here = at[:, :, :count] @ own
         parts = np.square(V.T @ named) / np.square(named).sum(axis=0)
         models[name] = Model(
             name,
@@ -149,12 +130,10 @@ def motions_of(
             math.sqrt(max(told.item(0), 0.0) / max(len(points), 1)),
             NAMES[int(parts[0].argmax())],
             math.sqrt(max(float(np.linalg.eigvalsh(A.T @ A)[0]), 0.0) / max(len(points), 1)),
-            here @ C @ here.transpose(0, 2, 1),
         )
         seen[name] = parts[slides].sum(axis=0) <= FREE
-        free = own @ V[:, slides]
         if slide is None and slides.any():
-            slide = np.concatenate([free[:, 0], np.zeros(8 - count)])
+            slide = np.concatenate([own @ V[:, 0], np.zeros(8 - count)])
     moved = np.sqrt(np.square(fields).sum(axis=(0, 1)))
     part = np.square(np.einsum("mi,mij->mj", across, fields)).sum(axis=0)
     part -= sway**2 * np.square(np.einsum("mi,mij->mj", along, fields)).sum(axis=0)
@@ -163,7 +142,7 @@ def motions_of(
         Motion(name, float(part[i]), tuple(m for m, n in MODELS.items() if i < n and seen[m][i]))
         for i, name in enumerate(NAMES)
     )
-    return Motions(listed, models, frame, free, slide)
+    return Motions(listed, models, frame, slide)
 
 
 def slid(motions: Motions, points: Floats) -> Floats:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from grasptrack.contour import View
 from grasptrack.suitability.edges import Edges
 from grasptrack.suitability.motions import Motions
-from grasptrack.suitability.rehearsal import Rehearsal
+from grasptrack.suitability.prediction import Prediction
 from grasptrack.suitability.settled import By, Settled
 from grasptrack.suitability.strategies import Usable
 from grasptrack.suitability.symmetry import Symmetry
@@ -22,15 +23,13 @@ Level = Literal["good", "fair", "poor"]
 
 
 class Reason(NamedTuple):
-    """Why an object is less than good to track.
+    """What speaks against an object.
 
     Attributes:
-        level: "fair" or "poor".
         text: what is the matter.
         advice: what would help; empty where nothing is known to.
     """
 
-    level: Level
     text: str
     advice: str
 
@@ -48,7 +47,6 @@ class Looks(NamedTuple):
         sharpness: px, width of the edge: contrast over steepest slope.
         strength: grey levels per px, median along the outline.
         clear: 0 to 1, share of the outline in the image with an edge that the tracker can use.
-        scatter: px, standard deviation of one edge's place.
         border: px from the outline to the nearest border of the image.
         holes: number of them.
         clipped: the border cuts the object.
@@ -64,7 +62,6 @@ class Looks(NamedTuple):
     sharpness: float
     strength: float
     clear: float
-    scatter: float
     border: float
     holes: int
     clipped: bool
@@ -77,7 +74,7 @@ class Texture(NamedTuple):
         rms: grey levels per px, rms slope beyond what noise makes.
         least: the same in the direction that shows least.
         settles: px, standard deviation of the worst contact as the tracker tells it with this structure: of the ground, with
-            the surface as well. NaN where the strategy looks at neither, or there is no grasp.
+            the surface as well. NaN where there is no grasp.
     """
 
     rms: float
@@ -97,6 +94,7 @@ class Held(NamedTuple):
         sigma: (k,) px, expected error of each contact, rms of the distance.
         covariance: (k, 2, 2) px^2.
         limit: px; a larger standard deviation of a contact is not believed (`tracking.decision:largest_sigma`).
+        tolerance: px by which a contact may be off and count as right.
     """
 
     contacts: Floats
@@ -107,6 +105,7 @@ class Held(NamedTuple):
     sigma: Floats
     covariance: Floats
     limit: float
+    tolerance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +113,8 @@ class Suitability:
     """How well an object can be tracked, told from one image.
 
     Attributes:
-        level: "good", "fair" or "poor".
-        reasons: why it is not good, the gravest first.
+        level: "good", "fair" or "poor", by the prediction (`suitability.advice:level_of`).
+        reasons: what speaks against it.
         strategy: to be recommended; empty where none can carry the grasp.
         looks: the object as the image shows it.
         motions: which motions the outline shows.
@@ -125,8 +124,8 @@ class Suitability:
         strategies: `auto` and the paper's three, each usable or not.
         surface, ground: structure within the outline and round it.
         grasp: None where there is none.
-        settled: what fixes the contacts; None where the strategy looks at the outline alone, or there is no grasp.
-        rehearsal: the tracker on the image itself, moved a little; None without a grasp that can be carried.
+        settled: what fixes the contacts; None without a grasp that can be carried.
+        prediction: what a run will give; None without a grasp that can be carried.
         view: the outline.
         edges: along it.
     """
@@ -144,14 +143,29 @@ class Suitability:
     ground: Texture
     grasp: Held | None
     settled: Settled | None
-    rehearsal: Rehearsal | None
+    prediction: Prediction | None
     view: View
     edges: Edges
 
     @property
-    def expected(self) -> float:
-        """px, expected error of the worst contact, rms of the distance; NaN without a grasp."""
-        return float("nan") if self.grasp is None else float(self.grasp.sigma.max())
+    def located(self) -> float:
+        """Share of the frames, 0 to 1, that a run is expected to locate; 0 without a grasp that can be carried."""
+        return 0.0 if self.prediction is None else self.prediction.located
+
+    @property
+    def located_interval(self) -> tuple[float, float]:
+        """Least and most of that share in 100 frames, 95 %."""
+        return (0.0, 0.0) if self.prediction is None else self.prediction.located_interval
+
+    @property
+    def error_px(self) -> float:
+        """px, expected error of the worst contact, rms over a run; NaN where none was located, or without a grasp."""
+        return math.nan if self.prediction is None else self.prediction.error_px
+
+    @property
+    def error_interval(self) -> tuple[float, float]:
+        """px, least and most of that, 95 %; NaN where it is."""
+        return (math.nan, math.nan) if self.prediction is None else self.prediction.error_interval
 
     @property
     def by(self) -> By:
@@ -162,6 +176,6 @@ class Suitability:
 
     @property
     def verdict(self) -> str:
-        """One line: "good", or "fair: ..." or "poor: ..." with the reasons that make it so."""
-        why = "; ".join(r.text for r in self.reasons if r.level == self.level)
+        """One line: the level, and what speaks against the object."""
+        why = "; ".join(r.text for r in self.reasons)
         return f"{self.level}: {why}" if why else self.level

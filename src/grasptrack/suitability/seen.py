@@ -17,28 +17,20 @@ Floats = NDArray[np.float64]
 def as_seen(found: Suitability, lens: Undistortion) -> Suitability:
     """Outlines, peaks, contacts and the errors to be expected of contacts as they are seen.
 
-    All else stays that of the straight image: motions, widths, and the errors of the rehearsal.
+    All else stays that of the straight image: motions, widths, and what is predicted of a run.
 
     Args:
         found: in the straight image, with a grasp or without.
         lens: that made it straight.
     """
-    grasp, motions = found.grasp, found.motions
+    grasp = found.grasp
     if grasp is not None:
         J = lens.stretch(grasp.contacts)
-
-        def carried(covariance: Floats) -> Floats:
-            return np.asarray(J @ covariance @ np.swapaxes(J, 1, 2))
-
-        motions = motions._replace(
-            models={name: m._replace(covariance=carried(m.covariance)) for name, m in motions.models.items()}
-        )
-        covariance = carried(grasp.covariance)
+        covariance = np.asarray(J @ grasp.covariance @ np.swapaxes(J, 1, 2))
         sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
         grasp = grasp._replace(contacts=lens.seen(grasp.contacts), covariance=covariance, sigma=sigma)
     return replace(
         found,
-        motions=motions,
         grasp=grasp,
         view=lens.view(found.view),
         equals=tuple(lens.view(view) for view in found.equals),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -11,22 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.suitability.first import FirstView
-from grasptrack.suitability.restaged import Stage, course
-from grasptrack.tracking.decision import evidence, texture_evidence
+from grasptrack.suitability.prediction import Looked
+from grasptrack.tracking.decision import texture_evidence
 from grasptrack.tracking.estimator import PoseEstimate
-from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state, pose_hypothesis, single_estimate
+from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target, pyramid
 
 Floats = NDArray[np.float64]
 By = Literal["outline", "surface", "ground", "nothing"]
 
 VIEWS = 3
-"""Small motions of the image in which it is looked at."""
+"""Images of a drawn run, its first, in which it is looked at."""
 MORE = 0.5
 """A surface settles a motion only where it leaves less than this share of the error that the outline leaves."""
+LOOSE = 0.25
+"""Share of sqrt(area), standard deviation of a contact that nothing fixes."""
 BACKGROUND = "background"
 """Origin of an estimate that rests on the motion of the ground."""
 UNTEXTURED = replace(NUMBERS, texture_contrast=math.inf)
@@ -39,12 +42,10 @@ class Settled(NamedTuple):
     Attributes:
         covariances: (3, k, 2, 2) px^2 of each contact: by the outline alone, with the surface, and with the ground too.
         by: the least of these that fixes every contact as the tracker asks for; "outline" only where it shows all motions.
-        evidence: log of the odds that it is the object, as the tracker has it, in the median view.
     """
 
     covariances: Floats
     by: By
-    evidence: float
 
     @property
     def deviations(self) -> tuple[float, float, float]:
@@ -58,35 +59,34 @@ class Settled(NamedTuple):
         return np.asarray(self.covariances[{"outline": 0, "surface": 1}.get(self.by, 2)])
 
 
-def settled(first: FirstView, stage: Stage, limit: float, outline: Floats, shown: bool) -> Settled:
+def settled(first: FirstView, target: Target, looked: Sequence[Looked], limit: float, shown: bool) -> Settled:
     """What fixes the contacts, as the tracker itself counts it, in small motions of the first view.
 
     Args:
         first: the first view.
-        stage: the same, to be moved.
+        target: made of it.
+        looked: at least `VIEWS` images of a drawn run, from its beginning.
         limit: px, the standard deviation of a contact from which on it is not believed.
-        outline: (k, 2, 2) px^2 of each contact, by the noise of the outline's edges and directions.
         shown: the outline shows all motions.
     """
-    view, contacts = first.candidate.view, first.held.contacts
     levels = pyramid(first.grey)
-    bare = make_target(levels, view, contacts, UNTEXTURED, first.hidden)
-    whole = Follower(first.grey, view, contacts, None, first.hidden)
+    bare = make_target(levels, first.candidate.view, first.held.contacts, UNTEXTURED, first.hidden)
+    by_outline, by_surface = (first_state(each, levels, NUMBERS) for each in (bare, target))
     alone, surface, ground = _Covariances(), _Covariances(), _Covariances()
-    usual = first_state(whole.target, levels, NUMBERS).usual
-    odds = []
-    for H in course(VIEWS, view.outer.points.mean(axis=0), math.sqrt(view.outer.area), stage.middle):
-        image = stage.seen(H)
-        alone.add(_laid(bare, levels, image, H))
-        textured = _laid(whole.target, levels, image, H)
-        if textured is not None and texture_evidence(textured, usual, NUMBERS) > 0.0:  # else there is only noise
+    for grey, step, decision in looked[:VIEWS]:
+        image = pyramid(grey)
+        alone.add(_laid(bare, by_outline, image, step.H))
+        textured = _laid(target, by_surface, image, step.H)
+        if (
+            textured is not None and texture_evidence(textured, by_surface.usual, NUMBERS) > 0.0
+        ):  # else there is only noise
             surface.add(textured)
-        followed = whole.update(image).estimate
-        odds.append(-math.inf if followed is None else evidence(followed, whole.state.usual, NUMBERS))
+        followed = decision.estimate
         if followed is not None and followed.origin == BACKGROUND:
             ground.add(followed)
     # noisy directions of the edges seem to show what the shape does not
-    least = alone.median(outline) if shown else outline
+    free = loose(first)
+    least = alone.median(free) if shown else free
     more = _better(surface.median(least), least)
     most = _better(ground.median(more), more)
     deviation = [_deviation(C) for C in (least, more, most)]
@@ -97,7 +97,12 @@ def settled(first: FirstView, stage: Stage, limit: float, outline: Floats, shown
         by = "surface"
     elif deviation[2] <= min(limit, MORE * deviation[0]):
         by = "ground"
-    return Settled(np.stack([least, more, most]), by, float(np.median(odds)))
+    return Settled(np.stack([least, more, most]), by)
+
+
+def loose(first: FirstView) -> Floats:
+    """(k, 2, 2) px^2 of each contact where nothing fixes it."""
+    return np.tile(LOOSE**2 * first.candidate.view.outer.area * np.eye(2), (len(first.held), 1, 1))
 
 
 class _Covariances:
@@ -118,10 +123,9 @@ class _Covariances:
         return sorted(self._found, key=_deviation)[len(self._found) // 2]
 
 
-def _laid(target: Target, levels: list[Grey], image: Grey, H: Floats) -> PoseEstimate | None:
-    """The target laid on an image (H, W) that shows it under a homography (3, 3)."""
-    state = first_state(target, levels, NUMBERS)
-    return single_estimate(target, state, pyramid(image), pose_hypothesis(target, "staged", H, NUMBERS), NUMBERS)
+def _laid(target: Target, state: TrackState, image: list[Grey], H: Floats) -> PoseEstimate | None:
+    """The target laid on an image, of which this is the pyramid, that shows it under a homography (3, 3)."""
+    return single_estimate(target, state, image, pose_hypothesis(target, "staged", H, NUMBERS), NUMBERS)
 
 
 def _deviation(covariance: Floats) -> float:

@@ -45,15 +45,14 @@ def peaks_of(view: View) -> Floats:
     return outer.points[peaks].reshape(-1, 2)
 
 
-def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "", by_auto: str = "") -> tuple[Usable, ...]:
+def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "") -> tuple[Usable, ...]:
     """`auto`'s registration and the three strategies, each tried on the view of the choice itself.
 
     Args:
         grasp: on the outline.
         view: the outline.
         grey: (H, W) its image.
-        refusal: why no transfer is believed that rests on the outline alone; else empty.
-        by_auto: the same of one that `auto` lays on the surface and the ground as well.
+        refusal: why no transfer is believed, of whatever strategy; else empty.
     """
 
     def why(name: str) -> str:
@@ -64,7 +63,7 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "", by_au
                 Silhouettes(name, grasp, view)
         except GraspTrackError as error:
             return str(error)
-        return by_auto if name == AUTO else refusal
+        return refusal
 
     return tuple(Usable(name, why(name)) for name in (AUTO, *ORDER))
 

@@ -12,10 +12,9 @@ from grasptrack.contour import View
 from grasptrack.matching import Sampled, symmetries
 from grasptrack.projective import jacobian
 from grasptrack.suitability.first import FirstView
-from grasptrack.suitability.restaged import Stage
+from grasptrack.suitability.restaged import REST, Stage
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     first_state,
     pose_hypothesis,
@@ -24,7 +23,7 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.target import pyramid
+from grasptrack.tracking.target import Target, pyramid
 from grasptrack.transfer.alignment import alignments, as_similarity
 
 EQUAL = 0.03
@@ -55,16 +54,16 @@ class Likeness:
 
     Args:
         first: the first view.
+        target: made of it.
         stage: the same, to be seen again with other noise.
     """
 
-    def __init__(self, first: FirstView, stage: Stage) -> None:
+    def __init__(self, first: FirstView, target: Target, stage: Stage) -> None:
         self._first = first
         self._levels = pyramid(first.grey)
-        view = first.candidate.view
-        self.target = make_target(self._levels, view, first.held.contacts, NUMBERS, first.hidden)
+        self.target = target
         self._state = first_state(self.target, self._levels, NUMBERS)
-        self._again = pyramid(stage.seen(np.eye(3)))
+        self._again = pyramid(stage.seen(REST))
         here = Hypothesis("first", self.target.A, self._state.P)
         self._own = single_estimate(self.target, self._state, self._again, here, NUMBERS)
 

@@ -33,9 +33,7 @@ def rows(found: Suitability) -> list[Row]:
         Row(
             "contrast", f"{looks.contrast:.0f} levels", f"noise {looks.noise:.1f}, the ground's grain {looks.grain:.1f}"
         ),
-        Row(
-            "edges", f"{100.0 * looks.clear:.0f} % clear", f"{looks.sharpness:.1f} px wide, scatter {px(looks.scatter)}"
-        ),
+        Row("edges", f"{100.0 * looks.clear:.0f} % clear", f"{looks.sharpness:.1f} px wide"),
         Row("motions", told(found.motions), weakest(found.motions)),
         Row("symmetry", symmetry(found.symmetry), f"equal objects in view: {len(found.equals) or 'none'}"),
         Row("peaks", str(len(found.peaks)), f"a homography needs {PEAKS}"),
@@ -49,22 +47,37 @@ def rows(found: Suitability) -> list[Row]:
 
 
 def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
-    models = found.motions.models
-    each = ", ".join(f"{n} {_figure(float(m.sigma.max())) if m.observable else 'not fixed'}" for n, m in models.items())
-    tried = found.rehearsal
-    error = px(found.expected) if found.by != "nothing" else "not fixed"
+    run = found.prediction
+    error = px(found.error_px) if math.isfinite(found.error_px) else "not known"
     listed = [
         Row(
             "grasp",
             f"{grasp.opening:.0f} px wide",
             f"margin {math.degrees(grasp.margin):.0f}°, closes with {100.0 * grasp.chance:.0f} % chance",
         ),
-        Row("error", error, each),
+        Row("error", error, "of the worst contact, rms over a run"),
     ]
-    if tried is not None:
-        off = "" if math.isnan(tried.error) else f", off by {px(tried.error)}"
-        listed.append(Row("tried", f"{tried.located} of {tried.steps}", f"small motions followed{off}"))
+    if run is not None:
+        listed.append(
+            Row(
+                "located",
+                f"{100.0 * run.located:.0f} %",
+                f"{run.drawn.located} of {run.drawn.images} images that were drawn",
+            )
+        )
     return listed
+
+
+def expected(found: Suitability) -> str:
+    """What a run will give, in one line; empty without a grasp that can be carried."""
+    if found.prediction is None:
+        return ""
+    least, most = found.located_interval
+    share = f"located in {math.floor(100.0 * least + 1e-9)} to {math.ceil(100.0 * most - 1e-9)} % of frames"
+    if math.isnan(found.error_px):
+        return f"{share} (95 %), contacts not known"
+    low, high = found.error_interval
+    return f"{share}, contacts {_figure(low)} to {px(high)} off (95 %)"
 
 
 def px(value: float) -> str:
@@ -102,7 +115,7 @@ def settles(found: Suitability, what: Literal["surface", "ground"]) -> str:
     if found.by == "outline":
         return "not needed: the outline fixes all motions" if texture.rms else "no structure"
     if math.isnan(texture.settles):
-        return "no grasp for it to fix" if found.grasp is None else "this strategy does not look at it"
+        return "no grasp for it to fix"
     if found.by == what:
         word = "fixes" if what == "surface" else "alone fixes"
         lost = "" if what == "surface" else ": on a belt it will be lost"

@@ -87,6 +87,14 @@ class Beforehand:
         scale = np.diag(np.square([sd, numbers.normal_sd, numbers.normal_sd]))
         return Beforehand(np.array([log, 0.0, 0.0]), scale, numbers.prior_freedom)
 
+    @staticmethod
+    def by_calibration(told: tuple[float, float] | None, numbers: Numbers) -> Beforehand | None:
+        """The same by a calibration, as `Undistortion.focal` has it; None where that tells nothing."""
+        if told is None:
+            return None
+        focal, uneven = told
+        return Beforehand.calibrated(math.log(focal), math.hypot(numbers.calibrated_sd, 0.5 * uneven), numbers)
+
     @property
     def covariance(self) -> Floats:
         """(3, 3) of theta."""

@@ -330,10 +330,7 @@ class GraspTracker:
         """What is known of camera and tilt: by the grasp before, or what the calibration says of the focal length."""
         if self._plane is not None:
             return self._plane
-        if self._lens is None or self._lens.focal is None:
-            return None
-        focal, uneven = self._lens.focal
-        return Beforehand.calibrated(math.log(focal), math.hypot(NUMBERS.calibrated_sd, 0.5 * uneven), NUMBERS)
+        return None if self._lens is None else Beforehand.by_calibration(self._lens.focal, NUMBERS)
 
     def _straight(
         self, image: NDArray[Any], mask: NDArray[Any] | None, camera: Camera

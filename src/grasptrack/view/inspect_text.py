@@ -7,7 +7,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from grasptrack.suitability.motions import SLIDING
-from grasptrack.suitability.words import Row, px, rows
+from grasptrack.suitability.words import Row, expected, rows
 from grasptrack.view.grasp_panel import LINE, NEIGHBOUR
 from grasptrack.view.grasp_text import INK, MUTED, RULE
 from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hexadecimal, text_width
@@ -43,21 +43,20 @@ class Sheet:
         self._write(left, self._size[1] - 0.42, short, 17.0, weight="bold")
 
     def verdict(self, found: Suitability) -> None:
-        """The level on a coloured field, the expected error, and the reasons with what would help."""
+        """The level on a coloured field, what a run will give, and what speaks against it with what would help."""
         self._box(self._left, self._size[1] - 0.62, 1.2, 0.46, LEVEL[found.level])
         self._write(
             self._left + 0.6, self._size[1] - 0.46, found.level.upper(), 17.0, weight="bold", color="white", ha="center"
         )
-        fixed = found.by != "nothing"
-        error = f"contacts to {px(found.expected)}" if fixed and found.grasp is not None else "contacts not fixed"
         taken = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
-        told = f"{error if found.grasp is not None else 'no grasp'}    {taken}"
-        self._write(self._left + 1.35, self._size[1] - 0.44, told, 13.0, weight="bold")
+        self._write(self._left + 1.35, self._size[1] - 0.44, taken, 13.0, weight="bold")
+        if told := expected(found):
+            self._lines(_sentence(f"expected: {told}"), 10.5)
         if not found.reasons:
             self._lines("Nothing speaks against it.", 11.0)
         for reason in found.reasons[:_REASONS]:
             self._y -= 0.02
-            self._box(self._left, self._y - 0.21, 0.09, 0.15, LEVEL[reason.level])
+            self._box(self._left, self._y - 0.21, 0.09, 0.15, WEAK)
             self._lines(_sentence(reason.text), 11.0, indent=0.2)
             if reason.advice:
                 self._lines(f"Would help: {reason.advice}.", 10.5, indent=0.2, color=MUTED)
