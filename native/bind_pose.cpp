@@ -41,6 +41,13 @@ template <std::size_t N> std::array<double, N> fixed(const Doubles &array, const
     return out;
 }
 
+pose::Bend bend_of(const Doubles &array) {
+    const auto flat = fixed<24>(array, "the bend");
+    pose::Bend out{};
+    for (std::size_t k = 0; k < flat.size(); ++k) out[k / 8][k % 8] = flat[k];
+    return out;
+}
+
 std::vector<double> values(const Doubles &array) { return {array.data(), array.data() + count(array)}; }
 
 std::vector<pose::Point> places(const Doubles &array, const char *name) {
@@ -189,10 +196,10 @@ struct PoseTarget {
     }
 
     nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last,
-                   const Doubles &nuisance, const Doubles &nuisance_covariance, double sides, double inner_spread,
+                   const Doubles &bend, double readout, const Doubles &nuisance, const Doubles &nuisance_covariance, double sides, double inner_spread,
                    double gain, double bias, double reach, double edge_width, double blur_share) const {
         const pose::Pyramid pyramid = seen(levels);
-        pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"),
+        pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), bend_of(bend), readout,
                           fixed<4>(nuisance, "nuisance"), fixed<16>(nuisance_covariance, "nuisance_covariance"), sides, inner_spread, reach, edge_width, blur_share,
                           {gain, bias}, static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height)};
         pose::Solution s;
@@ -206,6 +213,9 @@ struct PoseTarget {
         out["P"] = array_of(s.P.data(), {8, 8});
         out["nuisance"] = array_of(s.nuisance.data(), {4});
         out["nuisance_covariance"] = array_of(s.nuisance_covariance.data(), {4, 4});
+        out["readout"] = s.readout;
+        out["readout_variance"] = s.readout_variance;
+        out["by_readout"] = array_of(s.by_readout.data(), {8});
         out["sides"] = s.sides;
         out["gain"] = s.light.gain;
         out["bias"] = s.light.bias;
@@ -370,7 +380,7 @@ void bind_pose(nb::module_ &m) {
              "surface"_a, "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
         .def("hide", &PoseTarget::hide, "levels"_a)
         .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
-        .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "nuisance"_a, "nuisance_covariance"_a,
+        .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "bend"_a, "readout"_a, "nuisance"_a, "nuisance_covariance"_a,
              "sides"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a, "blur_share"_a)
         .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
         .def("moved", &PoseTarget::moved, "G"_a, "d"_a)

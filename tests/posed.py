@@ -55,12 +55,17 @@ def draw(
     light: tuple[float, float] = (1.0, 0.0),
     textured: bool = True,
     patch: tuple[Floats, float] | None = None,
+    bend: Floats | None = None,
 ) -> Grey:
-    """The object seen through G (3, 3), with blobs on it, and a polygon (n, 2) of another grey laid over it."""
+    """The object seen through G (3, 3), with blobs on it, and a polygon (n, 2) of another grey laid over it.
+
+    `bend` is that of a readout of 1, see `bent`.
+    """
     fine = 4
     image = np.full((fine * HEIGHT, fine * WIDTH), 70, np.uint8)
 
     def fill(points: Floats, level: float) -> None:
+        points = points if bend is None else points + bent(bend, points)
         seen = (np.column_stack([points, np.ones(len(points))]) @ G.T).T
         at = fine * (seen[:2] / seen[2]).T + (fine - 1) / 2.0
         cv2.fillPoly(image, [np.round(256.0 * at).astype(np.int32)], int(level), shift=8, lineType=cv2.LINE_AA)
@@ -76,6 +81,15 @@ def draw(
     small = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA).astype(np.float64)
     lit = light[0] * cv2.GaussianBlur(small, (0, 0), blur) + light[1]
     return np.asarray(np.clip(np.round(lit + rng.normal(0.0, noise, lit.shape)), 0, 255), np.uint8)
+
+
+def bent(bend: Floats, points: Floats) -> Floats:
+    """(n, 2) work px by which points (n, 2) are seen beside their own places."""
+    u, v = ((points - CENTRE) / RADIUS).T
+    d = bend[0] + u[:, None] * bend[1] + v[:, None] * bend[2]
+    x = d[:, 0] + d[:, 2] * u + d[:, 3] * v + d[:, 6] * u**2 + d[:, 7] * u * v
+    y = d[:, 1] + d[:, 4] * u + d[:, 5] * v + d[:, 6] * u * v + d[:, 7] * v**2
+    return np.column_stack([x, y])
 
 
 def pyramid(image: Grey) -> list[Grey]:
@@ -139,7 +153,8 @@ def known(drift: float, shape: float) -> Floats:
 def question(levels: list[Grey], start: Floats = A, **other: Any) -> list[Any]:
     """Arguments of `solve`."""
     given_ = {
-        "levels": levels, "G": start, "P": known(3.0, 1.0), "last": start, "nuisance": np.array([0.0, *THETA]),
+        "levels": levels, "G": start, "P": known(3.0, 1.0), "last": start, "bend": np.zeros((3, 8)),
+        "readout": 0.0, "nuisance": np.array([0.0, *THETA]),
         "nuisance_covariance": NUISANCE_COVARIANCE, "sides": 0.9, "inner_spread": 12.0,
         "gain": 1.0, "bias": 0.0, "reach": 0.0, "edge_width": 0.8, "blur_share": 0.45,
     }  # fmt: skip

@@ -63,6 +63,8 @@ def test_poses(seed: int, n: int, reach: float, textured: bool, fast: bool, cove
         bias=rng.uniform(-40.0, 40.0),
         edge_width=rng.choice([0.3, 1.0, 2.7, 5.0, 40.0, np.nan]),
         blur_share=rng.choice([0.0, 0.45, 1.0]),
+        bend=rng.normal(0.0, 0.4, (3, 8)),
+        readout=rng.choice([0.0, rng.uniform(-1.0, 1.0)]),
     )
     if rng.random() < 0.3:
         hidden = [np.zeros(level.shape, np.uint8) for level in levels]
@@ -270,7 +272,9 @@ def test_both_refuse_the_same() -> None:
             with pytest.raises(ValueError, match="radius"):
                 module.PoseTarget(*made[:3], radius, *made[4:])
         good = module.PoseTarget(*made)
-        for at, bad in ((1, np.eye(2)), (2, np.eye(9)), (3, np.eye(4)), (4, np.zeros(2)), (5, np.zeros(8)), (0, [])):
+        for at, bad in (
+            (1, np.eye(2)), (2, np.eye(9)), (3, np.eye(4)), (4, np.zeros(8)), (6, np.zeros(2)), (7, np.zeros(8)), (0, []),
+        ):  # fmt: skip
             asked = question(levels)
             asked[at] = bad
             with pytest.raises(ValueError):

@@ -198,10 +198,10 @@ struct EdgeView {
     std::vector<EdgeSample> samples;
 };
 
-// All candidates of all samples of an image seen through G. `half`: px on each side of an edge that are averaged.
+// All candidates of all samples of an image seen through G, about the places (n) of their edges. `half`: px on each side of an edge that are averaged.
 // `widths`: tell how wide edges are as well.
-GRASPTRACK_WIDE inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, const Homography &G, int reach,
-                              const std::vector<int> &half, Light light, int most_span, bool widths = false) {
+GRASPTRACK_WIDE inline EdgeView measure_edges(const Target &target, const Pyramid &pyramid, const Homography &G,
+                              const std::vector<Point> &places, int reach, const std::vector<int> &half, Light light, int most_span, bool widths = false) {
     EdgeView view;
     view.reach = reach;
     view.half = half;
@@ -214,7 +214,7 @@ GRASPTRACK_WIDE inline EdgeView measure_edges(const Target &target, const Pyrami
     const Seen seen = look_through(pyramid, G, target.cx, target.cy, 1.0);
     for (std::size_t i = 0; i < n; ++i) {
         EdgeSample &s = view.samples[i];
-        s.inside = profile(seen, target.points[i], target.normals[i], span, part_of(span, reach, half[i]), values.data());
+        s.inside = profile(seen, places[i], target.normals[i], span, part_of(span, reach, half[i]), values.data());
         if (widths) view.width[i] = edge_width(values.data(), span, half[i]);
         if (!s.inside) continue;
         ++inside;

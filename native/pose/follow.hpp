@@ -42,7 +42,7 @@ inline FlowFit follow_look(const Target &target, const std::vector<PatchSet> &lo
             std::vector<PatchRow> matches;
             double sum = 0;
             for (const Patch &patch : set.patches) {
-                matches.push_back({&patch, match_patch(pyramid, G, patch, set.stride, noise, numbers.floor * set.stride)});
+                matches.push_back({&patch, match_patch(pyramid, G, patch, {patch.x, patch.y}, set.stride, noise, numbers.floor * set.stride)});
                 sum += matches.back().match.correlation;
             }
             const TextureFit fit = fit_patches(matches, A, b, numbers);

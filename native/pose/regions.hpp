@@ -137,7 +137,7 @@ inline std::vector<std::size_t> cells_asked(const std::vector<double> &visible, 
 
 // Log-likelihood ratio of "some stretch shows another shape" against "this shape, partly occluded". `blur`: half of
 // what moves across each sample while it is exposed, work px: so far both sides are mixed.
-inline double other_shape(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<double> &visible,
+inline double other_shape(const Target &target, const Pyramid &pyramid, const Homography &G, const std::vector<Point> &places, const std::vector<double> &visible,
                           const std::vector<bool> &bounded, const std::vector<double> &blur, Light light, const RegionNumbers &numbers,
                           const States &share, double stay, double power, std::vector<double> &other) {
     const std::size_t n = target.points.size();
@@ -151,7 +151,7 @@ inline double other_shape(const Target &target, const Pyramid &pyramid, const Ho
         for (std::size_t k = 0; k < asked[i]; ++k)
             for (int side = 0; side < 2; ++side) {
                 const double d = side == 0 ? -target.depth[k] : target.depth[k];
-                const Point q = carried(seen.H, target.points[i].x + d * target.normals[i].x, target.points[i].y + d * target.normals[i].y);
+                const Point q = carried(seen.H, places[i].x + d * target.normals[i].x, places[i].y + d * target.normals[i].y);
                 (side == 0 ? inner : outer)[i * region_cells + k] =
                     !(target.depth[k] < blur[i]) && seen.level->holds(q.x, q.y, 1.0) ? seen.level->at(q.x, q.y)
                                                                                      : std::numeric_limits<double>::quiet_NaN();

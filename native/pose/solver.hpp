@@ -22,6 +22,8 @@ struct Solution {
     bool valid = false;
     Homography G{};
     Matrix<8> P{};
+    double readout = 0, readout_variance = std::numeric_limits<double>::infinity();  // as the edges tell it, and of that
+    Vector<8> by_readout{};  // of the pose's error
     Nuisance nuisance{};
     Matrix<nuisances> nuisance_covariance{};
     double sides = std::numeric_limits<double>::quiet_NaN();  // see EdgeNumbers; NaN where upper and lower face look alike
@@ -49,6 +51,11 @@ class Solver {
         const std::size_t n = target.points.size();
         power_ = 0;
         if (n > 0) power_ = std::min(1.0, spacing() / numbers.sample_distance);
+        for (std::size_t i = 0; i < n; ++i) {
+            const Point p = target.points[i], m = target.normals[i], beside = bent(start.bend, target.jacobian(p.x, p.y));
+            places_.push_back(seen_at(p, target.jacobian(p.x, p.y)));
+            bent_.push_back(beside.x * m.x + beside.y * m.y);
+        }
     }
 
     Solution solve() {
@@ -64,6 +71,9 @@ class Solver {
         int reach = first;
         constexpr int rounds = 8, direct = 4;
         Vector<8> last{};
+        Matrix<unknowns> all{};
+        Vector<unknowns> x{};
+        TextureFit texture;
         bool done = false;
         for (int round = 0; round < rounds && !done; ++round) {
             System system;
@@ -71,7 +81,7 @@ class Solver {
             Vector<8> b;
             if (!system_about(target_, start_, numbers_, beliefs_, G, nuisance, system)) return out;
             reduce<8>(system.A, system.b, A, b);
-            const TextureFit texture = texture_rows(G, A, b, out);
+            texture = texture_rows(G, A, b, out);
             add_rows<8>(system.A, system.b, texture.information, texture.gradient);
             add_rows<8>(A, b, texture.information, texture.gradient);
             if (!invert<8>(A, P)) return out;
@@ -83,15 +93,15 @@ class Solver {
                     reach = round == 0 && start_.reach > 0 ? first : own;
                 }
                 const std::vector<int> half = half_widths(G);
-                view_ = measure_edges(target_, pyramid_, G, reach, half, out.light, 46);
+                view_ = measure_edges(target_, pyramid_, G, places_, reach, half, out.light, 46);
                 if (!fit_edges(round == 0 ? 3 : 4, G, times<8>(P, b), P, nuisance[0], spread[0], system, scatter, out)) return out;
             }
-            Matrix<unknowns> all;
             if (!invert<unknowns>(system.A, all)) return out;
-            const Vector<unknowns> x = times<unknowns>(all, system.b);
-            add_correlated(all, scatter);
-            P = block<unknowns, 8>(all, 0);
-            spread = block<unknowns, nuisances>(all, 8);
+            x = times<unknowns>(all, system.b);
+            Matrix<unknowns> wide = all;
+            add_correlated(wide, scatter);
+            P = block<unknowns, 8>(wide, 0);
+            spread = block<unknowns, nuisances>(wide, 8);
             Vector<8> d;
             // what does not settle goes to and fro between two answers
             for (std::size_t k = 0; k < 8; ++k) d[k] = std::clamp(round < direct ? x[k] : 0.5 * x[k], -target_.radius, target_.radius);
@@ -106,6 +116,7 @@ class Solver {
             // after the first few, what moves by less than half its own standard deviation is not worth another
             if (round + 1 >= direct && moved < 0.5 * contacts_deviation(P)) break;
         }
+        tell_readout(all, x, texture, out);
         if (!done) patches_ = match_all(0, told, G);  // else the last step moved none of them
         // an answer that still moves is not known better than by its last step
         for (std::size_t a = 0; a < 8; ++a)
@@ -120,7 +131,15 @@ class Solver {
   private:
     static constexpr std::size_t told = 3;   // levels of texture, the finest, that are told of; the coarser of them where blur has taken the finest
     static constexpr double settled = 0.02;  // work px: a step that moves no contact by more is the last
+    static constexpr double least_told = 1e-9;  // information about a readout that is none
     static constexpr double exact = 0.002;   // the same where edges are weighed anew
+
+    // Work px, where a place, which tells its shift by rows J, is seen through the pose, by the readout that is believed.
+    Point seen_at(Point p, const std::array<Vector<8>, 2> &J) const {
+        if (start_.readout == 0.0) return p;
+        const Point beside = bent(start_.bend, J);
+        return {p.x + start_.readout * beside.x, p.y + start_.readout * beside.y};
+    }
 
     // Work px, standard deviation of a contact along an axis at most, by the covariance P of the pose's error.
     double contacts_deviation(const Matrix<8> &P) const {
@@ -169,8 +188,9 @@ class Solver {
         std::vector<PatchRow> rows;
         for (std::size_t level = first; level < std::min(end, target_.texture.size()); ++level) {
             const PatchSet &set = target_.texture[level];
-            for (const Patch &patch : set.patches)
-                rows.push_back({&patch, match_patch(pyramid_, G, patch, set.stride, target_.noise, numbers_.texture_floor * set.stride)});
+            for (const Patch &patch : set.patches) {
+                rows.push_back({&patch, match_patch(pyramid_, G, patch, seen_at({patch.x, patch.y}, patch.rows), set.stride, target_.noise, numbers_.texture_floor * set.stride)});
+            }
         }
         return rows;
     }
@@ -295,11 +315,12 @@ class Solver {
                                    Solution &out) {
         const std::size_t n = target_.points.size();
         const std::vector<double> parallax = lower_face(G);
+        weight_.resize(n);
         Matrix<9> A, own{};
         Vector<9> b, toward{};
         Packed<8> along{};
         reduce<9>(system.A, system.b, A, b);
-        std::vector<double> shift(n), low(n), low_variance(n), weight(n), seen_up(n), seen_low(n), sorted;
+        std::vector<double> shift(n), low(n), low_variance(n), seen_up(n), seen_low(n), sorted;
         edge_odds(target_, view_, edge_numbers(), odds_);
         // of an outline there is one explanation a round; that it lies elsewhere is as likely in all of them
         explained_.resize(n);
@@ -342,7 +363,7 @@ class Solver {
                 const double down = likelihoods_.lower_offset[i] - shift[i] - low[i];
                 const double wu = seen_up[i] / variance * power_ / (1 + up * up / (9 * variance));
                 const double wl = seen_low[i] / variance * power_ / (1 + down * down / (9 * variance));
-                weight[i] = wu + wl;
+                weight_[i] = wu + wl;
                 const double u = wu > 1e-9 ? wu : 0.0, l = wl > 1e-9 ? wl : 0.0;
                 if (!(u + l > 0)) continue;
                 const Vector<8> &J = target_.rows[i];
@@ -377,15 +398,19 @@ class Solver {
         const Matrix<9> telling = beyond_noise(own, along, target_.normal_noise * target_.normal_noise);
         add_rows<9>(system.A, system.b, times<9>(times<9>(telling, own), transposed<9>(telling)), times<9>(telling, toward));
         std::vector<Vector<9>> scores(n);
+        pull_.resize(n);
+        rows_.resize(n);
         double share = 0;
         sorted.clear();
         for (std::size_t i = 0; i < n; ++i) {
             const bool lower = seen_low[i] >= seen_up[i];
             double residual = lower ? likelihoods_.lower_offset[i] - parallax[i] * h : likelihoods_.upper_offset[i];
             for (std::size_t k = 0; k < 8; ++k) residual -= target_.rows[i][k] * d[k];
-            for (std::size_t k = 0; k < 8; ++k) scores[i][k] = weight[i] * residual * target_.rows[i][k];
-            scores[i][8] = lower ? weight[i] * residual * parallax[i] : 0.0;
-            scores[i] = times<9>(telling, scores[i]);
+            for (std::size_t k = 0; k < 8; ++k) rows_[i][k] = target_.rows[i][k];
+            rows_[i][8] = lower ? parallax[i] : 0.0;
+            rows_[i] = times<9>(telling, rows_[i]);
+            pull_[i] = weight_[i] * residual;
+            for (std::size_t k = 0; k < 9; ++k) scores[i][k] = pull_[i] * rows_[i][k];
             share += seen_up[i] + seen_low[i];
             if (seen_up[i] + seen_low[i] > 0.5) {
                 double least = 1e9;
@@ -397,8 +422,50 @@ class Solver {
         out.edge_share = share / static_cast<double>(n);
         out.look = 0;
         if (sorted.size() > 20) out.look = middle(sorted);
-        scatter = scatter_of(scores);
+        scatter = scatter_of<9>(scores);
         return true;
+    }
+
+    // What edges and texture tell of the readout, and how the pose depends on it. P, x: the unknowns' covariance, and values.
+    void tell_readout(const Matrix<unknowns> &P, const Vector<unknowns> &x, const TextureFit &texture, Solution &out) const {
+        Vector<unknowns> across{};  // information that it shares with them
+        double own = 0, toward = 0;
+        for (std::size_t i = 0; i < pull_.size(); ++i) {
+            own += weight_[i] * bent_[i] * bent_[i];
+            toward += bent_[i] * pull_[i];
+            for (std::size_t k = 0; k < 9; ++k) across[k] += weight_[i] * bent_[i] * rows_[i][k];
+        }
+        for (std::size_t i = 0; i < texture.weight.size(); ++i) {
+            const double w = texture.weight[i];
+            if (!(w > 0)) continue;
+            const Patch &patch = *patches_[i].patch;
+            const PatchMatch &m = patches_[i].match;
+            const Point z = bent(start_.bend, patch.rows);
+            const double zx = w * (m.wxx * z.x + m.wxy * z.y), zy = w * (m.wxy * z.x + m.wyy * z.y);
+            own += zx * z.x + zy * z.y;
+            toward += zx * m.dx + zy * m.dy;
+            for (std::size_t k = 0; k < 8; ++k) {
+                const double both = zx * patch.rows[0][k] + zy * patch.rows[1][k];
+                across[k] += both;
+                toward -= both * x[k];
+            }
+        }
+        const Vector<unknowns> by = times<unknowns>(P, across);
+        double information = own;
+        for (std::size_t k = 0; k < 9; ++k) information -= across[k] * by[k];
+        for (std::size_t k = 0; k < 8; ++k) out.by_readout[k] = -by[k];
+        out.readout = start_.readout;
+        if (!(information > least_told)) return;
+        double scatter = 0;
+        std::vector<Vector<1>> scores(pull_.size());
+        for (std::size_t i = 0; i < scores.size(); ++i) {
+            double alone = bent_[i];
+            for (std::size_t k = 0; k < 9; ++k) alone -= rows_[i][k] * by[k];
+            scores[i] = {alone * pull_[i]};
+        }
+        out.readout += toward / information;
+        if (!scores.empty()) scatter = scatter_of<1>(scores)[0];
+        out.readout_variance = (1 + scatter / information) / information;
     }
 
     std::vector<double> lower_face(const Homography &G) const {
@@ -422,7 +489,7 @@ class Solver {
         out.other.assign(n, 0.0);
         if (edges) {
             const int reach = whole(numbers_.wide * 2 * target_.radius, 0, farthest);
-            view_ = measure_edges(target_, pyramid_, out.G, reach, half_widths(out.G), out.light, 46, true);
+            view_ = measure_edges(target_, pyramid_, out.G, places_, reach, half_widths(out.G), out.light, 46, true);
             const std::vector<double> parallax = lower_face(out.G), none(n, 0.0);
             std::vector<double> low(n), variance(n);
             for (std::size_t i = 0; i < n; ++i) {
@@ -468,7 +535,7 @@ class Solver {
                 // what is faint beside its own edge may be a mark of its surface, on which a tab goes on
                 if (!(bounded[i] = is_bounded(view_.samples[i], target_.contrast[i]))) seen[i] = 0.0;
             out.other_shape = other_shape(
-                target_, pyramid_, out.G, seen, bounded, blur, out.light,
+                target_, pyramid_, out.G, places_, seen, bounded, blur, out.light,
                 {numbers_.cell_unlikely, numbers_.cell_far, numbers_.cell_power, numbers_.cell_cover, allowed},
                 shares(), stay(), power_, out.differs);
         }
@@ -486,6 +553,10 @@ class Solver {
     const Numbers &numbers_;
     double power_;
     Beliefs beliefs_;
+    std::vector<Point> places_;  // of the samples, beside their own by the readout that is believed
+    std::vector<double> bent_;   // work px along the normals, for a readout of 1
+    std::vector<double> weight_, pull_;  // of each edge in the last round, and that times what is left of its offset
+    std::vector<Vector<9>> rows_;        // its derivatives by pose and thickness
     std::vector<PatchRow> patches_;  // as they were matched last
     EdgeView view_;
     EdgeOdds odds_;

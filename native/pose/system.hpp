@@ -27,6 +27,8 @@ struct Start {
     Homography G;
     Matrix<8> P;
     Homography last;           // the pose in the frame before, for the speed
+    Bend bend;                 // see there
+    double readout;            // share of the time between two images in which rows are read out, as it is believed
     Nuisance nuisance;
     Matrix<nuisances> nuisance_covariance;
     double sides;              // see EdgeNumbers
@@ -82,7 +84,10 @@ inline bool system_about(const Target &target, const Start &start, const Numbers
         out.A[(6 + k) * unknowns + 6 + k] += i;
         out.b[6 + k] -= i * z[k];
     }
-    const PinholeRows pin = pinhole_rows(target, G, {nuisance[1], nuisance[2], nuisance[3]}, start.width, start.height);
+    // what a readout makes of the pose, no camera that sees all rows at once would show
+    Vector<8> all_at_once = start.bend[0];
+    for (double &value : all_at_once) value *= start.readout;
+    const PinholeRows pin = pinhole_rows(target, target.moved(G, all_at_once), {nuisance[1], nuisance[2], nuisance[3]}, start.width, start.height);
     if (!pin.valid) return true;
     // both rows by all unknowns, with the misfit where the nuisances are 0, and where they are as they were believed
     std::array<Vector<unknowns>, 2> J{};
@@ -117,33 +122,33 @@ inline bool system_about(const Target &target, const Start &start, const Numbers
 }
 
 // Of scores that are correlated with their neighbours: Newey and West along the outline.
-inline Matrix<9> scatter_of(const std::vector<Vector<9>> &scores) {
+template <std::size_t N> Matrix<N> scatter_of(const std::vector<Vector<N>> &scores) {
     const std::size_t n = scores.size();
     const std::size_t lags = std::max<std::size_t>(3, static_cast<std::size_t>(0.06 * static_cast<double>(n)));
     const auto before = [n](std::size_t i, std::size_t q) { return (i + n - q % n) % n; };
-    Vector<9> near{}, plain{};  // sums of the scores before a sample, as far as they count: triangular, and all alike
+    Vector<N> near{}, plain{};  // sums of the scores before a sample, as far as they count: triangular, and all alike
     for (std::size_t q = 1; q < lags; ++q)
-        for (std::size_t k = 0; k < 9; ++k) {
+        for (std::size_t k = 0; k < N; ++k) {
             const double score = scores[before(0, q)][k];
             near[k] += (1.0 - static_cast<double>(q) / static_cast<double>(lags)) * score;
             plain[k] += score;
         }
-    Matrix<9> half{};  // the scatter is this and its transpose
+    Matrix<N> half{};  // the scatter is this and its transpose
     const double share = 1.0 / static_cast<double>(lags);
     for (std::size_t i = 0; i < n; ++i) {
-        const Vector<9> &own = scores[i], &last = scores[before(i, lags - 1)];
-        Vector<9> with;
-        for (std::size_t k = 0; k < 9; ++k) with[k] = 0.5 * own[k] + near[k];
-        for (std::size_t a = 0; a < 9; ++a)
-            for (std::size_t c = 0; c < 9; ++c) half[a * 9 + c] += own[a] * with[c];
-        for (std::size_t k = 0; k < 9; ++k) {  // those of the next sample
+        const Vector<N> &own = scores[i], &last = scores[before(i, lags - 1)];
+        Vector<N> with;
+        for (std::size_t k = 0; k < N; ++k) with[k] = 0.5 * own[k] + near[k];
+        for (std::size_t a = 0; a < N; ++a)
+            for (std::size_t c = 0; c < N; ++c) half[a * N + c] += own[a] * with[c];
+        for (std::size_t k = 0; k < N; ++k) {  // those of the next sample
             near[k] += own[k] - share * (own[k] + plain[k]);
             plain[k] += own[k] - last[k];
         }
     }
-    Matrix<9> scatter;
-    for (std::size_t a = 0; a < 9; ++a)
-        for (std::size_t c = 0; c < 9; ++c) scatter[a * 9 + c] = half[a * 9 + c] + half[c * 9 + a];
+    Matrix<N> scatter;
+    for (std::size_t a = 0; a < N; ++a)
+        for (std::size_t c = 0; c < N; ++c) scatter[a * N + c] = half[a * N + c] + half[c * N + a];
     return scatter;
 }
 

@@ -33,6 +33,24 @@ struct PatchSet {
     std::vector<Patch> patches;
 };
 
+// Where places lie beside those the pose alone has them, for a readout of 1, work px: J (b0 + b1 u + b2 v) at (u, v), taken from the
+// centre in units of the radius, J being the jacobian there.
+using Bend = std::array<Vector<8>, 3>;
+
+// The same of what tells a shift by rows J: a place, or a patch, whose rows have the u and v of its pixels, as far as they tell, in them.
+inline Point bent(const Bend &bend, const std::array<Vector<8>, 2> &J) {
+    std::array<Point, 3> by{};
+    for (std::size_t i = 0; i < 3; ++i)
+        for (std::size_t k = 0; k < 8; ++k) {
+            by[i].x += J[0][k] * bend[i][k];
+            by[i].y += J[1][k] * bend[i][k];
+        }
+    const auto along = [&](const Vector<8> &row) {
+        return row[2] * by[1].x + row[4] * by[1].y + row[3] * by[2].x + row[5] * by[2].y;
+    };
+    return {by[0].x + along(J[0]), by[0].y + along(J[1])};
+}
+
 struct Target {
     Homography A;              // work px -> reference image
     double cx, cy, radius;     // normalised coordinates: (x - cx) / radius

@@ -176,14 +176,14 @@ struct TextureNumbers {
     double freedom;     // of the t distribution of their errors
 };
 
-// One patch on an image seen through G.
-GRASPTRACK_WIDE inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, double stride, double camera,
-                              double floor) {
+// One patch on an image seen through G, about the place where its middle is expected.
+GRASPTRACK_WIDE inline PatchMatch match_patch(const Pyramid &pyramid, const Homography &G, const Patch &patch, Point place, double stride,
+                              double camera, double floor) {
     PatchMatch out;
     const double noise = noise_of(camera, stride);
-    const Seen seen = look_through(pyramid, G, patch.x, patch.y, stride);
-    const Point c = carried(seen.H, patch.x, patch.y);
-    const auto d = derivatives(seen.H, patch.x, patch.y);
+    const Seen seen = look_through(pyramid, G, place.x, place.y, stride);
+    const Point c = carried(seen.H, place.x, place.y);
+    const auto d = derivatives(seen.H, place.x, place.y);
     constexpr int half = patch_side / 2;
     const double ux = d[0] * stride, uy = d[2] * stride, vx = d[1] * stride, vy = d[3] * stride;
     if (!holds_square(*seen.level, c, half * ux, half * uy, half * vx, half * vy)) return out;
@@ -251,7 +251,7 @@ struct TextureFit {
     int used = 0;          // patches in view
     double agreeing = 0;   // share of all patches that agree with the fit
     double spread = 0;     // median error, in predicted standard deviations
-    std::vector<double> weight;
+    std::vector<double> weight;  // by which each patch's information counts
 };
 
 inline bool tells(const TextureFit &fit, std::size_t count) {
@@ -300,7 +300,10 @@ GRASPTRACK_WIDE inline TextureFit fit_patches(const std::vector<PatchRow> &patch
             for (std::size_t c = 0; c < a; ++c) N[a * 8 + c] = N[c * 8 + a];
         fit.information = N;
         fit.gradient = b;
-        if (round == 3) break;
+        if (round == 3) {
+            for (double &w : fit.weight) w /= scale * numbers.independent;
+            break;
+        }
         Matrix<8> total = N, P;
         Vector<8> g = b;
         for (std::size_t k = 0; k < 64; ++k) total[k] += prior[k];

@@ -165,6 +165,8 @@ class PoseTarget:
         G: Floats,
         P: Floats,
         last: Floats,
+        bend: Floats,
+        readout: float,
         nuisance: Floats,
         nuisance_covariance: Floats,
         sides: float,
@@ -181,6 +183,9 @@ class PoseTarget:
             levels: pyramid of the image.
             G, P: the hypothesis (3, 3), and covariance (8, 8) of its error.
             last: (3, 3) the pose in the image before: what moves fast is blurred; NaN where it is not known.
+            bend: (3, 8) b: a rolling shutter has places beside those the pose has them, by readout times J (b0 + b1 u + b2 v),
+                J being the derivatives of a place by the pose's error and (u, v) taken from the centre in units of the radius.
+            readout: share of the time between two images in which rows are read out, as it is believed.
             nuisance, nuisance_covariance: (4,), (4, 4): the part's thickness in work px, log of the focal length in image
                 widths, and slopes of the reference view's normal (theta_1, theta_2, 1).
             sides: probability that a thick part's sides are seen as the object, so that its outline is the lower face's.
@@ -194,6 +199,8 @@ class PoseTarget:
             valid: False where there is no such pose; the rest is then void.
             G, P: (3, 3) the pose, (8, 8) covariance of its error, which allows for correlated residuals.
             nuisance, nuisance_covariance: with what this image itself tells of them, whatever pose was expected.
+            readout, readout_variance: as far as this image tells, infinite where it does not; by_readout: (8,) by which the
+                pose's error depends on it.
             sides: as far as this image tells; NaN where it does not.
             gain, bias: of the surface's grey levels, from the reference to this image.
             edge_width: work px, standard deviation of an edge at rest, the median; NaN where few are seen.
@@ -218,6 +225,8 @@ class PoseTarget:
             _fixed(G, "G", 3, 3),
             _fixed(P, "P", 8, 8),
             _fixed(last, "last", 3, 3),
+            _fixed(bend, "the bend", 3, 8),
+            float(readout),
             _fixed(nuisance, "nuisance", 4),
             _fixed(nuisance_covariance, "nuisance_covariance", 4, 4),
             float(sides),
@@ -235,6 +244,9 @@ class PoseTarget:
             "P": s.P,
             "nuisance": s.nuisance,
             "nuisance_covariance": s.nuisance_covariance,
+            "readout": s.readout,
+            "readout_variance": s.readout_variance,
+            "by_readout": s.by_readout,
             "sides": s.sides,
             "gain": s.light.gain,
             "bias": s.light.bias,

@@ -171,15 +171,15 @@ def edge_width(values: Floats, half: Ints) -> Floats:
     return out
 
 
-def edge_widths(target: Target, pyramid: Pyramid, G: Floats, half: Ints) -> Floats:
-    """(n,) work px, standard deviation of each sample's edge in an image seen through G (3, 3), see `edge_width`."""
+def edge_widths(target: Target, pyramid: Pyramid, G: Floats, places: Floats, half: Ints) -> Floats:
+    """(n,) work px, standard deviation of each sample's edge at its place (n, 2), seen through G (3, 3), see `edge_width`."""
     level, H = level_through(pyramid, G, target.centre, 1.0)
-    values, _ = profiles(level, H, target.points, target.normals, MOST_HALF + 2)
+    values, _ = profiles(level, H, places, target.normals, MOST_HALF + 2)
     return edge_width(values, half)
 
 
 def measure_edges(
-    target: Target, pyramid: Pyramid, G: Floats, reach: int, half: Ints, light: Light, most_span: int
+    target: Target, pyramid: Pyramid, G: Floats, places: Floats, reach: int, half: Ints, light: Light, most_span: int
 ) -> Candidates:
     """All candidates of all samples of an image seen through the pose G (3, 3).
 
@@ -187,6 +187,7 @@ def measure_edges(
         target: whose outline.
         pyramid: the image.
         G: the pose.
+        places: (n, 2) work px, of the samples' edges.
         reach: work px within which edges are looked for.
         half: (n,) px on each side of an edge that are averaged.
         light: of the surface now.
@@ -194,7 +195,7 @@ def measure_edges(
     """
     span = min(most_span, reach + BEYOND)
     level, H = level_through(pyramid, G, target.centre, 1.0)
-    values, inside = profiles(level, H, target.points, target.normals, span)
+    values, inside = profiles(level, H, places, target.normals, span)
     counts, offsets, steps = find_candidates(values, span, reach, target.noise, half)
     counts[~inside] = 0
     # the inner side of each candidate, farther in where the edge is wide

@@ -121,6 +121,7 @@ def other_shape(
     target: Target,
     pyramid: Pyramid,
     G: Floats,
+    places: Floats,
     visible: Floats,
     ends: Bools,
     blur: Floats,
@@ -134,6 +135,7 @@ def other_shape(
 
     Args:
         target, pyramid, G: an image seen through a pose (3, 3).
+        places: (n, 2) work px, of the samples' edges.
         visible: (n,) probability that each sample's edge was seen; 0 where one was seen, but too faint to bound anything.
         ends: (n,) of `bounded`.
         blur: (n,) work px, half of what moves across each sample while it is exposed: so far both sides are mixed.
@@ -149,9 +151,7 @@ def other_shape(
         return 0.0, np.zeros(0)
     level, H = level_through(pyramid, G, target.centre, 1.0)
     inner, outer = (
-        level.at(
-            *carried(H, *np.moveaxis(target.points[:, None] + d[:, None] * target.normals[:, None], 2, 0)), margin=1.0
-        )
+        level.at(*carried(H, *np.moveaxis(places[:, None] + d[:, None] * target.normals[:, None], 2, 0)), margin=1.0)
         for d in (-target.depth, target.depth)
     )
     mixed = target.depth[None] < blur[:, None]

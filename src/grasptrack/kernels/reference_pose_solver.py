@@ -45,7 +45,7 @@ from grasptrack.kernels.reference_pose_system import (
     system_about,
     with_correlated,
 )
-from grasptrack.kernels.reference_pose_target import Target
+from grasptrack.kernels.reference_pose_target import Target, bent
 from grasptrack.kernels.reference_pose_texture import (
     Matches,
     TextureFit,
@@ -80,6 +80,8 @@ SETTLED = 0.02
 """Work px: a step that moves no contact by more is the last."""
 EXACT = 0.002
 """The same where edges are weighed anew."""
+LEAST_TOLD = 1e-9
+"""Information about a readout that is none."""
 NEAR = 0.3
 """Of a patch's pixel: a step that is no larger is the last on its level. The edges' steps go on with the texture."""
 
@@ -93,6 +95,9 @@ class Solution:
     P: Floats = field(default_factory=lambda: np.zeros((8, 8)))
     nuisance: Floats = field(default_factory=lambda: np.zeros(NUISANCES))
     nuisance_covariance: Floats = field(default_factory=lambda: np.zeros((NUISANCES, NUISANCES)))
+    readout: float = 0.0
+    readout_variance: float = np.inf
+    by_readout: Floats = field(default_factory=lambda: np.zeros(8))
     sides: float = np.nan
     light: Light = field(default_factory=lambda: Light(1.0, 0.0))
     edge_width: float = np.nan
@@ -145,6 +150,10 @@ class Solver:
         gaps = np.hypot(*(target.points - np.roll(target.points, -1, axis=0)).T)
         spacing = middle(gaps) if n > 1 else np.float64(1.0)
         self.power = min(1.0, float(spacing / numbers["sample_distance"]))
+        J = target.jacobian(target.points)
+        self.places = self._seen_at(target.points, J)
+        self.bent = (bent(start.bend, J) * target.normals).sum(axis=1)  # work px along the normals, for a readout of 1
+        self.rows, self.weight, self.pull = np.zeros((0, 9)), np.zeros(0), np.zeros(0)
         camera = Pinhole(target, start.nuisance[1:], self.width, self.height)
         self.camera, self.first_sides = camera, camera.lower_face(target, target.A)
 
@@ -180,7 +189,9 @@ class Solver:
                     reach = first
                 elif round_ == 0 or reach == 0:
                     reach = self._reach(P, 2.5)
-                view = measure_edges(target, self.pyramid, G, reach, self._half_widths(G), out.light, MOST_SPAN)
+                view = measure_edges(
+                    target, self.pyramid, G, self.places, reach, self._half_widths(G), out.light, MOST_SPAN
+                )
                 rounds = EDGE_ROUNDS if round_ else FIRST_EDGE_ROUNDS
                 fitted = self._fit_edges(rounds, view, G, P @ b, P, nuisance[0], spread[0, 0], system, out)
                 if fitted is None:
@@ -189,7 +200,7 @@ class Solver:
             inverse = inverse_definite(system.A)
             if inverse is None:
                 return out
-            x = inverse @ system.b
+            unknowns, x = inverse, inverse @ system.b
             every = with_correlated(inverse, scatter)
             P, spread = every[:8, :8], every[8:, 8:]
             # what does not settle goes to and fro between two answers
@@ -209,12 +220,18 @@ class Solver:
             # after the first few, what moves by less than half its own standard deviation is not worth another
             if settled or (round_ + 1 >= DIRECT and moved < 0.5 * self._contacts_deviation(P)):
                 break
+        self._tell_readout(unknowns, x, texture, out)
         P = P + np.outer(d, d)  # an answer that still moves is not known better than by its last step
         if not settled:  # else the last step moved none of them
             self.matches = self._match(0, FINE, G)
         out.G, out.P, out.valid = G, P, True
         self._judge(out, edges, nuisance[0], spread[0, 0])
         return out
+
+    def _seen_at(self, points: Floats, J: Floats) -> Floats:
+        """(n, 2) work px, where points (n, 2), which tell shifts by J (n, 2, 8), are seen, by the readout that is believed."""
+        start = self.start
+        return points if start.readout == 0.0 else points + start.readout * bent(start.bend, J)
 
     def _contacts_deviation(self, P: Floats) -> float:
         """Work px, standard deviation of a contact along an axis at most, by the covariance P (8, 8) of the pose's error."""
@@ -235,7 +252,9 @@ class Solver:
         """All patches of the levels from `first` to `end`."""
         floor, noise = self.numbers["texture_floor"], self.target.noise
         sets = self.target.texture[first:end]
-        return joined([match_patches(self.pyramid, G, s, noise, floor * s.stride) for s in sets])
+        return joined(
+            [match_patches(self.pyramid, G, s, self._seen_at(s.places, s.rows), noise, floor * s.stride) for s in sets]
+        )
 
     def _texture_alone(self, G: Floats) -> Floats | None:
         """The pose by texture, coarse to fine, before edges are looked at: their candidates are many, its valley is wide."""
@@ -306,7 +325,7 @@ class Solver:
         Returns:
             (n,) half of what blurs each edge, as far as it moved, or where that is not known as wide as most edges are.
         """
-        width, own = edge_widths(self.target, self.pyramid, G, half), np.float64(self.start.edge_width)
+        width, own = edge_widths(self.target, self.pyramid, G, self.places, half), np.float64(self.start.edge_width)
         moved, known = self._moved_across(G), bool(self.start.last[0, 0] == self.start.last[0, 0])
         told = (seen > 0.5) & ~np.isnan(width)
         rest, fast = told & (moved < STILL), told & (moved > STILL) & (moved > FAST * own)
@@ -391,8 +410,39 @@ class Solver:
         out.look = float(middle(np.sqrt(least))) if len(least) > 20 else 0.0
         low_seen = seen_low >= seen_up
         residual = np.where(low_seen, found.lower_offset - parallax * h, found.upper_offset) - rows @ d
-        scores = np.where(low_seen[:, None], lower, upper) * (weight * residual)[:, None]
-        return scatter_of(scores @ telling.T)
+        self.rows, self.weight = np.where(low_seen[:, None], lower, upper) @ telling.T, weight
+        self.pull = weight * residual
+        return scatter_of(self.rows * self.pull[:, None])
+
+    def _tell_readout(self, P: Floats, x: Floats, texture: TextureFit, out: Solution) -> None:
+        """What edges and texture tell of the readout, and how the pose depends on it.
+
+        Args:
+            P, x: (12, 12) the unknowns' covariance, (12,) their values.
+            texture: as it was matched last.
+            out: what is told.
+        """
+        n, across = len(self.pull), np.zeros(len(x))  # information that it shares with them
+        z = self.bent[:n]
+        across[:9] = (self.weight * z) @ self.rows
+        own, toward = float((self.weight * z) @ z), float(z @ self.pull)
+        if len(texture.weight):
+            m = self.matches
+            xx, xy, yy = m.weight.T
+            zx, zy = bent(self.start.bend, m.rows).T
+            pull = texture.weight[:, None] * np.column_stack([xx * zx + xy * zy, xy * zx + yy * zy])
+            both = np.einsum("ni,nij->j", pull, m.rows)
+            across[:8] += both
+            own += float(pull[:, 0] @ zx + pull[:, 1] @ zy)
+            toward += float((pull * m.shift).sum() - both @ x[:8])
+        by = P @ across
+        information = own - float(across @ by)
+        out.by_readout, out.readout = -by[:8], self.start.readout
+        if not information > LEAST_TOLD:
+            return
+        scores = (z - self.rows @ by[:9]) * self.pull
+        out.readout += toward / information
+        out.readout_variance = (1.0 + float(scatter_of(scores[:, None])[0, 0]) / information) / information
 
     # --- evidence -------------------------------------------------------------------------------
 
@@ -404,7 +454,7 @@ class Solver:
         if edges:
             reach = whole(numbers["wide"] * 2.0 * target.radius, 0, FARTHEST)
             half = self._half_widths(out.G)
-            view = measure_edges(target, self.pyramid, out.G, reach, half, out.light, MOST_SPAN)
+            view = measure_edges(target, self.pyramid, out.G, self.places, reach, half, out.light, MOST_SPAN)
             parallax = self._parallax(out.G)
             low, variance = parallax * h, parallax**2 * vh
             found = edge_likelihoods(target, view, np.zeros(n), low, variance, out.P, self.edge_numbers)
@@ -437,6 +487,7 @@ class Solver:
                 target,
                 self.pyramid,
                 out.G,
+                self.places,
                 seen,
                 ends,
                 blur,

@@ -32,6 +32,8 @@ class Start:
     Attributes:
         G, P: (3, 3) pose, and (8, 8) covariance of its error, work px^2.
         last: (3, 3) the pose in the image before, for the speed.
+        bend: (3, 8) as of `bent`.
+        readout: share of the time between two images in which rows are read out, as it is believed.
         nuisance, nuisance_covariance: (4,), (4, 4): the part's thickness in work px, and theta, see `Pinhole`.
         sides: see `EdgeNumbers`.
         inner_spread: grey levels, see `EdgeNumbers`.
@@ -44,6 +46,8 @@ class Start:
     G: Floats
     P: Floats
     last: Floats
+    bend: Floats
+    readout: float
     nuisance: Floats
     nuisance_covariance: Floats
     sides: float
@@ -114,7 +118,8 @@ def system_about(
     information = 1.0 / (n["perspective"] * r) ** 2
     A[[6, 7], [6, 7]] += information
     b[6:8] -= information * z
-    pin = pinhole_rows(target, G, nuisance[1:], *size)
+    # what a readout makes of the pose, no camera that sees all rows at once would show
+    pin = pinhole_rows(target, target.moved(G, start.readout * start.bend[0]), nuisance[1:], *size)
     if not pin.valid:
         return out
     # by all unknowns, with the misfit where the nuisances are 0, and where they are as they were believed
@@ -162,7 +167,7 @@ def beyond_noise(own: Floats, along: Floats, noise: float) -> Floats:
 
 
 def scatter_of(scores: Floats) -> Floats:
-    """(9, 9) of scores (n, 9) that are correlated with their neighbours along the outline (Newey and West 1987)."""
+    """(k, k) of scores (n, k) that are correlated with their neighbours along the outline (Newey and West 1987)."""
     lags = max(3, int(0.06 * len(scores)))
     near = sum((1.0 - q / lags) * np.roll(scores, q, axis=0) for q in range(1, lags))
     cross = scores.T @ near

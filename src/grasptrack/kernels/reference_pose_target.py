@@ -50,6 +50,19 @@ class Patches:
         return len(self.places)
 
 
+def bent(bend: Floats, J: Floats) -> Floats:
+    """(n, 2) work px by which places lie beside where the pose alone has them, for a readout of 1.
+
+    Args:
+        bend: (3, 8) b: by J (b0 + b1 u + b2 v) at (u, v), taken from the centre in units of the radius.
+        J: (n, 2, 8) derivatives of the places by the pose's error; or of the shifts that patches tell, which have the u and v
+            of their pixels, as far as they tell, in them.
+    """
+    none, by_u, by_v = (J @ b for b in bend)
+    along = J[:, :, (2, 4)] @ by_u[:, :, None] + J[:, :, (3, 5)] @ by_v[:, :, None]
+    return np.asarray(none + along[:, :, 0])
+
+
 @dataclass
 class Target:
     """What is looked for.

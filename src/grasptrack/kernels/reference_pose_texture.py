@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -71,6 +71,7 @@ class TextureFit:
         used: patches in view.
         agreeing: share of all patches that agree with the fit.
         spread: median error, in predicted standard deviations.
+        weight: (m,) by which each patch's information counts.
     """
 
     information: Floats
@@ -78,6 +79,7 @@ class TextureFit:
     used: int = 0
     agreeing: float = 0.0
     spread: float = 0.0
+    weight: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 def nothing() -> TextureFit:
@@ -210,16 +212,19 @@ def noise_of(camera: float, stride: float) -> float:
     return max(camera / (2.0 * stride), math.sqrt(1.0 / 12.0)) if stride > 1.0 else camera
 
 
-def match_patches(pyramid: Pyramid, G: Floats, patches: Patches, camera: float, floor: float) -> Matches:
+def match_patches(
+    pyramid: Pyramid, G: Floats, patches: Patches, places: Floats, camera: float, floor: float
+) -> Matches:
     """What patches say of the pose G (3, 3) of an image.
 
     Args:
         pyramid, G, patches: the image, the pose, and what is laid on it.
+        places: (m, 2) work px, where the patches' middles are expected.
         camera: grey levels, of its noise.
         floor: work px, error that the model does not explain.
     """
     m, stride = len(patches), patches.stride
-    inside, values = _lattice(pyramid, G, patches.places, stride, SIDE // 2)
+    inside, values = _lattice(pyramid, G, places, stride, SIDE // 2)
     value = values.reshape(m, PIXELS)
     value = value - value.mean(axis=1, keepdims=True)
     noise = noise_of(camera, patches.stride)
@@ -292,6 +297,8 @@ def fit_patches(matches: Matches, prior: Floats, gradient: Floats, numbers: Text
         fit.information = np.einsum("naq,nqc->ac", K, J)
         fit.gradient = np.einsum("naq,nq->a", K, shift)
         if round_ == 3:
+            fit.weight = np.zeros(len(inside))
+            fit.weight[inside] = w
             break
         P = inverse_definite(fit.information + prior)
         if P is None:
@@ -356,7 +363,7 @@ def follow_look(
             if d is None:
                 return FlowFit(False, none, covariance, agreeing, correlation, used)
             b = -prior @ d
-            matches = match_patches(pyramid, G, patches, target.noise, numbers.floor * patches.stride)
+            matches = match_patches(pyramid, G, patches, patches.places, target.noise, numbers.floor * patches.stride)
             fit = fit_patches(matches, prior, b, numbers)
             P = inverse_definite(prior + fit.information) if fit.used >= 6 else None
             if P is None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.tracking.decision import evidence, surface_expected
 from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.shutter import NO_BEND
 from grasptrack.tracking.target import Grey, Target
 
 if TYPE_CHECKING:
@@ -51,6 +52,8 @@ class PoseEstimate:
         contacts: (k, 2) px.
         covariance: (k, 2, 2) px^2 of them, by the model alone.
         area: px^2 of the outline in the image.
+        bend: (3, 8) as of `Shutter`.
+        readout, readout_variance: share of a usual interval, as the edges of this image tell it.
         nuisance, nuisance_covariance: (4,), (4, 4) as of `TrackState`.
         sides: likewise; NaN where nothing tells.
         edge_width: work px, standard deviation of an edge at rest; NaN where too few are seen.
@@ -77,6 +80,9 @@ class PoseEstimate:
     contacts: Floats
     covariance: Floats
     area: float
+    bend: Floats
+    readout: float
+    readout_variance: float
     nuisance: Floats
     nuisance_covariance: Floats
     sides: float
@@ -130,11 +136,20 @@ def estimate_pose(
     """
     if not sane_area(target, hypothesis.G):
         return None
+    shutter, readout = state.shutter, state.shutter.readout
+    if still:
+        bend = NO_BEND
+    elif levels is state.last.levels:  # it was found there
+        bend = shutter.shown
+    else:
+        bend = shutter.bend(target, hypothesis.G, state.steps)
     found = target.handle.solve(
         levels,
         hypothesis.G,
         hypothesis.P,
         UNKNOWN if still else state.last.G,
+        bend,
+        readout.share,
         state.nuisance,
         state.nuisance_covariance,
         state.sides,
@@ -148,6 +163,8 @@ def estimate_pose(
     area = sane_area(target, G) if found["valid"] else 0.0
     if not area:
         return None
+    by = found["by_readout"]
+    P = P + by[:, None] * (by * readout.variance)
     contacts, covariance, middle = target.handle.placed(G, P)
     occluded = found["occluded"]
     hidden = float(occluded.sum()) / len(occluded) if len(occluded) else 0.0
@@ -158,6 +175,9 @@ def estimate_pose(
         contacts,
         covariance,
         area,
+        bend,
+        found["readout"],
+        found["readout_variance"],
         found["nuisance"],
         found["nuisance_covariance"],
         found["sides"],

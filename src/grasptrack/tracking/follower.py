@@ -120,6 +120,7 @@ class Follower:
         self._mend()
         state, target, numbers = self.state, self.target, self.numbers
         levels, steps = pyramid(grey), self._steps(time)
+        state.steps = steps
         presence = self._presence()
         predictions = predict(target, state, levels, steps, numbers)
         expected = self._expected(predictions, steps)
@@ -164,6 +165,7 @@ class Follower:
         self._mend()
         state, target, numbers = self.state, self.target, self.numbers
         levels, steps = pyramid(grey), self._steps(time)
+        state.steps = steps
         presence = self._presence()
         predictions = predict(target, state, levels, steps, numbers)
         expected = self._expected(predictions, steps)

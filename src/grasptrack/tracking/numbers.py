@@ -58,6 +58,8 @@ class Numbers:
         pinhole_sd: how far real cameras are from a pinhole, of the pose's two invariants.
         pinhole_freedom: degrees of freedom of the t distribution of that.
         new_view: way, as a share of sqrt(area), after which a view tells anew of camera and thickness: near views err alike.
+        rolling: probability that rows are exposed one after another.
+        readout_sd: of the share of the time between two images in which they are then read out; below 0 from the last row on.
         sides: prior probability that a thick part's sides are seen as the object.
         thickness_sd: prior, as a share of sqrt(area).
         hazard: probability a frame that what was the object is it no longer.
@@ -120,6 +122,8 @@ class Numbers:
     pinhole_sd: float
     pinhole_freedom: float
     new_view: float
+    rolling: float
+    readout_sd: float
     sides: float
     thickness_sd: float
     hazard: float

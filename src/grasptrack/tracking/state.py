@@ -14,6 +14,7 @@ from grasptrack.tracking.decision import Decision, is_near, middle, strangeness
 from grasptrack.tracking.estimator import CONTINUOUS, PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Beforehand, Plane
+from grasptrack.tracking.shutter import Shutter
 from grasptrack.tracking.target import Grey, Target
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ class TrackState:
         moved: work px that a contact moved in a usual interval, root mean square, in the last image and in the one before: a
             jump is no speed; 0 where that is not known.
         presence: probability that the object is there.
+        steps: time from the last image but one to the last, or to the one that is looked at, in usual intervals.
+        shutter: what is known of the readout.
         nuisance, nuisance_covariance: (4,), (4, 4) what is not known of part and camera: the part's thickness in work px, log
             of the focal length over the image's width, slopes of the first view's normal; these three as `plane` has them.
         plane: the object's own, as the views so far let it be known.
@@ -106,6 +109,8 @@ class TrackState:
     P: Floats
     moved: tuple[float, float]
     presence: float
+    steps: float
+    shutter: Shutter
     nuisance: Floats
     nuisance_covariance: Floats
     plane: Plane
@@ -161,6 +166,7 @@ class TrackState:
         way = float(np.linalg.norm(target.handle.difference(self.last.G, e.G)))
         new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
         self._learn_motion(target, e, predictions, steps)
+        rigid = self.shutter.follow(target, e.G, e.bend, steps)
         before = target.carried(self.last.G)
         px = math.sqrt(2.0 * float(((e.contacts - before) ** 2).mean()))
         moved = 0.0 if self.lost else px * target.size / math.sqrt(e.area) / max(steps, 1e-3)
@@ -174,9 +180,10 @@ class TrackState:
         self.exchanged, self.sighted, self.gone = False, None, False
         self.slope = math.sqrt(e.P[6, 6] + e.P[7, 7]) / (0.5 * target.size)
         self.located, self.light = self.last, e.light
-        if self.plane.learn(e.G, e.P):
+        if self.plane.learn(rigid, e.P):
             self.nuisance[1:], self.nuisance_covariance[1:, 1:] = self.plane.theta_and_covariance()
         self._learn_thickness(e, new)
+        self.shutter.learn(e.readout, e.readout_variance, new)
         self._remember_looks(target, e)
         if math.isfinite(e.edge_width):
             self.edge_width = e.edge_width
@@ -201,6 +208,7 @@ class TrackState:
         seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
         self.exchanged = self.exchanged or (seen and decision.exchanged > 0.5 < decision.presence)
         self.velocity, self.elsewhere, self.confirmed = None, 0.0, 0.0
+        self.shutter.lose()
         # while something is followed that is more probably the object than another shape or surface, its place is known
         followed = decision.presence > FOLLOWED and decision.probability_off < 0.5
         if e is not None and e.origin in CONTINUOUS and followed and decision.code in ("other-shape", "other-surface"):
@@ -303,6 +311,8 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers, before: 
         P=np.eye(8) * 0.05**2,
         moved=(0.0, 0.0),
         presence=1.0 - 1e-6,
+        steps=1.0,
+        shutter=Shutter(target.A, levels[0].shape[0], numbers),
         nuisance=np.array([0.0, *before.theta]),
         nuisance_covariance=nuisance_covariance,
         plane=Plane(target, levels[0].shape[1], levels[0].shape[0], before),

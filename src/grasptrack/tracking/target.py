@@ -25,6 +25,8 @@ PATCH = 3
 """Pixels of its own level by which a patch reaches to either side of its middle."""
 GUESSED_TILT = 0.01
 """Share of sqrt(area) by which the perspective of a pose may be off that no frame before tells."""
+CONTACTS_FIRST = 1e6
+"""By how much a contact counts for more than the whole outline where a bend is taken for a pose's error."""
 POSE_ENTRIES = ((0, 2, 1), (1, 2, 1), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1), (2, 0, -1), (2, 1, -1))
 """Row, column and sign of each number of the pose's error in the matrix that it is, in half sizes about the middle."""
 
@@ -114,6 +116,23 @@ class Target:
         """(8, 8) how far a pose may be off that something else tells of a view that need not follow another, work px^2."""
         shares = [*np.sqrt(np.diagonal(self.noise_of_motion)[:6]), *[GUESSED_TILT * self.size] * 2]
         return np.asarray(np.diag(shares) ** 2, dtype=np.float64)
+
+    @cached_property
+    def error_of_bend(self) -> Floats:
+        """(8, 16) by b1 and b2 (8,): the pose's error that a bend J (u b1 + v b2) is taken for, see `kernels.PoseTarget.solve`.
+
+        At the contacts it is the whole bend, as far as that many may have, along the outline nearly all of it.
+        """
+        places = np.concatenate([self.points, self.work_contacts])
+        weight = np.where(np.arange(len(places)) < len(self.points), 1.0, CONTACTS_FIRST * len(self.points))
+        u, v = ((places - self.centre) / (0.5 * self.size)).T
+        one, no = np.ones(len(places)), np.zeros(len(places))
+        A, B = np.zeros((8, 8)), np.zeros((8, 16))
+        for row in ([one, no, u, v, no, no, u * u, u * v], [no, one, no, no, u, v, u * v, v * v]):
+            J = np.array(row)
+            A += J * weight @ J.T
+            B += np.concatenate([J * (weight * u) @ J.T, J * (weight * v) @ J.T], axis=1)
+        return np.asarray(np.linalg.solve(A, B), dtype=np.float64)
 
     @cached_property
     def precision_of_motion(self) -> Floats:
