@@ -23,6 +23,7 @@ from grasptrack.tracking.decision import (
     Decision,
     Expected,
     ExpectedSize,
+    any_of,
     checked,
     decide,
     evidence,
@@ -346,6 +347,8 @@ class Follower:
             else:
                 state.beside = True
         roughly = decision.code == "uncertain" and decision.evidence > 0.0
+        if state.lost:  # what is found anew must be the object, wherever its contacts are
+            roughly = roughly and any_of(1.0 - decision.presence, decision.exchanged) < self.numbers.risk
         if e is not None and (decision.accepted or roughly):
             state.learn(self.target, levels, decision, e, predictions, steps)
         else:
