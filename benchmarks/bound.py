@@ -13,15 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import Contour, View
-from grasptrack.evaluation.scenes import Part, SceneCase
-from grasptrack.evaluation.sequence import chosen_grasp
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Scene, SceneFrame
+from grasptrack.bench.scenes import Part, SceneCase
+from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.target import Target
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 ROUNDING = 1.0 / 12.0
 """Grey levels^2, variance of whole numbers."""

@@ -18,17 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import grasptrack as gt
+from grasptrack.bench.method import Start
+from grasptrack.bench.metrics.score import Score
+from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.parts import built_in
+from grasptrack.bench.real import RealCase, sequence_of, videos_of
+from grasptrack.bench.scenes import SceneCase, suite
+from grasptrack.bench.sequence import Shown, chosen_grasp
 from grasptrack.errors import GraspTrackError
-from grasptrack.evaluation.method import Start
-from grasptrack.evaluation.parts import built_in
-from grasptrack.evaluation.real import RealCase, sequence_of, videos_of
-from grasptrack.evaluation.scenes import SceneCase, suite
-from grasptrack.evaluation.score import Score
-from grasptrack.evaluation.sequence import Shown, chosen_grasp
-from grasptrack.evaluation.truth import Truth
 from grasptrack.tracking.numbers import NUMBERS, OWN, read_numbers
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 MODEL = "mixed,lens,thick-6,aside,rolling-shutter,shake"
 DISTURBANCES = f"{MODEL},clean-6dof,noise,blur,motion-blur,fast,jpeg,cover,print,gravel,highlight"

@@ -11,10 +11,10 @@ import time
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.closing import chance_of_closing, regions_of
-from grasptrack.closing.definition import closes_after, closes_at
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES
+from grasptrack.bench.simulation import SHAPES
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contact_regions import chance_of_closing, regions_of
+from grasptrack.grasp.contact_regions.definition import closes_after, closes_at
 from steps_contour import resampled
 
 SIZE, FRICTION = 175.0, 0.5

@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from grasptrack.evaluation.integrity import WHOLE
-from grasptrack.evaluation.run_folder import read_run
-from grasptrack.evaluation.score import FrameScore
-
-Floats = NDArray[np.float64]
+from grasptrack.bench.metrics.integrity import WHOLE
+from grasptrack.bench.metrics.score import FrameScore
+from grasptrack.bench.run_folder import read_run
+from grasptrack.typing import Floats
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.99, 0.999, 1.0)
 """Confidences between which answers are counted."""

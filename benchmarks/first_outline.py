@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import GraspTracker
+from grasptrack.bench.metrics.score import accept_limit
+from grasptrack.bench.scenes import Part, SceneCase
+from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.simulation import SHAPES, SceneFrame
 from grasptrack.errors import GraspTrackError
-from grasptrack.evaluation.scenes import Part, SceneCase
-from grasptrack.evaluation.score import accept_limit
-from grasptrack.evaluation.sequence import chosen_grasp
-from grasptrack.simulation import SHAPES, SceneFrame
+from grasptrack.typing import Floats
 
-Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 KINDS = {

@@ -18,16 +18,16 @@ import cv2
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.contour import Contour, View
+from grasptrack.bench.metrics.score import accept_limit
+from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene, Shape, silhouette
 from grasptrack.errors import AmbiguousError, GraspTrackError
-from grasptrack.evaluation.score import accept_limit
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.synthesis import synthesize
 from grasptrack.matching import Sampled, judge, match
 from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, rated
 from grasptrack.matching.starts import nudged
-from grasptrack.pair import carry_to
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Camera, Conditions, Path, Scene, Shape, silhouette
-from grasptrack.synthesis import synthesize
+from grasptrack.tracking.image_pair import carry_to
 
 DATA = File(os.environ.get("GRASPTRACK_DATA", File(__file__).resolve().parents[2] / "shared" / "data"))
 CAMERA = Camera(640, 480, focal=320.0 / math.tan(math.radians(30.0)))

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.evaluation.demo import STRATEGIES
-from grasptrack.evaluation.method import Start
-from grasptrack.evaluation.peers import available
-from grasptrack.evaluation.score import Score
-from grasptrack.evaluation.truth import Truth
-from grasptrack.simulation import SHAPES, SceneFrame, demo_scene
-from grasptrack.simulation.disturbances import DISTURBANCES
+from grasptrack.bench.baselines import available
+from grasptrack.bench.demo import STRATEGIES
+from grasptrack.bench.method import Start
+from grasptrack.bench.metrics.score import Score
+from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.simulation import SHAPES, SceneFrame, demo_scene
+from grasptrack.bench.simulation.disturbances import DISTURBANCES
 
 SIZES = ((640, 480), (1280, 960))
 MEDIAN_MS, P99_MS = 1.5, 3.0

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from grasptrack import GraspTracker, kernels
-from grasptrack.evaluation.parts import built_in
-from grasptrack.evaluation.scenes import suite
-from grasptrack.evaluation.sequence import chosen_grasp
+from grasptrack.bench.parts import built_in
+from grasptrack.bench.scenes import suite
+from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.tracking import follower, redetection
 from grasptrack.tracking.estimator import Solutions
 from grasptrack.tracking.redetection import Keypoints, Outlines, Redetection

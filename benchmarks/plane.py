@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import grasptrack as gt
-from grasptrack.analysis import analyze
-from grasptrack.contour import Contour, View
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.simulation.looks import look
-from grasptrack.simulation.truth import stations
+from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
+from grasptrack.bench.simulation.appearance import look
+from grasptrack.bench.simulation.truth import stations
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.force_closure import analyze
 
 TILTS = (0, 15, 30, 45, 60)
 """Degrees of the first view."""

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from grasptrack import GraspTracker, open_source
-from grasptrack.evaluation.methods import OURS
-from grasptrack.evaluation.real import score_video
+from grasptrack.bench.methods import OURS
+from grasptrack.bench.real import score_video
 
 VIDEOS = ("postcard-161", "bruegel-62")
 STILL = 55  # frames of lego-square-99 before the hand comes

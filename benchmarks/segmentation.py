@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 
 from baselines import BASELINES
+from grasptrack.bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, band_iou, boundary_f, iou, mask_of
 from grasptrack.errors import ObservationError
-from grasptrack.evaluation.segmentation import ENOUGH_F, ENOUGH_IOU, band_iou, boundary_f, iou, mask_of
-from grasptrack.observation.candidate import Candidate
-from grasptrack.observation.segmentation import objects
+from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.objects import objects
 from photos import Photo, deepest, read_photos
 from real_videos import data_folder
 from sheets import found_tile, judged_tile, sheet

@@ -17,11 +17,11 @@ import numpy as np
 
 import grasptrack as gt
 from grasptrack import kernels
-from grasptrack.hand import HandPx
-from grasptrack.observation.silhouettes import trace
-from grasptrack.synthesis.candidates import Candidates, candidates
-from grasptrack.synthesis.limits import Limits, refuse
-from grasptrack.synthesis.terms import Stable
+from grasptrack.grasp.hand import HandPx
+from grasptrack.grasp.synthesis.candidates import Candidates, candidates
+from grasptrack.grasp.synthesis.limits import Limits, refuse
+from grasptrack.grasp.synthesis.terms import Stable
+from grasptrack.segmentation.silhouettes import trace
 
 DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 POINTS = 300

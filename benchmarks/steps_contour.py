@@ -15,9 +15,9 @@ import numpy as np
 
 import grasptrack as gt
 from grasptrack import kernels
-from grasptrack.observation.snake import Snake
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Camera, demo_scene, tilting_path
+from grasptrack.bench.simulation import SHAPES, Camera, demo_scene, tilting_path
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.estimator import Hypothesis, estimate_pose
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.target import pyramid

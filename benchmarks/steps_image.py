@@ -13,19 +13,19 @@ import cv2
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.evaluation.demo import STRATEGIES
-from grasptrack.evaluation.method import Start
-from grasptrack.evaluation.peers import available
-from grasptrack.evaluation.score import Score
-from grasptrack.evaluation.truth import Truth
-from grasptrack.observation.candidate import Candidate
-from grasptrack.observation.observer import Observer
-from grasptrack.observation.outline import localise
-from grasptrack.observation.segmentation import objects
-from grasptrack.observation.silhouettes import trace
-from grasptrack.observation.snake import Snake
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SceneFrame, demo_scene
+from grasptrack.bench.baselines import available
+from grasptrack.bench.demo import STRATEGIES
+from grasptrack.bench.method import Start
+from grasptrack.bench.metrics.score import Score
+from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.simulation import SceneFrame, demo_scene
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.localization import localise
+from grasptrack.segmentation.objects import objects
+from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.silhouettes import trace
+from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.estimator import Hypothesis, estimate_pose
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.result import TrackResult

@@ -16,20 +16,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from grasptrack import inspect
+from grasptrack.bench.method import Start
+from grasptrack.bench.methods import makers
+from grasptrack.bench.metrics.score import FrameScore
+from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.parts import built_in
+from grasptrack.bench.real import RealCase, sequence_of, videos_of
+from grasptrack.bench.scenes import SceneCase, suite
+from grasptrack.bench.sequence import Shown, chosen_grasp, follow
 from grasptrack.errors import GraspTrackError
-from grasptrack.evaluation.method import Start
-from grasptrack.evaluation.methods import makers
-from grasptrack.evaluation.parts import built_in
-from grasptrack.evaluation.real import RealCase, sequence_of, videos_of
-from grasptrack.evaluation.scenes import SceneCase, suite
-from grasptrack.evaluation.score import FrameScore
-from grasptrack.evaluation.sequence import Shown, chosen_grasp, follow
-from grasptrack.evaluation.truth import Truth
-from grasptrack.suitability.prediction import (
+from grasptrack.trackability.prediction import (
     FILE,
     FRAMES,
     QUANTILES,
@@ -41,9 +40,8 @@ from grasptrack.suitability.prediction import (
     log_chance,
     predict_run,
 )
+from grasptrack.typing import Floats
 from real_videos import data_folder
-
-Floats = NDArray[np.float64]
 
 LEVELS = ("good", "fair", "poor")
 PARTS = "bracket,spanner,gasket,notched-plate,disc,square,gear,hinge,strip,key,hammer-head,ellipse,egg,half-disc,pencil,guitar"

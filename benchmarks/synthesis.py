@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.simulation import SHAPES
+from grasptrack.bench.simulation import SHAPES
 from steps_contour import resampled
 
 TARGETS = {2: 5.0, 3: 30.0}

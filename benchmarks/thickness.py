@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.evaluation.method import Start
-from grasptrack.evaluation.methods import makers
-from grasptrack.evaluation.score import FrameScore
-from grasptrack.evaluation.sequence import Shown, chosen_grasp, follow
-from grasptrack.evaluation.truth import Truth
-from grasptrack.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.simulation.looks import Look, look
+from grasptrack.bench.method import Start
+from grasptrack.bench.methods import makers
+from grasptrack.bench.metrics.score import FrameScore
+from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.sequence import Shown, chosen_grasp, follow
+from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
+from grasptrack.bench.simulation.appearance import Look, look
 
 THICK = (0.0, 0.01, 0.02, 0.04, 0.08, 0.12)
 """Of sqrt(area)."""

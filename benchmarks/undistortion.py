@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import grasptrack as gt
-from grasptrack.evaluation.method import Start
-from grasptrack.evaluation.scenes import Part, SceneCase
-from grasptrack.evaluation.score import FrameScore
-from grasptrack.evaluation.sequence import Shown, chosen_grasp, follow
-from grasptrack.evaluation.truth import Truth
-from grasptrack.observation.undistortion import Undistortion
-from grasptrack.simulation import SHAPES
+from grasptrack.bench.method import Start
+from grasptrack.bench.metrics.score import FrameScore
+from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.scenes import Part, SceneCase
+from grasptrack.bench.sequence import Shown, chosen_grasp, follow
+from grasptrack.bench.simulation import SHAPES
+from grasptrack.segmentation.undistortion import Undistortion
 
 METHODS = ("`lens`, camera not told", "`lens`, camera told", "`clean-6dof`, to compare")
 

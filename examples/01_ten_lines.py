@@ -2,7 +2,7 @@
 """A grasp through a sequence in ten lines; `gt.open_source("video.mp4")` in the scene's place takes your own images."""
 
 import grasptrack as gt
-from grasptrack.simulation import demo_scene
+from grasptrack.bench.simulation import demo_scene
 
 tracker = gt.GraspTracker(fingers=2, strategy="auto")
 for frame in demo_scene(frames=60):

@@ -4,8 +4,8 @@
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Camera, tilting_path
+from grasptrack.bench.simulation import SHAPES, Camera, tilting_path
+from grasptrack.geometry.homographies import apply_homography
 
 # Two views of a bracket as a camera sees it: frontal, and a few frames later from nearer and slightly tilted.
 frontal, later = tilting_path(60, seed=8).table_to_image(Camera())[[0, 4]]

@@ -7,8 +7,8 @@
 from pathlib import Path
 
 import grasptrack as gt
-from grasptrack.observation.segmentation import objects
-from grasptrack.simulation import still_life
+from grasptrack.bench.simulation import still_life
+from grasptrack.segmentation.objects import objects
 from grasptrack.view.grasps import Planned, write_grasps
 
 PX_PER_MM = 3.2

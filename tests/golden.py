@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from grasptrack.evaluation.integrity import measure
-from grasptrack.evaluation.parts import built_in
-from grasptrack.evaluation.scenes import run_case, suite
-from grasptrack.evaluation.schedule import scheduler
-from grasptrack.evaluation.score import FrameScore
+from grasptrack.bench.metrics.integrity import measure
+from grasptrack.bench.metrics.score import FrameScore
+from grasptrack.bench.parts import built_in
+from grasptrack.bench.scenes import run_case, suite
+from grasptrack.bench.schedule import scheduler
 
 STORED = Path(__file__).with_name("golden.json")
 SHAPES = ("bracket", "gasket", "spanner", "blob", "rectangle", "hook")

@@ -6,8 +6,8 @@ import math
 import numpy as np
 from hypothesis import strategies as st
 
-from grasptrack.contour import Contour
-from grasptrack.projective import similarity
+from grasptrack.geometry.contours import Contour
+from grasptrack.geometry.homographies import similarity
 
 
 def dense(vertices, count=300):

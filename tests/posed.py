@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from grasptrack.kernels import reference
 from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.typing import Floats
 
 native = pytest.importorskip("grasptrack._native")
 
-Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 FEW = settings(max_examples=30, deadline=None)

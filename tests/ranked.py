@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
-from grasptrack.contour import Contour, Outline, as_view
-from grasptrack.grasp import Grasp
-from grasptrack.hand import HandPx
-from grasptrack.synthesis.result import GraspList, RankedGrasp, Terms
+from grasptrack.geometry.contours import Contour, Outline, as_view
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.hand import HandPx
+from grasptrack.grasp.synthesis.result import GraspList, RankedGrasp, Terms
 
 
 def ellipse(a: float, b: float, centre: tuple[float, float], count: int = 200, hole: bool = False) -> Contour:

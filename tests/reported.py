@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.evaluation.records import read_records, write_records
-from grasptrack.evaluation.run_folder import CASES, Case, write_index
-from grasptrack.evaluation.score import FrameScore
+from grasptrack.bench.metrics.score import FrameScore
+from grasptrack.bench.records import read_records, write_records
+from grasptrack.bench.run_folder import CASES, Case, write_index
 
 SHAPES = ("bracket", "blob", "disc", "spanner", "gasket")
 DISTURBANCES = {"clean": "motion", "bar": "hidden", "away": "hidden"}

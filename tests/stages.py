@@ -9,9 +9,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Renderer, Shape, Texture, brushed, plain, wood
-from grasptrack.simulation.shapes import polygon_moments
+from grasptrack.bench.simulation import SHAPES, Renderer, Shape, Texture, brushed, plain, wood
+from grasptrack.bench.simulation.shapes import polygon_moments
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
 
 WIDTH, HEIGHT = 320, 240

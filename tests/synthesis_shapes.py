@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.contour import Contour, View
+from grasptrack.geometry.contours import Contour, View
 from outlines import BRACKET, dense
 
 SILHOUETTES = (

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from grasptrack.analysis import analyze
-from grasptrack.contour import Contour, View
 from grasptrack.errors import GraspError, InputError
-from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import analyze
 from outlines import BRACKET, blobs, dense, similarities, stars, turned
 
 FEW = settings(max_examples=60, deadline=None)

@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from grasptrack.contour import Contour, View
-from grasptrack.evaluation.approach.choosing import closing_grasps, hand_for
-from grasptrack.evaluation.approach.trial import KNOWN
-from grasptrack.projective import apply_homography, similarity
-from grasptrack.simulation import SHAPES
-from grasptrack.simulation.physical.gripper import BESIDE, MAX_OPENING
-from grasptrack.simulation.render import finer
+from grasptrack.bench.approach.choosing import closing_grasps, hand_for
+from grasptrack.bench.approach.trial import KNOWN
+from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING
+from grasptrack.bench.simulation import SHAPES
+from grasptrack.bench.simulation.render import finer
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography, similarity
 
 SCALE = 150.0
 

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack.errors import ConditioningError, ContourError, StrategyError
-from grasptrack.observation.bspline import ClosedSpline, basis_matrix, fit_spline
-from grasptrack.observation.shape_space import Shape, ShapeSpace
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.snake.bspline import ClosedSpline, basis_matrix, fit_spline
+from grasptrack.snake.shape_space import Shape, ShapeSpace
 
 numbers = st.floats(-1.0, 1.0)
 

@@ -16,12 +16,12 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack.bench.homographies import write_homographies
+from grasptrack.bench.methods import OURS
+from grasptrack.bench.records import EACH, FIXED, LAST, read_records
+from grasptrack.bench.simulation import SHAPES, Scene, similarity_path
+from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.cli.main import main
-from grasptrack.evaluation.homographies import write_homographies
-from grasptrack.evaluation.methods import OURS
-from grasptrack.evaluation.records import EACH, FIXED, LAST, read_records
-from grasptrack.simulation import SHAPES, Scene, similarity_path
-from grasptrack.simulation.disturbances import DISTURBANCES
 
 SMALL = ["--shapes", "bracket", "--frames", "6", "--workers", "1"]
 

@@ -14,7 +14,7 @@ import pytest
 
 from grasptrack.cli.main import main
 from grasptrack.io.inspection import inspection
-from grasptrack.suitability import inspect
+from grasptrack.trackability import inspect
 from grasptrack.view.inspect import magnification
 from recordings import movie, plate, write
 from scenery import L_PLATE, drawn, ellipse

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from grasptrack.bench.approach.case import Row
+from grasptrack.bench.approach.looking import Looking
+from grasptrack.bench.approach.trials import COLUMNS, Trials, draw_cases, kind_of, run_trials
+from grasptrack.bench.schedule.outcome import Outcome
+from grasptrack.bench.simulation import SHAPES
 from grasptrack.cli.main import main
-from grasptrack.contour import Contour, View
-from grasptrack.evaluation.approach.case import Row
-from grasptrack.evaluation.approach.looking import Looking
-from grasptrack.evaluation.approach.trials import COLUMNS, Trials, draw_cases, kind_of, run_trials
-from grasptrack.evaluation.schedule.outcome import Outcome
-from grasptrack.hand import Hand
-from grasptrack.projective import apply_homography, similarity
-from grasptrack.simulation import SHAPES
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography, similarity
+from grasptrack.grasp.hand import Hand
 from grasptrack.tracking.tracker import GraspTracker
 
 

@@ -15,17 +15,17 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from grasptrack import kernels
-from grasptrack.analysis import analyze
-from grasptrack.closing import ClosureCheck, Regions, chance_of_closing, regions_of
-from grasptrack.closing.chance import in_box
-from grasptrack.closing.definition import closes_after, closes_at
-from grasptrack.closing.triples import depth
-from grasptrack.contour import Contour, View
+from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import ConditioningError, GraspError, InputError
-from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography, jacobian
-from grasptrack.simulation import SHAPES
-from grasptrack.synthesis import synthesize
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography, jacobian
+from grasptrack.grasp.contact_regions import ClosureCheck, Regions, chance_of_closing, regions_of
+from grasptrack.grasp.contact_regions.chance import in_box
+from grasptrack.grasp.contact_regions.definition import closes_after, closes_at
+from grasptrack.grasp.contact_regions.triples import depth
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import analyze
+from grasptrack.grasp.synthesis import synthesize
 
 SIZE, FRICTION = 175.0, 0.5
 TILTED = np.array([[0.9, 0.2, 10.0], [-0.15, 1.1, 5.0], [3e-4, -2e-4, 1.0]])

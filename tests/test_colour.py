@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.contour import Contour
-from grasptrack.observation.channel import clearest
-from grasptrack.observation.images import PLAIN
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Renderer, Shape, Texture
+from grasptrack.bench.simulation import SHAPES, Renderer, Shape, Texture
+from grasptrack.geometry.contours import Contour
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.color_projection import clearest
+from grasptrack.segmentation.images import PLAIN
 from stages import HEIGHT, WIDTH, Run, bar, mirrored, pose, twin
 
 BRACKET, PLATE = (SHAPES[n]() for n in ("bracket", "notched-plate"))

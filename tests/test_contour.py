@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.contour import Contour, View
 from grasptrack.errors import GraspTrackError
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
 from outlines import stars
 
 NUMBERS = st.floats(-1.0, 1.0)

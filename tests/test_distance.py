@@ -15,14 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
-from grasptrack.calibration import Camera
+from grasptrack.bench.simulation import SHAPES, Conditions, Path, Scene
+from grasptrack.bench.simulation import Camera as Pinhole
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
-from grasptrack.hand import parse_measure
-from grasptrack.observation.undistortion import Undistortion
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Conditions, Path, Scene
-from grasptrack.simulation import Camera as Pinhole
+from grasptrack.geometry.cameras import Camera
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.hand import parse_measure
+from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking import single
 from grasptrack.tracking.distance import Ruler, extent
 from grasptrack.tracking.numbers import NUMBERS, Numbers
@@ -251,7 +251,7 @@ def test_every_verb_takes_the_focal_length_of_a_calibration(
         return state
 
     monkeypatch.setattr("grasptrack.tracking.follower.first_state", noted)
-    monkeypatch.setattr("grasptrack.pair.first_state", noted)
+    monkeypatch.setattr("grasptrack.tracking.image_pair.first_state", noted)
     scene, _ = approach(3)
     images = [str(tmp_path / f"{i}.png") for i in range(2)]
     for i, name in enumerate(images):

@@ -155,9 +155,9 @@ def test_keys_of_grasps_json_are_those_that_are_written(tmp_path: Path) -> None:
 
 
 def test_the_evaluation_page_tells_of_what_is_there() -> None:
-    from grasptrack.evaluation.peers import PEERS
-    from grasptrack.evaluation.records import EACH, FIXED, LAST
-    from grasptrack.simulation.disturbances import DISTURBANCES
+    from grasptrack.bench.baselines import PEERS
+    from grasptrack.bench.records import EACH, FIXED, LAST
+    from grasptrack.bench.simulation.disturbances import DISTURBANCES
 
     page = text("evaluation.md")
     rows = re.findall(r"^\| `([\w-]+)` \| (\w+) \| (.*) \|$", page, re.MULTILINE)
@@ -257,9 +257,9 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
         ("rich", {"cli"}),
         ("av", {"io"}),
         ("matplotlib", {"view"}),
-        ("cv2", {"evaluation", "io", "observation", "simulation", "suitability", "tracking", "view"}),
-        ("grasptrack.simulation", {"simulation", "evaluation"}),
-        ("grasptrack.observation.snake", {"observation", "evaluation", "tracking"}),
+        ("cv2", {"bench", "io", "segmentation", "snake", "trackability", "tracking", "view"}),
+        ("grasptrack.bench", {"bench", "cli"}),
+        ("grasptrack.snake", {"snake", "bench", "tracking"}),
         ("grasptrack._native", {"kernels"}),
     ],
 )

@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from grasptrack.bench.metrics.paired import Unit, chance, critical, drawn, measures_of, units_of
+from grasptrack.bench.metrics.score import FrameScore
+from grasptrack.bench.metrics.summary import ALL, summarise
+from grasptrack.bench.report.comparison import Comparison, compare
+from grasptrack.bench.run_folder import read_run
 from grasptrack.errors import InputError
-from grasptrack.evaluation.compare import Comparison, compare
-from grasptrack.evaluation.paired import Unit, chance, critical, drawn, measures_of, units_of
-from grasptrack.evaluation.run_folder import read_run
-from grasptrack.evaluation.score import FrameScore
-from grasptrack.evaluation.summary import ALL, summarise
 from reported import METHODS, SHAPES, changed, lost, made_up, real, scenes
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.evaluation.demo import STRATEGIES, run_demo
-from grasptrack.evaluation.homographies import read_homographies
-from grasptrack.simulation import demo_scene
+from grasptrack.bench.demo import STRATEGIES, run_demo
+from grasptrack.bench.homographies import read_homographies
+from grasptrack.bench.simulation import demo_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -42,8 +42,8 @@ def test_the_demonstration_writes_truth_and_a_folder_for_each_strategy(tmp_path:
 
 
 def test_auto_follows_the_demonstration() -> None:
-    from grasptrack.evaluation.score import Score
-    from grasptrack.evaluation.truth import Truth
+    from grasptrack.bench.metrics.score import Score
+    from grasptrack.bench.metrics.truth import Truth
     from grasptrack.tracking.tracker import GraspTracker
 
     tracker, score = GraspTracker(), Score("auto")

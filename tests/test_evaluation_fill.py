@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 import scheduled
+from grasptrack.bench import fill as module
+from grasptrack.bench.fill import Filled, Job, case_file, fill
+from grasptrack.bench.schedule import scheduler
 from grasptrack.errors import InputError
-from grasptrack.evaluation import fill as module
-from grasptrack.evaluation.fill import Filled, Job, case_file, fill
-from grasptrack.evaluation.schedule import scheduler
 
 
 def jobs(folder: Path, count: int = 6) -> list[Job]:

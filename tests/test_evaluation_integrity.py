@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from grasptrack.bench.metrics.integrity import cumulative, measure, recoveries, risk_coverage, upper_bound
+from grasptrack.bench.metrics.score import FrameScore, Score
+from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.records import read_records, write_records
 from grasptrack.errors import InputError
-from grasptrack.evaluation.integrity import cumulative, measure, recoveries, risk_coverage, upper_bound
-from grasptrack.evaluation.records import read_records, write_records
-from grasptrack.evaluation.score import FrameScore, Score
-from grasptrack.evaluation.truth import Truth
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
 from scores import frame, random_run
 

@@ -10,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack import kernels
-from grasptrack.contour import View
-from grasptrack.evaluation.errors import ErrorMeasure
-from grasptrack.evaluation.paper import printed
-from grasptrack.evaluation.paper.contours import Footage, ideal
-from grasptrack.evaluation.paper.correspondences import Correspondences, correspond, table_five
-from grasptrack.evaluation.paper.descriptions import relative_text, table_four, table_three
-from grasptrack.evaluation.paper.error_tables import table_seven, table_six
-from grasptrack.evaluation.paper.objects import MOTIONS, OBJECTS, part
-from grasptrack.evaluation.paper.transfers import follow, reversibility
-from grasptrack.grasp import Grasp
+from grasptrack.bench.metrics.errors import ErrorMeasure
+from grasptrack.bench.paper import printed
+from grasptrack.bench.paper.contours import Footage, ideal
+from grasptrack.bench.paper.correspondences import Correspondences, correspond, table_five
+from grasptrack.bench.paper.descriptions import relative_text, table_four, table_three
+from grasptrack.bench.paper.error_tables import table_seven, table_six
+from grasptrack.bench.paper.objects import MOTIONS, OBJECTS, part
+from grasptrack.bench.paper.transfers import follow, reversibility
+from grasptrack.geometry.contours import View
+from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import STRATEGIES, grasp_line, transfer
 
 FRAMES = 8

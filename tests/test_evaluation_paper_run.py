@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 
+from grasptrack.bench.paper import contexts, run_paper
+from grasptrack.bench.paper.contours import KINDS
+from grasptrack.bench.paper.objects import MOTIONS, OBJECTS
+from grasptrack.bench.report.table import Table, to_csv, to_json, to_markdown, to_text
 from grasptrack.errors import InputError
-from grasptrack.evaluation.paper import contexts, run_paper
-from grasptrack.evaluation.paper.contours import KINDS
-from grasptrack.evaluation.paper.objects import MOTIONS, OBJECTS
-from grasptrack.evaluation.table import Table, to_csv, to_json, to_markdown, to_text
 from grasptrack.transfer import STRATEGIES
 
 FRAMES = 5

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from grasptrack import GraspTracker
-from grasptrack.evaluation.errors import contact_distances
-from grasptrack.evaluation.method import Method, Start
-from grasptrack.evaluation.peers import PEERS, available, missing
-from grasptrack.evaluation.peers.direct import MARGIN
-from grasptrack.evaluation.peers.region import region_of
-from grasptrack.observation.images import to_grey
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Camera, Conditions, Scene, SceneFrame, similarity_path
+from grasptrack.bench.baselines import PEERS, available, missing
+from grasptrack.bench.baselines.direct import MARGIN
+from grasptrack.bench.baselines.region import region_of
+from grasptrack.bench.method import Method, Start
+from grasptrack.bench.metrics.errors import contact_distances
+from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Scene, SceneFrame, similarity_path
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.images import to_grey
 from grasptrack.tracking.result import TrackResult
 
 SIZE = (400, 300)

@@ -12,16 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from grasptrack.evaluation.errors import contact_distances
-from grasptrack.evaluation.peers import PEERS, available, missing
-from grasptrack.evaluation.peers.region import region_of
-from grasptrack.evaluation.peers.visp_template import homography_of, triangles, why_not
-from grasptrack.observation.images import to_grey
+from grasptrack.bench.baselines import PEERS, available, missing
+from grasptrack.bench.baselines.region import region_of
+from grasptrack.bench.baselines.visp_template import homography_of, triangles, why_not
+from grasptrack.bench.metrics.errors import contact_distances
+from grasptrack.segmentation.images import to_grey
+from grasptrack.typing import Floats
 from test_evaluation_peers import easy, images, run, start
-
-Floats = NDArray[np.float64]
 
 CORE = """
 import numpy as np
@@ -126,7 +124,7 @@ def test_a_build_that_does_not_load_is_told(visp: Path) -> None:
 
 
 def test_without_visp_every_frame_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("grasptrack.evaluation.peers.visp_template.find_spec", lambda name: None)
+    monkeypatch.setattr("grasptrack.bench.baselines.visp_template.find_spec", lambda name: None)
     assert "visp" not in available()
     for result in run(PEERS["visp"](start()), images()[:2]):
         assert result.status == "lost" and "ViSP" in result.reason and "not installed" in result.reason

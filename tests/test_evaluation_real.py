@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack.bench import real
+from grasptrack.bench.baselines.direct import Ecc
+from grasptrack.bench.homographies import write_homographies
+from grasptrack.bench.method import Method, Start
+from grasptrack.bench.metrics.score import accept_limit
+from grasptrack.bench.objects import Given, another_object, read_scenes, share_in_view
+from grasptrack.bench.records import read_records
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
-from grasptrack.evaluation import real
-from grasptrack.evaluation.homographies import write_homographies
-from grasptrack.evaluation.method import Method, Start
-from grasptrack.evaluation.objects import Given, another_object, read_scenes, share_in_view
-from grasptrack.evaluation.peers.direct import Ecc
-from grasptrack.evaluation.records import read_records
-from grasptrack.evaluation.score import accept_limit
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.homographies import apply_homography
 
 SIZE = (320, 240)
 CARD = np.array([[60.0, 60.0], [130.0, 66.0], [126.0, 112.0], [56.0, 106.0]])

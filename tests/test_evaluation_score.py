@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from grasptrack.bench.homographies import read_homographies, write_homographies
+from grasptrack.bench.metrics.score import Score, accept_limit
+from grasptrack.bench.metrics.truth import Truth
 from grasptrack.errors import InputError
-from grasptrack.evaluation.homographies import read_homographies, write_homographies
-from grasptrack.evaluation.score import Score, accept_limit
-from grasptrack.evaluation.truth import Truth
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import Status, TrackResult
 
 CONTACTS = np.array([[100.0, 100.0], [180.0, 120.0]])

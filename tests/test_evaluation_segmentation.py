@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.path import Path as Polygon
 
-from grasptrack.contour import Contour, View
-from grasptrack.evaluation.segmentation import band_iou, boundary, boundary_f, iou, mask_of
-from grasptrack.simulation.coverage import coverage
+from grasptrack.bench.metrics.mask_agreement import band_iou, boundary, boundary_f, iou, mask_of
+from grasptrack.bench.simulation.coverage import coverage
+from grasptrack.geometry.contours import Contour, View
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from baselines import BASELINES, outlined

@@ -12,11 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.errors import InputError
-from grasptrack.evaluation.integrity import Measures, measure, risk_coverage
-from grasptrack.evaluation.records import write_records
-from grasptrack.evaluation.run_folder import CASES, Case, read_run, write_index
-from grasptrack.evaluation.summary import (
+from grasptrack.bench.metrics.integrity import Measures, measure, risk_coverage
+from grasptrack.bench.metrics.summary import (
     ALL,
     APART,
     PER_CASE,
@@ -25,6 +22,9 @@ from grasptrack.evaluation.summary import (
     worst_frames,
     write_summary,
 )
+from grasptrack.bench.records import write_records
+from grasptrack.bench.run_folder import CASES, Case, read_run, write_index
+from grasptrack.errors import InputError
 from reported import DISTURBANCES, METHODS, SHAPES, lost, made_up, real, scenes
 
 

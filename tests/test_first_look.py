@@ -10,17 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
-from grasptrack.contour import Contour
+from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import InputError, ObservationError
-from grasptrack.observation.channel import clearest
-from grasptrack.observation.closures import Scenery, enclosed, linked
-from grasptrack.observation.edge_field import EdgeField, planes
-from grasptrack.observation.images import PLAIN, Channel, to_grey
-from grasptrack.observation.rating import Rater
-from grasptrack.observation.segmentation import candidates, objects, segment
-from grasptrack.observation.silhouettes import trace
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES
+from grasptrack.geometry.contours import Contour
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.closed_edges import Scenery, enclosed, linked
+from grasptrack.segmentation.color_projection import clearest
+from grasptrack.segmentation.images import PLAIN, Channel, to_grey
+from grasptrack.segmentation.normalized_gradient import EdgeField, planes
+from grasptrack.segmentation.objects import candidates, objects, segment
+from grasptrack.segmentation.rating import Rater
+from grasptrack.segmentation.silhouettes import trace
 from outlines import dense
 from stages import HEIGHT, WIDTH, Run, photo, pose
 from test_segmentation import distances

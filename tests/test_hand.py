@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack import Hand, InputError, Length
-from grasptrack.hand import parse_length
+from grasptrack.grasp.hand import parse_length
 
 
 @pytest.mark.parametrize(

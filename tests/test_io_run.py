@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from grasptrack import InputError, SourceError, TrackResult, open_source
-from grasptrack.analysis import GraspAnalysis
-from grasptrack.contour import Contour, View
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.results import UNITS, columns
 from grasptrack.io.run import FILES, run_track
 from grasptrack.io.tally import Tally

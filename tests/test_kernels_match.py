@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import reference
-from grasptrack.projective import apply_homography
 from outlines import blobs, dense, stars
 
 native = pytest.importorskip("grasptrack._native")

@@ -7,8 +7,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from grasptrack import kernels
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import reference
-from grasptrack.projective import apply_homography
 from outlines import blobs, frame_motions, stars
 
 pytestmark = pytest.mark.skipif(kernels.BACKEND != "native", reason="no compiled kernels here")

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES
 from grasptrack.kernels.reference_pose_system import beyond_noise
-from grasptrack.simulation import DISTURBANCES, SHAPES
 from grasptrack.tracking.tracker import GraspTracker
-from posed import FEW, SEEDS, Floats
+from grasptrack.typing import Floats
+from posed import FEW, SEEDS
 
 N = 300
 ANGLES = np.linspace(0.0, 2.0 * np.pi, N, endpoint=False)

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack import kernels
-from grasptrack.contour import Contour, View
+from grasptrack.bench.simulation import SHAPES, Camera, Path, Shape
+from grasptrack.bench.simulation.lookalikes import mirrored
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography, similarity
 from grasptrack.matching import Sampled, judge, match, symmetries
 from grasptrack.matching.judgement import fits_alike
-from grasptrack.projective import apply_homography, similarity
-from grasptrack.simulation import SHAPES, Camera, Path, Shape
-from grasptrack.simulation.twins import mirrored
 from outlines import BRACKET, dense, similarities, stars
 
 CAMERA = Camera(640, 480, focal=320.0 / math.tan(math.radians(30.0)))

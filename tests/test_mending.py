@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from grasptrack import GraspTracker
-from grasptrack.evaluation.scenes import Part, SceneCase
-from grasptrack.evaluation.sequence import chosen_grasp
-from grasptrack.simulation import SHAPES, Scene, SceneFrame
-from grasptrack.simulation.disturbances import DISTURBANCES
+from grasptrack.bench.scenes import Part, SceneCase
+from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
+from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.tracking.distance import extent
 from grasptrack.tracking.mending import TRIALS, VIEWS, Mender, _longest, _nats, _Trial
 from grasptrack.tracking.numbers import NUMBERS
@@ -26,8 +26,8 @@ from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import Look
 from grasptrack.tracking.target import pyramid
+from grasptrack.typing import Floats
 
-Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 COUNT = VIEWS + TRIALS + 4

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from grasptrack.observation.observer import Observer
-from grasptrack.simulation import SHAPES, Conditions, Scene, similarity_path
+from grasptrack.bench.simulation import SHAPES, Conditions, Scene, similarity_path
+from grasptrack.segmentation.outline_detector import Observer
 
 
 def test_levels_are_those_of_an_outline_of_the_image_at_hand() -> None:

@@ -7,13 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.contour import Contour, View
+from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
+from grasptrack.bench.simulation.surfaces import blank
 from grasptrack.errors import AmbiguousError, TransferError
-from grasptrack.pair import REGISTRATION, carry_to
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.simulation.surfaces import blank
-from grasptrack.synthesis import synthesize
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.synthesis import synthesize
+from grasptrack.tracking.image_pair import REGISTRATION, carry_to
 from grasptrack.transfer import STRATEGIES
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 from test_matching import seen

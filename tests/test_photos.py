@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.evaluation.segmentation import boundary_f, iou, mask_of
-from grasptrack.observation.segmentation import objects
-from grasptrack.pair import carry_to
-from grasptrack.projective import apply_homography
-from grasptrack.synthesis import synthesize
+from grasptrack.bench.metrics.mask_agreement import boundary_f, iou, mask_of
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.synthesis import synthesize
+from grasptrack.segmentation.objects import objects
+from grasptrack.tracking.image_pair import carry_to
 from grasptrack.transfer.alignment import alignments, as_similarity
 
 DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))

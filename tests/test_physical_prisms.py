@@ -12,13 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from grasptrack.bench.physics.part import body
+from grasptrack.bench.physics.prisms import convex_pieces
+from grasptrack.bench.simulation import SHAPES
+from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.errors import ContourError
-from grasptrack.simulation import SHAPES
-from grasptrack.simulation.outlines import polygon_moments
-from grasptrack.simulation.physical.part import body
-from grasptrack.simulation.physical.prisms import convex_pieces
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 def area(polygons: list[Floats] | tuple[Floats, ...]) -> float:

@@ -10,24 +10,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from grasptrack.bench.approach.refusal import pairs_that_close
+from grasptrack.bench.approach.trial import _axis
+from grasptrack.bench.physics import frames
+from grasptrack.bench.physics.gripper import gripper
+from grasptrack.bench.physics.setting import ASIDE, AWAY, BELT, TILT, TURN, draw
+from grasptrack.bench.simulation import SHAPES
+from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
-from grasptrack.evaluation.approach.refusal import pairs_that_close
-from grasptrack.evaluation.approach.trial import _axis
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES
-from grasptrack.simulation.outlines import Shape
-from grasptrack.simulation.physical import frames
-from grasptrack.simulation.physical.gripper import gripper
-from grasptrack.simulation.physical.setting import ASIDE, AWAY, BELT, TILT, TURN, draw
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.typing import Floats
 
 if find_spec("mujoco") is None:  # not imported here: the package says first how MuJoCo is to draw
     pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
 
-from grasptrack.simulation.physical import World
-from grasptrack.simulation.physical.by_truth import lift_by_truth
-from grasptrack.simulation.physical.offscreen import MujocoImages, offscreen
-
-Floats = NDArray[np.float64]
+from grasptrack.bench.physics import World
+from grasptrack.bench.physics.by_truth import lift_by_truth
+from grasptrack.bench.physics.offscreen import MujocoImages, offscreen
 
 
 def across(shape: Shape, size: float) -> Floats:

@@ -10,13 +10,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
-from grasptrack.analysis import analyze
-from grasptrack.closing import CHANCE, FRONTAL, ClosureCheck, Rectifications
-from grasptrack.contour import Contour, View
-from grasptrack.evaluation.sequence import chosen_grasp
-from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Conditions, Path, Scene
+from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.simulation import SHAPES, Conditions, Path, Scene
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contact_regions import CHANCE, FRONTAL, ClosureCheck, Rectifications
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import analyze
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import AROUND, Beforehand, Mode, Plane, _nodes, plane_in_view, rectifying

@@ -9,21 +9,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from grasptrack.analysis import analyze
-from grasptrack.contour import Contour, View
-from grasptrack.evaluation.approach.choosing import EVEN, FRICTION, closing_grasps, hand_for, turn_between, width_in_m
-from grasptrack.evaluation.approach.refusal_radial import triples_that_close
-from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography, similarity
+from grasptrack.bench.approach.choosing import EVEN, FRICTION, closing_grasps, hand_for, turn_between, width_in_m
+from grasptrack.bench.approach.refusal_radial import triples_that_close
+from grasptrack.bench.physics.gripper import MAX_OPENING, gripper
+from grasptrack.bench.simulation import SHAPES
+from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.bench.simulation.render import finer
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography, similarity
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import analyze
 from grasptrack.servo import Goal
-from grasptrack.simulation import SHAPES
-from grasptrack.simulation.outlines import Shape
-from grasptrack.simulation.physical.gripper import MAX_OPENING, gripper
-from grasptrack.simulation.render import finer
-
-Floats = NDArray[np.float64]
 
 SIZE, SCALE = 0.064, 150.0
 

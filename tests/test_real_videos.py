@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker, open_source
-from grasptrack.evaluation.real import score_video
+from grasptrack.bench.real import score_video
 
 DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")) / "videos"
 

@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from grasptrack.evaluation.parts import built_in
-from grasptrack.evaluation.scenes import run_case, suite
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Shape
+from grasptrack.bench.parts import built_in
+from grasptrack.bench.scenes import run_case, suite
+from grasptrack.bench.simulation import SHAPES, Shape
+from grasptrack.geometry.homographies import apply_homography
 from stages import HEIGHT, WIDTH, Run, mirrored, photo, pose, twin
 
 NAMES = ("bracket", "gasket", "spanner", "hook", "puzzle-piece", "u-clip")

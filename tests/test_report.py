@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.evaluation.compare import compare
-from grasptrack.evaluation.compare_page import write_comparison
-from grasptrack.evaluation.glossary import COMPARED, CURVES, TERMS
-from grasptrack.evaluation.integrity import Measures
-from grasptrack.evaluation.report import paper_report, write_report
-from grasptrack.evaluation.report_tables import ANSWERS, ERRORS
-from grasptrack.evaluation.summary import Row
+from grasptrack.bench.metrics.integrity import Measures
+from grasptrack.bench.metrics.summary import Row
+from grasptrack.bench.report.comparison import compare
+from grasptrack.bench.report.comparison_page import write_comparison
+from grasptrack.bench.report.glossary import COMPARED, CURVES, TERMS
+from grasptrack.bench.report.report import paper_report, write_report
+from grasptrack.bench.report.tables import ANSWERS, ERRORS
 from reported import METHODS, changed, lost, real, scenes
 
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.evaluation.curves import out_of_view, over_time, precision, recovered
+from grasptrack.bench.metrics.curves import out_of_view, over_time, precision, recovered
 from grasptrack.view.report import DASH, Axis, Cell, Chart, Page, number, palette, percent
 from grasptrack.view.report.answer import TRUE_RGB, WRONG_RGB, draw_answer
 from grasptrack.view.report.axis import log_range, steps

@@ -19,13 +19,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from grasptrack.bench.approach import choosing
+from grasptrack.bench.approach.looking import Looking
+from grasptrack.bench.demo import run_demo
+from grasptrack.bench.simulation import SHAPES
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
-from grasptrack.evaluation.approach import choosing
-from grasptrack.evaluation.approach.looking import Looking
-from grasptrack.evaluation.demo import run_demo
-from grasptrack.simulation import SHAPES
-from grasptrack.suitability import inspect
+from grasptrack.trackability import inspect
 from grasptrack.tracking import follower
 from grasptrack.tracking.decision import NOTHING, Decision, any_of, decide
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, OWN, check_risk, read_numbers

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.evaluation.parts import silhouettes
-from grasptrack.evaluation.scenes import suite
-from grasptrack.evaluation.sequence import chosen_grasp
+from grasptrack.bench.parts import silhouettes
+from grasptrack.bench.scenes import suite
+from grasptrack.bench.sequence import chosen_grasp
 
 PLATE = np.array([[0.0, 0], [70, 6], [66, 30], [34, 33], [28, 66], [-4, 60]])
 FINER = 4

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack.contour import Contour, View
 from grasptrack.errors import StrategyError
-from grasptrack.grasp import Grasp
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import rrp
 
 

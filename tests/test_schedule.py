@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import scheduled
+from grasptrack.bench.schedule import ATTEMPTS, scheduler
 from grasptrack.errors import InputError
-from grasptrack.evaluation.schedule import ATTEMPTS, scheduler
 
 
 def test_all_tasks_are_done_in_any_order_and_one_that_fails_keeps_none_from_its_result() -> None:
@@ -70,7 +70,7 @@ def test_a_cluster_that_loses_a_worker_still_does_every_task(tmp_path: Path) -> 
 
 def test_no_scheduler_at_the_address_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    monkeypatch.setattr("grasptrack.evaluation.schedule.cluster.TIMEOUT_S", 1)
+    monkeypatch.setattr("grasptrack.bench.schedule.cluster.TIMEOUT_S", 1)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         list(scheduler("tcp://127.0.0.1:1")(scheduled.square, [1]))
 

@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from grasptrack.bench.simulation import SHAPES, brushed, plain
 from grasptrack.errors import ObservationError
-from grasptrack.observation.segmentation import MIN_EXTENT, candidates, segment
-from grasptrack.observation.thresholds import otsu, thresholds
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, brushed, plain
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.objects import MIN_EXTENT, candidates, segment
+from grasptrack.segmentation.thresholds import otsu, thresholds
 from stages import EVEN, HEIGHT, WIDTH, photo, pose
 
 BRACKET, GASKET, PLATE, DISC = (SHAPES[n]() for n in ("bracket", "gasket", "notched-plate", "disc"))

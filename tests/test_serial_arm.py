@@ -10,16 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from grasptrack.bench.physics import frames, linkage, serial
+from grasptrack.bench.physics.gripper import gripper
+from grasptrack.bench.physics.resolved import LENGTH, NEAR, joint_rates
+from grasptrack.bench.physics.setting import SCENARIOS, draw
+from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import InputError
-from grasptrack.simulation import SHAPES
-from grasptrack.simulation.physical import frames, linkage, serial
-from grasptrack.simulation.physical.gripper import gripper
-from grasptrack.simulation.physical.resolved import LENGTH, NEAR, joint_rates
-from grasptrack.simulation.physical.setting import SCENARIOS, draw
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 anywhere = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).map(lambda shares: math.pi * np.array(shares))
 within = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6).map(
@@ -130,7 +128,7 @@ needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="the physi
 
 @needs_mujoco
 def test_the_model_is_the_kinematics_and_the_hand_starts_where_the_setting_says() -> None:
-    from grasptrack.simulation.physical import World
+    from grasptrack.bench.physics import World
 
     world = World(SHAPES["disc"](), seed=3, arm="arm", images="planar")
     assert world.pose() == pytest.approx(world.setting.hand, abs=1e-9)
@@ -149,7 +147,7 @@ def test_the_model_is_the_kinematics_and_the_hand_starts_where_the_setting_says(
 @needs_mujoco
 @pytest.mark.parametrize("twist", [[0.05, 0.02, 0.03, 0.1, -0.2, 0.3], [0.0, -0.1, 0.0, 0.0, 0.0, 0.5]])
 def test_the_hand_makes_the_twist_that_it_is_told(twist: list[float]) -> None:
-    from grasptrack.simulation.physical import World
+    from grasptrack.bench.physics import World
 
     world = World(SHAPES["disc"](), seed=2, arm="arm", images="planar")
     for _ in range(5):
@@ -170,7 +168,7 @@ def test_the_hand_makes_the_twist_that_it_is_told(twist: list[float]) -> None:
 @needs_mujoco
 @pytest.mark.parametrize("seed", range(4))
 def test_no_limit_is_exceeded_whatever_is_asked_for(seed: int) -> None:
-    from grasptrack.simulation.physical import World
+    from grasptrack.bench.physics import World
 
     rng = np.random.default_rng(seed)
     world = World(SHAPES["disc"](), seed=seed, arm="arm", images="planar")
@@ -193,7 +191,7 @@ def test_no_limit_is_exceeded_whatever_is_asked_for(seed: int) -> None:
 
 @needs_mujoco
 def test_an_arm_at_the_end_of_its_reach_stands_there_and_says_so() -> None:
-    from grasptrack.simulation.physical import World
+    from grasptrack.bench.physics import World
 
     world = World(SHAPES["disc"](), seed=1, arm="arm", images="planar")
     away = linkage.base(world.setting)[:3, 0]
@@ -215,7 +213,7 @@ def test_an_arm_at_the_end_of_its_reach_stands_there_and_says_so() -> None:
 @pytest.mark.parametrize("scenario", ["static", "belt"])
 def test_the_cameras_view_is_free_of_the_arm(scenario: str) -> None:
     """Every point of every link is behind the camera or beside its image, from the start to the part and back up."""
-    from grasptrack.simulation.physical import World
+    from grasptrack.bench.physics import World
 
     around = np.array([[math.cos(a), math.sin(a)] for a in np.linspace(0.0, 2.0 * math.pi, 12, endpoint=False)])
     for seed in range(8):

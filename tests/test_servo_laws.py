@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import grasptrack as gt
 from grasptrack import kernels
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.servo.aim import aim
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.closing import Doubt

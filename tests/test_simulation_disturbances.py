@@ -12,10 +12,10 @@ import zlib
 import numpy as np
 import pytest
 
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, applicable
+from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.errors import InputError
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import DISTURBANCES, SHAPES, Scene, applicable
-from grasptrack.simulation.outlines import polygon_moments
+from grasptrack.geometry.homographies import apply_homography
 
 NAMES = list(DISTURBANCES)
 PARTS = ("gasket", "bean", "spanner")
@@ -193,7 +193,7 @@ def test_light_jumps_and_parts_are_lighter_or_darker_than_tables() -> None:
 
 
 def test_a_surface_and_a_table_of_ones_own_and_colours() -> None:
-    from grasptrack.simulation import Texture
+    from grasptrack.bench.simulation import Texture
 
     red = Texture(np.full((8, 8, 3), (20, 20, 220), np.uint8), 2.0)
     green = Texture(np.full((8, 8, 3), (20, 180, 20), np.uint8), 2.0)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from edges import offsets
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import DISTURBANCES, SHAPES, Scene, Shape, Texture, near_twin, silhouette
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, Shape, Texture, near_twin, silhouette
+from grasptrack.geometry.homographies import apply_homography
 
 PART, TABLE = 60, 180
 LIMIT = 0.01

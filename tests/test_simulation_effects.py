@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from edges import bilinear, offsets
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import (
+from grasptrack.bench.simulation import (
     DISTURBANCES,
     SHAPES,
     Camera,
@@ -24,9 +23,10 @@ from grasptrack.simulation import (
     Texture,
     tilting_path,
 )
-from grasptrack.simulation.coverage import inside_polygons
-from grasptrack.simulation.covers import Drifting
-from grasptrack.simulation.distractors import Room
+from grasptrack.bench.simulation.coverage import inside_polygons
+from grasptrack.bench.simulation.distractors import Room
+from grasptrack.bench.simulation.occlusion_events import Drifting
+from grasptrack.geometry.homographies import apply_homography
 
 SMALL = (320, 240)
 SEEDS = range(4)

@@ -13,9 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edges import bilinear
-from grasptrack.errors import InputError
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import (
+from grasptrack.bench.simulation import (
     SHAPES,
     Bar,
     Camera,
@@ -31,10 +29,12 @@ from grasptrack.simulation import (
     stone,
     tilting_path,
 )
-from grasptrack.simulation.conditions import pooled_noise
-from grasptrack.simulation.coverage import coverage
-from grasptrack.simulation.render import finer
-from grasptrack.simulation.twins import best_fit
+from grasptrack.bench.simulation.conditions import pooled_noise
+from grasptrack.bench.simulation.coverage import coverage
+from grasptrack.bench.simulation.lookalikes import best_fit
+from grasptrack.bench.simulation.render import finer
+from grasptrack.errors import InputError
+from grasptrack.geometry.homographies import apply_homography
 
 WIDTH, HEIGHT = 320, 240
 
@@ -250,7 +250,7 @@ def crossings(polygon: np.ndarray, x: float, y: float) -> bool:
 
 
 def test_visibility_is_that_of_brute_force() -> None:
-    from grasptrack.simulation import DISTURBANCES
+    from grasptrack.bench.simulation import DISTURBANCES
 
     bar = Bar(start=0, end=9, width=0.25, angle=0.3)
     hand = DISTURBANCES["hand"].scene(SHAPES["gasket"](), 20, 3).covers[0]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from edges import bilinear
-from grasptrack.simulation import SHAPES, Bar, Camera, Conditions, Scene, demo_scene, plain, tilting_path
-from grasptrack.simulation.coverage import coverage, inside_mask, inside_polygons
-from grasptrack.simulation.shapes import polygon_moments
+from grasptrack.bench.simulation import SHAPES, Bar, Camera, Conditions, Scene, demo_scene, plain, tilting_path
+from grasptrack.bench.simulation.coverage import coverage, inside_mask, inside_polygons
+from grasptrack.bench.simulation.shapes import polygon_moments
 
 WIDTH, HEIGHT, SIGMA = 320, 240, 0.7
 
@@ -156,9 +156,9 @@ def test_a_frame_takes_tens_of_milliseconds_not_hundreds() -> None:
 
 
 def test_the_parts_of_a_still_life_lie_apart_and_are_found() -> None:
-    from grasptrack.observation.segmentation import objects
-    from grasptrack.simulation import still_life
-    from grasptrack.simulation.still import LIE, PX_PER_UNIT
+    from grasptrack.bench.simulation import still_life
+    from grasptrack.bench.simulation.still import LIE, PX_PER_UNIT
+    from grasptrack.segmentation.objects import objects
 
     image = still_life()
     assert (image == still_life()).all() and image.shape == (480, 640, 3)

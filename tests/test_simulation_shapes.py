@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Camera, Path, similarity_path, tilting_path
-from grasptrack.simulation.shapes import Shape, circle, polygon_moments, rounded
+from grasptrack.bench.simulation import SHAPES, Camera, Path, similarity_path, tilting_path
+from grasptrack.bench.simulation.shapes import Shape, circle, polygon_moments, rounded
+from grasptrack.geometry.homographies import apply_homography
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -8,13 +8,13 @@ import math
 import numpy as np
 import pytest
 
+from grasptrack.bench.simulation import SHAPES, Scene, Texture, part_of_photo, silhouette, similarity_path
+from grasptrack.bench.simulation.coverage import inside_mask
+from grasptrack.bench.simulation.isolines import isolines
+from grasptrack.bench.simulation.lookalikes import best_fit
+from grasptrack.bench.simulation.outlines import polygon_moments
+from grasptrack.bench.simulation.silhouette import mask_polygons
 from grasptrack.errors import ContourError, InputError
-from grasptrack.simulation import SHAPES, Scene, Texture, part_of_photo, silhouette, similarity_path
-from grasptrack.simulation.coverage import inside_mask
-from grasptrack.simulation.isolines import isolines
-from grasptrack.simulation.outlines import polygon_moments
-from grasptrack.simulation.silhouette import mask_polygons
-from grasptrack.simulation.twins import best_fit
 
 
 def mask_of(name: str, scale: float = 120.0, angle: float = 0.4, size: int = 420) -> np.ndarray:

@@ -13,15 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from grasptrack.contour import Contour, View
 from grasptrack.errors import InputError, ObservationError, StrategyError
-from grasptrack.grasp import Grasp
-from grasptrack.observation.shape_space import Shape
-from grasptrack.observation.snake import Snake, SnakeFit
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.snake.active_contour import Snake, SnakeFit
+from grasptrack.snake.shape_space import Shape
 from grasptrack.transfer import rrp
+from grasptrack.typing import Floats
 
-Floats = NDArray[np.float64]
 SIZE = (640, 480)
 FINE = 4
 

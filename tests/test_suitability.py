@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import grasptrack as gt
-from grasptrack.simulation import SHAPES
-from grasptrack.suitability import Suitability, inspect
-from grasptrack.suitability.words import expected, rows
+from grasptrack.bench.simulation import SHAPES
+from grasptrack.trackability import Suitability, inspect
+from grasptrack.trackability.words import expected, rows
 from grasptrack.tracking.tracker import GraspTracker
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack.contour import Contour, View
-from grasptrack.observation.images import PLAIN
-from grasptrack.projective import apply_homography
-from grasptrack.suitability import inspect
-from grasptrack.suitability.edges import Edges, sway
-from grasptrack.suitability.motions import MODELS, NAMES, SLIDING, Frame, Motions, motions_of, slid
-from grasptrack.suitability.prediction import (
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.images import PLAIN
+from grasptrack.trackability import inspect
+from grasptrack.trackability.edges import Edges, sway
+from grasptrack.trackability.motions import MODELS, NAMES, SLIDING, Frame, Motions, motions_of, slid
+from grasptrack.trackability.prediction import (
     FILE,
     Drawn,
     Run,
@@ -28,8 +28,8 @@ from grasptrack.suitability.prediction import (
     predict_run,
     shares_of,
 )
-from grasptrack.suitability.relief import QUANTUM, reliefs
-from grasptrack.suitability.restaged import REST, SHIFT, Setting, Stage, Step, denoised, draw_run
+from grasptrack.trackability.relief import QUANTUM, reliefs
+from grasptrack.trackability.synthetic_view import REST, SHIFT, Setting, Stage, Step, denoised, draw_run
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Beforehand
 from scenery import L_PLATE, SQUARE, drawn, ellipse

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack.analysis import analyze
-from grasptrack.contour import Contour
 from grasptrack.errors import InputError, StrategyError
-from grasptrack.synthesis import synthesize
+from grasptrack.geometry.contours import Contour
+from grasptrack.grasp.force_closure import analyze
+from grasptrack.grasp.synthesis import synthesize
 from outlines import BRACKET, blobs, dense, stars
 
 FEW = settings(max_examples=25, deadline=None)

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack import Hand, kernels
-from grasptrack.contour import Contour, as_view
-from grasptrack.synthesis import synthesize
-from grasptrack.synthesis.candidates import GROUP, GROUPS, candidates
-from grasptrack.synthesis.limits import Limits, refuse
-from grasptrack.synthesis.search import alike, find_grasps
-from grasptrack.synthesis.terms import stable_pairs
+from grasptrack.geometry.contours import Contour, as_view
+from grasptrack.grasp.synthesis import synthesize
+from grasptrack.grasp.synthesis.candidates import GROUP, GROUPS, candidates
+from grasptrack.grasp.synthesis.limits import Limits, refuse
+from grasptrack.grasp.synthesis.search import alike, find_grasps
+from grasptrack.grasp.synthesis.terms import stable_pairs
 from outlines import blobs, stars
 from synthesis_shapes import SHAPES, SILHOUETTES, every_stable_pair, firm, traced
 

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack import Hand, Length, kernels
-from grasptrack.analysis import analyze
-from grasptrack.contour import Contour, View, as_view
-from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography
-from grasptrack.synthesis import synthesize
+from grasptrack.geometry.contours import Contour, View, as_view
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import analyze
+from grasptrack.grasp.synthesis import synthesize
 from outlines import blobs, similarities, stars
 from synthesis_shapes import BAR, FRAME, NOTCHED, RING, SHAPES, circle, material
 from test_kernels_wrench import programme

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.closing import CHANCE
+from grasptrack.bench.simulation import SHAPES, Shape, brushed, plain
 from grasptrack.errors import GraspError, InputError, SourceError, StrategyError
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Shape, brushed, plain
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contact_regions import CHANCE
 from grasptrack.tracking.result import TrackResult
 from stages import EVEN, HEIGHT, WIDTH, Run, photo, pose, regular
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from grasptrack.contour import Contour, View
+from grasptrack.geometry.contours import Contour, View
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.contour import Contour, View
-from grasptrack.evaluation.parts import built_in
-from grasptrack.evaluation.scenes import run_case, suite
-from grasptrack.evaluation.sequence import chosen_grasp
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
-from grasptrack.simulation.surfaces import blank, printed
-from grasptrack.simulation.tables import gravel
+from grasptrack.bench.parts import built_in
+from grasptrack.bench.scenes import run_case, suite
+from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
+from grasptrack.bench.simulation.surfaces import blank, printed
+from grasptrack.bench.simulation.tables import gravel
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.result import TrackResult
 

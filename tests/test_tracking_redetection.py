@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from grasptrack.contour import Contour, View
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Shape
+from grasptrack.bench.simulation import SHAPES, Shape
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.decision import farthest
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import Follower

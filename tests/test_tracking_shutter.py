@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker, TrackResult
-from grasptrack.evaluation.sequence import chosen_grasp
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, Scene, SceneFrame
-from grasptrack.simulation.disturbances import DISTURBANCES
+from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
+from grasptrack.bench.simulation.disturbances import DISTURBANCES
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.shutter import Shutter
 from grasptrack.tracking.target import Target

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grasptrack.contour import Contour, View
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.decision import largest_sigma
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.numbers import NUMBERS

@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from grasptrack.closing import CHANCE
+from grasptrack.bench.simulation import SHAPES, plain
 from grasptrack.errors import GraspError
-from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES, plain
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contact_regions import CHANCE
+from grasptrack.grasp.contacts import Grasp
 from grasptrack.tracking.decision import CODES, NOTHING, checked
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import Follower

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from grasptrack.contour import Contour, View
 from grasptrack.errors import (
     AmbiguousError,
     AxesError,
@@ -17,9 +16,10 @@ from grasptrack.errors import (
     StrategyError,
     TransferError,
 )
-from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography
-from grasptrack.synthesis import synthesize
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES, grasp_line, homography, transfer
 from outlines import BRACKET, blobs, dense, frame_motions, similarities, stars, turned
 
@@ -194,7 +194,7 @@ def test_holes_count_in_the_moments():
 
 
 def test_a_homography_that_mirrors_or_flattens_is_implausible():
-    from grasptrack.projective import check_plausible
+    from grasptrack.geometry.homographies import check_plausible
 
     corners = np.array([[0.0, 0], [100, 0], [100, 100], [0, 100]])
     check_plausible(np.eye(3), corners)

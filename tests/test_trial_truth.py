@@ -8,10 +8,10 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from grasptrack.evaluation.approach.case import Row
-from grasptrack.evaluation.approach.truth import on_part, tell
-from grasptrack.projective import apply_homography
-from grasptrack.simulation import SHAPES
+from grasptrack.bench.approach.case import Row
+from grasptrack.bench.approach.truth import on_part, tell
+from grasptrack.bench.simulation import SHAPES
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.numbers import NUMBERS
 
 if find_spec("mujoco") is None:
@@ -20,7 +20,7 @@ if find_spec("mujoco") is None:
 
 def told(shift: tuple[float, float], chosen_off: float = 0.0) -> Row:
     """A row of a closing whose contacts lie `shift` px from the chosen ones, which lie so many sqrt(area) off the outline."""
-    from grasptrack.simulation.physical import World
+    from grasptrack.bench.physics import World
 
     world, row = World(SHAPES["bracket"](), seed=3, images="planar"), Row(3, "bracket", "static", "gantry", "online")
     ring = world.shape.polygons[0] * world.setting.part.size

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 
 from grasptrack import inspect
-from grasptrack.calibration import Camera
+from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES, SceneFrame
 from grasptrack.cli.main import main
-from grasptrack.contour import Contour, View
 from grasptrack.errors import InputError, SourceError
-from grasptrack.evaluation.sequence import chosen_grasp
-from grasptrack.observation.images import to_bgr
-from grasptrack.observation.undistortion import MOST, Undistortion
-from grasptrack.projective import apply_homography, similarity
-from grasptrack.simulation import DISTURBANCES, SHAPES, SceneFrame
+from grasptrack.geometry.cameras import Camera
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography, similarity
+from grasptrack.segmentation.images import to_bgr
+from grasptrack.segmentation.undistortion import MOST, Undistortion
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.result import TrackResult

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.contour import View
+from grasptrack.geometry.contours import View
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.results import GraspsCsv
 from grasptrack.io.tally import Tally
-from grasptrack.projective import apply_homography
 from grasptrack.view.draw import MAX_SIDE, draw_overlay
 from grasptrack.view.geometry import cones, jacobian_at
 from grasptrack.view.pair import write_pair

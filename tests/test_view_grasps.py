@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.contour import Contour, View
-from grasptrack.hand import HandPx
-from grasptrack.synthesis.result import GraspList
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.grasp.hand import HandPx
+from grasptrack.grasp.synthesis.result import GraspList
 from grasptrack.view.fingers import normals, opening, strip, strips, wedge
 from grasptrack.view.grasp_text import described, rated
 from grasptrack.view.grasps import Planned, write_grasps

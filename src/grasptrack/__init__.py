@@ -10,10 +10,9 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from grasptrack._aliases import install as _install
+
 if TYPE_CHECKING:
-    from grasptrack.analysis import GraspAnalysis, analyze
-    from grasptrack.calibration import Camera
-    from grasptrack.contour import Contour, View
     from grasptrack.errors import (
         AmbiguousError,
         AxesError,
@@ -31,8 +30,12 @@ if TYPE_CHECKING:
         StrategyError,
         TransferError,
     )
-    from grasptrack.grasp import Grasp
-    from grasptrack.hand import Hand, Length
+    from grasptrack.geometry.cameras import Camera
+    from grasptrack.geometry.contours import Contour, View
+    from grasptrack.grasp.contacts import Grasp
+    from grasptrack.grasp.force_closure import GraspAnalysis, analyze
+    from grasptrack.grasp.hand import Hand, Length
+    from grasptrack.grasp.synthesis import GraspList, RankedGrasp, synthesize
     from grasptrack.io.calibration import read_camera
     from grasptrack.io.sources import Frame, open_source
     from grasptrack.servo import (
@@ -46,18 +49,19 @@ if TYPE_CHECKING:
         LossPolicy,
         NominalCamera,
     )
-    from grasptrack.suitability import Suitability, inspect
-    from grasptrack.synthesis import GraspList, RankedGrasp, synthesize
+    from grasptrack.trackability import Suitability, inspect
     from grasptrack.tracking.result import TrackResult
     from grasptrack.tracking.tracker import GraspTracker
     from grasptrack.transfer import Transfer, transfer
 
     __version__: str
 
+_install()
+
 _HOME = {
-    "analysis": ("GraspAnalysis", "analyze"),
-    "calibration": ("Camera",),
-    "contour": ("Contour", "View"),
+    "grasp.force_closure": ("GraspAnalysis", "analyze"),
+    "geometry.cameras": ("Camera",),
+    "geometry.contours": ("Contour", "View"),
     "errors": (
         "AmbiguousError",
         "AxesError",
@@ -75,8 +79,8 @@ _HOME = {
         "StrategyError",
         "TransferError",
     ),
-    "grasp": ("Grasp",),
-    "hand": ("Hand", "Length"),
+    "grasp.contacts": ("Grasp",),
+    "grasp.hand": ("Hand", "Length"),
     "io.calibration": ("read_camera",),
     "io.sources": ("Frame", "open_source"),
     "servo": (
@@ -90,8 +94,8 @@ _HOME = {
         "LossPolicy",
         "NominalCamera",
     ),
-    "suitability": ("Suitability", "inspect"),
-    "synthesis": ("GraspList", "RankedGrasp", "synthesize"),
+    "trackability": ("Suitability", "inspect"),
+    "grasp.synthesis": ("GraspList", "RankedGrasp", "synthesize"),
     "tracking.result": ("TrackResult",),
     "tracking.tracker": ("GraspTracker",),
     "transfer": ("Transfer", "transfer"),

@@ -32,8 +32,8 @@ def compare(
       grasptrack compare evaluation-scenes evaluation-new
       grasptrack compare old new --output compare.html --strict
     """
-    from grasptrack.evaluation.compare import compare as put_together
-    from grasptrack.evaluation.compare_page import write_comparison
+    from grasptrack.bench.report.comparison import compare as put_together
+    from grasptrack.bench.report.comparison_page import write_comparison
 
     found = put_together(before, after)
     if output is not None:

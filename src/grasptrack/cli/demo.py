@@ -43,8 +43,8 @@ def demo(
       grasptrack demo --frames 300 --output /tmp/demo
       grasptrack demo --risk 1e-5
     """
+    from grasptrack.bench.demo import run_demo
     from grasptrack.cli.report import show_rows
-    from grasptrack.evaluation.demo import run_demo
 
     rate = options.risk_rate(risk)
     rows = with_progress(

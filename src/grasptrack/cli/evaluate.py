@@ -14,7 +14,7 @@ from grasptrack.cli.progress import command, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
-    from grasptrack.evaluation.fill import Filled, Progress
+    from grasptrack.bench.fill import Filled, Progress
 
 Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; a finished run in it is replaced.")]
 MethodNames = Annotated[
@@ -77,8 +77,8 @@ def scenes(
       grasptrack evaluate scenes --silhouettes shapes --methods auto --repeats 3
       grasptrack evaluate scenes --scheduler tcp://host:8786
     """
-    from grasptrack.evaluation import suites
-    from grasptrack.evaluation.schedule import scheduler as schedule
+    from grasptrack.bench import suites
+    from grasptrack.bench.schedule import scheduler as schedule
 
     if (photos is None) is not (masks is None):
         raise InputError("--photos and --masks go together: give both or neither")
@@ -139,9 +139,9 @@ def real(
       grasptrack evaluate real videos --given quad --methods auto,klt
       grasptrack evaluate real videos --peers --output real-with-peers
     """
-    from grasptrack.evaluation import suites
-    from grasptrack.evaluation.objects import GIVEN
-    from grasptrack.evaluation.schedule import scheduler as schedule
+    from grasptrack.bench import suites
+    from grasptrack.bench.objects import GIVEN
+    from grasptrack.bench.schedule import scheduler as schedule
 
     asked: dict[str, Any] = {
         "folder": str(folder.resolve()),
@@ -157,10 +157,10 @@ def real(
 
 def _run(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
     """Score, report, tell."""
+    from grasptrack.bench.fill import fill
+    from grasptrack.bench.report.closing_table import closing_table
+    from grasptrack.bench.report.report import write_report
     from grasptrack.cli.report import show_rows
-    from grasptrack.evaluation.closing import closing_table
-    from grasptrack.evaluation.fill import fill
-    from grasptrack.evaluation.report import write_report
 
     def score(tell: Progress) -> Filled:
         return fill(

@@ -12,8 +12,8 @@ from grasptrack.cli import options
 from grasptrack.cli.progress import command, with_progress
 
 if TYPE_CHECKING:
-    from grasptrack.evaluation.fill import Progress
-    from grasptrack.evaluation.paper import PaperRun
+    from grasptrack.bench.fill import Progress
+    from grasptrack.bench.paper import PaperRun
 
 
 def paper(
@@ -34,9 +34,9 @@ def paper(
       grasptrack evaluate paper
       grasptrack evaluate paper --frames 40 --output short
     """
-    from grasptrack.evaluation.paper import run_paper
-    from grasptrack.evaluation.paper_folder import write_paper
-    from grasptrack.evaluation.table import to_text
+    from grasptrack.bench.paper import run_paper
+    from grasptrack.bench.paper.folder import write_paper
+    from grasptrack.bench.report.table import to_text
     from grasptrack.io.run import prepare_folder
 
     prepare_folder(output)

@@ -12,7 +12,7 @@ from grasptrack.cli import options
 from grasptrack.errors import InputError, ObservationError
 
 if TYPE_CHECKING:
-    from grasptrack.suitability import Suitability
+    from grasptrack.trackability import Suitability
 
 _HEADS = (("", "left"), ("found", "left"), ("", "left"))
 Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for inspect.json and inspect.png.")]
@@ -88,9 +88,9 @@ def inspect(
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
     from grasptrack.io.run import prepare_folder
-    from grasptrack.observation.undistortion import Told, Undistortion
-    from grasptrack.suitability import inspect as look
-    from grasptrack.suitability.seen import as_seen
+    from grasptrack.segmentation.undistortion import Told, Undistortion
+    from grasptrack.trackability import inspect as look
+    from grasptrack.trackability.contact_visibility import as_seen
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.tracking.plane import Beforehand
     from grasptrack.view.inspect import write_inspection
@@ -151,7 +151,7 @@ def inspect(
 
 def _show(found: Suitability, last: list[str]) -> None:
     from grasptrack.cli.report import show_rows
-    from grasptrack.suitability.words import expected, rows
+    from grasptrack.trackability.words import expected, rows
 
     told = expected(found)
     notes = [f"Expected: {told}"] if told else []

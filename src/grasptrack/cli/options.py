@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from grasptrack.calibration import Camera
-    from grasptrack.hand import Hand
+    from grasptrack.geometry.cameras import Camera
+    from grasptrack.grasp.hand import Hand
 
 Fingers = Annotated[
     int | None,
@@ -122,7 +122,7 @@ def contacts_and_fingers(grasp: str | None, fingers: int | None) -> tuple[NDArra
         if fingers is not None and fingers < 2:
             raise GraspError(f"a grasp has at least 2 fingers, not {fingers}", fingers=fingers)
         return None, fingers or 2
-    from grasptrack.grasp import parse_contacts
+    from grasptrack.grasp.contacts import parse_contacts
 
     contacts = parse_contacts(grasp)
     if fingers is not None and fingers != len(contacts):
@@ -174,7 +174,7 @@ def hand(scale: float | None, **lengths: str | None) -> Hand:
     Raises:
         InputError: no length, mm without a scale, or lengths that contradict each other.
     """
-    from grasptrack.hand import Hand, parse_length
+    from grasptrack.grasp.hand import Hand, parse_length
 
     if scale is not None and not 0.0 < scale < math.inf:
         raise InputError(f"--scale must be a positive number of px per mm, not {scale:g}", scale=scale)

@@ -10,7 +10,7 @@ from grasptrack.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from grasptrack.contour import View
+    from grasptrack.geometry.contours import View
     from grasptrack.io.base import Frame
 
     Box = tuple[float, float, float, float]
@@ -68,7 +68,7 @@ def outlines(
         ObservationError: no object, or none where it should be.
         InputError: a mask of another size.
     """
-    from grasptrack.observation.segmentation import objects
+    from grasptrack.segmentation.objects import objects
 
     if box is not None:  # a detector's may reach beyond the image
         height, width = image.shape[:2]

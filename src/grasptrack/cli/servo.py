@@ -13,8 +13,8 @@ from grasptrack.cli.progress import with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
-    from grasptrack.evaluation.approach.case import Row
-    from grasptrack.evaluation.approach.trials import Trials
+    from grasptrack.bench.approach.case import Row
+    from grasptrack.bench.approach.trials import Trials
 
 
 def servo(
@@ -58,7 +58,7 @@ def servo(
       grasptrack servo --trials 200 --law textbook --silhouettes shapes
       grasptrack servo --risk 1e-5 --scenario belt
     """
-    from grasptrack.evaluation.approach.case import check
+    from grasptrack.bench.approach.case import check
 
     if trials is None and (workers is not None or scheduler is not None):
         raise InputError("--workers and --scheduler are for --trials")
@@ -81,7 +81,7 @@ def servo(
 
 
 def _shapes(shape: str | None, silhouettes: str | None) -> list[Any]:
-    from grasptrack.evaluation import parts
+    from grasptrack.bench import parts
 
     found = parts.silhouettes(silhouettes) if silhouettes is not None else parts.built_in([shape] if shape else [])
     return [part.shape for part in found]
@@ -90,9 +90,9 @@ def _shapes(shape: str | None, silhouettes: str | None) -> list[Any]:
 def _one(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, video: bool, quiet: bool) -> None:
     from dataclasses import replace
 
+    from grasptrack.bench.approach.film import run_and_film
+    from grasptrack.bench.approach.trials import draw_cases
     from grasptrack.cli.report import show_rows
-    from grasptrack.evaluation.approach.film import run_and_film
-    from grasptrack.evaluation.approach.trials import draw_cases
 
     changed: dict[str, Any] = {"seed": asked["seed"], "images": images}
     case = replace(draw_cases(shapes, 1, **asked)[0], **changed)
@@ -133,8 +133,8 @@ def _many(
     address: str | None,
     quiet: bool,
 ) -> None:
-    from grasptrack.evaluation.approach.trials import draw_cases, run_trials
-    from grasptrack.evaluation.schedule import scheduler
+    from grasptrack.bench.approach.trials import draw_cases, run_trials
+    from grasptrack.bench.schedule import scheduler
 
     cases = draw_cases(shapes, count, images=images, **asked)  # type: ignore[arg-type]
     told = {**asked, "trials": count, "images": images}

@@ -14,10 +14,10 @@ from grasptrack.cli import options
 from grasptrack.errors import InputError, ObservationError
 
 if TYPE_CHECKING:
-    from grasptrack.contour import View
-    from grasptrack.hand import Hand
-    from grasptrack.observation.undistortion import Undistortion
-    from grasptrack.synthesis.result import RankedGrasp
+    from grasptrack.geometry.contours import View
+    from grasptrack.grasp.hand import Hand
+    from grasptrack.grasp.synthesis.result import RankedGrasp
+    from grasptrack.segmentation.undistortion import Undistortion
     from grasptrack.view.grasps import Planned
 
 _HEADS = (
@@ -97,7 +97,7 @@ def synthesize(
     from grasptrack.io.grasps import write_grasps_json
     from grasptrack.io.masks import read_mask
     from grasptrack.io.run import prepare_folder
-    from grasptrack.observation.undistortion import Told, Undistortion
+    from grasptrack.segmentation.undistortion import Told, Undistortion
     from grasptrack.view.grasps import write_grasps
 
     picture = only_image(image, "synthesize takes one image").image
@@ -141,7 +141,7 @@ def synthesize(
 def _plan(views: list[View], every: bool, fingers: int, friction: float, top: int, hand: Hand) -> list[Planned]:
     """Grasps on the first outline, or on each; all others are in the way."""
     from grasptrack import kernels
-    from grasptrack.synthesis import synthesize
+    from grasptrack.grasp.synthesis import synthesize
     from grasptrack.view.grasps import Planned
 
     planned = []
@@ -155,7 +155,7 @@ def _plan(views: list[View], every: bool, fingers: int, friction: float, top: in
 
 def _seen(found: Planned, lens: Undistortion) -> Planned:
     """What was planned in a straight image, in px of the image as it is."""
-    from grasptrack.synthesis import GraspList
+    from grasptrack.grasp.synthesis import GraspList
 
     grasps = GraspList([lens.grasp(g) for g in found.grasps], found.grasps.reason, found.grasps.refused)
     others = [lens.view(view) for view in found.neighbours]

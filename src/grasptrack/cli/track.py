@@ -11,7 +11,7 @@ import typer
 from grasptrack.cli import options
 from grasptrack.cli.terminal import INTERRUPTED, Interruption, tell_error
 from grasptrack.errors import InputError
-from grasptrack.hand import parse_measure
+from grasptrack.grasp.hand import parse_measure
 
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame

@@ -17,10 +17,10 @@ from grasptrack.errors import GraspTrackError, InputError, TransferError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from grasptrack.calibration import Camera
-    from grasptrack.contour import View
-    from grasptrack.observation.undistortion import Told, Undistortion
-    from grasptrack.pair import Outcome, Pair, Place
+    from grasptrack.geometry.cameras import Camera
+    from grasptrack.geometry.contours import View
+    from grasptrack.segmentation.undistortion import Told, Undistortion
+    from grasptrack.tracking.image_pair import Outcome, Pair, Place
 
 REFUSED = 3
 """Exit status when every strategy refuses."""
@@ -79,9 +79,9 @@ def transfer(
     first, second = (only_image(name, "transfer takes two images").image for name in (image_a, image_b))
     _check_folder(output)
 
-    from grasptrack.grasp import Grasp
-    from grasptrack.observation.undistortion import Told
-    from grasptrack.pair import carry_to
+    from grasptrack.grasp.contacts import Grasp
+    from grasptrack.segmentation.undistortion import Told
+    from grasptrack.tracking.image_pair import carry_to
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.tracking.plane import Beforehand
     from grasptrack.tracking.tracker import GraspTracker
@@ -141,8 +141,8 @@ class _Found(NamedTuple):
     @classmethod
     def none(cls, reason: str) -> _Found:
         """Every strategy refuses for one reason."""
-        from grasptrack.pair import Outcome
         from grasptrack.tracking.follower import REGISTRATION
+        from grasptrack.tracking.image_pair import Outcome
         from grasptrack.transfer import STRATEGIES
 
         names = (REGISTRATION, *STRATEGIES)
@@ -215,7 +215,7 @@ def _straight(
     calibration: Camera | None, image: NDArray[Any], told: Told
 ) -> tuple[Undistortion | None, NDArray[Any], Told]:
     """An image and what was said of it, without the lens's distortion where the camera is known."""
-    from grasptrack.observation.undistortion import Undistortion
+    from grasptrack.segmentation.undistortion import Undistortion
 
     if calibration is None:
         return None, image, told

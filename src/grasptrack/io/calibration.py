@@ -9,8 +9,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from grasptrack.calibration import Camera, Model
 from grasptrack.errors import InputError
+from grasptrack.geometry.cameras import Camera, Model
 from grasptrack.io.plain_yaml import read_yaml
 
 _MATRIX = ("camera_matrix", "k", "mtx", "intrinsic_matrix", "intrinsics", "camera")

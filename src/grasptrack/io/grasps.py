@@ -16,8 +16,8 @@ from grasptrack.io.results import versions, write_json
 from grasptrack.view.fingers import opening
 
 if TYPE_CHECKING:
-    from grasptrack.contour import View
-    from grasptrack.synthesis.result import RankedGrasp
+    from grasptrack.geometry.contours import View
+    from grasptrack.grasp.synthesis.result import RankedGrasp
     from grasptrack.view.grasps import Planned
 
 FORMAT = 1

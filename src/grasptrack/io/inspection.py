@@ -12,8 +12,8 @@ import numpy as np
 from grasptrack.io.results import versions
 
 if TYPE_CHECKING:
-    from grasptrack.suitability import Suitability
-    from grasptrack.suitability.result import Held, Texture
+    from grasptrack.trackability import Suitability
+    from grasptrack.trackability.result import Held, Texture
 
 FORMAT = 3
 """Raised when a key changes its meaning or goes away; new keys alone do not raise it."""

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from grasptrack.io.results import versions
 
 if TYPE_CHECKING:
-    from grasptrack.grasp import Floats
-    from grasptrack.pair import Outcome, Place
+    from grasptrack.tracking.image_pair import Outcome, Place
+    from grasptrack.typing import Floats
 
 FORMAT = 1
 """Raised when a key changes its meaning or goes away; new keys alone do not raise it."""

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_places import find_place
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 # Relative difference of the two variances below which no direction stands out.
 ROUND = 1e-12

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
+
 Image = NDArray[np.uint8] | NDArray[np.float32]
 
 SPACING = 0.5  # px between samples

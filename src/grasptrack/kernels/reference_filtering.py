@@ -7,7 +7,6 @@ States and steps are those of `reference_sightings`.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_sightings import (
     AXES,
@@ -21,8 +20,7 @@ from grasptrack.kernels.reference_sightings import (
     expected_sightings,
     step_state,
 )
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 def advance_state(

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_places import find_place
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from grasptrack.typing import Floats, Ints
 
 # Of half the width: what only touches a finger's side is not in its way.
 WITHIN_PAD = 1 - 1e-9

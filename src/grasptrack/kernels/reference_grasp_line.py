@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_inertia import inertia
 from grasptrack.kernels.reference_lines import nearest_crossings
+from grasptrack.typing import Floats
 
-Floats = NDArray[np.float64]
 Numbers = tuple[float, ...]
 
 

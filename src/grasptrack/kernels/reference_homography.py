@@ -6,9 +6,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 # Twice the area of a triangle of points whose rms distance from their mean is 1: below this, three are in a row.
 IN_A_ROW = 1e-10

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_evidence import carry_normals, displacement_fields, lower_median, near_identity
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 ALIKE = 0.5
 """Cosine of the angle, 60 degrees, up to which two outlines may differ in direction where they correspond."""

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 def crossings(points: Floats, offsets: NDArray[np.int64], x: float, y: float, ux: float, uy: float) -> Floats:

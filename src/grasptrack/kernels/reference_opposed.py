@@ -6,10 +6,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from grasptrack.typing import Floats, Ints
 
 # Of the friction: a contact on the edge of its cone is not stable.
 STRICTLY = 1 - 1e-6

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from grasptrack.kernels.reference_curve import arc_length, blend_normals, resample
 from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_evidence import settle_edges
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from grasptrack.typing import Bools, Floats
 
 
 def trace_edges(

@@ -6,10 +6,8 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from grasptrack.typing import Floats, Ints
 
 MAX_PEAKS = 8
 

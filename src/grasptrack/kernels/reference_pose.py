@@ -24,8 +24,8 @@ from grasptrack.kernels.reference_pose_solver import FARTHEST, Solver
 from grasptrack.kernels.reference_pose_system import Start
 from grasptrack.kernels.reference_pose_target import CELLS, INNER, INNER_FIRST, Patches, Target
 from grasptrack.kernels.reference_pose_texture import TextureNumbers, cut_patches, follow_look
+from grasptrack.typing import Floats
 
-Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 NAMES = (

@@ -6,12 +6,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_pose_image import inverse_homography
 from grasptrack.kernels.reference_pose_target import Target
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 POSE_STEP, CAMERA_STEP = 0.1, 1e-3
 """Of the differences that stand for derivatives: work px, and units of theta."""

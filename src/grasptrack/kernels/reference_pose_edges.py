@@ -7,14 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_pose_image import Level, Pyramid, carried, level_through, middle
 from grasptrack.kernels.reference_pose_target import INNER, INNER_FIRST, Target
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from grasptrack.typing import Bools, Floats, Ints
 
 MOST = 6
 """Candidates of a sample at most: the strongest."""

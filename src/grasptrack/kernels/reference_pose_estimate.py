@@ -6,12 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_pose_image import carried, derivatives, inverse_definite
 from grasptrack.kernels.reference_pose_target import Target
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 BEFORE = 1e-6
 """Of eq. (2)'s lambda: from here on a point lies before the camera."""

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from grasptrack.typing import Bools, Floats, Ints
+
 Grey = NDArray[np.uint8]
 
 STEP = 1.5

@@ -11,14 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_pose_edges import Candidates, Light
 from grasptrack.kernels.reference_pose_image import Pyramid, carried, level_through, middle, whole
 from grasptrack.kernels.reference_pose_target import CELLS, Target
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from grasptrack.typing import Bools, Floats
 
 SEEN = 0.7
 """Probability of an edge from which on a sample counts as seen by its neighbours."""

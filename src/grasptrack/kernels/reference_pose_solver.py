@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_pose_camera import Pinhole
 from grasptrack.kernels.reference_pose_edges import (
@@ -55,9 +54,7 @@ from grasptrack.kernels.reference_pose_texture import (
     match_patches,
     nothing,
 )
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from grasptrack.typing import Floats, Ints
 
 ROUNDS, DIRECT, TEXTURE_ROUNDS = 8, 4, 3
 FIRST_EDGE_ROUNDS, EDGE_ROUNDS = 3, 4

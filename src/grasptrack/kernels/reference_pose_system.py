@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_pose_camera import pinhole_rows
 from grasptrack.kernels.reference_pose_edges import Light
 from grasptrack.kernels.reference_pose_image import inverse_definite
 from grasptrack.kernels.reference_pose_target import Target
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 NUISANCES = 4
 """What is not known of part and camera: the part's thickness, and theta."""

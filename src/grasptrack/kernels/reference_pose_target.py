@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_pose_image import inverse_homography
+from grasptrack.typing import Floats
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 INNER = 6

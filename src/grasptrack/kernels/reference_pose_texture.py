@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_pose_image import (
     Pyramid,
@@ -19,9 +18,7 @@ from grasptrack.kernels.reference_pose_image import (
     middle,
 )
 from grasptrack.kernels.reference_pose_target import Patches, Target
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from grasptrack.typing import Bools, Floats
 
 SIDE = 7
 """Pixels of a patch's side."""

@@ -8,13 +8,9 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_regions import Along
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from grasptrack.typing import Bools, Floats, Ints
 
 
 def rank_grasps(

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_lines import nearest_crossings
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 def refine_contacts(

@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 def skew(v: ArrayLike) -> Floats:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_sightings import (
     POSE,
@@ -15,8 +14,7 @@ from grasptrack.kernels.reference_sightings import (
     expected_sightings,
     step_state,
 )
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 FARTHEST = 0.5
 """rad by which a step may turn camera or object: one that tips the object's plane over ends where its back explains almost

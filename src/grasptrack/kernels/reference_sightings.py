@@ -11,11 +11,9 @@ frame) and velocity; its points.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_rigid import rotation, rotation_vector, skews
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 CENTRE, CAMERA, CAMERA_AT, OBJECT = slice(1, 3), slice(3, 12), slice(12, 15), slice(15, 24)
 OBJECT_AT, GOING, AXES, POINTS = slice(24, 27), slice(27, 30), slice(30, 39), 39

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_curve import resample
 from grasptrack.kernels.reference_inertia import inertia
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 IN_FRONT = 0.25
 """A bend that magnifies a part of the outline by more than the inverse of this is not tried."""

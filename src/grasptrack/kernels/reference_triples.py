@@ -7,12 +7,9 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_wrench import NO_PLANE, ON_PLANE
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from grasptrack.typing import Floats, Ints
 
 # Below this a grasp lies too near the edge of closing to be called closed.
 LEAST_EPSILON = 1e-6

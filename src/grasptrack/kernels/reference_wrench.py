@@ -7,9 +7,8 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 # Relative to the largest wrench: distance from a plane that counts as on it, and a triple without a plane.
 ON_PLANE = 1e-12

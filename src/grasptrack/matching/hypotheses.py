@@ -4,15 +4,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import Outline
+from grasptrack.geometry.contours import Outline
 from grasptrack.matching import starts
 from grasptrack.matching.rating import Match, rated, slack
 from grasptrack.matching.samples import Sampled, sampled
+from grasptrack.typing import Floats
 
-Floats = NDArray[np.float64]
 Steps = tuple[Floats, Floats]
 
 COARSE: tuple[Steps, ...] = (

@@ -7,13 +7,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.matching import starts
 from grasptrack.matching.samples import Sampled
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 REACH = 0.1
 """sqrt(area); distances are counted up to this."""

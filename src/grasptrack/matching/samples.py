@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import Outline, as_view
+from grasptrack.geometry.contours import Outline, as_view
 from grasptrack.kernels.reference_evidence import displacement_fields, whitening
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 MOST = 400
 """Samples of an outline, holes included; ..."""

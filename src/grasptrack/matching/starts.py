@@ -6,13 +6,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.kernels.reference_evidence import near_identity
 from grasptrack.matching.samples import Sampled
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 def _bends(*rings: tuple[float, int]) -> Floats:

@@ -7,14 +7,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import Outline
+from grasptrack.geometry.contours import Outline
 from grasptrack.matching.rating import rated
 from grasptrack.matching.samples import Sampled, sampled
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 TOLERANCE = 0.01
 """Share of sqrt(area), rms: an outline that is turned and differs by no more from what it was is its own twin."""

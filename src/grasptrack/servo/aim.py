@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.estimate import Estimate
@@ -17,8 +16,7 @@ from grasptrack.servo.goal import Goal
 from grasptrack.servo.law import Gain, twist_for
 from grasptrack.servo.sighting import FLOOR, Sighting, blocks
 from grasptrack.servo.textbook import Textbook
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 ASIDE, TURNED = 0.006, 0.06
 """m and rad from which on the hand stays at the stand-off; within half of them it goes all the way."""

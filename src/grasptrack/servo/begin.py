@@ -22,8 +22,8 @@ from grasptrack.servo.features import spread
 from grasptrack.servo.geometry import inverse
 from grasptrack.servo.refine import Origin, Search, refined
 from grasptrack.servo.sighting import Sighting
+from grasptrack.typing import Floats
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 DRAWS, MINIMAL, ROUNDS, STEPS = 100, 6, 5, 30

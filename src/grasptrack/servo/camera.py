@@ -6,12 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
 from grasptrack.servo.geometry import check_pose, skews
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 NEAREST = 1e-3
 """m in front of the camera within which nothing is projected."""

@@ -6,15 +6,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from grasptrack.errors import InputError
 from grasptrack.servo.features import spread
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 HIDING = 0.5
 """Contacts so near to their goal, in lengths of the goal, may be hidden by the fingers."""

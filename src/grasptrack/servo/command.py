@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.servo.aim import Aim
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 State = Literal["approaching", "converged", "holding", "searching", "closing", "done", "failed"]
 OVER: tuple[State, ...] = ("done", "failed")

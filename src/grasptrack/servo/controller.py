@@ -13,7 +13,7 @@ from grasptrack.errors import InputError
 from grasptrack.servo.aim import Aim, aim
 from grasptrack.servo.camera import NominalCamera
 from grasptrack.servo.closing import Closing, Doubt
-from grasptrack.servo.command import OVER, Command, Floats, Intent, State
+from grasptrack.servo.command import OVER, Command, Intent, State
 from grasptrack.servo.explore import Exploration
 from grasptrack.servo.geometry import check_pose
 from grasptrack.servo.goal import Goal
@@ -25,6 +25,7 @@ from grasptrack.servo.poses import Poses
 from grasptrack.servo.sighting import Sighter, Sighting
 from grasptrack.servo.unseen import Unseen
 from grasptrack.tracking.result import TrackResult
+from grasptrack.typing import Floats
 
 Law = Literal["online", "nominal", "textbook"]
 LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")

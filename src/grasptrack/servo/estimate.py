@@ -13,14 +13,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, unpacked
 from grasptrack.servo.sighting import Sighting, blocks
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 ROBUST = 3.0
 """Innovations of so many standard deviations count a quarter (Geman and McClure)."""

@@ -7,11 +7,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
 """Components of the twist in turn. The first alone tells mounting angle and length, so that a moving object can be followed."""

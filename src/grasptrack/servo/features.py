@@ -12,12 +12,10 @@ import cmath
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
 from grasptrack.servo.geometry import complex_numbers
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 SMALL = 1e-6
 """px that contacts must lie apart."""

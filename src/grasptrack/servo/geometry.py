@@ -7,12 +7,11 @@ import cmath
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
 from grasptrack.kernels.reference_rigid import rotation, rotation_vector, skew, skews
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 __all__ = [
     "between",

@@ -13,15 +13,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.features import SMALL, spread
 from grasptrack.servo.geometry import laid
 from grasptrack.tracking.result import TrackResult
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 ALIKE = 1.15
 """Orders of the fingers that leave up to so many times the least misfit fit alike."""

@@ -7,7 +7,6 @@ from collections import deque
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.servo import begin
 from grasptrack.servo.camera import NominalCamera
@@ -17,8 +16,7 @@ from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.refine import Origin, Search, refined
 from grasptrack.servo.sighting import Sighting
 from grasptrack.servo.textbook import Textbook
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 KEPT = 80
 """Sightings that are kept; of the older half then every second."""

@@ -7,11 +7,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 AXES = {4: (0, 1, 2, 5), 6: (0, 1, 2, 3, 4, 5)}
 """Components of the twist that a hand of so many degrees of freedom has."""

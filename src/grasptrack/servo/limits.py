@@ -7,11 +7,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_sightings import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN
 from grasptrack.servo.camera import HandCamera
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 __all__ = [
     "FOCAL",

@@ -6,12 +6,8 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import deque
 
-import numpy as np
-from numpy.typing import NDArray
-
 from grasptrack.servo.geometry import between
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 class Poses:

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.estimate import ROBUST, Estimate
 from grasptrack.servo.model import Placed, packed
 from grasptrack.servo.sighting import Sighting, stacked
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 SETTLED, HOPELESS = 1e-2, 1e6
 """Fall of the cost, in squared standard deviations, and damping at which a search ends."""

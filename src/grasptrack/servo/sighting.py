@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.errors import ConditioningError
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 FLOOR = 0.2
 """px, the least standard deviation of a point: covariances know noise, not models."""

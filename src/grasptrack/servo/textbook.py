@@ -9,14 +9,12 @@ other laws.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.servo.camera import NominalCamera
 from grasptrack.servo.estimate import placed
 from grasptrack.servo.features import spread
 from grasptrack.servo.sighting import Sighting
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 class Textbook:

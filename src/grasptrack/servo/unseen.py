@@ -9,9 +9,10 @@ from collections.abc import Callable
 import numpy as np
 
 from grasptrack.servo.aim import Aim
-from grasptrack.servo.command import Floats, Intent
+from grasptrack.servo.command import Intent
 from grasptrack.servo.limits import Limits
 from grasptrack.servo.loss import LossPolicy
+from grasptrack.typing import Floats
 
 BLINK = 0.25
 """s without the grasp that do not interrupt an exploratory move."""

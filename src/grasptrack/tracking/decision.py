@@ -8,16 +8,14 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.tracking.numbers import NUMBERS, Numbers
+from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
     from grasptrack.tracking.estimator import PoseEstimate
     from grasptrack.tracking.state import TrackState
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,11 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.plane import Mode, Plane
 from grasptrack.tracking.target import Target
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 ENDS = 0.25
 """Of an edge's width, a standard deviation as well, by which each end of the object is off: blur rounds what is pointed."""

@@ -8,18 +8,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.tracking.decision import evidence, surface_expected
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.shutter import NO_BEND
 from grasptrack.tracking.target import Grey, Target
+from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
     from grasptrack.tracking.state import TrackState
 
-Floats = NDArray[np.float64]
 
 CONTINUOUS = ("texture", "background", "at rest", "moving on")
 """Origins of hypotheses that continue what was."""

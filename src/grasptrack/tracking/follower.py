@@ -9,12 +9,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from grasptrack.contour import View
+from grasptrack.geometry.contours import View
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import seen_area
-from grasptrack.observation.observer import Observer
-from grasptrack.projective import apply_homography
+from grasptrack.segmentation.outline_detector import Observer
 from grasptrack.tracking.decision import (
     LONG,
     SAME_PLACE,
@@ -54,8 +53,7 @@ from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state
 from grasptrack.tracking.state import Look, TrackState
 from grasptrack.tracking.target import Grey, pyramid
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 OUTLINE = 60
 """Points of an outline at which it is compared with another."""

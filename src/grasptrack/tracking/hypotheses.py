@@ -7,18 +7,17 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.kernels import seen_area
 from grasptrack.tracking.decision import largest_sigma, worst_variance
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
+from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
     from grasptrack.tracking.state import Look, TrackState
 
-Floats = NDArray[np.float64]
 
 FEW = 8
 """Patches that a motion must rest on."""

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.analysis import DEFAULT_FRICTION, ON_OUTLINE
-from grasptrack.contour import View
 from grasptrack.errors import (
     ConditioningError,
     ContourError,
@@ -21,19 +19,20 @@ from grasptrack.errors import (
     StrategyError,
     TransferError,
 )
-from grasptrack.grasp import Grasp
-from grasptrack.hand import Hand
-from grasptrack.observation.candidate import Candidate
-from grasptrack.observation.observer import Observer
-from grasptrack.observation.proposals import Box
-from grasptrack.observation.segmentation import apart
-from grasptrack.observation.undistortion import Told, Undistortion
-from grasptrack.projective import apply_homography
-from grasptrack.synthesis import synthesize
+from grasptrack.geometry.contours import View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
+from grasptrack.grasp.hand import Hand
+from grasptrack.grasp.synthesis import synthesize
+from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.objects import apart
+from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.proposals import Box
+from grasptrack.segmentation.undistortion import Told, Undistortion
 from grasptrack.tracking.messages import Reason
 from grasptrack.transfer import strategy_named
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 AUTO = "auto"
 

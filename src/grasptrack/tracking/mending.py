@@ -12,26 +12,24 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import Contour, View
 from grasptrack.errors import ObservationError
-from grasptrack.observation.candidate import Candidate
-from grasptrack.observation.segmentation import candidates
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.objects import candidates
 from grasptrack.tracking.decision import Decision, surface_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.selection import LEVEL_SPREAD, make_target
 from grasptrack.tracking.state import FOLLOWED, Look, TrackState
 from grasptrack.tracking.target import Grey, Target, as_grey, pyramid
+from grasptrack.typing import Bools, Floats
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 VIEWS = 6
 """Later views of which a second look at the first view is made, ..."""

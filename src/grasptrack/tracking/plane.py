@@ -10,15 +10,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from grasptrack.closing import Rectifications
-from grasptrack.contour import View
-from grasptrack.projective import HORIZON, apply_homography
+from grasptrack.geometry.contours import View
+from grasptrack.geometry.homographies import HORIZON, apply_homography
+from grasptrack.grasp.contact_regions import Rectifications
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Target
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 NEW_SHAPE = 0.08
 """Change of the object's image, but for its place, as a share of sqrt(area), after which a view tells anew of the plane."""

@@ -8,27 +8,25 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import Contour, View
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import HORIZON
 from grasptrack.matching import Judgement, Sampled, judge, match
 from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
 from grasptrack.matching.starts import BENDS
-from grasptrack.observation.candidate import Candidate, sign_of
-from grasptrack.observation.observer import Observer
-from grasptrack.observation.silhouettes import Silhouette
-from grasptrack.projective import HORIZON
+from grasptrack.segmentation.candidate import Candidate, sign_of
+from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.tracking.decision import TURNED, evidence, exchanged
 from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, lead_alike, sane_area
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import GUESSED_TILT, Grey, Target
 from grasptrack.transfer.alignment import alignments, as_similarity
+from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
     from grasptrack.tracking.state import Look, TrackState
-
-Floats = NDArray[np.float64]
 
 
 # --- keypoints ------------------------------------------------------------------------------------

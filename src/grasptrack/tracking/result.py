@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.analysis import GraspAnalysis
-from grasptrack.contour import View
+from grasptrack.geometry.contours import View
+from grasptrack.grasp.force_closure import GraspAnalysis
 
 Status = Literal["searching", "tracked", "unstable", "lost"]
 

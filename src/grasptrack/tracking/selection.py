@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import View
+from grasptrack.geometry.contours import View
+from grasptrack.geometry.homographies import similarity
 from grasptrack.kernels.reference_pose_edges import LEAST_HALF, MOST_HALF
 from grasptrack.kernels.reference_pose_texture import noise_of
-from grasptrack.projective import similarity
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.surface import PATCH, camera_noise, slides, surface_samples, textured
 from grasptrack.tracking.target import Grey, Target, as_grey, hidden_levels
 from grasptrack.transfer.alignment import TIE, alignments, as_similarity
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 SPACING = 3.0
 """Work px between samples of the outline, ..."""

@@ -7,12 +7,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Target
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 NO_BEND = np.zeros((3, 8))
 """Of what does not move, or moves nobody knows how."""

@@ -7,7 +7,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.tracking.decision import (
     LONG,
@@ -26,8 +25,7 @@ from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.state import TrackState, initial_state
 from grasptrack.tracking.target import Grey, Target
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 UNCERTAIN = 4.0
 """Grey levels of texture that compression, light and dust make in one image, and another of the same surface need not show."""

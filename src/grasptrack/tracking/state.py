@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.tracking.decision import Decision, is_near, middle, strangeness
 from grasptrack.tracking.estimator import CONTINUOUS, PoseEstimate
@@ -16,11 +15,11 @@ from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Beforehand, Plane
 from grasptrack.tracking.shutter import Shutter
 from grasptrack.tracking.target import Grey, Target
+from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
     from grasptrack.tracking.hypotheses import Predictions
 
-Floats = NDArray[np.float64]
 
 MOST_SEEN = 0.7
 """Share of the outline that shows from which on what shows another shape lies in the place of the object."""

@@ -9,16 +9,15 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import View
 from grasptrack.errors import ConditioningError, ObservationError, TransferError
-from grasptrack.grasp import Grasp
-from grasptrack.observation.images import Grey
-from grasptrack.observation.observer import ANYWHERE, Observer
-from grasptrack.observation.snake import Snake
-from grasptrack.projective import apply_homography
+from grasptrack.geometry.contours import View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.segmentation.images import Grey
+from grasptrack.segmentation.outline_detector import ANYWHERE, Observer
+from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import Follower, Moved, Proposal, Registration
 from grasptrack.tracking.initialization import AUTO
@@ -28,8 +27,7 @@ from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.redetection import wide_prior
 from grasptrack.transfer import rrp, strategy_named
 from grasptrack.transfer.alignment import alignments, as_similarity
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 UNLIKE = 0.25
 """Outlines that a similarity brings no nearer than this fraction of sqrt(area), rms, are not the same, however they tilt."""

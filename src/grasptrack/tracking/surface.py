@@ -7,12 +7,10 @@ import math
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 PATCH = 7
 """Side of a patch of texture, pixels."""

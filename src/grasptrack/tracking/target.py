@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.analysis import FINGER_WIDTH
-from grasptrack.contour import View
-from grasptrack.projective import HORIZON, behind
+from grasptrack.geometry.contours import View
+from grasptrack.geometry.homographies import HORIZON, behind
+from grasptrack.grasp.force_closure import FINGER_WIDTH
 from grasptrack.tracking.numbers import Numbers
+from grasptrack.typing import Floats
 
-Floats = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 PATCH = 3

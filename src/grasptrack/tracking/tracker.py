@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import kernels
-from grasptrack.analysis import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
-from grasptrack.calibration import Camera
-from grasptrack.closing import CHANCE, ClosureCheck, Judgement
-from grasptrack.contour import View
 from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError, TransferError
-from grasptrack.grasp import Grasp
-from grasptrack.hand import Hand
-from grasptrack.observation.images import Grey, as_scene, to_bgr, to_mask
-from grasptrack.observation.observer import Observer
-from grasptrack.observation.segmentation import Segmenter, grow
-from grasptrack.observation.undistortion import Undistortion
+from grasptrack.geometry.cameras import Camera
+from grasptrack.geometry.contours import View
+from grasptrack.grasp.contact_regions import CHANCE, ClosureCheck, Judgement
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
+from grasptrack.grasp.hand import Hand
+from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
+from grasptrack.segmentation.objects import Segmenter, grow
+from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking.decision import tolerance
 from grasptrack.tracking.distance import UNKNOWN, Distance, Ruler, ruler
 from grasptrack.tracking.estimator import PoseEstimate
@@ -36,8 +36,7 @@ from grasptrack.tracking.plane import Beforehand, rectifying_view
 from grasptrack.tracking.result import Status, TrackResult
 from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import STRATEGIES
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 
 @dataclass(frozen=True)

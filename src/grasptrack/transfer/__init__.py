@@ -9,9 +9,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.contour import Outline
 from grasptrack.errors import StrategyError
-from grasptrack.grasp import Grasp
+from grasptrack.geometry.contours import Outline
+from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import grasp_line, homography, rrp
 from grasptrack.transfer.base import Transfer, TransferStrategy
 

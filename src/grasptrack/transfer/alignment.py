@@ -9,15 +9,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from grasptrack import kernels
-from grasptrack.contour import Contour
 from grasptrack.errors import AmbiguousError
-from grasptrack.projective import similarity
-
-Floats = NDArray[np.float64]
+from grasptrack.geometry.contours import Contour
+from grasptrack.geometry.homographies import similarity
+from grasptrack.typing import Floats
 
 GRID = 64
 """Points at which the outlines are compared."""

@@ -5,13 +5,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from grasptrack.contour import Outline
-from grasptrack.grasp import Grasp
-
-Floats = NDArray[np.float64]
+from grasptrack.geometry.contours import Outline
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.typing import Floats
 
 
 class Transfer(NamedTuple):

@@ -6,17 +6,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from grasptrack import kernels
-from grasptrack.contour import Outline, View
 from grasptrack.errors import AmbiguousError, AxesError, ClippedError, CrossingError, ParallelLineError, StrategyError
-from grasptrack.grasp import Grasp
-from grasptrack.projective import jacobian
+from grasptrack.geometry.contours import Outline, View
+from grasptrack.geometry.homographies import jacobian
+from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer.base import Transfer
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 MIN_ANISOTROPY = 0.03
 """Below this (l1 - l2) / (l1 + l2) of the moments the axes' direction is noise."""

@@ -7,17 +7,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import Contour, Outline
 from grasptrack.errors import ClippedError, ConditioningError, CrossingError, PeaksError
-from grasptrack.grasp import Grasp
-from grasptrack.projective import apply_homography, check_in_front, judge_distortion
+from grasptrack.geometry.contours import Contour, Outline
+from grasptrack.geometry.homographies import apply_homography, check_in_front, judge_distortion
+from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer.alignment import choose, fits
 from grasptrack.transfer.base import Transfer
-
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 SMOOTHING = 0.012
 """Scale of the curvature as a fraction of the outline's length: a corner's peak is twice as wide."""

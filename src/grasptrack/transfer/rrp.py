@@ -2,7 +2,7 @@
 """RRP coordinates: contacts by their place among the reference points of a tracked outline (Sections III-A and IV-A).
 
 Nothing is measured here: point i of one outline is taken to be the same physical point as point i of the other, as it
-is when a snake (`grasptrack.observation.snake`) moves the outline as a whole.
+is when a snake (`grasptrack.snake.active_contour`) moves the outline as a whole.
 """
 
 from __future__ import annotations
@@ -10,16 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.contour import Outline
 from grasptrack.errors import StrategyError
-from grasptrack.grasp import Grasp
+from grasptrack.geometry.contours import Outline
+from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer.base import Transfer
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from grasptrack.typing import Floats, Ints
 
 INTERPOLATED = 6
 """Points of the outline per segment between reference points, as in Table IV: p = 6 ref + interp."""

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
 
 _FEATURES = ("x/l", "y/l", "1/l", "angle, rad", "tilt x", "tilt y")
 

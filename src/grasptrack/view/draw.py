@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.view.geometry import Floats, cone_length, cones
+from grasptrack.typing import Floats
+from grasptrack.view.geometry import cone_length, cones
 from grasptrack.view.strip import add_strip
 from grasptrack.view.style import STATUS_RGB, Colour, Picture, bgr, blend, put_text, text_width
 

@@ -7,15 +7,13 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from grasptrack.observation.undistortion import SeenGrasp
+from grasptrack.segmentation.undistortion import SeenGrasp
+from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
-    from grasptrack.contour import View
-    from grasptrack.synthesis.result import RankedGrasp
-
-Floats = NDArray[np.float64]
+    from grasptrack.geometry.contours import View
+    from grasptrack.grasp.synthesis.result import RankedGrasp
 
 
 def opening(grasp: RankedGrasp) -> float:
@@ -41,8 +39,8 @@ def wedge(apex: Floats, direction: Floats, half_angle: float, length: float) -> 
 
 def normals(grasp: RankedGrasp, view: View, friction: float) -> Floats:
     """(k, 2) unit normals into the material; where the analysis refuses the outline, the directions of motion."""
-    from grasptrack.analysis import analyze
     from grasptrack.errors import GraspError
+    from grasptrack.grasp.force_closure import analyze
 
     try:
         return analyze(grasp, view, friction).normals

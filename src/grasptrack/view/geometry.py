@@ -7,12 +7,12 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
 
-Floats = NDArray[np.float64]
 
 _ARC = np.linspace(-1.0, 1.0, 13)
 

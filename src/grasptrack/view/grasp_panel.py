@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.typing import Floats
 from grasptrack.view.draw import as_bgr
 from grasptrack.view.fingers import normals, strips, wedge
-from grasptrack.view.layout import Floats, Window
+from grasptrack.view.layout import Window
 from grasptrack.view.style import CONE_RGB, FINGER_RGB, NEIGHBOUR_RGB, PANEL_RGB, REGION_RGB, STATUS_RGB, hexadecimal
 
 if TYPE_CHECKING:
-    from grasptrack.contour import View
-    from grasptrack.synthesis.result import RankedGrasp
+    from grasptrack.geometry.contours import View
+    from grasptrack.grasp.synthesis.result import RankedGrasp
 
 DARK = "#0c0e12"
 FINGER, CONE, REGION, NEIGHBOUR = (hexadecimal(c) for c in (FINGER_RGB, CONE_RGB, REGION_RGB, NEIGHBOUR_RGB))

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.typing import Floats
 from grasptrack.view.grasp_panel import Panel, muted
 from grasptrack.view.grasp_text import Column, describe, described, legend
-from grasptrack.view.layout import Box, Floats, Window, aspect_of, grid, quiet_corner, window
+from grasptrack.view.layout import Box, Window, aspect_of, grid, quiet_corner, window
 
 if TYPE_CHECKING:
-    from grasptrack.contour import View
-    from grasptrack.hand import HandPx
-    from grasptrack.synthesis.result import GraspList
+    from grasptrack.geometry.contours import View
+    from grasptrack.grasp.hand import HandPx
+    from grasptrack.grasp.synthesis.result import GraspList
 
 WIDTH, HEIGHT = 16.0, 9.0
 """inches; at 100 px each, a slide of 1600 by 900 px."""

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.suitability.motions import slid
+from grasptrack.trackability.motions import slid
+from grasptrack.typing import Floats
 from grasptrack.view.grasp_panel import DARK, LINE, Panel, muted
 from grasptrack.view.inspect_text import BAD, CLEAR, PEAK, WEAK, Sheet, legend
 from grasptrack.view.layout import quiet_corner, window
 
 if TYPE_CHECKING:
-    from grasptrack.suitability import Suitability
-    from grasptrack.suitability.result import Held
+    from grasptrack.trackability import Suitability
+    from grasptrack.trackability.result import Held
 
-Floats = NDArray[np.float64]
 
 WIDTH, HEIGHT = 16.0, 9.0
 """inches; at 100 px each, a slide of 1600 by 900 px."""
@@ -91,7 +91,7 @@ def magnification(found: Suitability, px_per_point: float) -> float:
 
 def _outline(panel: Panel, found: Suitability) -> None:
     """The outline, each part in the colour of its edge, on one dark casing."""
-    from grasptrack.suitability.advice import FAINT
+    from grasptrack.trackability.advice import FAINT
 
     edges = found.edges
     for i, contour in enumerate(found.view.contours):

@@ -6,15 +6,15 @@ from __future__ import annotations
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from grasptrack.suitability.motions import SLIDING
-from grasptrack.suitability.words import Row, expected, rows
+from grasptrack.trackability.motions import SLIDING
+from grasptrack.trackability.words import Row, expected, rows
 from grasptrack.view.grasp_panel import LINE, NEIGHBOUR
 from grasptrack.view.grasp_text import INK, MUTED, RULE
 from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hexadecimal, text_width
 
 if TYPE_CHECKING:
-    from grasptrack.suitability import Suitability
-    from grasptrack.suitability.motions import Motions
+    from grasptrack.trackability import Suitability
+    from grasptrack.trackability.motions import Motions
 
 CLEAR, WEAK, BAD = (hexadecimal(STATUS_RGB[s]) for s in ("tracked", "unstable", "lost"))
 LEVEL = {"good": CLEAR, "fair": WEAK, "poor": BAD}
@@ -135,7 +135,7 @@ def legend(axes: Any, found: Suitability, times: float) -> None:
     """What is what, below the large panel."""
     from matplotlib.lines import Line2D
 
-    from grasptrack.suitability.advice import FAINT
+    from grasptrack.trackability.advice import FAINT
 
     edges = found.edges
     weak = edges.clear & (edges.strength < FAINT)

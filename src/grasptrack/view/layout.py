@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from grasptrack.typing import Floats
+
 Window = tuple[float, float, float, float]
 """left, top, right, bottom in px."""
 _FARTHEST = 0.6

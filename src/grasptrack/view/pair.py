@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.typing import Floats
 from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hexadecimal
 
 if TYPE_CHECKING:
-    from grasptrack.contour import View
+    from grasptrack.geometry.contours import View
 
-Floats = NDArray[np.float64]
 
 _INK = "#1d232b"
 # Nested sizes: where strategies agree, none hides another.

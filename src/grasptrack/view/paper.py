@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.typing import Floats
 from grasptrack.view.draw import as_bgr, disc, stroke
 from grasptrack.view.style import (
     CONE_RGB,
@@ -25,8 +26,6 @@ from grasptrack.view.style import (
     put_text,
     text_width,
 )
-
-Floats = NDArray[np.float64]
 
 _DARK: Colour = (12, 14, 18)
 _WHITE: Colour = (255, 255, 255)

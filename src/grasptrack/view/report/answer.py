@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.typing import Floats
 from grasptrack.view.draw import as_bgr, disc, stroke
 from grasptrack.view.style import STATUS_RGB, Colour, Picture
-
-Floats = NDArray[np.float64]
 
 SIZE = (400, 300)
 """px of the picture."""

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from grasptrack.typing import Floats
 from grasptrack.view.report.markup import number
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grasptrack.typing import Floats
 from grasptrack.view.report.axis import Axis
 from grasptrack.view.report.markup import escape
 from grasptrack.view.report.palette import Series
-
-Floats = NDArray[np.float64]
 
 
 class Chart:

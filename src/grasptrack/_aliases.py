@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Modules under the names that they had before 0.2, with a DeprecationWarning; to be removed in 0.3."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import spec_from_loader
+from types import ModuleType
+
+MOVED = {
+    "analysis": "grasp.force_closure",
+    "calibration": "geometry.cameras",
+    "closing": "grasp.contact_regions",
+    "contour": "geometry.contours",
+    "evaluation": "bench",
+    "hand": "grasp.hand",
+    "observation": "segmentation",
+    "pair": "tracking.image_pair",
+    "projective": "geometry.homographies",
+    "simulation": "bench.simulation",
+    "suitability": "trackability",
+    "synthesis": "grasp.synthesis",
+}
+"""Below `grasptrack`: a module that moved with all that is below it, and where it is now."""
+
+
+class _Alias(Loader):
+    """Loads a module that moved by giving out the one that it is now."""
+
+    def __init__(self, old: str, new: str) -> None:
+        self._old, self._new = old, new
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        warnings.warn(f"{self._old} is now {self._new}", DeprecationWarning, stacklevel=2)
+        module = import_module(self._new)
+        self._spec = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__spec__ = self._spec  # importing under another name has set that of the alias
+
+
+class _Finder(MetaPathFinder):
+    """Finds modules under their former names."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        root, _, below = fullname.partition(".")
+        head, _, rest = below.partition(".")
+        if root != "grasptrack" or head not in MOVED:
+            return None
+        new = ".".join(filter(None, ("grasptrack", MOVED[head], rest)))
+        return spec_from_loader(fullname, _Alias(fullname, new))
+
+
+def install() -> None:
+    """Once; asked first, for an empty folder of the former name would be found as a namespace."""
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Finder())

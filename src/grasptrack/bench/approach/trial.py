@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One approach, from the first look to the part in the air, and what became of it."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.bench.approach.case import Case, Law, Row
+from grasptrack.bench.approach.choosing import closing_grasps, first_look, hand_for, turn_between, width_in_m
+from grasptrack.bench.approach.looking import Looking
+from grasptrack.bench.approach.refusal import pairs_that_close
+from grasptrack.bench.approach.refusal_radial import triples_that_close
+from grasptrack.bench.approach.truth import on_part, tell
+from grasptrack.bench.physics import World
+from grasptrack.bench.physics.gripper import Gripper, gripper
+from grasptrack.bench.physics.setting import Setting
+from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.bench.simulation.render import finer
+from grasptrack.errors import GraspTrackError
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.servo import Command, Goal, GraspServo, NominalCamera
+from grasptrack.tracking.result import TrackResult
+from grasptrack.typing import Floats
+
+ABOVE = 0.008
+"""m above the part's upper face at which the tips stop; what is left is felt for."""
+KNOWN = 0.1
+"""How well the size of the part is known beforehand, which is what the hand's limits are told by."""
+PATIENCE = 25
+"""Images in which to look for the part before giving up."""
+LOOK_PERIODS = 3
+"""Control periods that pass while the whole image is looked at for a grasp. The hand goes on as it was told last; the images
+that come meanwhile are gone through afterwards."""
+SHORT_S = 0.5
+"""s of an arm at its limits, from which on a failure says so."""
+NOMINAL_FOCAL, NOMINAL_HEIGHT, NOMINAL_ASIDE, NOMINAL_LEAN = 600.0, 0.275, 0.07, math.radians(6.0)
+"""px, m, m and rad of the camera that the nominal laws believe in: the middle of what is drawn."""
+
+
+@dataclass
+class Step:
+    """One step of the loop, for whoever watches.
+
+    Attributes:
+        stage: "look", "approach", "close" or "lift".
+        time: s.
+        image: of the hand's camera; None while it closes and lifts.
+        result, command: of tracker and servo; None where there is none.
+    """
+
+    stage: str
+    time: float
+    image: NDArray[np.uint8] | None = None
+    result: TrackResult | None = None
+    command: Command | None = None
+
+
+Watch = Callable[[World, Step], None]
+
+
+@dataclass
+class _Run:
+    world: World
+    case: Case
+    row: Row
+    watch: Watch | None
+    step: Step = field(default_factory=lambda: Step("look", 0.0))
+    servo_ms: list[float] = field(default_factory=list)
+    loop_ms: list[float] = field(default_factory=list)
+    look_ms: list[float] = field(default_factory=list)
+    truth: Floats | None = None  # the chosen contacts on the part, m
+    seen: Step | None = None  # the last in which the grasp was seen, ...
+    missed: Step | None = None  # ... and the first after it
+
+    def later(self, stage: str) -> Callable[[], None]:
+        """What tells of steps without images of the loop's own."""
+        last = self.step
+        return lambda: self.tell(Step(stage, self.world.time(), None, last.result, last.command))
+
+    def tell(self, step: Step) -> None:
+        self.step = step
+        if step.image is not None and step.result is not None:
+            if step.result.contacts is not None:
+                self.seen, self.missed = step, None
+            else:
+                self.missed = self.missed or step
+        if self.watch is not None:
+            self.watch(self.world, step)
+
+
+def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
+    """Look, choose, approach, close, lift.
+
+    Args:
+        case: what is to be tried.
+        watch: called after every step.
+
+    Returns:
+        What became of it, and a PNG of the end where it failed and pictures are asked for; else empty.
+    """
+    row = Row(case.seed, case.shape.name, case.scenario, case.arm, case.law, fingers=case.fingers)
+    world = World(
+        case.shape,
+        seed=case.seed,
+        scenario=case.scenario,
+        arm=case.arm,
+        fingers=case.fingers,
+        images=case.images,
+        axis=_axis(case.shape, gripper(case.fingers)),
+    )
+    run = _Run(world, case, row, watch)
+    try:
+        _approach(run)
+    except GraspTrackError as error:
+        row.outcome, row.reason = "failed", f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if row.outcome == "failed" and world.short_s > SHORT_S:
+        row.reason += f"; for {world.short_s:.1f} s the arm could not go as told"
+    if math.isnan(row.time_s):
+        row.time_s = world.time()
+    if run.loop_ms:
+        row.servo_ms, row.loop_ms = float(np.median(run.servo_ms)), float(np.median(run.loop_ms))
+        row.loop_p99_ms = float(np.percentile(run.loop_ms, 99))
+    if run.look_ms:
+        row.look_ms = float(np.median(run.look_ms))
+    if row.outcome == "lifted" or not case.pictures:
+        return row, b""
+    from grasptrack.bench.approach.pictures import ending
+
+    return row, ending(world, run.step, row, run.seen, run.missed)
+
+
+def _approach(run: _Run) -> None:
+    world, row = run.world, run.row
+    tips, opening = world.fingertips()
+    ignore = world.ignore()
+    rng = np.random.default_rng((run.case.seed, zlib.crc32(run.case.shape.name.encode()), 72))
+    hand = hand_for(world.setting.part.size * float(rng.uniform(1.0 - KNOWN, 1.0 + KNOWN)), KNOWN)
+    for _ in range(PATIENCE):
+        image = world.image()
+        began = clock.perf_counter()
+        tracker, result = first_look(image, world.time(), ignore, hand, tips, risk=run.case.risk)
+        run.look_ms.append(1e3 * (clock.perf_counter() - began))
+        run.tell(Step("look", world.time(), image, result))
+        row.images += 1
+        if result.contacts is not None or result.view is not None:
+            break
+        world.move(np.zeros(6))
+    if result.contacts is None:
+        refused = result.view is not None
+        row.outcome, row.reason = ("refused" if refused else "failed"), result.reason or "no grasp"
+        closing = pairs_that_close if run.case.fingers == 2 else triples_that_close
+        row.confirmed = closing(run.case.shape, world.setting.part.size) == 0 if refused else None
+        return
+    _start(run, result.contacts, tips)
+    assert result.view is not None  # contacts lie on an outline
+    looking = Looking(tracker, result.view, ignore, hand, tips, run.case.risk)
+    apart = float(np.linalg.norm(np.diff(world.hand.tips(opening)[:2], axis=0)))
+    goal = Goal.fingertips(tips, apart, beyond_m=-ABOVE)
+    servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))
+    twist = np.zeros(6)
+    _meanwhile(run, looking, twist)
+    world.move(twist)
+    while not servo.over:
+        image = world.image()
+        began = clock.perf_counter()
+        result = looking.update(image, world.time())
+        tracked, looked = clock.perf_counter(), looking.looked
+        if looked:
+            run.look_ms.append(1e3 * (tracked - began))
+            if looking.again > row.again:
+                row.again = looking.again
+                assert result.contacts is not None  # they were chosen in this image
+                run.truth = on_part(world, result.contacts)
+            image, result = _meanwhile(run, looking, twist)
+        decided = clock.perf_counter()
+        command = servo.update(result, time=world.time(), pose=world.pose())
+        ended = clock.perf_counter()
+        run.servo_ms.append(1e3 * (ended - decided))
+        if not looked:
+            run.loop_ms.append(1e3 * (ended - began))
+        row.images += 1
+        twist = command.twist
+        run.tell(Step("approach", world.time(), image, result, command))
+        if command.close:
+            row.time_s, row.error_px = world.time(), command.error_px
+            row.believed = bool(result.status == "tracked" and result.contacts is not None)
+            if run.truth is not None and result.contacts is not None:
+                tell(row, world, run.truth, result.contacts)
+        world.move(twist)
+        if command.close:
+            width = width_in_m(result.contacts, tips, opening) if result.contacts is not None else None
+            world.watch = run.later("close")
+            held = world.close(width)
+            servo.closed(held)
+        elif world.touches():
+            servo.touched()
+    if servo.state != "done":
+        row.reason = f"servo: {servo.reason}" if row.believed is None else servo.reason
+        return
+    world.watch = run.later("lift")
+    if world.lift():
+        row.outcome = "lifted"
+    else:
+        row.reason = world.failure
+
+
+def _meanwhile(run: _Run, looking: Looking, twist: Floats) -> tuple[NDArray[np.uint8], TrackResult]:
+    """What has become of it while the whole image was looked at: the last image since, and what is seen there."""
+    came = []
+    for _ in range(LOOK_PERIODS):
+        run.world.move(twist)
+        came.append((run.world.image(), run.world.time()))
+        run.tell(Step("look", run.world.time(), came[-1][0]))
+    run.row.images += len(came)
+    results = [looking.update(image, time, look=False) for image, time in came]
+    return came[-1][0], results[-1]
+
+
+def _start(run: _Run, contacts: Floats, tips: Floats) -> None:
+    """How far off the view is at the start, and where the chosen contacts truly are."""
+    world, row = run.world, run.row
+    run.truth = on_part(world, contacts)
+    row.start_turn_deg = math.degrees(turn_between(contacts, tips))
+    off = (contacts.mean(axis=0) - tips.mean(axis=0)) / np.array(
+        [world.setting.camera.width, world.setting.camera.height]
+    )
+    row.start_off = float(np.abs(off).max())
+    row.start_away = _depth(world.setting)
+
+
+def _depth(setting: Setting) -> float:
+    """Distance of the part at the start along the optical axis, as a multiple of that of the fingertips."""
+    to_camera = np.linalg.inv(setting.hand @ setting.mount)
+    tips = np.linalg.inv(setting.mount)[2, 3]
+    return float((to_camera @ setting.place[:, 3])[2] / tips)
+
+
+def _nominal(law: Law) -> NominalCamera | None:
+    if law == "online":
+        return None
+    mounting = np.eye(4)
+    c, s = math.cos(NOMINAL_LEAN), math.sin(NOMINAL_LEAN)
+    mounting[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+    mounting[:3, 3] = (0.0, -NOMINAL_ASIDE, -NOMINAL_HEIGHT)
+    return NominalCamera(NOMINAL_FOCAL, mounting, distance=2.0 * math.hypot(NOMINAL_ASIDE, NOMINAL_HEIGHT))
+
+
+def _axis(shape: Shape, hand: Gripper) -> float | None:
+    """rad, where x of the hand points in the best grasp on the true outline; None where there is none."""
+    scale = 150.0
+    outline = View([Contour(finer(r, 0.02) * scale, hole=k > 0) for k, r in enumerate(shape.polygons)])
+    found, _ = closing_grasps(outline, hand.fingers, hand_for(0.065))
+    if not found:
+        return None
+    contacts = found[0].contacts
+    way = contacts[-1] - (contacts[0] if hand.fingers == 2 else contacts.mean(axis=0))
+    return math.atan2(way[1], way[0]) - hand.azimuths[-1]

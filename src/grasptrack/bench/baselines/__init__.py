@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a user would otherwise pick, behind the one interface of `grasptrack.bench.method`."""
+
+from __future__ import annotations
+
+from grasptrack.bench.baselines.direct import Ecc
+from grasptrack.bench.baselines.features import Klt, Sift
+from grasptrack.bench.baselines.paper import PaperGraspLine, PaperHomography, PaperRRP
+from grasptrack.bench.baselines.silhouette import Otsu
+from grasptrack.bench.baselines.visp_template import ViSP, why_not
+from grasptrack.bench.method import Maker
+
+__all__ = ["PEERS", "available", "missing"]
+
+PEERS: dict[str, Maker] = {
+    peer.name: peer for peer in (Ecc, Klt, Sift, Otsu, ViSP, PaperRRP, PaperGraspLine, PaperHomography)
+}
+"""All peers by name, those too that need what is not installed: they say so in every frame."""
+
+
+def missing() -> dict[str, str]:
+    """Why some peers cannot be used here, by name."""
+    reason = why_not()
+    return {ViSP.name: reason} if reason else {}
+
+
+def available() -> dict[str, Maker]:
+    """The peers that can be used here, by name."""
+    lacking = missing()
+    return {name: maker for name, maker in PEERS.items() if name not in lacking}

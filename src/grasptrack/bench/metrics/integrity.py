@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far an answer can be trusted: how often contacts are given, how often wrongly, and what the confidence is worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from grasptrack.bench.metrics.score import FrameScore, errors_of
+from grasptrack.typing import Floats
+
+WHOLE = 0.995
+"""Share of the outline that must be in view for the object to count as whole in view; less is the renderer's rounding."""
+PARTLY = 0.7
+"""Share of the outline in view down to which an answer can be asked for: up to 30 % covered or cut."""
+ELLIPSE_95 = 5.991
+"""Squared Mahalanobis distance within which 95 % of the errors of a true covariance lie (chi square, two degrees)."""
+RULE_OF_THREE = 3.0
+"""No event in n trials puts its rate below 3/n with 95 % confidence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """One method over any number of frames; shares are 0 to 1, NaN where there is nothing to count.
+
+    Attributes:
+        frames: that were looked at; those that define a grasp's truth are left out of all that follows.
+        located_whole: contacts given, of the frames with the whole object in view.
+        located_partly: the same of the frames with 70 % of the outline in view or more, but not all.
+        tracked_visible: status tracked, of the frames with 70 % of the outline in view or more.
+        false_accepts: frames with contacts given and wrong, or with the object gone.
+        false_given_gone: those of them in which the object was gone.
+        false_bound: upper 95 % bound of the rate of false accepts among all frames.
+        rms_px, median_px, p95_px, max_px: of the contacts' distances from the truth, each contact for itself, over all
+            frames that were answered with the object there, wrong ones included.
+        median_percent: median distance in per cent of the grasp's true opening.
+        in_ellipse: share of these contacts within their 95 % ellipse.
+        recovery_frames: mean number of frames from the object's return to whole view until contacts are given rightly.
+        recoveries, returns: how often they were given before it was hidden again, and how often it returned.
+        median_ms, p99_ms: latency.
+        frames_whole: frames with the whole object in view.
+    """
+
+    frames: int
+    located_whole: float
+    located_partly: float
+    tracked_visible: float
+    false_accepts: int
+    false_given_gone: int
+    false_bound: float
+    rms_px: float
+    median_px: float
+    p95_px: float
+    max_px: float
+    median_percent: float
+    in_ellipse: float
+    recovery_frames: float
+    recoveries: int
+    returns: int
+    median_ms: float
+    p99_ms: float
+    frames_whole: int
+
+
+def measure(runs: Iterable[Sequence[FrameScore]]) -> Measures:
+    """All measures of one method over its runs, each a sequence of frames in order."""
+    listed = [list(run) for run in runs]
+    frames = [f for run in listed for f in run if not f.defining]
+    whole = [f for f in frames if f.present and f.visible >= WHOLE]
+    partly = [f for f in frames if f.present and PARTLY <= f.visible < WHOLE]
+    wrong = [f for f in frames if f.is_false_accept]
+    errors = errors_of(frames)
+    finite = errors[np.isfinite(errors)]
+    shares = [100.0 * f.distances / f.opening for f in frames if f.distances is not None and not f.gone]
+    spread = [f.spread for f in frames if f.spread is not None and not f.gone]
+    waits = [wait for run in listed for wait in recoveries(run)]
+    times = np.array([f.latency_ms for f in frames if math.isfinite(f.latency_ms)])
+    return Measures(
+        frames=len(frames),
+        located_whole=_share(f.answered for f in whole),
+        located_partly=_share(f.answered for f in partly),
+        tracked_visible=_share(f.status == "tracked" for f in (*whole, *partly)),
+        false_accepts=len(wrong),
+        false_given_gone=sum(f.gone for f in wrong),
+        false_bound=upper_bound(len(wrong), len(frames)),
+        rms_px=float(np.sqrt(np.mean(errors**2))) if len(errors) else math.nan,
+        median_px=_percentile(errors, 50),
+        p95_px=_percentile(errors, 95),
+        max_px=float(errors.max()) if len(finite) else math.nan,
+        median_percent=_percentile(np.concatenate(shares), 50) if shares else math.nan,
+        in_ellipse=_share(np.concatenate(spread) <= ELLIPSE_95) if spread else math.nan,
+        recovery_frames=float(np.mean([w for w in waits if w is not None]))
+        if any(w is not None for w in waits)
+        else math.nan,
+        recoveries=sum(w is not None for w in waits),
+        returns=len(waits),
+        median_ms=_percentile(times, 50),
+        p99_ms=_percentile(times, 99),
+        frames_whole=len(whole),
+    )
+
+
+def upper_bound(events: int, trials: int) -> float:
+    """Upper 95 % bound of a rate: 3/n for no event in n (rule of three), else Wilson's, one-sided; NaN without trials."""
+    if trials <= 0:
+        return math.nan
+    if events == 0:
+        return min(1.0, RULE_OF_THREE / trials)
+    z, p = 1.6449, events / trials
+    middle = p + z * z / (2 * trials)
+    reach = z * math.sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials))
+    return min(1.0, max(p, (middle + reach) / (1 + z * z / trials)))
+
+
+def recoveries(run: Sequence[FrameScore]) -> list[int | None]:
+    """For each return of the object to whole view after it was gone or hardly in view: frames until it was located.
+
+    0 is the very frame of its return; None: not before it was hidden again, or the run ended.
+    """
+    waits: list[int | None] = []
+    away, since = False, None
+    for f in run:
+        here = f.present and f.visible >= WHOLE
+        if not f.present or f.visible < PARTLY:
+            away = True
+            if since is not None:
+                waits.append(None)
+                since = None
+        elif here and away:
+            away, since = False, f.frame
+        if since is not None and f.answered and not f.is_false_accept:
+            waits.append(f.frame - since)
+            since = None
+    return waits if since is None else [*waits, None]
+
+
+def risk_coverage(frames: Iterable[FrameScore]) -> Floats:
+    """(n, 3) confidence, coverage and risk as answers are taken in the order of falling confidence.
+
+    Coverage is the share of all frames, risk the share of false accepts among those taken; frames of one confidence are
+    taken together. Empty where a method gives no confidence.
+    """
+    listed = [f for f in frames if not f.defining]
+    given = [(f.confidence, f.is_false_accept) for f in listed if f.answered and math.isfinite(f.confidence)]
+    if not given:
+        return np.empty((0, 3))
+    confidence, wrong = np.array(given, dtype=np.float64).T
+    order = np.argsort(-confidence, kind="stable")
+    confidence, wrong = confidence[order], np.cumsum(wrong[order])
+    last = np.append(np.diff(confidence) != 0.0, True)
+    taken = np.arange(1, len(wrong) + 1)
+    table = np.column_stack([confidence, taken / len(listed), wrong / taken])
+    return np.asarray(table[last], dtype=np.float64)
+
+
+def cumulative(errors: Floats, at: Floats) -> Floats:
+    """Share of errors (n,) px at most as large as each of `at` (m,) px: a precision at t px where all frames count."""
+    return np.asarray(np.searchsorted(np.sort(errors), at, side="right") / max(1, len(errors)), dtype=np.float64)
+
+
+def _share(of: Iterable[object]) -> float:
+    flags = [bool(x) for x in of]
+    return sum(flags) / len(flags) if flags else math.nan
+
+
+def _percentile(values: Floats, percent: float) -> float:
+    return float(np.percentile(values, percent)) if len(values) else math.nan

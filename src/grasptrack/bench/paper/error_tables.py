@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables VI and VII: reversibility, reference and sequence errors, and all of them at a glance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from grasptrack.bench.metrics.errors import ErrorMeasure
+from grasptrack.bench.paper import printed
+from grasptrack.bench.paper.contours import KINDS, Footage
+from grasptrack.bench.paper.objects import TILT, Motion
+from grasptrack.bench.paper.transfers import Course, reversibility
+from grasptrack.bench.report.table import Cell, Table
+
+Row = tuple[Cell, ...]
+Measures = Sequence[ErrorMeasure | str | None]
+
+_STRATEGIES = [printed.HEADS[s] for s in printed.STRATEGIES]
+_HEAD = (
+    "contours",
+    "grasp",
+    "error",
+    *(f"{s}, {unit}" for unit in ("1/px", "px", "% of opening") for s in _STRATEGIES),
+)
+_SIZE = "The printed rows are of objects that are not at hand: sizes can be compared with them, digits cannot."
+_UNIT = (
+    "1/px is the paper's unit, a distance over the object's area; it falls as the object is seen larger. Per cent of the "
+    "opening do not. -: the paper prints none. 1e-13 px is the rounding of the arithmetic."
+)
+_OPENING = (
+    "Printed rows in per cent: over d_2 - d_1 of Tables III and IV, about 0.0020 and 0.0076, if the rows follow Table VI; "
+    "Table V is missing."
+)
+
+
+def table_six(footage: Sequence[Footage], frame: int, motion: Motion) -> Table:
+    """Table VI: R_v E of the pairs of the first frame and another, of the footage with one motion."""
+    rows: list[Row] = []
+    for (name, columns), opening in zip(printed.TABLE_VI, printed.OPENINGS, strict=True):
+        for k, error in enumerate(("e_av", "e_max")):
+            rows.append(_printed(name, f"R_v E ({error})", [c[k] for c in columns], opening))
+    refused = []
+    for f in [f for f in footage if f.motion == motion]:
+        measures = [reversibility(f, s, frame) for s in printed.STRATEGIES]
+        rows += _rows(f, "R_v E", measures)
+        refused += [
+            f"{f.kind}, {f.part.name}, {printed.HEADS[s]} refused: {m}."
+            for s, m in zip(printed.STRATEGIES, measures, strict=True)
+            if isinstance(m, str)
+        ]
+    kinds = dict.fromkeys(f.kind for f in footage)
+    return Table(
+        f"VI-{1 if motion == '4 DoF' else 2}",
+        f"Reversibility error (R_v E), frame 0 to frame {frame} and back, {motion}",
+        _HEAD,
+        tuple(rows),
+        (
+            _SIZE,
+            _UNIT,
+            _OPENING,
+            "A transfer that comes back to where it began need not have been right: Table VII says how far it was off.",
+            *(f"{kind}: {KINDS[kind]}." for kind in kinds),
+            *refused,
+        ),
+    )
+
+
+def table_seven(number: int, courses: Sequence[Course], frame: int) -> Table:
+    """Table VII of one kind of contours and one motion.
+
+    Args:
+        number: of the table among the tables VII.
+        courses: of all objects and strategies, from the first view and carried on.
+        frame: of the reference error.
+    """
+    rows: list[Row] = []
+    for k, (lines, opening) in enumerate(zip(printed.TABLE_VII, printed.OPENINGS, strict=True), start=1):
+        names = ("R_f E (e_av)", "R_f E (e_max)", "SE (e_av)", "SE (e_max)")
+        rows += [_printed(f"grasp {k}", n, line, opening) for n, line in zip(names, lines, strict=True)]
+    one = courses[0].footage
+    for name in dict.fromkeys(c.footage.part.name for c in courses):
+        first, on = (_of(courses, name, carried) for carried in (False, True))
+        rows += _rows(first[0].footage, "R_f E", [c.errors[frame - 1] for c in first])
+        rows += _rows(first[0].footage, "SE", [c.sequence for c in first])
+        rows += _rows(first[0].footage, "SE carried on", [c.sequence for c in on])
+    total = len(courses[0].errors)
+    tilt = f", tilt to {round(TILT * 57.2958)}°" if one.motion == "6 DoF" else ""
+    return Table(
+        f"VII-{number}",
+        f"Reference (R_f E) and sequence errors (SE): {one.kind} contours, {one.motion}{tilt}",
+        _HEAD,
+        tuple(rows),
+        (
+            _SIZE,
+            _UNIT,
+            _OPENING,
+            f"{one.kind}: {KINDS[one.kind]}.",
+            f"R_f E at frame {frame}; SE over frames 1 to {total}, the first view being frame 0. SE transfers from the "
+            "first view to each frame, SE carried on from each frame to the next, after a refusal from the last one "
+            "answered; the text does not say which it is.",
+            "The printed R_f E of grasp 3 by grasp line is larger than its printed SE (e_max), which cannot be: frame "
+            "50 is one of the sequence.",
+            "Opening of the grasps in the first view: "
+            + ", ".join(f"{c.footage.part.name} {c.footage.part.opening:.0f} px" for c in _of_strategy(courses))
+            + ".",
+            *_answered(courses, total),
+        ),
+    )
+
+
+def at_a_glance(courses: Sequence[Course]) -> Table:
+    """Sequence errors of all objects together, by contours and motion, in px."""
+    rows: list[Row] = []
+    for motion, kind in dict.fromkeys((c.footage.motion, c.footage.kind) for c in courses):
+        row: list[Cell] = [motion, kind]
+        for strategy in printed.STRATEGIES:
+            here = [c for c in courses if (c.footage.motion, c.footage.kind, c.strategy) == (motion, kind, strategy)]
+            first = [e for c in here if not c.carried_on for e in c.answered]
+            on = [e for c in here if c.carried_on for e in c.answered]
+            asked = sum(len(c.errors) for c in here if not c.carried_on)
+            row += [
+                sum(e.average_px for e in first) / len(first) if first else "refused",
+                max((e.maximum_px for e in first), default="refused"),
+                max((e.maximum_px for e in on), default="refused"),
+                f"{len(first)} of {asked}",
+            ]
+        rows.append(tuple(row))
+    what = ("mean px", "worst px", "worst px carried on", "answered")
+    return Table(
+        "VII",
+        "Sequence errors at a glance, all objects together",
+        ("motion", "contours", *(f"{s} {w}" for s in _STRATEGIES for w in what)),
+        tuple(rows),
+        (
+            "Mean and worst over the frames answered, transferred from the first view; answered: of all frames.",
+            *(f"{kind}: {KINDS[kind]}." for kind in dict.fromkeys(c.footage.kind for c in courses)),
+            "Strategies that answered other frames do not compare: who refuses the frames that are tilted most has the "
+            "smaller errors left.",
+            "Nothing but the strategies' own refusals judges these answers; the tracker asks the image as well.",
+        ),
+    )
+
+
+def _rows(footage: Footage, name: str, measures: Measures) -> list[Row]:
+    """e_av and e_max of one measure by all strategies, in all units."""
+
+    def cells(fields: tuple[str, ...]) -> list[Cell]:
+        listed: list[Cell] = []
+        for field in fields:
+            listed += [float(getattr(m, field)) if isinstance(m, ErrorMeasure) else "refused" for m in measures]
+        return listed
+
+    return [
+        (footage.kind, footage.part.name, f"{name} (e_av)", *cells(("e_av", "average_px", "average_percent"))),
+        (footage.kind, footage.part.name, f"{name} (e_max)", *cells(("e_max", "maximum_px", "maximum_percent"))),
+    ]
+
+
+def _printed(grasp: str, error: str, values: Sequence[float], opening: float | None) -> Row:
+    """A row as the paper prints it, and in per cent where the opening is known."""
+    percent = [None if opening is None else 100.0 * v / opening for v in values]
+    return "paper", grasp, error, *values, *[None] * 3, *percent
+
+
+def _of(courses: Sequence[Course], name: str, carried_on: bool) -> list[Course]:
+    """One object's courses in the paper's order of the strategies."""
+    here = [c for c in courses if c.footage.part.name == name and c.carried_on == carried_on]
+    return sorted(here, key=lambda c: printed.STRATEGIES.index(c.strategy))
+
+
+def _of_strategy(courses: Sequence[Course]) -> list[Course]:
+    """One course for each object."""
+    return list({c.footage.part.name: c for c in courses}.values())
+
+
+def _answered(courses: Sequence[Course], total: int) -> list[str]:
+    """What was refused, and why."""
+    notes = []
+    for c in courses:
+        if c.reasons:
+            how = "carried on" if c.carried_on else "from the first view"
+            why = "; ".join(f"{count} times: {reason}" for reason, count in list(c.reasons.items())[:3])
+            least = f"{c.footage.part.name}, {printed.HEADS[c.strategy]} {how}: {len(c.answered)} of {total} answered"
+            notes.append(f"{least}, and the errors are of those. Refused {why}.")
+    return notes or ["Every frame was answered by every strategy."]

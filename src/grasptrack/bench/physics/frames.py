@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid frames, (4, 4): the pose of one frame in another; and what a pinhole camera makes of them.
+
+The world has z up and the table at z = 0. A camera's frame has x right, y down and z into the scene.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from grasptrack.typing import Floats
+
+DOWN: Floats = np.diag([1.0, -1.0, -1.0])
+"""Rotation of a hand that points straight down and whose x is that of the world."""
+NEAR = 0.01
+"""m in front of a camera, nearer than which nothing is drawn."""
+
+
+def about_x(angle: float) -> Floats:
+    """(3, 3) rotation by an angle in rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def about_y(angle: float) -> Floats:
+    """(3, 3) rotation by an angle in rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def about_z(angle: float) -> Floats:
+    """(3, 3) rotation by an angle in rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def lean(angle: float, toward: float) -> Floats:
+    """(3, 3) rotation by `angle` rad about the horizontal axis in direction `toward`."""
+    return about_z(toward) @ about_x(angle) @ about_z(-toward)
+
+
+def pose(R: Floats, at: Floats) -> Floats:
+    """(4, 4) from a rotation (3, 3) and a place (3,)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, at
+    return T
+
+
+def inverse(T: Floats) -> Floats:
+    """(4, 4) of the first frame in the second."""
+    return pose(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
+
+
+def quaternion(R: Floats) -> Floats:
+    """(4,) w x y z of a rotation (3, 3), w not negative, by its largest component (S. W. Shepperd 1978)."""
+    t = float(np.trace(R))
+    candidates = np.array([t, R[0, 0], R[1, 1], R[2, 2]])
+    i = int(candidates.argmax())
+    if i == 0:
+        q = np.array([1.0 + t, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    else:
+        a, b, c = (i - 1, i % 3, (i + 1) % 3)
+        q = np.zeros(4)
+        q[0] = R[c, b] - R[b, c]
+        q[1 + a] = 1.0 + R[a, a] - R[b, b] - R[c, c]
+        q[1 + b] = R[b, a] + R[a, b]
+        q[1 + c] = R[c, a] + R[a, c]
+    q /= np.linalg.norm(q)
+    return np.asarray(-q if q[0] < 0.0 else q, dtype=np.float64)
+
+
+def plane_to_image(K: Floats, camera_pose: Floats, plane: Floats, height: float = 0.0) -> Floats:
+    """(3, 3) from a plane to ideal px: a point (u, v) of an outline, x right and y down from above, lies at (u, -v, height).
+
+    Args:
+        K: (3, 3) of the camera.
+        camera_pose: (4, 4) of the camera in the world.
+        plane: (4, 4) of the plane's body in the world.
+        height: m along the body's z.
+    """
+    T = np.linalg.inv(camera_pose) @ plane
+    H = K @ np.column_stack([T[:3, 0], -T[:3, 1], T[:3, 3] + height * T[:3, 2]])
+    return np.asarray(H / H[2, 2], dtype=np.float64)
+
+
+def project(K: Floats, to_camera: Floats, points: Floats) -> Floats:
+    """(N, 2) px of points (N, 3), carried into the camera's frame by (4, 4)."""
+    seen = points @ to_camera[:3, :3].T + to_camera[:3, 3]
+    image = seen @ K.T
+    return np.asarray(image[:, :2] / image[:, 2:], dtype=np.float64)
+
+
+def silhouette(K: Floats, to_camera: Floats, corners: Floats) -> Floats | None:
+    """(M, 2) px, the convex outline of a convex body; None where it is not all in front of the camera."""
+    depth = corners @ to_camera[2, :3] + to_camera[2, 3]
+    if depth.min() < NEAR:
+        return None
+    hull = cv2.convexHull(project(K, to_camera, corners).astype(np.float32))
+    return np.asarray(hull[:, 0], dtype=np.float64)

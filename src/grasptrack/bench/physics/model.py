@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A setting as a MuJoCo model: table, part, hand on its arm, cameras."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from grasptrack.bench.physics import frames, linkage
+from grasptrack.bench.physics.gripper import MAX_OPENING, Gripper
+from grasptrack.bench.physics.setting import Arm, Setting
+from grasptrack.typing import Floats
+
+TIMESTEP = 0.002
+"""s."""
+FRICTION = 0.8
+"""Of the soft pads; that of the part on the table is 0.5."""
+GRIP = 20.0
+"""N of a finger at most."""
+FOOT = 2e-4
+"""m, radius of the points on which the part stands."""
+TABLE = 12.0
+"""m, half of the table's side: as long as a belt may run."""
+
+
+def xml(setting: Setting, hand: Gripper, arm: Arm, *, levels: Mapping[str, float], texture: str = "") -> str:
+    """The model in MuJoCo's own language.
+
+    The part's convex pieces touch fingers only, and it stands on points of its convex hull, as a flat part
+    does: that is what keeps the number of contacts small.
+
+    Args:
+        setting: what the seed decided.
+        hand: its fingers.
+        arm: "gantry" or "arm".
+        levels: grey levels, 0 to 255, of "table", "part" and "hand".
+        texture: file name of the table's picture among the assets; empty for a plain table.
+    """
+    way = math.atan2(setting.belt[1], setting.belt[0])
+    grey = {name: f"{level / 255.0:.4f} {level / 255.0:.4f} {level / 255.0:.4f} 1" for name, level in levels.items()}
+    look = f'<texture name="table" type="2d" file="{texture}"/>' if texture else ""
+    picture = 'texture="table" texuniform="true" texrepeat="1.6 1.6"' if texture else f'rgba="{grey["table"]}"'
+    return f"""<mujoco>
+<compiler angle="radian" autolimits="true" inertiafromgeom="auto"/>
+<option timestep="{TIMESTEP}" integrator="implicitfast" cone="elliptic" impratio="10"><flag multiccd="enable"/></option>
+<visual><global offwidth="{setting.camera.width}" offheight="{setting.camera.height}"/>
+<quality shadowsize="1024" offsamples="4"/>
+<headlight ambient=".7 .7 .7" diffuse=".25 .25 .25" specular="0 0 0"/><map znear="0.002" zfar="40"/></visual>
+<default>
+ <geom contype="0" conaffinity="0"/>
+ <default class="piece"><geom type="mesh" contype="2" mass="0" rgba="{grey["part"]}"/></default>
+ <default class="pad"><geom type="box" contype="4" conaffinity="2" condim="4" friction="{FRICTION} .004 .0001"
+  priority="1" solref=".004 1" solimp=".95 .99 .001" rgba="{grey["hand"]}"/></default>
+ <default class="shaft"><geom type="box" contype="4" conaffinity="2" friction=".3" rgba="{grey["hand"]}"/></default>
+ <default class="foot"><geom type="sphere" size="{FOOT}" contype="8" friction=".5 .002 .0001" mass="0" group="4"/></default>
+</default>
+<asset>{look}<material name="table" {picture} specular="0"/>
+{_meshes(setting)}
+</asset>
+<worldbody>
+<light pos=".3 .4 2" dir="-.15 -.2 -1" diffuse=".35 .35 .35" castshadow="false"/>
+<body name="table"><joint name="belt" type="slide" axis="{math.cos(way):.9f} {math.sin(way):.9f} 0" limited="false"/>
+ <geom name="table" type="box" pos="0 0 -.05" size="{TABLE} {TABLE} .05" mass="5000" conaffinity="12" friction=".5"
+  material="table"/></body>
+{_part(setting)}
+{_arm(setting, hand, arm, grey["hand"])}
+<body name="bystander" mocap="true"><camera name="bystander" fovy="40"/></body>
+</worldbody>
+<equality>{_coupled(hand)}</equality>
+<actuator>{linkage.drives(arm)}{_drive(hand)}</actuator>
+</mujoco>"""
+
+
+def _numbers(values: Floats) -> str:
+    return " ".join(f"{v:.9g}" for v in np.ravel(values))
+
+
+def _meshes(setting: Setting) -> str:
+    low, high = 0.0, setting.part.thickness
+    found = []
+    for number, piece in enumerate(setting.part.pieces):
+        both = np.vstack([np.column_stack([piece, np.full(len(piece), z)]) for z in (low, high)])
+        found.append(f'<mesh name="piece{number}" inertia="shell" vertex="{_numbers(both)}"/>')
+    return "\n".join(found)
+
+
+def _part(setting: Setting) -> str:
+    part = setting.part
+    at, q = setting.place[:3, 3], frames.quaternion(setting.place[:3, :3])
+    turned = frames.quaternion(frames.about_z(part.axis))
+    pieces = "".join(f'<geom class="piece" mesh="piece{n}"/>' for n in range(len(part.pieces)))
+    feet = "".join(f'<geom class="foot" pos="{x:.7g} {y:.7g} {FOOT}"/>' for x, y in part.feet)
+    return f"""<body name="part" pos="{_numbers(at)}" quat="{_numbers(q)}"><freejoint name="part"/>
+<inertial pos="0 0 {part.thickness / 2.0:.6g}" quat="{_numbers(turned)}" mass="{part.mass:.6g}"
+ diaginertia="{_numbers(part.inertia)}"/>
+{pieces}{feet}</body>"""
+
+
+def _arm(setting: Setting, hand: Gripper, arm: Arm, grey: str) -> str:
+    opened, placed, closed = linkage.chain(setting, arm, grey)
+    camera, q = setting.mount, frames.quaternion(setting.mount[:3, :3] @ frames.DOWN)
+    fovy = math.degrees(2.0 * math.atan(setting.camera.height / (2.0 * setting.camera.matrix[0, 0])))
+    boxes = "".join(
+        f'<geom name="{b.name}" class="shaft" contype="0" conaffinity="0" pos="{_numbers(np.array(b.centre))}"'
+        f' size="{_numbers(np.array(b.half))}" mass=".2"/>'
+        for b in hand.fixed_boxes()
+    )
+    return f"""{opened}<body name="hand" {placed} gravcomp="1"><site name="tip" size=".001" group="5"/>
+{boxes}<camera name="hand" pos="{_numbers(camera[:3, 3])}" quat="{_numbers(q)}" fovy="{fovy:.9g}"/>
+{"".join(_finger(hand, i) for i in range(hand.fingers))}</body>{closed}"""
+
+
+def _finger(hand: Gripper, finger: int) -> str:
+    frame = hand.finger_frame(finger, MAX_OPENING / 2.0)
+    boxes = "".join(
+        f'<geom name="{b.name}{finger}" class="{b.name}" pos="{_numbers(np.array(b.centre))}"'
+        f' size="{_numbers(np.array(b.half))}" mass=".02"/>'
+        for b in hand.finger_boxes(finger)
+    )
+    at, q = _numbers(frame[:3, 3]), _numbers(frames.quaternion(frame[:3, :3]))
+    return f"""<body name="finger{finger}" pos="{at}" quat="{q}" gravcomp="1">
+<joint name="finger{finger}" type="slide" axis="-1 0 0" range="0 {MAX_OPENING / 2.0}" damping="2" armature=".1"
+ solreflimit=".004 1"/>{boxes}</body>"""
+
+
+def _coupled(hand: Gripper) -> str:
+    """One drive moves all fingers alike."""
+    return "".join(
+        f'<joint joint1="finger{i}" joint2="finger0" polycoef="0 1 0 0 0" solref=".004 1"/>'
+        for i in range(1, hand.fingers)
+    )
+
+
+def _drive(hand: Gripper) -> str:
+    force = GRIP * hand.fingers
+    return (
+        f'<position name="fingers" joint="finger0" kp="4000" kv="120" ctrlrange="0 {MAX_OPENING / 2.0 + 0.02}"'
+        f' forcerange="{-force} {force}"/>'
+    )

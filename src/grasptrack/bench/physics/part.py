@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A flat part as a body: an outline in m, extruded, with mass, inertia and points on which it stands."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from grasptrack.bench.physics.prisms import convex_pieces
+from grasptrack.bench.simulation.outlines import Shape, polygon_moments
+from grasptrack.typing import Floats
+
+TOLERANCE = 1.5e-4
+"""m by which the sides of the body may differ from the outline: below what a pad feels."""
+MOST_PIECES = 100
+"""Convex pieces beyond which the tolerance is doubled: every piece costs time in each step."""
+FEET = 8
+"""Points on which it stands at most: corners of its convex hull, where a flat part on a flat table rests."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A flat part in its own axes: x right and y toward the top as seen from above, z up, from the centroid of its foot.
+
+    Attributes:
+        size: m, the square root of the area.
+        shape: the outline in m, x right and y down as all outlines are.
+        thickness: m.
+        mass: kg.
+        inertia: (3,) kg m^2 about the centre of mass, in the frame of `axis`.
+        axis: rad, angle of the first principal axis from x.
+        pieces: convex polygons (M, 2) in its own axes that make it up.
+        feet: (f, 2) points of its convex hull, in its own axes.
+    """
+
+    size: float
+    shape: Shape
+    thickness: float
+    mass: float
+    inertia: Floats
+    axis: float
+    pieces: tuple[Floats, ...]
+    feet: Floats
+
+
+def body(shape: Shape, size: float, thickness: float, density: float) -> Body:
+    """A part cut from a plate.
+
+    Args:
+        shape: its outline, of any unit of length in which its area is 1.
+        size: m, the square root of its area.
+        thickness: m.
+        density: kg/m^3.
+
+    Raises:
+        ContourError: an outline that crosses itself.
+    """
+    scaled = Shape(shape.name, shape.outer * size, tuple(hole * size for hole in shape.holes))
+    mass = density * thickness * size * size
+    moments = _second_moments([ring * np.array([1.0, -1.0]) for ring in scaled.polygons]) * density * thickness
+    values, vectors = np.linalg.eigh(moments)
+    # the moment about an axis is what lies off it, and a plate of finite thickness has some along z as well
+    slab = mass * thickness**2 / 12.0
+    inertia = np.array([values[1] + slab, values[0] + slab, values.sum()])
+    axis = math.atan2(vectors[1, 0], vectors[0, 0])
+    pieces = _pieces(scaled)
+    return Body(size, scaled, thickness, mass, inertia, axis, pieces, _feet(scaled))
+
+
+def _pieces(shape: Shape) -> tuple[Floats, ...]:
+    tolerance = TOLERANCE
+    while True:
+        rings = [_sparse(ring, tolerance) for ring in shape.polygons]
+        found = convex_pieces([ring for ring in rings if len(ring) >= 3])
+        if len(found) <= MOST_PIECES or tolerance > 1e-3:
+            break
+        tolerance *= 2.0
+    # y turned up reverses the direction of a polygon
+    return tuple((piece * np.array([1.0, -1.0]))[::-1] for piece in found)
+
+
+def _sparse(ring: Floats, tolerance: float) -> Floats:
+    kept = cv2.approxPolyDP(np.asarray(ring[:, None] * 1e3, dtype=np.float32), tolerance * 1e3, closed=True)
+    return np.asarray(kept[:, 0], dtype=np.float64) * 1e-3
+
+
+def _feet(shape: Shape) -> Floats:
+    """Corners of the convex hull, farthest apart in turn."""
+    outer = shape.outer * np.array([1.0, -1.0])
+    hull = outer[cv2.convexHull(outer.astype(np.float32), returnPoints=False)[:, 0]]
+    angles = np.arange(FEET) * (2.0 * math.pi / FEET)
+    best = np.unique((hull @ np.array([np.cos(angles), np.sin(angles)])).argmax(axis=0))
+    return np.asarray(hull[best], dtype=np.float64)
+
+
+def _second_moments(polygons: list[Floats]) -> Floats:
+    """(2, 2) integral of x x^T over the area about the origin, by Green's theorem; the sign of the area is taken out."""
+    total, area = np.zeros((2, 2)), 0.0
+    for polygon in polygons:
+        p, q = polygon, np.roll(polygon, -1, axis=0)
+        cross = p[:, 0] * q[:, 1] - q[:, 0] * p[:, 1]
+        both = np.einsum("n,ni,nj->ij", cross, p, p) + np.einsum("n,ni,nj->ij", cross, q, q)
+        mixed = np.einsum("n,ni,nj->ij", cross, p, q)
+        total += (both + 0.5 * (mixed + mixed.T)) / 12.0
+        area += float(polygon_moments(polygon)[0])
+    return np.asarray(total * math.copysign(1.0, area), dtype=np.float64)

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A physical world: a flat part on a table, and a hand with a camera that can be moved, closed and lifted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from grasptrack.bench.physics import frames, linkage, model, serial
+from grasptrack.bench.physics.drawing import images_of
+from grasptrack.bench.physics.engine import engine
+from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING, gripper
+from grasptrack.bench.physics.images import Images
+from grasptrack.bench.physics.resolved import joint_rates
+from grasptrack.bench.physics.setting import BLACKOUT_S, Arm, Scenario, draw, hand_mask
+from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.errors import InputError
+from grasptrack.typing import Floats, Pixels
+
+PERIOD_S = 0.04
+"""Of the control: 25 images a second."""
+ACCELERATION = (5.0, 20.0)
+"""m/s^2 and rad/s^2 that the drives are given at most."""
+PUSH_S = 0.3
+CLOSING_SPEED, TOUCH_SPEED = 0.12, 0.06
+"""m/s of a finger, and of the hand feeling for the table."""
+YIELD = 0.25
+"""rad/s of an arm's hand that gives way to the table."""
+FELT_N = 5.0
+"""N on the pads that no hand overlooks."""
+TOUCH_N = 2.0
+"""N at the tips at which the hand has touched."""
+FEEL = 0.03
+"""m that the hand goes down at most to feel for the table."""
+LIFTED = 0.05
+"""m by which a part that is held must come up, and stay for a second."""
+
+
+class World:
+    """A robot's hand over a table, in MuJoCo's physics. The seed decides all that is drawn: the same one is the same world.
+
+    Args:
+        outline: the part, of area 1.
+        seed: of everything.
+        scenario: "static", "pushed", "belt" or "blackout"; see `setting.draw`.
+        arm: "gantry", which moves in x, y, z and turns, or "arm", six hinges in a row.
+        fingers: 2 or 3.
+        images: "mujoco" draws the camera's images by MuJoCo, which needs offscreen OpenGL; "planar" by this package, which
+            needs none and is several times as fast; "auto" by MuJoCo where it can.
+        axis: see `setting.draw`.
+
+    Attributes:
+        watch: called once in every control period, also while the hand closes and lifts; None.
+        failure: after a lift that failed, how.
+        short_s: s in which an arm did not make nine tenths of the twist, at the end of its reach or of its joints' speed.
+
+    Raises:
+        InputError: MuJoCo or offscreen OpenGL is missing, unknown names, or a start out of the arm's reach.
+        ContourError: an outline that crosses itself.
+    """
+
+    def __init__(
+        self,
+        outline: Shape,
+        *,
+        seed: int,
+        scenario: Scenario = "static",
+        arm: Arm = "gantry",
+        fingers: Literal[2, 3] = 2,
+        images: Literal["auto", "mujoco", "planar"] = "auto",
+        axis: float | None = None,
+    ) -> None:
+        self._mj = engine()
+        self.hand = gripper(fingers)
+        self.setting = draw(outline, self.hand, seed=seed, scenario=scenario, arm=arm, axis=axis)
+        self.shape, self.seed, self.scenario, self.arm = outline, seed, scenario, arm
+        self._images: Images = images_of(images, self.setting, self.hand, outline.name, seed)
+        self.model = self._mj.MjModel.from_xml_string(
+            model.xml(self.setting, self.hand, arm, levels=self._images.levels, texture=self._images.texture),
+            self._images.assets,
+        )
+        self.data = self._mj.MjData(self.model)
+        self._names()
+        self._place()
+        self._images.bind(self.model)
+        self._ctrl = np.zeros(6)
+        self._last = np.zeros(6)
+        self.failure = ""
+        self.short_s = 0.0
+        self.watch: Callable[[], None] | None = None
+        self._steps = 0
+
+    def _names(self) -> None:
+        m = self.model
+        self._dofs = np.array([m.joint(name).dofadr[0] for name in linkage.joints(self.arm)])
+        self._qpos = np.array([m.joint(name).qposadr[0] for name in linkage.joints(self.arm)])
+        self._belt = int(m.joint("belt").dofadr[0])
+        self._part, self._part_dof = int(m.body("part").id), int(m.joint("part").dofadr[0])
+        self._tip = int(m.site("tip").id)
+        self._finger = [int(m.joint(f"finger{i}").qposadr[0]) for i in range(self.hand.fingers)]
+        self._pads = {int(m.geom(f"pad{i}").id): i for i in range(self.hand.fingers)}
+        self._grip = int(m.actuator("fingers").id)
+        self._table = int(m.geom("table").id)
+        self._jacobian = np.zeros((3, m.nv)), np.zeros((3, m.nv))
+
+    def _place(self) -> None:
+        """The joints at which the hand is where the setting wants it."""
+        self.data.qpos[self._qpos] = linkage.start(self.setting, self.arm)
+        self.data.qvel[self._belt] = float(np.hypot(*self.setting.belt))
+        self.data.qvel[self._part_dof : self._part_dof + 2] = self.setting.belt
+        self._mj.mj_forward(self.model, self.data)
+
+    # --- what a robot's driver offers --------------------------------------------------------------
+
+    @property
+    def period(self) -> float:
+        """s that a move takes."""
+        return PERIOD_S
+
+    def time(self) -> float:
+        """s since the start."""
+        return float(self.data.time)
+
+    def pose(self) -> Floats:
+        """(4, 4) of the hand in the robot's base, from the joints' sensors."""
+        return frames.pose(self.data.site_xmat[self._tip].reshape(3, 3).copy(), self.data.site_xpos[self._tip].copy())
+
+    def image(self) -> Pixels:
+        """(480, 640) grey image of the hand's camera now. While the view is blocked it shows what blocks it."""
+        return self._images.hand(self)
+
+    def blocked(self) -> bool:
+        """Whether something is before the camera."""
+        return self.setting.blackout <= self.time() < self.setting.blackout + BLACKOUT_S
+
+    def opening(self) -> float:
+        """m between two fingers, twice the distance from the middle for three."""
+        return MAX_OPENING - 2.0 * float(self.data.qpos[self._finger[0]])
+
+    def fingertips(self) -> tuple[Floats, float]:
+        """Where the tips of the open fingers are seen, as a person would mark them once: (k, 2) px; and their opening in m."""
+        mount = frames.inverse(self.setting.mount)
+        opening = self.opening()
+        return frames.project(self.setting.camera.matrix, mount, self.hand.tips(opening)), opening
+
+    def ignore(self) -> Pixels:
+        """(480, 640) 255 where the open hand is in its own camera's way, marked generously."""
+        return hand_mask(self.setting.camera, self.setting.mount, self.hand, self.opening(), grow=5)
+
+    def touches(self) -> bool:
+        """Whether the pads press on anything, as the drives feel it."""
+        return bool(self.finger_forces().sum() >= FELT_N)
+
+    def move(self, twist: ArrayLike) -> None:
+        """Move the hand for one control period.
+
+        Args:
+            twist: (6,) m/s and rad/s in the hand's frame. What the drives cannot do, they do as far as they can; a gantry
+                leaves turns about x and y out.
+
+        Raises:
+            InputError: not six finite numbers.
+        """
+        wanted = np.asarray(twist, dtype=np.float64)
+        if wanted.shape != (6,) or not np.isfinite(wanted).all():
+            raise InputError(f"a twist is six finite numbers, not {np.asarray(twist).tolist()}")
+        self._last = wanted
+        for _ in range(round(PERIOD_S / model.TIMESTEP)):
+            self._step(wanted)
+
+    def close(self, width: float | None = None) -> bool:
+        """Go down until the tips touch the table, then close; the hand goes on sideways as it was told last.
+
+        Args:
+            width: m between the contacts, where it is known: the fingers come nearer before the hand goes down.
+
+        Returns:
+            Whether the fingers have something between them.
+        """
+        along = self._last.copy()
+        along[2:] = 0.0
+        if width is not None:
+            self._open(along, min(MAX_OPENING, width + 2.0 * BESIDE))
+        self._feel(along)
+        self._shut(along)
+        return self._holds()
+
+    def lift(self) -> bool:
+        """Raise the hand by 12 cm, wait a second, and tell whether the part came along by 5 cm and stayed."""
+        start = float(self.data.xpos[self._part][2])
+        up = self.pose()[:3, :3].T @ np.array([0.0, 0.0, 0.12])
+        for _ in range(25):
+            self.move([*up, 0.0, 0.0, 0.0])
+        heights = []
+        for _ in range(25):
+            self.move(np.zeros(6))
+            heights.append(float(self.data.xpos[self._part][2]) - start)
+        self.failure = "" if min(heights) >= LIFTED else "slipped" if max(heights) > 0.004 else "stayed on the table"
+        return min(heights) >= LIFTED
+
+    def links(self) -> list[tuple[Floats, Floats, float]]:
+        """The arm's links as rods in the world: both ends (3,) and the radius, m; none of a gantry."""
+        if self.arm == "gantry":
+            return []
+        at = linkage.base(self.setting)
+        rods = serial.links(self.data.qpos[self._qpos])
+        return [(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
+
+    def bystander(self) -> Pixels:
+        """(480, 640, 3) BGR image of a camera that stands beside and goes along."""
+        return self._images.bystander(self)
+
+    # --- the truth, for judges alone --------------------------------------------------------------
+
+    def part_pose(self) -> Floats:
+        """(4, 4) of the part in the world; its origin is at the centroid of its foot."""
+        return frames.pose(self.data.xmat[self._part].reshape(3, 3).copy(), self.data.xpos[self._part].copy())
+
+    def camera_pose(self) -> Floats:
+        """(4, 4) of the hand's camera in the world."""
+        return np.asarray(self.pose() @ self.setting.mount, dtype=np.float64)
+
+    def outline_to_image(self) -> Floats:
+        """(3, 3) from the part's outline in m to px, for its upper face."""
+        return frames.plane_to_image(
+            self.setting.camera.matrix, self.camera_pose(), self.part_pose(), self.setting.part.thickness
+        )
+
+    def belt_travel(self) -> Floats:
+        """(2,) m that the table has moved."""
+        return np.asarray(self.setting.belt * self.data.time, dtype=np.float64)
+
+    def finger_forces(self) -> Floats:
+        """(k,) N with which each pad presses on anything now."""
+        forces, six = np.zeros(self.hand.fingers), np.zeros(6)
+        for i in range(self.data.ncon):
+            contact = self.data.contact[i]
+            for geom in (contact.geom1, contact.geom2):
+                if geom in self._pads:
+                    self._mj.mj_contactForce(self.model, self.data, i, six)
+                    forces[self._pads[geom]] += abs(six[0])
+        return forces
+
+    # --- steps -----------------------------------------------------------------------------------
+
+    def _step(self, wanted: Floats) -> None:
+        """One step of the physics toward a twist in the hand's frame."""
+        m, d = self.model, self.data
+        limit = np.repeat(np.array(ACCELERATION) * model.TIMESTEP, 3)
+        self._ctrl += np.clip(wanted - self._ctrl, -limit, limit)
+        self._mj.mj_jacSite(m, d, *self._jacobian, self._tip)
+        R = d.site_xmat[self._tip].reshape(3, 3)
+        J = np.vstack([R.T @ each[:, self._dofs] for each in self._jacobian])
+        if self.arm == "arm":
+            rates = joint_rates(J, self._ctrl, d.qpos[self._qpos])
+            left = np.linalg.norm(J @ rates - self._ctrl)
+            self.short_s += model.TIMESTEP if left > 0.1 * np.linalg.norm(self._ctrl) else 0.0
+        else:
+            rates = np.linalg.lstsq(J, self._ctrl, rcond=1e-6)[0]
+        d.ctrl[: len(self._dofs)] = rates
+        d.qvel[self._belt] = float(np.hypot(*self.setting.belt))
+        self._push()
+        self._mj.mj_step(m, d)
+        self._steps += 1
+        if self.watch is not None and self._steps % round(PERIOD_S / model.TIMESTEP) == 0:
+            self.watch()
+
+    def _push(self) -> None:
+        """Somebody's finger: it makes the part move at a speed for a moment, and lets go."""
+        force = self.data.xfrc_applied[self._part]
+        force[:] = 0.0
+        if self.setting.push is None:
+            return
+        start, velocity, turn = self.setting.push
+        if start <= self.data.time < start + PUSH_S:
+            mass, qvel = self.setting.part.mass, self.data.qvel[self._part_dof : self._part_dof + 6]
+            force[:2] = 80.0 * mass * (velocity - qvel[:2])
+            force[5] = 80.0 * float(self.setting.part.inertia[2]) * (turn - qvel[5])
+
+    def _open(self, along: Floats, opening: float) -> None:
+        target = (MAX_OPENING - opening) / 2.0
+        while self.data.ctrl[self._grip] < target:
+            self.data.ctrl[self._grip] = min(target, self.data.ctrl[self._grip] + CLOSING_SPEED * model.TIMESTEP)
+            self._step(along)
+
+    def _feel(self, along: Floats) -> None:
+        """Straight down in the hand's frame until the tips press on the table; an arm gives way until all do."""
+        twist, limit = along.copy(), self.time() + FEEL / TOUCH_SPEED
+        twist[2] = TOUCH_SPEED
+        while self.time() < limit and self.finger_forces().sum() < TOUCH_N:
+            self._step(twist)
+        if self.arm == "arm":
+            self._level(along)
+        twist[2] = -0.01
+        for _ in range(round(0.0006 / 0.01 / model.TIMESTEP)):
+            self._step(twist)
+
+    def _level(self, along: Floats) -> None:
+        """Turn toward the fingers that press less, pressing on, until all press."""
+        twist, limit, tips = along.copy(), self.time() + 0.5, self.hand.tips(1.0)
+        while self.time() < limit:
+            forces = self.finger_forces()
+            if forces.min() > 0.2 * TOUCH_N:
+                return
+            lower = (forces.mean() - forces) @ tips[:, :2]  # the side that has to come down
+            twist[2] = 0.01
+            twist[3:5] = np.array([lower[1], -lower[0]]) * (YIELD / max(1e-9, float(np.hypot(*lower))))
+            self._step(twist)
+
+    def _shut(self, along: Floats) -> None:
+        still, last = 0.0, self.opening()
+        while still < 0.1 and self.data.ctrl[self._grip] < MAX_OPENING / 2.0 + 0.02:
+            self.data.ctrl[self._grip] += CLOSING_SPEED * model.TIMESTEP
+            self._step(along)
+            stalled = abs(last - self.opening()) < 0.004 * model.TIMESTEP
+            still, last = still + model.TIMESTEP if stalled else 0.0, self.opening()
+        squeeze = float(self.data.qpos[self._finger[0]]) + 0.02
+        self.data.ctrl[self._grip] = squeeze
+        for _ in range(50):
+            self._step(along)
+
+    def _holds(self) -> bool:
+        """Two fingers that press hold something; of three, one may have come too late and find it held."""
+        return self.opening() > 0.001 and int((self.finger_forces() > 1.0).sum()) >= 2

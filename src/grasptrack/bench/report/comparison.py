@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two runs side by side: what got worse and what got better, beyond its noise, on the sequences that both have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from grasptrack.bench.metrics.paired import (
+    Found,
+    Unit,
+    chance,
+    critical,
+    drawn,
+    measures_of,
+    units_of,
+    wrong_in_one,
+)
+from grasptrack.bench.metrics.summary import ALL
+from grasptrack.bench.report.comparison_notes import Look, differs_of, looks_of
+from grasptrack.bench.report.comparison_sentences import lines
+from grasptrack.bench.report.glossary import COMPARED
+from grasptrack.bench.run_folder import EvaluationRun, read_run
+from grasptrack.errors import InputError
+
+Verdict = Literal["worse", "better", "same", "untold"]
+
+MATTERS: dict[str, tuple[float, float]] = {
+    "located_whole": (0.005, 0.0),
+    "located_partly": (0.005, 0.0),
+    "tracked_visible": (0.005, 0.0),
+    "recovered": (0.01, 0.0),
+    "recovery_frames": (0.5, 0.0),
+    "rms_px": (0.005, 0.03),
+    "median_px": (0.005, 0.03),
+    "p95_px": (0.005, 0.03),
+    "median_ms": (0.0, 0.1),
+}
+"""A difference that is smaller is of no use to anybody, noise or not: absolute, and as a share of the first value."""
+UNLIKELY = 0.01
+"""A number of new wrong answers that chance would give no more often is no chance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One measure of one method, over all sequences ("all") or at one level, in two runs.
+
+    Attributes:
+        method, level, measure: what it is of; `measure` is a key of `bench.report.glossary:COMPARED`.
+        a, b: its values.
+        noise: by how much b - a may differ from 0 by chance, in the measure's unit; NaN where that cannot be told. Of
+            false accepts: the probability of as many that are new, if new and mended ones were equally likely.
+        verdict: "untold" where the noise is not known.
+    """
+
+    method: str
+    level: str
+    measure: str
+    a: float
+    b: float
+    noise: float
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two runs side by side.
+
+    Attributes:
+        a, b: the runs.
+        methods: that both have.
+        levels: disturbances or videos that both have.
+        cases: names of the sequences that both have.
+        only_a, only_b: those that one has.
+        differs: sentences on what makes the runs differ: options, versions, machines, frames.
+        changes: every measure of every method, over all and by level.
+        looks: sequences worth a look.
+    """
+
+    a: EvaluationRun = field(repr=False)
+    b: EvaluationRun = field(repr=False)
+    methods: tuple[str, ...]
+    levels: tuple[str, ...]
+    cases: tuple[str, ...]
+    only_a: tuple[str, ...]
+    only_b: tuple[str, ...]
+    differs: tuple[str, ...]
+    changes: tuple[Change, ...] = field(repr=False)
+    looks: tuple[Look, ...] = field(repr=False)
+
+    @property
+    def worse(self) -> list[Change]:
+        """What got worse beyond its noise; wrong answers first."""
+        return self._of("worse")
+
+    @property
+    def better(self) -> list[Change]:
+        """What got better beyond its noise."""
+        return self._of("better")
+
+    def change(self, method: str, level: str, measure: str) -> Change | None:
+        """One of the changes; None where there is nothing to compare."""
+        return next((c for c in self.changes if (c.method, c.level, c.measure) == (method, level, measure)), None)
+
+    def to_text(self) -> list[str]:
+        """Lines for a terminal."""
+        return lines(self)
+
+    def _of(self, verdict: Verdict) -> list[Change]:
+        found = [c for c in self.changes if c.verdict == verdict]
+        return sorted(found, key=lambda c: (c.measure != "false_accepts", c.level != ALL))
+
+
+def compare(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Comparison:
+    """Put two runs side by side.
+
+    A difference counts when it is larger than what matters to anybody, and than the noise with which it would differ on
+    other sequences: sequences are drawn again with replacement, both runs together, and the level of 5 % holds for all
+    differences together. Wrong answers are compared frame by frame by an exact test. Latencies of different machines are
+    not judged.
+
+    Args:
+        a, b: folders of runs; a is the one before.
+        seed: of the drawing.
+        draws: how often.
+
+    Raises:
+        InputError: a run cannot be read, they are of different kinds, or have no sequence or method in common.
+    """
+    one, other = read_run(a), read_run(b)
+    if one.kind != other.kind:
+        raise InputError(f'"{a}" is a run of kind {one.kind}, "{b}" of kind {other.kind}: they cannot be compared')
+    level_of = {c.name: c.disturbance for c in one.scored}
+    there = {c.name for c in other.scored}
+    cases = tuple(name for name in level_of if name in there)
+    methods = tuple(m for m in one.methods if m in other.methods)
+    if not cases or not methods:
+        raise InputError(f'"{a}" and "{b}" have no {"sequence" if not cases else "method"} in common')
+    levels = tuple(dict.fromkeys(level_of[name] for name in cases))
+    groups = [(ALL, cases), *((level, tuple(n for n in cases if level_of[n] == level)) for level in levels)]
+    if len(levels) < 2:
+        groups = groups[:1]
+    found: list[tuple[str, str, list[Unit], dict[str, Found]]] = []
+    taken = {}
+    sequences = {method: _sequences(one, other, method, cases) for method in methods}
+    for method in methods:
+        for level, names in groups:
+            units = units_of(sequences[method][name] for name in names if name in sequences[method])
+            if len(units) not in taken:
+                taken[len(units)] = drawn(len(units), draws, seed) if units else np.empty((draws, 0))
+            found.append((method, level, units, measures_of(units, taken[len(units)])))
+    count = sum(not math.isnan(m.error) for *_, measures in found for m in measures.values())
+    same_machine = one.index.get("machine") == other.index.get("machine")
+    changes = [
+        change
+        for method, level, units, measures in found
+        for change in _changes(method, level, units, measures, count, same_machine)
+    ]
+    return Comparison(
+        one,
+        other,
+        methods,
+        levels,
+        cases,
+        tuple(n for n in level_of if n not in there),
+        tuple(c.name for c in other.scored if c.name not in level_of),
+        tuple(differs_of(one, other, methods, cases)),
+        tuple(changes),
+        tuple(looks_of(sequences)),
+    )
+
+
+def _sequences(one: EvaluationRun, other: EvaluationRun, method: str, names: Sequence[str]) -> dict[str, Unit]:
+    runs = ((name, one.scores[name].get(method), other.scores[name].get(method)) for name in names)
+    return {name: Unit.of(a, b) for name, a, b in runs if a is not None and b is not None}
+
+
+def _changes(
+    method: str, level: str, units: Sequence[Unit], measures: dict[str, Found], count: int, same_machine: bool
+) -> list[Change]:
+    if not units:
+        return []
+    first, second, mended, new = wrong_in_one(units)
+    likely = chance(max(new, mended), min(new, mended))
+    verdict: Verdict = "same" if likely > UNLIKELY else "worse" if new > mended else "better"
+    changes = [Change(method, level, "false_accepts", float(first), float(second), likely, verdict)]
+    for key, m in measures.items():
+        noise = critical(count, m.units) * m.error
+        judged = key != "median_ms" or same_machine
+        changes.append(Change(method, level, key, m.a, m.b, noise, _verdict(key, m, noise) if judged else "untold"))
+    return changes
+
+
+def _verdict(key: str, m: Found, noise: float) -> Verdict:
+    if not all(map(math.isfinite, (noise, m.a, m.b))):
+        return "untold"
+    change = m.b - m.a
+    absolute, relative = MATTERS[key]
+    if abs(change) <= max(noise, absolute, relative * abs(m.a)):
+        return "same"
+    return "better" if (change > 0.0) == (COMPARED[key].better == "more") else "worse"

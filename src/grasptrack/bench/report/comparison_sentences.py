@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a comparison says, as lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from grasptrack.bench.metrics.summary import ALL
+from grasptrack.bench.report.glossary import COMPARED, Term
+from grasptrack.bench.report.tables import written
+from grasptrack.view.report import number
+
+if TYPE_CHECKING:
+    from grasptrack.bench.report.comparison import Change, Comparison
+    from grasptrack.bench.report.comparison_notes import Look
+
+MOST = 40
+"""Lines of one list."""
+COLUMNS = ("located_whole", "tracked_visible", "false_accepts", "rms_px", "median_px", "p95_px", "median_ms")
+
+
+def lines(c: Comparison) -> list[str]:
+    """All that is worth telling, the worst first."""
+    out = [
+        f"A, before: {c.a.path}",
+        f"B, now:    {c.b.path}",
+        f"{len(c.cases)} sequences in both, {len(c.methods)} methods",
+    ]
+    for only, which in ((c.only_a, "A"), (c.only_b, "B")):
+        if only:
+            out.append(f"{len(only)} only in {which}: {', '.join(only[:6])}{', ...' if len(only) > 6 else ''}")
+    out += [f"Note: {text}" for text in c.differs]
+    out += ["", *_table(c)]
+    for title, found in (("Worse beyond its noise", c.worse), ("Better beyond its noise", c.better)):
+        if found:
+            out += ["", f"{title}, {len(found)}:", *_cut(f"  {told(change)}" for change in found)]
+    if c.looks:
+        out += ["", "Sequences to look at:", *_cut(f"  {look_told(look)}" for look in c.looks)]
+    return [*out, "", verdict(c)]
+
+
+def verdict(c: Comparison) -> str:
+    """One sentence."""
+    worse, better = len(c.worse), len(c.better)
+    new = sum(len(look.new_wrong) for look in c.looks)
+    also = "" if not new else " One answer is wrong that was not before." if new == 1 else ""
+    also = also or (f" {number(new)} answers are wrong that were not before." if new else "")
+    if not worse:
+        mended = f" {_some(better, 'figure')} got better." if better else ""
+        return f"Nothing got worse beyond its noise.{mended}{also}"
+    return f"{_some(worse, 'figure')} got worse beyond {'its' if worse == 1 else 'their'} noise, {better} better.{also}"
+
+
+def told(change: Change) -> str:
+    """One change in a line."""
+    term = COMPARED[change.measure]
+    where = "" if change.level == ALL else f", {change.level}"
+    noise = f"noise {value(term, change.noise)}"
+    if change.measure == "false_accepts":
+        noise = "" if change.noise > 0.5 else f"by chance {odds(change.noise)}"
+    beside = f" ({noise})" if noise else ""
+    return (
+        f"{change.method}{where}: {term.label} {value(term, change.a)} -> {value(term, change.b)} {term.unit}{beside}"
+    )
+
+
+def odds(probability: float) -> str:
+    """How seldom something is."""
+    return "less than once in a million" if probability < 1e-6 else f"once in {number(round(1.0 / probability))}"
+
+
+def look_told(look: Look) -> str:
+    """One sequence in a line."""
+    parts = []
+    if look.new_wrong:
+        parts.append(f"wrong now, not before: frames {stretches(look.new_wrong)}")
+    if look.mended:
+        parts.append(f"wrong before, not now: frames {stretches(look.mended)}")
+    before, now = (100.0 * share for share in look.located)
+    parts.append(f"located {before:.0f} % -> {now:.0f} %")
+    return f"{look.method}, {look.case}: {'; '.join(parts)}"
+
+
+def stretches(frames: Sequence[int]) -> str:
+    """Frame numbers in words: 3, 5-9."""
+    found: list[list[int]] = []
+    for frame in frames:
+        if found and frame == found[-1][1] + 1:
+            found[-1][1] = frame
+        else:
+            found.append([frame, frame])
+    said = [str(a) if a == b else f"{a}-{b}" for a, b in found]
+    return ", ".join(said[:8]) + (", ..." if len(said) > 8 else "")
+
+
+def value(term: Term, what: float) -> str:
+    """A value of a measure as it stands in a line."""
+    return written(term, what).replace("\u2212", "-").replace("\u202f", "").replace("\u2013", "-")
+
+
+def _table(c: Comparison) -> list[str]:
+    rows = [["over all sequences", *(f"{COMPARED[k].label}, {COMPARED[k].unit}" for k in COLUMNS)]]
+    for method in c.methods:
+        cells = [method]
+        for key in COLUMNS:
+            change = c.change(method, ALL, key)
+            term = COMPARED[key]
+            mark = {"worse": " !", "better": " +"}.get(change.verdict, "") if change is not None else ""
+            cells.append("-" if change is None else f"{value(term, change.a)} -> {value(term, change.b)}{mark}")
+        rows.append(cells)
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        "  ".join([row[0].ljust(widths[0]), *(x.rjust(w) for x, w in zip(row[1:], widths[1:], strict=True))]).rstrip()
+        for row in rows
+    ]
+
+
+def _cut(found: Iterable[str]) -> list[str]:
+    listed = list(found)
+    return listed if len(listed) <= MOST else [*listed[:MOST], f"  and {len(listed) - MOST} more"]
+
+
+def _some(n: int, what: str) -> str:
+    return f"{number(n)} {what}" if n == 1 else f"{number(n)} {what}s"

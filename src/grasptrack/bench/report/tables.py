@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rows of a summary as tables: all measures by method, and heat maps of one measure over methods and levels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from grasptrack.bench.metrics.summary import Row
+from grasptrack.bench.report.glossary import TERMS, Term
+from grasptrack.view.report import Cell, Column, Line, number, percent
+from grasptrack.view.report.markup import fixed
+from grasptrack.view.report.parts import Tone
+
+ANSWERS = (
+    *(
+        "frames",
+        "frames_whole",
+        "located_whole",
+        "located_partly",
+        "tracked_visible",
+        "false_accepts",
+        "false_given_gone",
+    ),
+    *("false_bound", "risk_area", "recoveries", "returns", "recovery_frames"),
+)
+"""Columns of the table that says how often there were contacts, and how often wrong ones."""
+ERRORS = ("median_px", "rms_px", "p95_px", "max_px", "median_percent", "in_ellipse", "median_ms", "p99_ms")
+"""Columns of the table that says how exact they were, and how long they took."""
+_APART = ("located_whole", "false_accepts", "median_percent", "risk_area", "recoveries", "in_ellipse", "median_ms")
+_BEST_OF = ("median_px", "rms_px", "p95_px", "median_ms")
+"""Not the shares located: whoever always answers has the best of these, right or wrong."""
+
+
+def written(term: Term, value: float | int) -> str:
+    """A value of a measure as it stands in tables."""
+    if term.kind == "share":
+        return percent(float(value), 2 if term.key in ("false_bound", "risk_area") else 1)
+    if term.kind == "count":
+        return number(int(value))
+    return fixed(float(value), {"px": 3, "percent": 3, "frames": 1, "ms": 2}[term.kind])
+
+
+def column(key: str) -> Column:
+    """The head of a measure's column."""
+    term = TERMS[key]
+    return Column(term.label, term.unit, term.meaning, rule=key in _APART)
+
+
+def measures_table(
+    rows: Sequence[Row], keys: Sequence[str], first: str, by_method: bool = True
+) -> tuple[list[Column], list[Line]]:
+    """A line for each row with some measures; the best value of a column is set in weight where methods compete.
+
+    Args:
+        rows: of a summary.
+        keys: of the measures.
+        first: head of the first column.
+        by_method: lines are methods; else they are levels of one method.
+    """
+    best = {key: _best(key, [value_of(r, key) for r in rows]) for key in _BEST_OF} if by_method else {}
+    lines = []
+    for row in rows:
+        cells: list[Cell | str | float | int | None] = [row.method if by_method else row.level]
+        for key in keys:
+            value = value_of(row, key)
+            tone: Tone = "bad" if key == "false_accepts" and value > 0 else ""
+            won = key in best and not math.isnan(value) and value == best[key] and len(rows) > 1
+            cells.append(Cell(written(TERMS[key], value), float(value), tone=tone, best=won))
+        lines.append(Line(cells, series=row.method if by_method else ""))
+    return [Column(first, words=True), *map(column, keys)], lines
+
+
+def heat_table(
+    rows: Iterable[Row], key: str, methods: Sequence[str], levels: Sequence[str], first: str, groups: dict[str, str]
+) -> tuple[list[Column], list[Line]]:
+    """One measure: a line for each level, a column for each method, tinted by size.
+
+    Shares are tinted as they are; counts and errors by their logarithm. What is wrong has a colour of its own.
+    """
+    term = TERMS[key]
+    found = {(r.level, r.method): r for r in rows}
+    values = [value_of(r, key) for r in found.values()]
+    columns = [Column(first, words=True), *(Column(m, series=m) for m in methods)]
+    lines, group = [], None
+    for level in levels:
+        cells: list[Cell | str | float | int | None] = [level]
+        for method in methods:
+            row = found.get((level, method))
+            if row is None:
+                cells.append(None)
+                continue
+            value = float(value_of(row, key))
+            heat, tone = _tint(term, value, values)
+            tip = f"{method}, {level}: {row.cases} sequences, {row.measures.frames} frames"
+            cells.append(Cell(written(term, value_of(row, key)), value, heat, tone, tip))
+        lines.append(Line(cells, rule=group is not None and groups.get(level, "") != group))
+        group = groups.get(level, "")
+    return columns, lines
+
+
+def value_of(row: Row, key: str) -> float | int:
+    """A measure of a row by its name."""
+    value: float | int = getattr(row if key in ("located", "risk_area") else row.measures, key)
+    return value
+
+
+def _tint(term: Term, value: float, values: Sequence[float]) -> tuple[float | None, Tone]:
+    if math.isnan(value):
+        return None, "muted"
+    if term.key == "false_accepts":
+        return (None, "muted") if value == 0 else (_log(value, 1.0, max(30.0, *values)), "bad")
+    if term.kind == "share":
+        return (1.0 - value) if term.better == "less" else value, ""
+    known = [v for v in values if math.isfinite(v) and v > 0.0]
+    return (_log(value, min(known), max(known)) if known else None), "warm"
+
+
+def _log(value: float, low: float, high: float) -> float:
+    if value <= 0.0 or high <= low:
+        return 0.0
+    return min(1.0, math.log(value / low) / math.log(high / low)) if math.isfinite(value) else 1.0
+
+
+def _best(key: str, values: Sequence[float]) -> float:
+    known = [v for v in values if math.isfinite(v)]
+    if not known:
+        return math.nan
+    return max(known) if TERMS[key].better == "more" else min(known)

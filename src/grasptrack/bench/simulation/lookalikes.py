@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Look-alikes: how far two outlines differ at best, a near twin with one notch or tab, the mirror image."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from grasptrack.bench.simulation.coverage import inside_polygons
+from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.errors import ContourError
+from grasptrack.typing import Floats
+
+SYMMETRIC = 0.04
+"""sqrt(area); an outline that comes this near to its own mirror image has none that could be told from it."""
+TURNS = 120
+SAME = 0.002
+"""sqrt(area); nearer than this, no better fit is looked for."""
+ROOM = ((0.93, 0.06), (0.8, 0.04), (0.6, 0.025))
+"""What a place for a notch or tab needs, the next where the outline has no such place: how straight it is (chord over
+length), and how much a notch leaves of the material, a tab of the gap, in sqrt(area)."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The rigid motion that lays one outline on another best.
+
+    Attributes:
+        distance: largest distance left between them, from either to the other, in their unit.
+        turn: rad, about the origin.
+        shift: (2,), after the turn.
+    """
+
+    distance: float
+    turn: float
+    shift: tuple[float, float]
+
+
+def best_fit(moving: Shape, fixed: Shape) -> Fit:
+    """The best rigid motion of one outline onto another, holes included: all turns in steps, the best ones refined."""
+    a, b = moving.samples(130), fixed.samples(130)
+    turns = np.arange(TURNS) * (2.0 * math.pi / TURNS)
+    za, zb = a[:, 0] + 1j * a[:, 1], (b[:, 0] + 1j * b[:, 1]).conj()
+    middle, goal = za.mean(), zb.mean().conj()
+    za, zb = za - middle, zb - zb.mean()
+    squares = (np.abs(za) ** 2)[:, None] + (np.abs(zb) ** 2)[None]
+    worst = np.empty(TURNS)
+    for i, turn in enumerate(turns):
+        gap = squares - 2.0 * np.real(np.outer(za * np.exp(1j * turn), zb))
+        worst[i] = max(gap.min(axis=1).max(), gap.min(axis=0).max())
+    best: Fit | None = None
+    for i in np.argsort(worst, kind="stable")[:3]:
+        away = goal - middle * np.exp(1j * turns[i])
+        fit = _refined(moving, fixed, float(turns[i]), np.array([away.real, away.imag]))
+        best = fit if best is None or fit.distance < best.distance else best
+        if best.distance < SAME:
+            break
+    assert best is not None
+    return best
+
+
+def _refined(moving: Shape, fixed: Shape, turn: float, shift: Floats) -> Fit:
+    """Iterated closest points from a first turn; the better of where they began and where they ended."""
+    b = fixed.samples(260)
+    first = _judged(moving, fixed, turn, shift)
+    if first.distance < SAME:
+        return first
+    for _ in range(5):
+        points = moving.moved(turn, shift).samples(130)
+        gap = (points[:, 0, None] - b[:, 0]) ** 2 + (points[:, 1, None] - b[:, 1]) ** 2
+        near = b[np.argmin(gap, axis=1)]
+        p, q = points - points.mean(axis=0), near - near.mean(axis=0)
+        step = math.atan2(float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()), float((p * q).sum()))
+        c, s = math.cos(step), math.sin(step)
+        shift = np.array([[c, -s], [s, c]]) @ (shift - points.mean(axis=0)) + near.mean(axis=0)
+        turn += step
+    last = _judged(moving, fixed, turn, shift)
+    return last if last.distance < first.distance else first
+
+
+def _judged(moving: Shape, fixed: Shape, turn: float, shift: Floats) -> Fit:
+    now = moving.moved(turn, shift)
+    distance = max(_farthest(now.samples(180), fixed), _farthest(fixed.samples(180), now))
+    return Fit(distance, turn, (float(shift[0]), float(shift[1])))
+
+
+def _farthest(points: Floats, shape: Shape) -> float:
+    """Largest distance of points (N, 2) from a shape's outlines."""
+    starts = np.concatenate(shape.polygons)
+    sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in shape.polygons])
+    tx, ty = points[:, 0, None] - starts[:, 0], points[:, 1, None] - starts[:, 1]
+    sx, sy = sides[:, 0], sides[:, 1]
+    along = np.clip((tx * sx + ty * sy) / np.maximum(sx * sx + sy * sy, 1e-300), 0.0, 1.0)
+    return float(np.sqrt(((tx - along * sx) ** 2 + (ty - along * sy) ** 2).min(axis=1).max()))
+
+
+def mirrored(shape: Shape) -> Shape:
+    """The mirror image, laid over the part itself as well as a rigid motion can."""
+    image = shape.flipped()
+    fit = best_fit(image, shape)
+    return image.moved(fit.turn, fit.shift)
+
+
+def mirror_symmetric(shape: Shape) -> bool:
+    """Whether the outline comes within SYMMETRIC of its own mirror image."""
+    return best_fit(shape.flipped(), shape).distance <= SYMMETRIC
+
+
+def near_twin(shape: Shape, seed: int = 0) -> Shape:
+    """The same part but for one notch or tab somewhere on its outer outline.
+
+    Args:
+        shape: the part.
+        seed: of the place, of notch or tab, and of its size: 10 to 15 % of sqrt(area), wide and deep.
+
+    Raises:
+        ContourError: nowhere on the outline is there room for either.
+    """
+    rng = np.random.default_rng((seed, zlib.crc32(shape.name.encode()), 41))
+    for straight, clearance in ROOM:
+        for _ in range(300):
+            width, depth = rng.uniform(0.10, 0.15, 2)
+            signed = float(depth if rng.uniform() < 0.5 else -depth)
+            ring = _bumped(shape, float(rng.uniform()), float(width), signed, straight, clearance)
+            if ring is not None:
+                return Shape(f"{shape.name}, near twin", ring, shape.holes)
+    raise ContourError(f"{shape.name}: no room for a notch or a tab of 10 % of its size")
+
+
+def _bumped(shape: Shape, place: float, width: float, depth: float, straight: float, clearance: float) -> Floats | None:
+    """The outer polygon with a tab (depth > 0) or notch on a stretch from a share of its length on; None if it fails."""
+    ring = shape.outer
+    sides = np.roll(ring, -1, axis=0) - ring
+    run = np.concatenate([[0.0], np.cumsum(np.hypot(sides[:, 0], sides[:, 1]))])
+    total = float(run[-1])
+    start = place * total
+    if total < 4.0 * width:
+        return None
+
+    def at(s: float) -> Floats:
+        i = min(int(np.searchsorted(run, s % total, side="right")) - 1, len(ring) - 1)
+        return np.asarray(ring[i] + sides[i] * ((s % total - run[i]) / max(run[i + 1] - run[i], 1e-300)))
+
+    a, b = at(start), at(start + width)
+    chord = b - a
+    length = float(np.hypot(chord[0], chord[1]))
+    if length < straight * width:  # a bend
+        return None
+    t = chord / length
+    n = np.array([t[1], -t[0]])  # out of the material
+    slope = 0.12 * width * t
+    bump = np.array([a, a + depth * n + slope, b + depth * n - slope, b])
+    after = (run[:-1] - start) % total  # of each corner, along the outline from the bump's first foot
+    rest = np.flatnonzero(after > width + 1e-9)
+    rest = rest[np.argsort(after[rest], kind="stable")]
+    new = np.concatenate([bump, ring[rest]])
+
+    feet = np.linspace(0.15, 1.0, 8)[:, None]
+    probes = np.concatenate([a + feet * (bump[1] - a), bump[1] + feet * (bump[2] - bump[1]), b + feet * (bump[2] - b)])
+    inside = inside_polygons(shape.polygons, probes)
+    if inside.any() if depth > 0.0 else not inside.all():
+        return None
+    far = np.linspace(width + 0.05, total - 0.05, 400)
+    others = np.concatenate([np.array([at(start + s) for s in far]), *(h for h in shape.holes)])
+    # Near its feet the bump is near the outline it grew from; there, only its far side has to be clear.
+    face = probes[8:16]
+    gap = np.sqrt(((face[:, None] - others[None]) ** 2).sum(axis=2)).min()
+    return new if gap >= clearance else None

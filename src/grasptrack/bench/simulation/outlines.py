@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A flat part's outline, and how to draw one from lines, arcs and strokes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from grasptrack.typing import Floats
+
+ARC_STEP = math.radians(4.0)  # chord to arc: 0.06 % of the radius, far below what any image here resolves
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A flat part.
+
+    Attributes:
+        name: what it is called in tables.
+        outer: (N, 2) outer polygon, x right, y down, positive signed area.
+        holes: polygons (M, 2) with negative signed area.
+    """
+
+    name: str
+    outer: Floats
+    holes: tuple[Floats, ...] = ()
+
+    @property
+    def polygons(self) -> tuple[Floats, ...]:
+        """The outer polygon, then the holes."""
+        return (self.outer, *self.holes)
+
+    @classmethod
+    def of(cls, name: str, outer: ArrayLike, holes: Sequence[ArrayLike] = ()) -> Shape:
+        """A shape from polygons in any unit, direction and place: brought to area 1 with its centroid at the origin."""
+        rings = [_directed(np.asarray(outer, dtype=np.float64), 1.0)]
+        rings += [_directed(np.asarray(hole, dtype=np.float64), -1.0) for hole in holes]
+        area, centre = area_and_centroid(rings)
+        if not area > 0.0:
+            raise ValueError(f"{name}: the holes leave no material")
+        scale = 1.0 / math.sqrt(area)
+        first, *rest = [(ring - centre) * scale for ring in rings]
+        return cls(name, first, tuple(rest))
+
+    def moved(self, turn: float, shift: ArrayLike = (0.0, 0.0)) -> Shape:
+        """The same part turned by `turn` rad about the origin, then shifted, in its own units."""
+        c, s = math.cos(turn), math.sin(turn)
+        outer, *holes = [ring @ np.array([[c, s], [-s, c]]) + np.asarray(shift) for ring in self.polygons]
+        return Shape(self.name, outer, tuple(holes))
+
+    def flipped(self) -> Shape:
+        """Its mirror image, left and right exchanged about the origin."""
+        outer, *holes = [ring[::-1] * np.array([-1.0, 1.0]) for ring in self.polygons]
+        return Shape(f"{self.name}, mirrored", outer, tuple(holes))
+
+    def radius(self) -> float:
+        """Distance from the origin to the farthest point."""
+        return float(np.hypot(self.outer[:, 0], self.outer[:, 1]).max())
+
+    def samples(self, count: int) -> Floats:
+        """(count, 2) points at equal steps along all polygons together, by their lengths."""
+        starts = np.concatenate(self.polygons)
+        sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in self.polygons])
+        run = np.concatenate([[0.0], np.cumsum(np.hypot(sides[:, 0], sides[:, 1]))])
+        at = (np.arange(count) + 0.5) * (run[-1] / count)
+        side = np.clip(np.searchsorted(run, at, side="right") - 1, 0, len(sides) - 1)
+        share = (at - run[side]) / np.maximum(run[side + 1] - run[side], 1e-300)
+        return np.asarray(starts[side] + share[:, None] * sides[side], dtype=np.float64)
+
+
+def area_and_centroid(polygons: Sequence[Floats]) -> tuple[float, Floats]:
+    """Area, holes (of negative area) subtracted, and centroid (2,)."""
+    area, x, y = np.sum([polygon_moments(polygon) for polygon in polygons], axis=0)
+    return float(area), np.array([x, y]) / area
+
+
+def polygon_moments(polygon: Floats) -> Floats:
+    """(3,) signed area and first moments (x, y) of a polygon (N, 2), by Green's theorem."""
+    x, y = polygon.T
+    xn, yn = np.roll(x, -1), np.roll(y, -1)
+    cross = x * yn - xn * y
+    return np.array([cross.sum() / 2.0, ((x + xn) * cross).sum() / 6.0, ((y + yn) * cross).sum() / 6.0])
+
+
+def _directed(polygon: Floats, sign: float) -> Floats:
+    return polygon if polygon_moments(polygon)[0] * sign > 0 else polygon[::-1].copy()
+
+
+def circle(x: float, y: float, radius: float, points: int = 90) -> Floats:
+    """A regular polygon (points, 2) whose area is that of the circle."""
+    angles = np.arange(points) * (2.0 * math.pi / points)
+    grown = radius / math.sqrt(math.sin(2.0 * math.pi / points) * points / (2.0 * math.pi))
+    return np.array([x, y]) + grown * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def rounded(vertices: ArrayLike, radii: float | Sequence[float]) -> Floats:
+    """A polygon whose corners are rounded by arcs tangent to both sides.
+
+    Args:
+        vertices: (N, 2) corners.
+        radii: one radius, or one for each corner; 0 keeps it sharp.
+    """
+    corners = np.asarray(vertices, dtype=np.float64)
+    sizes = np.broadcast_to(np.asarray(radii, dtype=np.float64), (len(corners),))
+    points: list[Floats] = []
+    for before, corner, after, radius in zip(
+        np.roll(corners, 1, axis=0), corners, np.roll(corners, -1, axis=0), sizes, strict=True
+    ):
+        u, v = before - corner, after - corner
+        u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
+        half = 0.5 * math.acos(float(np.clip(u @ v, -1.0, 1.0)))
+        if radius <= 0.0 or half > 1.57:
+            points.append(corner[None])
+            continue
+        centre = corner + (u + v) / np.linalg.norm(u + v) * (radius / math.sin(half))
+        a, b = corner + u * radius / math.tan(half) - centre, corner + v * radius / math.tan(half) - centre
+        turn = math.atan2(a[0] * b[1] - a[1] * b[0], float(a @ b))
+        angles = np.linspace(0.0, turn, max(2, math.ceil(abs(turn) / ARC_STEP) + 1))
+        normal = np.array([-a[1], a[0]])
+        points.append(centre + np.cos(angles)[:, None] * a + np.sin(angles)[:, None] * normal)
+    return np.concatenate(points)
+
+
+def arc(x: float, y: float, radius: float, start: float, end: float) -> Floats:
+    """Points (N, 2) on an arc from `start` to `end` degrees, both included; positive is from x to y."""
+    count = max(2, math.ceil(abs(math.radians(end - start)) / ARC_STEP) + 1)
+    angles = np.radians(np.linspace(start, end, count))
+    return np.array([x, y]) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def stroke(line: ArrayLike, half: ArrayLike) -> Floats:
+    """The outline of a line drawn with a round pen whose width changes along it.
+
+    Args:
+        line: (N, 2) points, close together where it bends.
+        half: (N,) or one half-width; a half-width of 0 at an end makes it pointed.
+    """
+    centre = np.asarray(line, dtype=np.float64)
+    radius = np.broadcast_to(np.asarray(half, dtype=np.float64), (len(centre),))
+    along = np.gradient(centre, axis=0)
+    along /= np.hypot(along[:, 0], along[:, 1])[:, None]
+    across = np.column_stack([-along[:, 1], along[:, 0]]) * radius[:, None]
+    rings = [
+        centre + across,
+        _cap(centre[-1], across[-1], 0.0),
+        (centre - across)[::-1],
+        _cap(centre[0], across[0], 180.0),
+    ]
+    ring = np.concatenate(rings)
+    keep = np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > 1e-9  # a pointed end gives its tip twice
+    return np.asarray(ring[keep], dtype=np.float64)
+
+
+def _cap(end: Floats, across: Floats, turn: float) -> Floats:
+    """The half circle about an end of a stroke, without its own ends."""
+    angle = math.degrees(math.atan2(across[1], across[0])) + turn
+    return arc(end[0], end[1], math.hypot(across[0], across[1]), angle, angle - 180.0)[1:-1]

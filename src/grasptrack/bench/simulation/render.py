@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One image of a flat part on a table, through a homography and a lens, as a camera would record it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.bench.simulation.camera import Camera
+from grasptrack.bench.simulation.conditions import DAZZLE, SHARP, Conditions, Shadow, pooled_noise
+from grasptrack.bench.simulation.coverage import coverage
+from grasptrack.bench.simulation.occlusion_events import Cover
+from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.bench.simulation.shutter import RollingShutter
+from grasptrack.bench.simulation.sides import side_faces
+from grasptrack.bench.simulation.texture import Texture
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.typing import Floats
+
+Floats32 = NDArray[np.float32]
+Box = tuple[int, int, int, int]
+Projection = Floats | RollingShutter
+"""From a plane to ideal px: a homography (3, 3), or one for each row."""
+
+TO_GREY = np.array([0.114, 0.587, 0.299], np.float32)
+FINE = 0.02
+"""Table units; through a lens straight sides bend, so they are cut into pieces no longer than this."""
+
+
+class Renderer:
+    """Renders a part on a table.
+
+    Args:
+        shape: its outline, in table units, lying at the origin.
+        table: the texture below it.
+        surface: its own texture.
+        width: px.
+        height: px.
+        blur: px, see `Conditions`.
+        colour: BGR images, else grey ones.
+        camera: whose lens is used; None is a lens without distortion.
+    """
+
+    def __init__(
+        self,
+        shape: Shape,
+        table: Texture,
+        surface: Texture,
+        *,
+        width: int,
+        height: int,
+        blur: float,
+        colour: bool,
+        camera: Camera | None = None,
+    ) -> None:
+        self.shape = shape
+        self.size = (width, height)
+        self.blur = blur
+        self.colour = colour
+        self.camera = camera if camera is not None else Camera(width, height)
+        self._table = self._seen(table)
+        self._surface = self._seen(surface)
+        self._fall: tuple[Conditions, Floats32] | None = None
+        self._rays: Floats32 | None = None
+        if self.camera.distorted:
+            grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+            self._rays = self.camera.undistort(grid.reshape(-1, 2)).reshape(height, width, 2).astype(np.float32)
+
+    def _seen(self, texture: Texture) -> Texture:
+        return texture.coloured if self.colour else texture.grey
+
+    def outline(self, H: Projection, shape: Shape | None = None) -> tuple[Floats, ...]:
+        """The polygons in px of the part, or of another shape, under H, from its plane to ideal px."""
+        polygons = (self.shape if shape is None else shape).polygons
+        if self.camera.distorted or isinstance(H, RollingShutter):
+            polygons = tuple(finer(p, FINE) for p in polygons)
+        if isinstance(H, RollingShutter):
+            return tuple(H.project(p, self.camera) for p in polygons)
+        return tuple(self.camera.distort(apply_homography(H, p)) for p in polygons)
+
+    def light(self, H: Floats, slide: Floats | None = None) -> Floats32:
+        """(height, width) or (height, width, 3) grey levels of part and table before light, cover and noise.
+
+        Args:
+            H: (3, 3) table to ideal px.
+            slide: (2,) table units by which the table's texture has moved under the part.
+        """
+        image = self.ground(H, slide)
+        self.lay(image, H)
+        return image
+
+    def ground(self, H: Projection, slide: Floats | None = None) -> Floats32:
+        """The table alone; arguments as for `light`."""
+        moved = np.eye(3)
+        if slide is not None:
+            moved[:2, 2] = slide
+        return self._warp(self._table, H @ moved)
+
+    def lay(
+        self,
+        image: Floats32,
+        H: Projection,
+        *,
+        shape: Shape | None = None,
+        surface: Texture | None = None,
+        foot: Projection | None = None,
+        shade: float = 0.6,
+    ) -> None:
+        """Draws the part over the image, in place.
+
+        Args:
+            image: what `ground` gave.
+            H: (3, 3) plane of the part's upper face to ideal px.
+            shape: another one in its place.
+            surface: its texture, else that of the part.
+            foot: (3, 3) plane of its lower face to ideal px, of a thick part: its sides are drawn too.
+            shade: brightness of those sides, as a share of the upper face's mean.
+        """
+        above = self._surface if surface is None else self._seen(surface)
+        polygons = self.outline(H, shape)
+        lower = self.outline(foot, shape) if foot is not None else ()
+        box = self._box([*polygons, *lower])
+        if box is None:
+            return
+        x0, y0, x1, y1 = box
+        share = self._coverage(polygons, box)
+        face = self._warp(above, H, box)
+        corner = np.array([x0, y0])
+        sides = (
+            side_faces([p - corner for p in polygons], [p - corner for p in lower], x1 - x0, y1 - y0, self.blur)
+            if lower
+            else None
+        )
+        if sides is None:
+            self._blend(image, box, share, face)
+            return
+        beside, bright = (field[..., None] if self.colour else field for field in sides)
+        if self.colour:
+            share = share[..., None]
+        part = image[y0:y1, x0:x1]
+        level = np.float32(shade) * np.asarray(cv2.mean(above.image)[: 3 if self.colour else 1], np.float32)
+        part *= np.maximum(1.0 - share - beside, 0.0)
+        part += share * face + bright * level
+
+    def cover(self, image: Floats32, cover: Cover, polygon: Floats) -> None:
+        """Draws what lies in front over the image, in place."""
+        box = self._box((polygon,))
+        if box is None:
+            return
+        share = self._coverage((polygon,), box)
+        colour = np.array(cover.colour, np.float32)
+        level = colour if self.colour else np.float32(colour @ TO_GREY)
+        above = np.broadcast_to(level, (*share.shape, 3) if self.colour else share.shape)
+        if cover.relief > 0.0:
+            round_off = np.float32(cover.relief) * (1.0 - _soft(share, 0.02 * self.size[0]))
+            above = above * (1.0 - (round_off[..., None] if self.colour else round_off))
+        self._blend(image, box, share, np.asarray(above, dtype=np.float32))
+
+    def shade(self, image: Floats32, shadow: Shadow, index: int) -> None:
+        """Takes the light of a shadow away, in place."""
+        light = shadow.light(index, *self.size)
+        if light is not None:
+            image *= light[..., None] if self.colour else light
+
+    def dazzle(self, image: Floats32, ring: Floats, softness: float) -> None:
+        """Adds the light of a glare, in place: as much as saturates within the ring, less and less around it."""
+        corners = (ring.min(axis=0) - 4.0 * softness, ring.max(axis=0) + 4.0 * softness)
+        x0, y0 = np.clip(np.floor(corners[0]), 0, self.size).astype(int).tolist()
+        x1, y1 = np.clip(np.ceil(corners[1]), 0, self.size).astype(int).tolist()
+        if x1 <= x0 or y1 <= y0:
+            return
+        field = coverage([ring - np.array([x0, y0])], x1 - x0, y1 - y0, max(0.4, softness)) * np.float32(DAZZLE)
+        image[y0:y1, x0:x1] += field[..., None] if self.colour else field
+
+    def expose(
+        self, image: Floats32, rng: np.random.Generator, conditions: Conditions, *, gain: float = 1.0
+    ) -> NDArray[np.uint8]:
+        """8 bit from grey levels: uneven light, gain, noise, compression."""
+        uneven = conditions.vignette > 0.0 or conditions.gradient != (0.0, 0.0)
+        if uneven:
+            if self._fall is None or self._fall[0] != conditions:
+                self._fall = (conditions, conditions.fall(*self.size))
+            fall = np.float32(gain) * self._fall[1]
+            image *= fall[..., None] if self.colour else fall
+        elif gain != 1.0:
+            image *= np.float32(gain)
+        if conditions.noise > 0.0 and conditions.pooled:
+            height, width = image.shape[:2]
+            drawn = [pooled_noise(rng, height, width) for _ in range(3 if self.colour else 1)]
+            grain = drawn[0] if len(drawn) == 1 else np.asarray(cv2.merge(drawn), dtype=np.float32)
+            cv2.scaleAdd(grain, conditions.noise, image, image)
+        elif conditions.noise > 0.0:
+            image += np.float32(conditions.noise) * rng.standard_normal(image.shape, dtype=np.float32)
+        np.maximum(image, 0.0, out=image)
+        taken = np.asarray(cv2.convertScaleAbs(image), dtype=np.uint8)
+        return _compressed(taken, conditions.jpeg) if conditions.jpeg > 0 else taken
+
+    def _warp(self, texture: Texture, H: Projection, box: Box | None = None) -> Floats32:
+        """The texture's picture under H, in the whole image or in a box of it."""
+        x0, y0, x1, y1 = box if box is not None else (0, 0, *self.size)
+        to_box = np.array([[1.0, 0.0, -x0], [0.0, 1.0, -y0], [0.0, 0.0, 1.0]])
+        to_image = H @ texture.to_table
+        if isinstance(to_image, RollingShutter):
+            rays = None if self._rays is None else self._rays[y0:y1, x0:x1]
+            x, y = to_image.back_map(x0, y0, x1, y1, rays)
+            warped = cv2.remap(texture.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        elif self._rays is None:
+            warped = cv2.warpPerspective(
+                texture.image,
+                to_box @ to_image,
+                (x1 - x0, y1 - y0),
+                flags=cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REFLECT_101,
+            )
+        else:
+            at = cv2.perspectiveTransform(self._rays[y0:y1, x0:x1], np.linalg.inv(to_image))
+            x_y = cv2.split(at)
+            warped = cv2.remap(texture.image, x_y[0], x_y[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        if self.blur > SHARP:
+            warped = cv2.GaussianBlur(warped, (0, 0), math.sqrt(self.blur**2 - 0.5), borderType=cv2.BORDER_REFLECT_101)
+        return np.asarray(warped, dtype=np.float32)
+
+    def _box(self, polygons: Sequence[Floats]) -> Box | None:
+        """Columns and rows that polygons reach, blur included; None where that is nothing."""
+        corners = np.concatenate(polygons)
+        margin = 5.0 * self.blur + 2.0
+        x0, y0 = np.clip(np.floor(corners.min(axis=0) - margin), 0, self.size).astype(int).tolist()
+        x1, y1 = np.clip(np.ceil(corners.max(axis=0) + margin), 0, self.size).astype(int).tolist()
+        return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
+
+    def _coverage(self, polygons: Sequence[Floats], box: Box) -> Floats32:
+        x0, y0, x1, y1 = box
+        return coverage([p - np.array([x0, y0]) for p in polygons], x1 - x0, y1 - y0, self.blur)
+
+    def _blend(self, image: Floats32, box: Box, share: Floats32, above: Floats32) -> None:
+        x0, y0, x1, y1 = box
+        part = image[y0:y1, x0:x1]
+        part += (share[..., None] if self.colour else share) * (above - part)
+
+    def _over(self, below: Floats32, polygons: Sequence[Floats], above: Floats32) -> None:
+        """Lays `above`, as large as the image, on `below` inside the polygons, in place."""
+        box = self._box(polygons)
+        if box is not None:
+            x0, y0, x1, y1 = box
+            self._blend(below, box, self._coverage(polygons, box), above[y0:y1, x0:x1])
+
+
+def _compressed(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """What is left of an image after JPEG compression."""
+    done, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    assert done
+    return np.asarray(cv2.imdecode(code, cv2.IMREAD_UNCHANGED), dtype=np.uint8)
+
+
+def finer(polygon: Floats, step: float) -> Floats:
+    """The same polygon with its sides cut into equal pieces no longer than `step`."""
+    sides = np.roll(polygon, -1, axis=0) - polygon
+    count = np.maximum(1, np.ceil(np.hypot(sides[:, 0], sides[:, 1]) / step)).astype(np.int64)
+    side = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)) / count[side]
+    return np.asarray(polygon[side] + share[:, None] * sides[side], dtype=np.float64)
+
+
+def _soft(share: Floats32, sigma: float) -> Floats32:
+    """A field blurred by `sigma` px, on a grid a quarter as fine."""
+    height, width = share.shape
+    small = cv2.resize(share, (max(1, width // 4), max(1, height // 4)), interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), sigma / 4.0, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.float32)

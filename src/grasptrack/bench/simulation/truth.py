@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is true of one frame: where the object is, what hides it, and where each of its points went."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack.bench.simulation.camera import Camera
+from grasptrack.bench.simulation.coverage import inside_polygons
+from grasptrack.bench.simulation.outlines import polygon_moments
+from grasptrack.bench.simulation.shutter import RollingShutter
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.typing import Floats
+
+PINHOLE = Camera()
+STEP = 1.0
+"""px between the points at which an outline is asked whether it is seen."""
+
+
+@dataclass(frozen=True)
+class SceneFrame:
+    """One image and what is true of it.
+
+    Attributes:
+        index: from 0.
+        time: s.
+        image: (height, width) or (height, width, 3) 8 bit.
+        name: for messages.
+        H_current_reference: (3, 3) pixels of frame 0 to pixels of this frame, of the plane in which the contacts lie;
+            exact. Where the lens distorts, pixels of the ideal image; where rows are exposed one after another, at the
+            time of the middle row: see `carry`.
+        outline: polygons in px of the image, outer first, where the tracked object is, seen or not. Empty when it is
+            not on the table.
+        covers: polygons in px of the image of what hides the part: what lies in front, and saturated glare.
+        present: the tracked object itself is on the table; not while it is exchanged for another or taken away.
+        camera: its intrinsics, with the lens.
+        shutters: of a rolling shutter, from the plane of the contacts to frame 0 and to this frame; None where all rows
+            are exposed at once.
+    """
+
+    index: int
+    time: float | None
+    image: NDArray[np.uint8]
+    name: str
+    H_current_reference: Floats
+    outline: tuple[Floats, ...]
+    covers: tuple[Floats, ...] = ()
+    present: bool = True
+    camera: Camera = PINHOLE
+    shutters: tuple[RollingShutter, RollingShutter] | None = None
+
+    def carry(self, points: ArrayLike) -> Floats:
+        """(k, 2) px of this frame, of points (k, 2) px of frame 0 in the plane of the contacts; exact.
+
+        Under a rolling shutter both are where the image shows the point: at the time of its own row.
+        """
+        if self.shutters is not None:
+            return self._rolled(*self.shutters, points)
+        return self._through(self.H_current_reference, points)
+
+    def back(self, points: ArrayLike) -> Floats:
+        """(k, 2) px of frame 0, of points (k, 2) px of this frame: the inverse of `carry`."""
+        if self.shutters is not None:
+            return self._rolled(*self.shutters[::-1], points)
+        return self._through(np.asarray(np.linalg.inv(self.H_current_reference), dtype=np.float64), points)
+
+    def contacts(self, reference: ArrayLike) -> Floats:
+        """(k, 2) where contacts (k, 2) of frame 0 truly are in this frame."""
+        return self.carry(reference)
+
+    def _through(self, H: Floats, points: ArrayLike) -> Floats:
+        if not self.camera.distorted:
+            return apply_homography(H, points)
+        return self.camera.distort(apply_homography(H, self.camera.undistort(points)))
+
+    def _rolled(self, seen: RollingShutter, shown: RollingShutter, points: ArrayLike) -> Floats:
+        px = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        return shown.project(seen.back(px, self.camera), self.camera)
+
+    def visible(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """(k,) which points (k, 2) px of this frame can be seen: in the image, not covered, and the object present."""
+        pts = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        height, width = self.image.shape[:2]
+        seen = np.all((pts >= 0.0) & (pts <= np.array([width - 1, height - 1])), axis=1)
+        for cover in self.covers:
+            seen &= ~inside_polygons([cover], pts)
+        return np.asarray(seen & self.present, dtype=np.bool_)
+
+    @property
+    def outline_visible(self) -> float:
+        """Share of the outline's length that is in view and uncovered, 0 to 1; 0 when the object is not present."""
+        if not self.present or not self.outline:
+            return 0.0
+        points, weights = stations(self.outline, STEP)
+        return float(weights[self.visible(points)].sum() / weights.sum())
+
+    @property
+    def area(self) -> float:
+        """Area of the object's image in px^2, holes subtracted; 0 when it is not present."""
+        return float(sum(polygon_moments(polygon)[0] for polygon in self.outline))
+
+
+def stations(polygons: Sequence[Floats], step: float) -> tuple[Floats, Floats]:
+    """Points (N, 2) along all sides of polygons, at most `step` apart, and the length (N,) that each stands for."""
+    starts = np.concatenate(polygons)
+    sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in polygons])
+    lengths = np.hypot(sides[:, 0], sides[:, 1])
+    count = np.maximum(1, np.ceil(lengths / step)).astype(np.int64)
+    side = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[side]
+    return starts[side] + share[:, None] * sides[side], lengths[side] / count[side]

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Homographies of the plane: estimate, apply, compose, judge (Section III-C, eqs. 1 and 2)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from grasptrack import kernels
+from grasptrack.errors import ConditioningError
+from grasptrack.typing import Floats
+
+MAX_SHEAR = 8.0
+"""Largest ratio of the two local magnifications that a believable view of a flat object shows (82 degrees of tilt)."""
+FEW = 8
+"""Points that are carried one by one: NumPy's calls would cost more."""
+HORIZON = 1e-9
+"""lambda of eq. (2) at and below which a point counts as sent to infinity, or behind the camera."""
+
+
+def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
+    """Eq. (2): points (N, 2) of one view carried to the other by H (3, 3).
+
+    Raises:
+        ConditioningError: a point lies on or behind the line that H sends to infinity.
+    """
+    h = np.asarray(H, dtype=np.float64)
+    p = np.asarray(points, dtype=np.float64)
+    if p.ndim == 2 and len(p) <= FEW:
+        few, in_front = kernels.carry_points(np.ascontiguousarray(h), np.ascontiguousarray(p))
+        check_in_front(h, in_front)
+        return few
+    w = p @ h[2, :2] + h[2, 2]  # lambda_i of eq. (2)
+    if not (w > HORIZON).all() and not (w < -HORIZON).all():
+        raise behind(h)
+    out: Floats = (p @ h[:2, :2].T + h[:2, 2]) / w[..., None]
+    return out
+
+
+def jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]:
+    """The four derivatives dx'/dx, dx'/dy, dy'/dx, dy'/dy of eq. (2) at one point."""
+    (a, b, c), (d, e, f), (g, h, i) = H.tolist()
+    w = g * x + h * y + i
+    u, v = (a * x + b * y + c) / w, (d * x + e * y + f) / w
+    return (a - g * u) / w, (b - h * u) / w, (d - g * v) / w, (e - h * v) / w
+
+
+def similarity(scale: float, angle: float, source: tuple[float, float], target: tuple[float, float]) -> Floats:
+    """The similarity (3, 3) that turns by `angle` rad, scales, and takes the point `source` to `target`."""
+    c, s = scale * math.cos(angle), scale * math.sin(angle)
+    return np.array(
+        [
+            [c, -s, target[0] - c * source[0] + s * source[1]],
+            [s, c, target[1] - s * source[0] - c * source[1]],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def check_plausible(H: Floats, points: Floats) -> None:
+    """Refuse a homography that no view of a flat object could give.
+
+    Args:
+        H: (3, 3) reference to current.
+        points: (N, 2) a few points that span the object in the reference.
+
+    Raises:
+        ConditioningError: not finite, mirrors the object, sends part of it to infinity, or flattens it beyond
+            MAX_SHEAR.
+    """
+    judge_distortion(H, *kernels.distortion(H, points))
+
+
+def judge_distortion(H: Floats, in_front: float, determinant: float, ratio: float) -> None:
+    """`check_plausible` of a homography whose worst distortion, as `kernels.distortion` has it, is known already."""
+    if in_front > HORIZON and determinant > 0.0 and ratio <= MAX_SHEAR:
+        return
+    if math.isnan(in_front):
+        raise ConditioningError("the homography is not finite")
+    check_in_front(H, in_front)
+    if determinant <= 0.0:
+        raise ConditioningError("the homography mirrors the object", determinant=determinant)
+    raise ConditioningError("the homography is badly conditioned: it flattens the object to a line", ratio=ratio)
+
+
+def check_in_front(H: Floats, in_front: float) -> None:
+    """Refuse a homography that carries points to infinity or behind the camera.
+
+    Args:
+        H: (3, 3).
+        in_front: the least lambda of eq. (2), after the sign of the first one.
+
+    Raises:
+        ConditioningError: it is not above 0.
+    """
+    if not in_front > HORIZON:
+        raise behind(H)
+
+
+def behind(H: Floats) -> ConditioningError:
+    """The error of a homography (3, 3) that carries points to infinity or behind the camera."""
+    return ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
+
+
+def normalised(H: Floats) -> Floats:
+    """H with its last entry 1, the form in which homographies are given out."""
+    out: Floats = H / H[2, 2]
+    return out

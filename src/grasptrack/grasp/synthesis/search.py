@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From an outline to its list of grasps: candidates, what the hand refuses, the order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.geometry.contours import Outline, View
+from grasptrack.grasp.hand import Hand, HandPx
+from grasptrack.grasp.synthesis.candidates import Candidates, candidates
+from grasptrack.grasp.synthesis.limits import Limits, refuse
+from grasptrack.grasp.synthesis.reasons import Tried, why_none
+from grasptrack.grasp.synthesis.rectangles import rectangles
+from grasptrack.grasp.synthesis.result import GraspList, RankedGrasp, Terms
+from grasptrack.grasp.synthesis.terms import Stable, stable_pairs, stable_triples
+from grasptrack.typing import Floats, Ints
+
+DISTINCT = 0.12
+"""Grasps whose contacts all lie within this fraction of sqrt(area), or a finger's width, of a better one's are alike."""
+
+FIRST_LOOK, SECOND_LOOK = 48, 144
+"""Candidates for triples, of which there are n^3 / 6; more of them where the first leave nothing."""
+SCARCE = 2000
+"""So many stable triples that a second look would hardly find what a hand refused of all of them."""
+
+
+def find_grasps(
+    view: View,
+    fingers: int,
+    friction: float,
+    top: int,
+    hand: Hand,
+    neighbours: Sequence[Outline],
+    limits: Limits,
+) -> GraspList:
+    """As `synthesize`, with the limits on how uneven the outline under a finger may be."""
+    area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
+    px = hand.in_px(math.sqrt(area))
+
+    def look(size: HandPx) -> tuple[Candidates, Stable, Ints, dict[str, int]]:
+        at = candidates(view, area, np.array([cx, cy]), size.finger_width)
+        found = _stable(at, fingers, friction)
+        left, refused = refuse(found, at, view, size, neighbours, limits)
+        if fingers == 3 and not len(left) and len(found) < SCARCE:
+            found = stable_triples(at, friction, SECOND_LOOK)
+            left, refused = refuse(found, at, view, size, neighbours, limits)
+        return at, found, left, refused
+
+    at, found, left, refused = look(px)
+    if not len(found):
+        return GraspList([], _nothing_closes(view, at, fingers, friction))
+    if not len(left):
+        reason = why_none(
+            Tried(found.opening, refused, px, hand.px_per_mm),
+            lambda other: refuse(found, at, view, other, neighbours, limits)[0],
+            lambda other: bool(len(look(other)[2])),
+        )
+        return GraspList([], reason, refused)
+    chosen, quality, regions = kernels.rank_grasps(
+        at.contacts,
+        at.normals,
+        at.usable,
+        at.starts,
+        at.steps,
+        found.index[left],
+        found.strength[left],
+        found.terms[left].prod(axis=1),
+        friction,
+        cx,
+        cy,
+        0.5 * at.size,
+        far_enough(at.size, px.finger_width),
+        alike(at.size, px.finger_width),
+        max(top, 0),
+    )
+    return GraspList(_ranked(found, at, left[chosen], quality, regions, px, friction), "", refused)
+
+
+def alike(size: float, width: float) -> float:
+    """Px within which the contacts of grasps that are alike lie, for an object of sqrt(area) and a finger's width."""
+    return max(DISTINCT * size, width)
+
+
+def far_enough(size: float, width: float) -> float:
+    """Px by which contacts may slip where the room is 1; farther is not looked."""
+    return min(DISTINCT * size, width)
+
+
+def _stable(at: Candidates, fingers: int, friction: float) -> Stable:
+    return stable_pairs(at, friction) if fingers == 2 else stable_triples(at, friction, FIRST_LOOK)
+
+
+def _nothing_closes(view: View, at: Candidates, fingers: int, friction: float) -> str:
+    """Why no candidates are stable."""
+    anywhere = at._replace(usable=np.ones_like(at.usable))
+    if view.is_clipped and len(_stable(anywhere, fingers, friction)):
+        return "the object is cut by the border where the fingers would have to stand"
+    contacts = "no pair of contacts closes" if fingers == 2 else "no three contacts close"
+    return f"{contacts} with friction {friction:g}"
+
+
+def _ranked(
+    found: Stable, at: Candidates, rows: Ints, quality: Floats, regions: Floats, hand: HandPx, friction: float
+) -> list[RankedGrasp]:
+    """The chosen grasps with all that is said of them."""
+    contacts, directions, index = found.contacts[rows], found.directions[rows], found.index[rows]
+    standing = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness)
+    swept = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness + hand.clearance)
+    most = far_enough(at.size, hand.finger_width)
+    room = 0.2 + 0.8 * np.sqrt(np.minimum(regions.min(axis=1, initial=math.inf) / most, 1.0))
+    cx, cy = at.centroid.tolist()
+    closure, centre, flat, span = found.terms[rows].T.tolist()
+    grasps = []
+    for i, row in enumerate(rows.tolist()):
+        if index.shape[1] == 2:
+            needed = math.atan(found.strength[row])
+        else:
+            _, needed = kernels.force_closure(contacts[i], at.normals[index[i]], cx, cy, 0.5 * at.size, friction)
+        grasps.append(
+            RankedGrasp(
+                contacts[i],
+                float(quality[i]),
+                Terms(closure[i], centre[i], flat[i], float(room[i]), span[i]),
+                spread=bool(found.sense[row] < 0.0),
+                margin=math.atan(friction) - needed,
+                directions=directions[i],
+                regions=regions[i],
+                fingers=standing[i],
+                swept=swept[i],
+            )
+        )
+    return grasps

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a silhouette to an object that may be meant: its sub-pixel contours, and how it differs from the ground."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.errors import ContourError
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.segmentation.color_projection import clearest
+from grasptrack.segmentation.holes import MOST, ground_within, true_hole
+from grasptrack.segmentation.images import PLAIN, Channel, Grey
+from grasptrack.segmentation.localization import localise
+from grasptrack.segmentation.normalized_gradient import Planes
+from grasptrack.segmentation.rating import Rating
+from grasptrack.segmentation.silhouettes import Silhouette
+
+MAX_SHARE = 0.85
+"""A region that fills more of the image than this is the background."""
+MIN_STEP = 1.0
+"""Across its outline an object differs from the ground by as much as the edge rises in so many px at least: the grain of
+a table has slopes, and the same grey on both sides."""
+NEAR = 1.5
+"""px: closed edges run along the very edge; farther off lies the other side of a thin part."""
+ONE_SIGN = 0.9
+"""Where at least this share of an outline rises outward, or falls, the object is dark, or light; else it is both."""
+
+
+class Candidate(NamedTuple):
+    """An object that may be meant.
+
+    Attributes:
+        view: its outline.
+        polarity: +1 darker than its surroundings, -1 lighter, 0 where its parts differ.
+        inside, outside: median grey levels on either side of the outer contour.
+        score: 0 to 1: the product of the rating's terms, less a little for a threshold's.
+        level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
+        recipe: which closing of edges found it; -1 for a threshold.
+        channel: the mixture of colours that shows it; grey levels are levels of that.
+        rating: the terms of the score.
+        grain: Lab units per px of the image's own slopes, as that closing saw them.
+        shaded: its shadow was cut out of the silhouette, and has to be again in every image.
+    """
+
+    view: View
+    polarity: int
+    inside: float
+    outside: float
+    score: float = 0.0
+    level: float = math.nan
+    recipe: int = -1
+    channel: Channel = PLAIN
+    rating: Rating | None = None
+    grain: float = math.nan
+    shaded: bool = False
+
+
+def plausible(shape: Silhouette, size: tuple[int, ...]) -> bool:
+    """Whether a silhouette is not the ground's: not nearly the whole image, nor along three of its sides."""
+    x, y, w, h = shape.box
+    touched = (x <= 0) + (y <= 0) + (x + w >= size[1]) + (y + h >= size[0])
+    return shape.area <= MAX_SHARE * size[0] * size[1] and touched < 3
+
+
+def of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | None) -> Candidate | None:
+    """The contours of a silhouette that a threshold found, or None where it cannot be an object.
+
+    Args:
+        grey: (H, W).
+        shape: the silhouette.
+        polarity: +1 darker than the ground, -1 lighter.
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+    """
+    if not plausible(shape, grey.shape):
+        return None
+    try:
+        edge = localise(grey, shape.outer, hole=False, polarity=polarity, hidden=hidden)
+    except ContourError:
+        return None
+    outer = edge.contour
+    cut = 0.0 if outer.clipped is None else float(outer.clipped.mean())
+    if cut > 0.5 or outer.strength is None:
+        return None
+    strength = outer.strength if outer.clipped is None else outer.strength[~outer.clipped]
+    slope, step = float(np.median(strength)), (edge.outside - edge.inside) * polarity
+    if not (slope > 0.0 and step >= MIN_STEP * slope):
+        return None
+    holes = [true_hole(grey, chain, edge, polarity, hidden) for chain in shape.holes[:MOST]]
+    return Candidate(View([outer, *(h for h in holes if h is not None)]), polarity, edge.inside, edge.outside)
+
+
+def of_closed_edges(
+    image: NDArray[np.uint8], seen: Planes | None, shape: Silhouette, hidden: Grey | None
+) -> Candidate | None:
+    """The contours of a silhouette that closed edges found, in the mixture of colours that shows it best.
+
+    Args:
+        image: (H, W) or BGR (H, W, 3).
+        seen: its planes, in which holes are looked for; None to look for none.
+        shape: the silhouette.
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+    """
+    if not plausible(shape, image.shape):
+        return None
+    grey = PLAIN.grey(image)
+    try:
+        edge = localise(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
+        channel = clearest(image, edge.contour)
+        if channel is not PLAIN:
+            grey = channel.grey(image)
+            edge = localise(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
+        polarity = sign_of(grey, edge.contour)
+        if polarity:
+            edge = localise(grey, shape.outer, hole=False, polarity=polarity, hidden=hidden, reach=NEAR)
+    except ContourError:
+        return None
+    if edge.contour.clipped is not None and edge.contour.clipped.mean() > 0.5:
+        return None
+    chains = [] if seen is None else ground_within(seen, shape)
+    holes = [true_hole(grey, chain, edge, polarity, hidden) for chain in chains]
+    view = View([edge.contour, *(h for h in holes if h is not None)])
+    return Candidate(view, polarity, edge.inside, edge.outside, channel=channel)
+
+
+def sign_of(grey: Grey, outline: Contour) -> int:
+    """+1 where nearly all of an outline rises outward, -1 where it falls, 0 where it does both."""
+    ahead = np.roll(outline.points, -1, axis=0) - np.roll(outline.points, 1, axis=0)
+    normals = np.column_stack([ahead[:, 1], -ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
+    rise = kernels.edge_search(grey, outline.points, np.ascontiguousarray(normals), 2.0, 0)[:, 1]
+    total = float(np.abs(rise).sum())
+    share = float(rise[rise > 0.0].sum()) / total if total > 0.0 else 0.5
+    return 1 if share >= ONE_SIGN else -1 if share <= 1.0 - ONE_SIGN else 0
+
+
+def holds(view: View, x: float, y: float) -> bool:
+    """Whether a pixel lies within the outer contour."""
+    return cv2.pointPolygonTest(view.outer.points.astype(np.float32), (float(x), float(y)), False) >= 0

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Silhouettes from edges that close: for objects of several colours, glossy ones, and ground as bright or dark as they.
+
+Edges are thinned at several levels, their broken ends linked by good continuation, what gaps are left bridged by a
+closing, and all that is enclosed is filled. The right level and the right closing are not known: each choice proposes,
+and one rating decides.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.segmentation.images import Grey
+from grasptrack.segmentation.normalized_gradient import EdgeField, Planes
+from grasptrack.segmentation.silhouettes import Silhouette, trace
+
+WORKING_SIDE = 800
+"""px; larger images are looked at from farther away, and outlines localised in the image itself afterwards."""
+SOFTENING = (1.0, 1.6)
+"""px, before slopes are taken: the first follows fine parts, the second sees through grain."""
+RECIPES = (
+    (0, 2.5, 1),
+    (0, 4.0, 2),
+    (0, 7.5, 3),
+    (0, 3.0, 6),
+    (0, 2.5, 8),
+    (0, 5.5, 8),
+    (1, 3.0, 3),
+    (1, 2.0, 3),
+    (1, 1.6, 4),
+)
+"""Softening, level in units of grain, and radius of closing in px of each proposal: low levels see faint edges and much
+else, wide closings bridge gaps and fill notches."""
+REACH = 0.125
+"""Ends are linked across gaps of at most this share of the image's longer side, ..."""
+BEND, LOOSE = float(np.radians(25.0)), float(np.radians(70.0))
+"""... and by how much they may point aside: rad, the latter across a few px."""
+MAX_SHARE = 0.6
+"""Edges that enclose more of the image than this enclose the ground."""
+
+
+class Closure(NamedTuple):
+    """A region that edges enclose.
+
+    Attributes:
+        silhouette: in px of the image, without holes.
+        bridge: px, the widest gap that its closing bridges.
+        recipe: index into RECIPES, what found it.
+        grain: unit of the field in which it was found.
+    """
+
+    silhouette: Silhouette
+    bridge: float
+    recipe: int
+    grain: float
+
+
+class Scenery:
+    """The edges of one image.
+
+    Args:
+        image: planes, (H, W, C).
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+
+    Attributes:
+        shrink: px of the image for one px here.
+        fields: for each softening.
+    """
+
+    def __init__(self, image: Planes, hidden: Grey | None = None) -> None:
+        self.shrink = _shrink(image.shape)
+        if self.shrink > 1:
+            image, hidden = _smaller(image, self.shrink), _fewer(hidden, self.shrink)
+        self._reach = REACH * max(image.shape[:2])
+        self.fields = tuple(EdgeField(image, softening, hidden) for softening in SOFTENING)
+
+    def closures(self, least: float, extent: float) -> list[Closure]:
+        """What edges enclose by any recipe, of at least so many px^2 of the image and px across."""
+        px = self.shrink
+        found: list[Closure] = []
+        edges: dict[tuple[int, float], Grey] = {}
+        for recipe, (field, level, radius) in enumerate(RECIPES):
+            if (field, level) not in edges:
+                edges[field, level] = linked(self.fields[field].thin(level), self._reach)
+            for shape in enclosed(edges[field, level], radius, least / px**2, extent / px):
+                found.append(Closure(_scaled(shape, px), 2.0 * radius * px, recipe, self.fields[field].unit))
+        return found
+
+
+class Closing:
+    """One recipe, applied again to images in which the object is looked for.
+
+    Args:
+        recipe: index into RECIPES.
+        grain: of the image in which it found the object: a window that the object fills has more slopes than grain.
+        size: height and width of the image.
+    """
+
+    def __init__(self, recipe: int, grain: float, size: tuple[int, ...]) -> None:
+        self._softening, self._level, self._radius = RECIPES[recipe]
+        self._grain, self._shrink = grain, _shrink(size)
+        self._reach = REACH * max(size[:2]) / self._shrink
+
+    def shapes(self, image: Planes, hidden: Grey | None, least: float, origin: tuple[int, int]) -> list[Silhouette]:
+        """What edges enclose.
+
+        Args:
+            image: planes of an image or of a window of it.
+            hidden: (H, W) nonzero where nothing belongs to the scene.
+            least: px^2.
+            origin: (x, y) px of the window's first pixel in the image.
+        """
+        px = self._shrink
+        if px > 1:
+            image, hidden = _smaller(image, px), _fewer(hidden, px)
+        field = EdgeField(image, SOFTENING[self._softening], hidden, self._grain)
+        edges = linked(field.thin(self._level), self._reach)
+        return [_scaled(s, px, origin) for s in enclosed(edges, self._radius, least / px**2, math.sqrt(least) / px)]
+
+
+def linked(edges: Grey, reach: float) -> Grey:
+    """Thin edges (H, W) with their broken ends linked, in place, across gaps of at most so many px."""
+    for x0, y0, x1, y1 in kernels.edge_links(edges, reach, BEND, LOOSE).tolist():
+        cv2.line(edges, (x0, y0), (x1, y1), (255,), 1)
+    return edges
+
+
+def enclosed(edges: Grey, radius: int, least: float, extent: float) -> list[Silhouette]:
+    """Silhouettes of what thin edges enclose.
+
+    Args:
+        edges: (H, W) one pixel wide.
+        radius: px, of the closing that bridges gaps.
+        least: px^2.
+        extent: px across at least.
+    """
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    found: list[Silhouette] = []
+    for shape in trace(np.asarray(cv2.dilate(edges, disc), dtype=np.uint8), least, holes=False):
+        x, y, w, h = shape.box
+        if shape.area > MAX_SHARE * edges.size or max(w, h) < extent + 2 * radius:
+            continue
+        filled = np.zeros((h + 2, w + 2), np.uint8)
+        cv2.drawContours(filled, [shape.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED, offset=(1 - x, 1 - y))
+        shrunk = np.asarray(cv2.erode(filled, disc, borderValue=0), dtype=np.uint8)
+        found.extend(trace(shrunk, least, (x - 1, y - 1), holes=False))
+    return found
+
+
+def _shrink(size: tuple[int, ...]) -> int:
+    return max(1, -(-max(size[:2]) // WORKING_SIDE))
+
+
+def _smaller(image: Planes, times: int) -> Planes:
+    height, width = image.shape[0] // times, image.shape[1] // times
+    small = cv2.resize(image[: height * times, : width * times], (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.float32).reshape(height, width, -1)
+
+
+def _fewer(hidden: Grey | None, times: int) -> Grey | None:
+    if hidden is None:
+        return None
+    height, width = hidden.shape[0] // times, hidden.shape[1] // times
+    blocks = hidden[: height * times, : width * times].reshape(height, times, width, times)
+    return np.where((blocks != 0).any(axis=(1, 3)), np.uint8(255), np.uint8(0))
+
+
+def _scaled(shape: Silhouette, px: int, origin: tuple[int, int] = (0, 0)) -> Silhouette:
+    """A silhouette of a smaller window in px of the image: centres of pixels go to centres of blocks."""
+    if px == 1 and origin == (0, 0):
+        return shape
+    outer = shape.outer * px + (px - 1) // 2 + np.array(origin, np.int32)
+    x, y, w, h = cv2.boundingRect(outer.reshape(-1, 1, 2))
+    return Silhouette(outer, (), shape.area * px**2, (x, y, w, h))

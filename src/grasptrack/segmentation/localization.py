@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the chain of pixels round a silhouette to a sub-pixel contour, each point localised along its normal."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.geometry.contours import Contour
+from grasptrack.segmentation.images import Grey
+from grasptrack.typing import Floats
+
+SPACING = 1.0
+"""px between contour points."""
+MAX_POINTS = 1600
+SMOOTHING = 4.0
+"""px of outline over which the chain's stairs are averaged before the edge is searched."""
+REACH = 4.0
+"""px on either side of the silhouette's boundary in which the edge is searched: thresholds sit that far off at most."""
+OUTLIER = 1.0
+"""px from the median of its neighbours at which an edge is some other edge."""
+BORDER = 1.5
+"""px from the image border within which a point is cut off rather than seen."""
+BESIDE = 3.0
+"""The same, from what is hidden: a silhouette ends a little before it."""
+
+
+class Localised(NamedTuple):
+    """A contour with the median grey levels on its material side and on the other."""
+
+    contour: Contour
+    inside: float
+    outside: float
+
+
+def localise(
+    grey: Grey,
+    chain: NDArray[np.int32],
+    *,
+    hole: bool,
+    polarity: int,
+    hidden: Grey | None = None,
+    reach: float = REACH,
+) -> Localised:
+    """Sub-pixel contour from the chain (N, 2) of a silhouette's boundary pixels.
+
+    Args:
+        grey: (H, W) image.
+        chain: as cv2.findContours gives it: pixel centres just inside the material.
+        hole: the chain runs round a hole.
+        polarity: +1 for an object darker than what surrounds it, -1 for a lighter one, 0 for either.
+        hidden: (H, W) nonzero where nothing was looked at; points beside it count as cut off.
+        reach: px on either side of the chain in which the edge is searched.
+
+    Raises:
+        ContourError: fewer than 8 points or no area.
+    """
+    points, strength, cut, inside, outside = kernels.trace_edges(
+        grey, chain, hidden, hole, polarity, SPACING, MAX_POINTS, SMOOTHING, reach, BORDER, OUTLIER
+    )
+    if hidden is not None:
+        cut = cut | _beside(points, hidden)
+    return Localised(Contour(points, hole=hole, strength=strength, clipped=cut), inside, outside)
+
+
+def _beside(points: Floats, hidden: Grey) -> NDArray[np.bool_]:
+    """(N,) whether something within BESIDE px along the axes is hidden. A silhouette ends just before what is."""
+    height, width = hidden.shape
+    found = np.zeros(len(points), dtype=np.bool_)
+    for dx, dy in ((BESIDE, 0.0), (-BESIDE, 0.0), (0.0, BESIDE), (0.0, -BESIDE)):
+        x = np.rint(np.clip(points[:, 0] + dx, 0, width - 1)).astype(np.intp)
+        y = np.rint(np.clip(points[:, 1] + dy, 0, height - 1)).astype(np.intp)
+        found |= hidden[y, x] != 0
+    return found

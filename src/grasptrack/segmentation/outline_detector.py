@@ -1,0 +1,333 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The outline of one object from frame to frame: near where it is expected first, anywhere when it is not there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack import kernels
+from grasptrack.errors import ContourError
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.segmentation.candidate import Candidate, of_one_level, plausible
+from grasptrack.segmentation.closed_edges import Closing
+from grasptrack.segmentation.images import PLAIN, Grey
+from grasptrack.segmentation.localization import localise
+from grasptrack.segmentation.normalized_gradient import planes
+from grasptrack.segmentation.objects import MIN_EXTENT, candidates
+from grasptrack.segmentation.places import (
+    MAX_GROWTH,
+    area_and_centre,
+    cut_by_window,
+    most_alike,
+    nearest_holes,
+    place,
+    same_place,
+    sharpness,
+)
+from grasptrack.segmentation.proposals import PER_THRESHOLD, Box
+from grasptrack.segmentation.shadow import shadow_removed
+from grasptrack.segmentation.silhouettes import Silhouette, trace
+from grasptrack.segmentation.thresholds import thresholds
+from grasptrack.typing import Floats
+
+MARGIN = 0.3
+"""The window round the expected outline is larger than it by this fraction of its size on each side, ..."""
+MIN_MARGIN = 24
+"""... and by so many px at least."""
+LEARNING = 0.2
+"""Share of a new frame in the learned grey levels, which follow slow changes of light."""
+BALANCE = 0.25
+"""A threshold is at least by this share of the contrast away from the object's and the ground's own level."""
+DISTINCT = 6.0
+"""Thresholds that differ by fewer grey levels give the same outlines."""
+OTHER_LIGHT = 1.12
+"""A window whose contrast differs from the last one's by more than this factor may be exposed otherwise."""
+MOST_GAIN = 3.0
+"""Edges do not get steeper or fainter than by so many times."""
+ANYWHERE = 2
+"""Objects in the whole image that are tried for each threshold after a loss, those most alike first."""
+MAX_ZOOM = 16.0
+"""After a loss, an area that differs from the last one by more than this factor is another object's."""
+
+
+class Observer:
+    """Finds outlines that may be the object's. Which one is believed is not decided here.
+
+    Args:
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+    """
+
+    def __init__(self, hidden: Grey | None = None) -> None:
+        self.hidden = hidden
+        self.polarity = 1
+        self._channel = PLAIN
+        self._recipe = -1, math.nan
+        self._shaded = False
+        self._colours: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
+        self._inside = self._outside = math.nan
+        self._balance = 0.5
+        self._holes = 0
+        self._levels: dict[int, tuple[float, float, float]] = {}  # of the outlines of this image
+        self._sharpness = math.nan  # of the outline as it was found first
+        self._gain = 1.0  # of its edges since then
+        self._contrast = math.nan  # of the window, in this image and where the object was believed last
+        self._last_contrast = math.nan
+
+    def look(self, image: NDArray[Any]) -> Grey:
+        """The next image as everything that follows will see it: in the mixture of colours that shows the object best.
+
+        Raises:
+            SourceError: an image that cannot be used.
+        """
+        self._levels.clear()  # they are told apart by their views' ids, which later views are given again
+        self._colours, grey = self._channel.look(image)
+        return grey
+
+    def first(
+        self, masked: bool, object_at: tuple[float, float] | None = None, box: Box | None = None
+    ) -> list[Candidate]:
+        """Objects of the image that was looked at, the most outstanding first.
+
+        Args:
+            masked: it is a softened mask, in which objects are white and nothing else is meant.
+            object_at: (x, y) px that the object covers.
+            box: left, top, width and height of it, px.
+
+        Raises:
+            ObservationError: none.
+        """
+        return candidates(self._colours, object_at, self.hidden, masked=masked, box=box)
+
+    def choose(self, candidate: Candidate) -> Grey:
+        """From now on it is this object that is looked for; the image it was found in, in its mixture of colours."""
+        self.polarity = candidate.polarity
+        self._channel = candidate.channel
+        self._recipe = candidate.recipe, candidate.grain
+        self._shaded = candidate.shaded
+        self._sharpness, self._gain, self._last_contrast = sharpness(candidate.view), 1.0, math.nan
+        self._inside, self._outside = candidate.inside, candidate.outside
+        self._learn_balance(candidate.level, candidate.inside, candidate.outside)
+        self._holes = len(candidate.view.contours) - 1
+        return self._channel.grey(self._colours)
+
+    def near(self, grey: Grey, expected: Floats, centres: Floats) -> Iterator[View]:
+        """Outlines in a window round the expected one, the likeliest first. Call it first for each new image.
+
+        Args:
+            grey: (H, W).
+            expected: (m, 2) px, points of the outer contour as predicted.
+            centres: (holes, 2) px, the reference's holes as predicted.
+        """
+        self._levels.clear()
+        (x0, y0), (x1, y1) = expected.min(axis=0).tolist(), expected.max(axis=0).tolist()
+        margin = max(MIN_MARGIN, MARGIN * math.sqrt((x1 - x0) * (y1 - y0)))
+        height, width = grey.shape
+        left, top = max(0, math.floor(x0 - margin)), max(0, math.floor(y0 - margin))
+        right, bottom = min(width, math.ceil(x1 + margin) + 1), min(height, math.ceil(y1 + margin) + 1)
+        if right - left < 8 or bottom - top < 8 or math.isnan(self._inside):
+            return
+        area, x, y = area_and_centre(expected)
+        window = left, top, right, bottom
+        for level, shapes in self._shapes(grey, window, area / MAX_GROWTH):
+            best = most_alike(shapes, area, x, y)
+            if best is not None and not cut_by_window(best, window, (width, height)):
+                view = self._localised(grey, best, centres, level)
+                if view is not None:
+                    yield view
+                if self._recipe[0] < 0:
+                    return
+
+    def _shapes(
+        self, grey: Grey, window: tuple[int, int, int, int], least: float
+    ) -> Iterator[tuple[float, list[Silhouette]]]:
+        """Silhouettes in a window and the level that gave them, as the object was found last; then by its own levels,
+        for the light may have changed."""
+        left, top, right, bottom = window
+        if self._recipe[0] >= 0:
+            if self.polarity:  # dark or light all round: a threshold may serve as well, and is quicker
+                yield self._level, self._cut(grey, window, self._level, least)
+            part = planes(self._colours[top:bottom, left:right])
+            hidden = None if self.hidden is None else self.hidden[top:bottom, left:right]
+            self._contrast = float(part[:, :, 0].std())
+            for gain in self._gains():
+                yield math.nan, self._closing(gain).shapes(part, hidden, max(least, 30.0), (left, top))
+            return
+        own: list[float] | None = None
+        while own is None or own:
+            level = self._level if own is None else own.pop(0)
+            yield level, self._cut(grey, window, level, least)
+            if own is None:
+                own = [
+                    other
+                    for other in thresholds(grey[top:bottom:2, left:right:2])[:1]
+                    if abs(other - level) >= DISTINCT
+                ]
+
+    def _cut(self, grey: Grey, window: tuple[int, int, int, int], level: float, least: float) -> list[Silhouette]:
+        """Silhouettes in a window at one threshold."""
+        left, top, right, bottom = window
+        binary = kernels.soft_threshold(grey, *window, level, self.polarity)
+        if self.hidden is not None:
+            binary[self.hidden[top:bottom, left:right] != 0] = 0
+        return trace(binary, max(least, 30.0), (left, top), holes=self._holes > 0)
+
+    def _gains(self) -> Iterator[float]:
+        """By how much edges may be steeper than in the first image: as learned, then as this image's contrast says."""
+        yield self._gain
+        change = self._contrast / max(self._last_contrast, 1.0)
+        if not 1.0 / OTHER_LIGHT < change < OTHER_LIGHT and math.isfinite(change):
+            yield self._gain * change
+
+    def _closing(self, gain: float) -> Closing:
+        """The closing that found the object, for edges that are so many times as steep."""
+        recipe, grain = self._recipe
+        return Closing(recipe, grain * gain, self._colours.shape)
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Learned grey levels of the object and of the ground round it."""
+        return self._inside, self._outside
+
+    def anywhere(
+        self,
+        grey: Grey,
+        area: float,
+        turn: int,
+        known: View | None = None,
+        unlike: Callable[[Silhouette], float] | None = None,
+    ) -> Iterator[list[View]]:
+        """Outlines in the whole image that may be the object's: by the learned grey levels, then by the image's own.
+
+        Args:
+            grey: (H, W).
+            area: px^2 of the outline as last known.
+            turn: number of this search; of the image's own thresholds each search tries the next.
+            known: an outline that has been looked at already.
+            unlike: how much a silhouette's shape differs from the object's, infinite when it is another one. Then few are
+                looked at closely: the most alike always, the others in turn.
+        """
+        seen = [] if known is None else [place(known)]
+        if self._recipe[0] >= 0:
+            if self.polarity:
+                yield self._at(grey, self._level, area, seen, turn, unlike)
+            for gain in self._gains():
+                yield self._enclosed(grey, area, seen, gain, turn, unlike)
+            return
+        yield self._at(grey, self._level, area, seen, turn, unlike)
+        own = thresholds(grey if self.hidden is None else grey[self.hidden == 0])
+        own = [level for level in own if abs(level - self._level) >= DISTINCT]
+        if own:
+            yield self._at(grey, own[turn % len(own)], area, seen, turn, unlike)
+
+    def _at(
+        self,
+        grey: Grey,
+        level: float,
+        area: float,
+        seen: list[tuple[float, float, float]],
+        turn: int,
+        unlike: Callable[[Silhouette], float] | None,
+    ) -> list[View]:
+        """Outlines at one threshold, without those that were seen at another."""
+        views = []
+        height, width = grey.shape
+        binary = kernels.soft_threshold(grey, 0, 0, width, height, level, self.polarity)
+        if self.hidden is not None:
+            binary[self.hidden != 0] = 0
+        shapes = trace(binary, max(area / MAX_ZOOM, 30.0), holes=self._holes > 0)[:PER_THRESHOLD]
+        shapes = [s for s in shapes if max(s.box[2:]) >= MIN_EXTENT and s.area <= area * MAX_ZOOM]
+        for shape in _likeliest(shapes, turn, unlike):
+            candidate = of_one_level(grey, self._alone(shape), self.polarity, self.hidden)
+            if candidate is None or any(same_place(place(candidate.view), other) for other in seen):
+                continue
+            seen.append(place(candidate.view))
+            view = self._with_holes(candidate.view)
+            self._levels[id(view)] = candidate.inside, candidate.outside, level
+            views.append(view)
+        return views
+
+    def _enclosed(
+        self,
+        grey: Grey,
+        area: float,
+        seen: list[tuple[float, float, float]],
+        gain: float,
+        turn: int,
+        unlike: Callable[[Silhouette], float] | None,
+    ) -> list[View]:
+        """Outlines that closed edges give in the whole image, without those that were seen before."""
+        least = max(area / MAX_ZOOM, 30.0)
+        shapes = self._closing(gain).shapes(planes(self._colours), self.hidden, least, (0, 0))
+        views = []
+        shapes = sorted(shapes, key=lambda s: -s.area)[:PER_THRESHOLD]
+        shapes = [s for s in shapes if max(s.box[2:]) >= MIN_EXTENT and s.area <= area * MAX_ZOOM]
+        for shape in _likeliest([s for s in shapes if plausible(s, grey.shape)], turn, unlike):
+            view = self._localised(grey, shape, np.zeros((0, 2)), math.nan)
+            if view is not None and not any(same_place(place(view), other) for other in seen):
+                seen.append(place(view))
+                views.append(view)
+        return views
+
+    def _alone(self, shape: Silhouette) -> Silhouette:
+        """A silhouette without the shadow that the object cast when it was chosen."""
+        return shadow_removed(self._colours, shape) if self._shaded else shape
+
+    def _localised(self, grey: Grey, shape: Silhouette, centres: Floats, level: float) -> View | None:
+        shape = self._alone(shape)
+        try:
+            edge = localise(grey, shape.outer, hole=False, polarity=self.polarity, hidden=self.hidden)
+        except ContourError:
+            return None
+        holes: list[Contour] = []
+        for chain in nearest_holes(shape.holes, centres):
+            try:
+                holes.append(localise(grey, chain, hole=True, polarity=self.polarity, hidden=self.hidden).contour)
+            except ContourError:
+                return None
+        view = View([edge.contour, *holes])
+        self._levels[id(view)] = edge.inside, edge.outside, level
+        return view
+
+    def believe(self, view: View) -> None:
+        """Learn the grey levels and the light of an outline that was found here and accepted."""
+        inside, outside, level = self._levels.get(id(view), (math.nan, math.nan, math.nan))
+        self._last_contrast = self._contrast
+        if math.isfinite(inside) and self._recipe[0] >= 0:
+            self._gain = min(max(sharpness(view) / self._sharpness, 1.0 / MOST_GAIN), MOST_GAIN)
+        if not self.polarity and math.isfinite(inside + outside):
+            self._inside, self._outside = inside, outside
+        elif (outside - inside) * self.polarity > 0.0:
+            # what its own levels found may be lit otherwise altogether
+            share = 1.0 if abs(level - self._level) >= DISTINCT else LEARNING
+            self._learn_balance(level, inside, outside)
+            self._inside += share * (inside - self._inside)
+            self._outside += share * (outside - self._outside)
+
+    @property
+    def _level(self) -> float:
+        """The threshold that separates the object from the ground: where it did when it was believed last."""
+        return self._inside + self._balance * (self._outside - self._inside)
+
+    def _learn_balance(self, level: float, inside: float, outside: float) -> None:
+        """Print at the border can lie nearer to the ground than half-way; the threshold then does as well."""
+        if math.isfinite(level + inside + outside) and outside != inside:
+            self._balance = min(max((level - inside) / (outside - inside), BALANCE), 1.0 - BALANCE)
+
+    def _with_holes(self, view: View) -> View:
+        """At most as many holes as the reference has: what is printed on an object comes and goes with a threshold."""
+        return view if len(view.contours) <= self._holes + 1 else View(view.contours[: self._holes + 1])
+
+
+def _likeliest(shapes: list[Silhouette], turn: int, unlike: Callable[[Silhouette], float] | None) -> list[Silhouette]:
+    """Those to look at closely in this search: the most alike, and of the others as many as there is time for, in turn."""
+    if unlike is None:
+        return shapes
+    rated = sorted(((unlike(s), i) for i, s in enumerate(shapes)), key=lambda pair: pair)
+    alike = [shapes[i] for share, i in rated if math.isfinite(share)]
+    after = turn % max(1, len(alike) - ANYWHERE + 1)
+    return alike[: ANYWHERE - 1] + alike[ANYWHERE - 1 + after :][:1]

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Silhouettes that may be objects, from thresholds and from closed edges, all rated alike."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.segmentation.closed_edges import Scenery
+from grasptrack.segmentation.images import Grey
+from grasptrack.segmentation.rating import NONE, Rater, Rating
+from grasptrack.segmentation.silhouettes import Silhouette, trace
+from grasptrack.segmentation.thresholds import thresholds
+
+Box = tuple[float, float, float, float]
+"""Left, top, width and height, px."""
+
+PER_THRESHOLD = 8
+"""Silhouettes of each threshold that are looked at closely, the largest first."""
+LEAST_AREA = 150.0
+"""px^2 that closed edges enclose at least."""
+ONE_LEVEL = 0.9
+"""What a threshold finds leaves out what is of another grey, and closed edges are preferred where both rate alike; ..."""
+ALIKE = 0.06
+"""... but where box and area differ by less than this share of the size they are the same, and a threshold is simpler."""
+
+
+class Proposal(NamedTuple):
+    """A silhouette that may be an object's.
+
+    Attributes:
+        silhouette: the region.
+        rating: of its outline.
+        polarity: +1 darker than its surroundings, -1 lighter, 0 where nobody looked.
+        level: grey level of the threshold that found it; NaN where closed edges did.
+        bridge: px, the widest gap that was bridged.
+        recipe: which closing of edges found it; -1 for a threshold.
+        grain: Lab units per px of the image's own slopes, as that closing saw them.
+    """
+
+    silhouette: Silhouette
+    rating: Rating
+    polarity: int
+    level: float
+    bridge: float
+    recipe: int
+    grain: float = math.nan
+
+    @property
+    def worth(self) -> float:
+        """What proposals are ordered by."""
+        return self.rating.score * (ONE_LEVEL if self.recipe < 0 else 1.0)
+
+    def is_meant(self, object_at: tuple[float, float] | None, box: Box | None) -> bool:
+        """Whether it covers a pixel, and fills a box at least in part."""
+        if object_at is not None and not self.silhouette.contains(*object_at):
+            return False
+        return box is None or overlap(self.silhouette.box, box) > 0.3
+
+
+def propose(grey: Grey, scenery: Scenery, hidden: Grey | None, masked: bool, extent: float) -> list[Proposal]:
+    """All silhouettes of an image, the best rated first, each once.
+
+    Args:
+        grey: (H, W).
+        scenery: the image's edges.
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+        masked: the image is a softened mask: only what is light is meant, and thresholds find all of it.
+        extent: px across; what is smaller is not rated, and not looked for by closed edges.
+    """
+    rater = Rater(scenery.fields[0], scenery.shrink, grey.shape)
+    found: list[Proposal] = []
+    soft: Grey = np.asarray(cv2.GaussianBlur(grey, (3, 3), 0), dtype=np.uint8)
+    for level in thresholds(soft if hidden is None else soft[hidden == 0]):
+        for polarity in (-1,) if masked else (1, -1):
+            for shape in silhouettes(grey, level, polarity, hidden)[:PER_THRESHOLD]:
+                rating = rater.rate(shape) if max(shape.box[2:]) >= extent else NONE
+                found.append(Proposal(shape, rating, polarity, level, 0.0, -1))
+    if not masked:
+        for closure in scenery.closures(LEAST_AREA, extent):
+            rating = rater.rate(closure.silhouette, closure.bridge)
+            found.append(
+                Proposal(closure.silhouette, rating, 0, math.nan, closure.bridge, closure.recipe, closure.grain)
+            )
+    found.sort(key=lambda p: -p.worth)
+    return _distinct(found)
+
+
+def silhouettes(grey: Grey, level: float, polarity: int, hidden: Grey | None, least: float = 30.0) -> list[Silhouette]:
+    """Regions darker (polarity +1) or lighter (-1) than a level, of at least so many px^2, the largest first."""
+    binary = kernels.soft_threshold(grey, 0, 0, grey.shape[1], grey.shape[0], level, polarity)
+    if hidden is not None:
+        binary[hidden != 0] = 0
+    return trace(binary, least)
+
+
+def overlap(one: tuple[int, int, int, int], other: Box) -> float:
+    """Intersection over union of two boxes."""
+    wide = min(one[0] + one[2], other[0] + other[2]) - max(one[0], other[0])
+    tall = min(one[1] + one[3], other[1] + other[3]) - max(one[1], other[1])
+    both = max(wide, 0.0) * max(tall, 0.0)
+    return both / (one[2] * one[3] + other[2] * other[3] - both)
+
+
+def is_alike(one: Silhouette, other: Silhouette) -> bool:
+    """Whether two silhouettes are nearly the same region."""
+    (x, y, w, h), (u, v, p, q) = one.box, other.box
+    size = math.sqrt(other.area)
+    corners = max(abs(x - u), abs(y - v), abs(x + w - u - p), abs(y + h - v - q))
+    return corners < 0.5 * ALIKE * size and abs(math.sqrt(one.area) - size) < 0.25 * ALIKE * size
+
+
+def _distinct(found: list[Proposal]) -> list[Proposal]:
+    """Of those that are the same region the first, or the first that a threshold found."""
+    kept: list[Proposal] = []
+    places = np.zeros((len(found), 5))
+    for p in found:
+        x, y, w, h = p.silhouette.box
+        place = np.array([x, y, x + w, y + h, 2.0 * math.sqrt(p.silhouette.area)])
+        limit = ALIKE * max(math.sqrt(p.silhouette.area), 20.0)
+        same = np.flatnonzero(np.abs(places[: len(kept)] - place).max(axis=1, initial=0.0) < limit)
+        if not len(same):
+            places[len(kept)] = place
+            kept.append(p)
+        elif p.recipe < 0 <= kept[same[0]].recipe:
+            kept[same[0]] = p
+    return sorted(kept, key=lambda p: -p.worth)

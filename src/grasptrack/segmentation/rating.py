@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How much an outline looks like that of an object: one score, of terms that can be told."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.segmentation.normalized_gradient import EdgeField
+from grasptrack.segmentation.silhouettes import Silhouette
+
+ENOUGH = 4.0
+"""Units of grain: a stronger edge is no better. What is sharper than its parts would else be taken for the whole."""
+NOTHING = 1.0
+"""Units: grain alone has as much."""
+CLOSED = 2.0
+"""Units at which an edge is there."""
+COMPACT = 8.0
+"""An outline of up to so many times a circle's length^2 / area is smooth enough."""
+TOUCHING = 0.5
+"""For each side of the image that the silhouette reaches."""
+BRIDGED = 0.8
+"""For a closing that bridges gaps of 16 px."""
+
+
+SAMPLES = 200
+"""Pixels of an outline that are asked."""
+
+
+class Rating(NamedTuple):
+    """Terms between 0 and 1.
+
+    Attributes:
+        closed: share of the outline on an edge.
+        contrast: mean strength of the edge along it, what is strong enough counting alike.
+        complete: not cut by the image's border.
+        smooth: short for the area it encloses.
+        exact: found without bridging wide gaps.
+        size: large outlines are less likely chance: square root of the convex hull's length over the image's width and
+            height.
+    """
+
+    closed: float
+    contrast: float
+    complete: float
+    smooth: float
+    exact: float
+    size: float
+
+    @property
+    def score(self) -> float:
+        """The product of all terms."""
+        return self.closed * self.contrast * self.complete * self.smooth * self.exact * self.size
+
+
+NONE = Rating(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Of what nobody looked at."""
+
+
+class Rater:
+    """Rates silhouettes by the edges of one image.
+
+    Args:
+        field: edges, perhaps of the image made smaller.
+        shrink: px of the image for one px of the field.
+        shape: height and width of the image.
+    """
+
+    def __init__(self, field: EdgeField, shrink: int, shape: tuple[int, int]) -> None:
+        soft = cv2.GaussianBlur(field.strength, (0, 0), 0.7)
+        self._strength = np.asarray(cv2.dilate(soft, np.ones((3, 3), np.uint8)), dtype=np.float32)
+        self._shrink, self._shape = shrink, shape
+
+    def rate(self, shape: Silhouette, bridge: float = 0.0) -> Rating:
+        """Rate a silhouette, which a closing has bridged gaps of so many px for."""
+        chain = shape.outer[:: max(1, len(shape.outer) // SAMPLES)]
+        height, width = self._strength.shape
+        column, row = np.minimum(chain // self._shrink, (width - 1, height - 1)).T
+        strength = self._strength[row.clip(0), column.clip(0)]
+        closed = float((strength > CLOSED).mean())
+        contrast = float((np.minimum(strength, ENOUGH) - NOTHING).mean()) / (ENOUGH - NOTHING)
+        length = cv2.arcLength(shape.outer.reshape(-1, 1, 2), True)
+        around = cv2.arcLength(cv2.convexHull(shape.outer.reshape(-1, 1, 2)), True)
+        compact = 4.0 * math.pi * shape.area / max(length, 1.0) ** 2
+        high, wide = self._shape
+        # a closing draws back from the border by its radius
+        near = 0.5 * bridge + 2.0 * self._shrink
+        sides = self._sides(chain, near, wide, high)
+        cut = float(sides.any(axis=0).mean())
+        return Rating(
+            closed,
+            max(contrast, 0.0),
+            (1.0 - cut) ** 2 * TOUCHING ** int(sides.any(axis=1).sum()),
+            math.sqrt(min(1.0, COMPACT * compact)),
+            BRIDGED ** (bridge / (16.0 * self._shrink)),
+            min(1.0, math.sqrt(around / (wide + high))),
+        )
+
+    @staticmethod
+    def _sides(chain: NDArray[np.int32], near: float, wide: int, high: int) -> NDArray[np.bool_]:
+        """(4, N) whether each pixel of the chain lies at each side of the image."""
+        x, y = chain[:, 0], chain[:, 1]
+        return np.stack([x <= near, y <= near, x >= wide - 1 - near, y >= high - 1 - near])

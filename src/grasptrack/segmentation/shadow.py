@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A silhouette without the shadow that its object casts: ground, darker, beside it, in the object's own shape."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.segmentation.images import Grey
+from grasptrack.segmentation.silhouettes import Silhouette, trace
+from grasptrack.segmentation.thresholds import otsu
+
+DARK, BRIGHT = 0.25, 0.93
+"""A shadow leaves between these shares of the light."""
+SAME_COLOUR = 0.08
+"""It takes as much of blue as of red, within this share."""
+MOST = 0.45
+"""A larger share of a silhouette is no shadow of the rest."""
+LEAST = 0.03
+"""A smaller share is not worth while."""
+LENGTH = 0.3
+"""A flat object's shadow is shifted by this fraction of sqrt(area) at most."""
+EXPLAINED = 0.6
+"""The shifted object must cover so much of what it does not cover unshifted, overshoot counted against it."""
+DIRECTIONS = 16
+LENGTHS = 6
+MARGIN = 12
+"""px of ground round the silhouette that tell its colour."""
+GLANCE = 3
+"""Most objects cast none, and every third pixel tells."""
+
+
+def without_shadow(image: NDArray[np.uint8], shape: Silhouette) -> Silhouette | None:
+    """The silhouette of the object alone, or None where it casts no shadow that can be told from it.
+
+    Args:
+        image: (H, W) or BGR (H, W, 3).
+        shape: object and perhaps shadow.
+    """
+    window, (left, top), filled = _window(image, shape, GLANCE)
+    if _shade(window, filled) is None:
+        return None
+    window, (left, top), filled = _window(image, shape)
+    shade = _shade(window, filled)
+    if shade is None:
+        return None
+    alone = _largest(np.where(shade, np.uint8(0), filled))
+    if alone is None or not _is_cast(alone, filled):
+        return None
+    found = trace(alone, 30.0, (left, top), holes=False)
+    return found[0] if found else None
+
+
+def shadow_removed(image: NDArray[np.uint8], shape: Silhouette) -> Silhouette:
+    """As `without_shadow` where the object is known to cast one: only colours are asked."""
+    window, (left, top), filled = _window(image, shape)
+    shade = _shade(window, filled)
+    alone = None if shade is None else _largest(np.where(shade, np.uint8(0), filled))
+    found = [] if alone is None else trace(alone, 30.0, (left, top), holes=False)
+    return found[0] if found else shape
+
+
+def _window(
+    image: NDArray[np.uint8], shape: Silhouette, step: int = 1
+) -> tuple[NDArray[np.float32], tuple[int, int], Grey]:
+    """(h, w, C) the image round a silhouette, softened, its origin, and the silhouette filled; every step-th pixel."""
+    x, y, w, h = shape.box
+    left, top = max(x - MARGIN, 0), max(y - MARGIN, 0)
+    right, bottom = min(x + w + MARGIN, image.shape[1]), min(y + h + MARGIN, image.shape[0])
+    seen = image[top:bottom, left:right]
+    part = cv2.GaussianBlur(seen, (5, 5), 1.2) if step == 1 else seen[::step, ::step]
+    filled = np.zeros((bottom - top, right - left), np.uint8)
+    cv2.drawContours(filled, [shape.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED, offset=(-left, -top))
+    filled = np.ascontiguousarray(filled[::step, ::step])
+    return np.asarray(part, dtype=np.float32).reshape(*filled.shape, -1), (left, top), filled
+
+
+def _shade(window: NDArray[np.float32], filled: Grey) -> NDArray[np.bool_] | None:
+    """(h, w) where a silhouette shows shaded ground, or None."""
+    outside = cv2.dilate(filled, np.ones((7, 7), np.uint8)) == 0
+    if np.count_nonzero(outside) < 20:
+        return None
+    ground = np.median(window[outside], axis=0)
+    inside = filled > 0
+    light = window / np.maximum(ground, 1.0)
+    left_over = light.mean(axis=2)
+    shaded = inside & (left_over > DARK) & (left_over < BRIGHT)
+    shaded &= light.max(axis=2) - light.min(axis=2) < SAME_COLOUR
+    total = np.count_nonzero(inside)
+    if np.count_nonzero(shaded) > MOST * total:
+        # the object is of the ground's hue as well, and must be darker than its shadow
+        level = otsu(np.bincount((left_over[shaded] * 255.0).astype(np.intp), minlength=256)[:256].astype(np.float64))
+        if level is None:
+            return None
+        shaded &= left_over > level / 255.0
+    if not LEAST * total <= np.count_nonzero(shaded) <= MOST * total:
+        return None
+    opened = cv2.morphologyEx(shaded.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    return np.asarray(cv2.dilate(opened, np.ones((3, 3), np.uint8)) > 0)
+
+
+def _largest(mask: Grey) -> Grey | None:
+    """The largest region of a mask, smoothed, alone."""
+    opened = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(opened)
+    if count < 2:
+        return None
+    best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    return np.where(labels == best, np.uint8(255), np.uint8(0))
+
+
+def _is_cast(alone: Grey, both: Grey) -> bool:
+    """Whether what was taken away is the object's own shape, shifted."""
+    area = float(np.count_nonzero(alone))
+    rest = (both > 0) & (alone == 0)
+    wanted = float(np.count_nonzero(rest))
+    if not 0.0 < wanted <= MOST * (area + wanted):
+        return False
+    beyond = both == 0
+    height, width = alone.shape
+    for angle in np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS):
+        for length in np.linspace(0.03, LENGTH, LENGTHS) * np.sqrt(area):
+            dx, dy = int(np.rint(length * np.cos(angle))), int(np.rint(length * np.sin(angle)))
+            shift = np.array([[1, 0, dx], [0, 1, dy]], np.float32)
+            moved = cv2.warpAffine(alone, shift, (width, height), flags=cv2.INTER_NEAREST)
+            covered = float(np.count_nonzero(rest & (moved > 0)))
+            over = float(np.count_nonzero(beyond & (moved > 0)))
+            if covered - over >= EXPLAINED * wanted:
+                return True
+    return False

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Images of a calibrated camera made straight, and what was found in them given back in px of the images as they are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack.errors import SourceError
+from grasptrack.geometry.cameras import Camera
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.grasp.synthesis.result import RankedGrasp
+from grasptrack.segmentation.images import to_bgr, to_mask
+from grasptrack.typing import Floats
+
+if TYPE_CHECKING:
+    from grasptrack.tracking.result import TrackResult
+
+Box = tuple[float, float, float, float]
+
+MOST = 0.3
+"""A straight image is larger than the one seen by this share of its side at most, on each side."""
+_COARSE = 8
+_STEP = 0.05
+
+
+class Undistortion:
+    """Straightens images of one size, and maps what belongs to them both ways.
+
+    The straight image has the matrix of the camera, so that the middle keeps its scale, and is as much larger or smaller
+    as it takes to hold all that was seen, up to MOST. It reaches as far to either side of the optical axis, up to MOST, which
+    so is in its middle. What lies outside of the image seen is hidden.
+
+    Args:
+        camera: as calibrated; a calibration for a larger or smaller image of the same shape is scaled.
+        width, height: px of the images as they are.
+
+    Attributes:
+        camera: for this size.
+        offset: (2,) ideal px of the straight image's pixel (0, 0); whole numbers.
+        hidden: (h, w) uint8, 255 where the straight image shows nothing.
+        focal: focal length in widths of the straight image, and by which share its two axes differ; None where the optical
+            axis is not in the middle.
+
+    Raises:
+        InputError: a calibration for images of another shape.
+    """
+
+    def __init__(self, camera: Camera, width: int, height: int) -> None:
+        self.camera = camera.resized(width, height)
+        self.size = width, height
+        reach = math.ceil(MOST * width), math.ceil(MOST * height)
+        x, y = (np.arange(-m, n + m + _COARSE, _COARSE) for m, n in zip(reach, self.size, strict=True))
+        shown = self._shown(self._grid(x, y))[1]
+        columns, rows = np.flatnonzero(shown.any(axis=0)), np.flatnonzero(shown.any(axis=1))
+        left, right = int(x[columns[0]]) - _COARSE, int(x[columns[-1]]) + _COARSE
+        top, bottom = int(y[rows[0]]) - _COARSE, int(y[rows[-1]]) + _COARSE
+        if not self.camera.distorted:
+            left, top, right, bottom = 0, 0, width - 1, height - 1
+        (left, right), (top, bottom) = (
+            _about(middle, low, high, MOST * side)
+            for middle, low, high, side in zip(
+                self.camera.matrix[:2, 2].tolist(), (left, top), (right, bottom), self.size, strict=True
+            )
+        )
+        self.offset: Floats = np.array([left, top], dtype=np.float64)
+        seen, shown = self._shown(self._grid(np.arange(left, right + 1), np.arange(top, bottom + 1)))
+        nearest = np.clip(seen, 0.0, (width - 1, height - 1)).astype(np.float32)  # so that no edge is made up
+        self._maps = cv2.convertMaps(nearest[..., 0], nearest[..., 1], cv2.CV_16SC2)
+        self.hidden: NDArray[np.uint8] = np.where(shown, np.uint8(0), np.uint8(255))
+        (fx, fy), (x, y) = np.diag(self.camera.matrix)[:2].tolist(), self.camera.matrix[:2, 2].tolist()
+        aside = max(abs(left + right - 2.0 * x), abs(top + bottom - 2.0 * y))
+        self.focal = (math.sqrt(fx * fy) / (right - left + 1), abs(math.log(fx / fy))) if aside <= 2.0 else None
+
+    @staticmethod
+    def _grid(x: NDArray[Any], y: NDArray[Any]) -> Floats:
+        return np.stack(np.meshgrid(x, y), axis=-1).astype(np.float64)
+
+    def _shown(self, ideal: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Where points (..., 2) are seen, and whether that is in the image."""
+        seen = self.camera.distort(ideal)
+        inside = np.all((seen >= -0.5) & (seen <= np.array(self.size) - 0.5), axis=-1)
+        return seen, np.asarray(inside & self.camera.within(ideal))
+
+    # --- what goes in ----------------------------------------------------------------------------
+
+    def image(self, image: NDArray[Any]) -> NDArray[np.uint8]:
+        """An image, grey or BGR, as a lens without distortion would show it.
+
+        Raises:
+            SourceError: an image that cannot be used, or of another size.
+        """
+        colours = to_bgr(image)
+        if colours.shape[1::-1] != self.size:
+            w, h = self.size
+            raise SourceError(
+                f"the image is {colours.shape[1]}x{colours.shape[0]} px, but the first was {w}x{h}; all must have one size"
+            )
+        return np.asarray(cv2.remap(colours, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def mask(self, mask: NDArray[Any], what: str = "mask", least: int = 128) -> NDArray[np.uint8]:
+        """A mask of an image, 0 and 255. What is set to `least` / 255 of a pixel counts as set.
+
+        Raises:
+            InputError: not of the images' size.
+        """
+        given = to_mask(mask, self.size[::-1], what)
+        straight = np.asarray(cv2.remap(given, *self._maps, cv2.INTER_LINEAR))
+        return np.where(straight >= least, np.uint8(255), np.uint8(0))
+
+    def ignored(self, mask: NDArray[Any] | None) -> NDArray[Any] | None:
+        """What nothing of the scene is in: outside the image seen, and under the user's mask; None where nothing is.
+
+        Raises:
+            InputError: not of the images' size.
+        """
+        hidden = self.hidden if mask is None else self.hidden | self.mask(mask, "ignore mask", least=1)
+        return hidden if hidden.any() else None
+
+    def points(self, seen: ArrayLike) -> Floats:
+        """(k, 2) px of the straight image, of points (k, 2) in px of the image seen."""
+        return self.camera.undistort(np.asarray(seen, dtype=np.float64)) - self.offset
+
+    def box(self, box: Box) -> Box:
+        """Left, top, width and height of what a box of the image seen holds: the rectangle round its straight sides."""
+        x, y, w, h = box
+        along = np.linspace(0.0, 1.0, 9)
+        sides = [(x + w * t, y + h * e) for t in along for e in (0, 1)] + [
+            (x + w * e, y + h * t) for t in along for e in (0, 1)
+        ]
+        at = self.points(np.array(sides))
+        (left, top), (right, bottom) = at.min(axis=0).tolist(), at.max(axis=0).tolist()
+        return left, top, right - left, bottom - top
+
+    # --- what comes out --------------------------------------------------------------------------
+
+    def seen(self, points: ArrayLike) -> Floats:
+        """(k, 2) px of the image seen, of points (k, 2) of the straight one."""
+        return self.camera.distort(np.asarray(points, dtype=np.float64) + self.offset)
+
+    def _seen_near(self, points: Floats) -> tuple[Floats, Floats]:
+        """As `seen` and `stretch`, in one go: there are few points, and they come with every frame."""
+        around = self.seen(points[:, None] + _STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]))
+        J = np.stack([around[:, 1] - around[:, 2], around[:, 3] - around[:, 4]], axis=-1) / (2.0 * _STEP)
+        return around[:, 0], J
+
+    def stretch(self, points: ArrayLike) -> Floats:
+        """(k, 2, 2) derivatives of `seen` at points (k, 2) of the straight image."""
+        return self.camera.jacobian(np.asarray(points, dtype=np.float64) + self.offset)
+
+    def view(self, view: View) -> View:
+        """An outline of the straight image, as it is seen."""
+        return View(
+            [Contour(self.seen(c.points), hole=c.hole, strength=c.strength, clipped=c.clipped) for c in view.contours]
+        )
+
+    def grasp(self, grasp: RankedGrasp) -> SeenGrasp:
+        """A grasp of the straight image, as it is seen; lengths stay those of the straight image."""
+        turned = (self.stretch(grasp.contacts) @ grasp.directions[..., None])[..., 0]
+        return SeenGrasp(
+            self.seen(grasp.contacts),
+            grasp.quality,
+            grasp.terms,
+            spread=grasp.spread,
+            margin=grasp.margin,
+            directions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
+            regions=grasp.regions,
+            fingers=self.seen(grasp.fingers),
+            swept=self.seen(grasp.swept),
+            straight=grasp.contacts,
+        )
+
+    def result(self, result: TrackResult) -> TrackResult:
+        """Of straight images: contacts, covariance and outline as seen, homography and rectification in ideal px."""
+        contacts, covariance = result.contacts, result.covariance
+        H, spread = result.homography, result.homography_covariance
+        plane = result.rectification
+        if plane is not None:
+            plane = plane @ np.array([[1, 0, -self.offset[0]], [0, 1, -self.offset[1]], [0, 0, 1.0]])
+        if contacts is not None:
+            contacts, J = self._seen_near(contacts)
+            covariance = None if covariance is None else J @ covariance @ np.swapaxes(J, 1, 2)
+        if H is not None:
+            (x, y) = self.offset
+            there, back = np.array([[1, 0, x], [0, 1, y], [0, 0, 1.0]]), np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1.0]])
+            moved = there @ H @ back
+            if spread is not None:
+                # of the entries row by row, the last one being 1 again
+                entries = np.kron(there, back.T)
+                J = (entries - np.outer(moved / moved[2, 2], entries[8])) / moved[2, 2]
+                spread = J @ spread @ J.T
+            H = moved / moved[2, 2]
+        view = None if result.view is None else self.view(result.view)
+        return replace(
+            result,
+            contacts=contacts,
+            covariance=covariance,
+            homography=H,
+            homography_covariance=spread,
+            view=view,
+            rectification=plane,
+        )
+
+
+def _about(middle: float, low: int, high: int, most: float) -> tuple[int, int]:
+    """The range of whole px from low to high, longer at one end by `most` at most, so that its middle is as given."""
+    if 2.0 * middle > low + high + 1.0:
+        return low, min(math.floor(2.0 * middle) - low, high + math.floor(most))
+    if 2.0 * middle < low + high - 1.0:
+        return max(math.ceil(2.0 * middle) - high, low - math.floor(most)), high
+    return low, high
+
+
+class SeenGrasp(RankedGrasp):
+    """A grasp in px of the image as it is; opening, regions and margin are those of the straight image.
+
+    Attributes:
+        straight: (k, 2) px, the contacts in the straight image.
+    """
+
+    __slots__ = ("straight",)
+
+    def __init__(self, *args: Any, straight: Floats, **values: Any) -> None:
+        super().__init__(*args, **values)
+        self.straight = straight
+
+
+class Told(NamedTuple):
+    """What the user said of the first image.
+
+    Attributes:
+        contacts: (k, 2) px, or None.
+        object_at: (x, y) px, or None.
+        box: left, top, width and height in px, or None.
+        ignore: (H, W) nonzero where nothing belongs to the scene, or None.
+    """
+
+    contacts: Floats | None
+    object_at: tuple[float, float] | None
+    box: Box | None
+    ignore: NDArray[Any] | None
+
+    def straight(self, lens: Undistortion) -> Told:
+        """The same, of the straight image.
+
+        Raises:
+            InputError: a mask of another size.
+        """
+        at = None if self.object_at is None else lens.points([self.object_at])[0]
+        return Told(
+            None if self.contacts is None else lens.points(self.contacts),
+            None if at is None else (float(at[0]), float(at[1])),
+            None if self.box is None else lens.box(self.box),
+            lens.ignored(self.ignore),
+        )

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shape spaces on a template's points: Q = W X + Q0 (Blake and Isard, Active Contours, ch. 4)."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from grasptrack.errors import ConditioningError, ContourError, StrategyError
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.typing import Floats
+
+Shape = Literal["similarity", "affine"]
+SHAPES: tuple[Shape, ...] = ("similarity", "affine")
+
+
+class ShapeSpace:
+    """The views of a template that differ by a planar similarity (4 DoF) or an affine map (6 DoF).
+
+    A state X is all in px: the first two entries move the template's centroid g, the others turn, scale and shear about
+    it, multiplied by the template's rms radius rho, so that one unit of any moves the points by about 1 px.
+
+        similarity  X = (tx, ty, rho (s cos a - 1), rho s sin a)
+        affine      X = (tx, ty, rho (m11 - 1), rho (m22 - 1), rho m21, rho m12)
+
+    Args:
+        points: (n, 2) px, the template Q0.
+        shape: "similarity" (translation, rotation, scale: Section III-A) or "affine" (also weak tilt).
+
+    Raises:
+        StrategyError: another shape.
+        ContourError: fewer than 3 points, or all in one place.
+    """
+
+    __slots__ = ("_pinv", "centre", "dof", "local", "points", "rho", "shape")
+
+    def __init__(self, points: ArrayLike, shape: Shape = "similarity") -> None:
+        if shape not in SHAPES:
+            raise StrategyError(f'unknown shape space "{shape}"; choose from {", ".join(SHAPES)}', shape=shape)
+        self.points: Floats = np.array(points, dtype=np.float64)
+        if self.points.ndim != 2 or self.points.shape[1] != 2 or len(self.points) < 3:
+            raise ContourError(f"a template is an array of at least 3 points (n, 2), not {self.points.shape}")
+        self.shape: Shape = shape
+        self.dof = 4 if shape == "similarity" else 6
+        self.centre: Floats = np.asarray(self.points.mean(axis=0))
+        offset: Floats = self.points - self.centre
+        self.rho = float(np.sqrt(np.einsum("ij,ij->", offset, offset) / len(offset)))
+        if not self.rho > 0.0:
+            raise ContourError("a template must have an extent; these points are one place")
+        self.local: Floats = offset / self.rho  # the template's shape, at size 1
+        self._pinv: Floats = np.asarray(np.linalg.pinv(self.W))
+
+    @property
+    def W(self) -> Floats:  # noqa: N802  the name it has in Q = W X + Q0
+        """(2 n, dof): how each state moves the points; rows are x of all points, then y of all."""
+        return np.concatenate([self.jacobian(self.points)[:, i] for i in (0, 1)])
+
+    def jacobian(self, points: Floats) -> Floats:
+        """(m, 2, dof): derivative of where points (m, 2) of the template go by the state, the same at any state."""
+        p = (points - self.centre) / self.rho
+        x, y = p[:, 0], p[:, 1]
+        out = np.zeros((len(p), 2, self.dof))
+        out[:, 0, 0] = out[:, 1, 1] = 1.0
+        if self.shape == "similarity":
+            out[:, 0, 2], out[:, 0, 3] = x, -y
+            out[:, 1, 2], out[:, 1, 3] = y, x
+        else:
+            out[:, 0, 2], out[:, 0, 5] = x, y
+            out[:, 1, 3], out[:, 1, 4] = y, x
+        return out
+
+    def linear(self, state: Floats) -> Floats:
+        """(2, 2): the linear part of the map that a state stands for."""
+        if self.shape == "similarity":
+            a, b = 1.0 + float(state[2]) / self.rho, float(state[3]) / self.rho
+            return np.array(((a, -b), (b, a)))
+        m11, m22, m21, m12 = (state[2:] / self.rho).tolist()
+        return np.array(((1.0 + m11, m12), (m21, 1.0 + m22)))
+
+    def curve(self, state: Floats) -> Floats:
+        """(n, 2) px: Q = W X + Q0."""
+        return np.asarray(self.local @ (self.rho * self.linear(state).T) + (self.centre + state[:2]))
+
+    def homography(self, state: Floats) -> Floats:
+        """(3, 3) H_current_reference that a state stands for."""
+        M = self.linear(state)
+        H = np.eye(3)
+        H[:2, :2] = M
+        H[:2, 2] = self.centre + state[:2] - M @ self.centre
+        return H
+
+    def state(self, H: ArrayLike) -> Floats:
+        """(dof,) state nearest to a homography: its image of the template, least squares over the points.
+
+        Exact where H lies in the space; the affine or similar map that fits best where it does not.
+
+        Raises:
+            ConditioningError: not (3, 3), not finite, or H sends part of the template to infinity.
+        """
+        h = np.asarray(H, dtype=np.float64)
+        if h.shape != (3, 3) or not np.isfinite(h).all():
+            raise ConditioningError("a homography is a finite array of shape (3, 3)")
+        moved = apply_homography(h, self.points) - self.points
+        return np.asarray(self._pinv @ moved.T.ravel())
+
+    def metric(self) -> Floats:
+        """(dof, dof): X^T metric X is the mean square displacement of the points, px^2."""
+        W = self.W
+        return np.asarray(W.T @ W / len(self.points))
+
+    def norm(self, state: Floats) -> float:
+        """Rms displacement of the points in px between the template and a state, or by a difference of two states."""
+        return math.sqrt(max(float(state @ self.metric() @ state), 0.0))

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well an object can be tracked, told from one image before the run."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from grasptrack import kernels
+from grasptrack.errors import InputError
+from grasptrack.geometry.contours import View
+from grasptrack.grasp.contact_regions import chance_of_closing, regions_of
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, analyze
+from grasptrack.grasp.hand import Hand
+from grasptrack.segmentation.images import PLAIN
+from grasptrack.trackability.advice import Findings, is_lost, level_of, reasons_of
+from grasptrack.trackability.edges import Edges, edges_of, sway
+from grasptrack.trackability.first import FirstView, first_view
+from grasptrack.trackability.motions import TURN, Frame, motions_of
+from grasptrack.trackability.prediction import RUNS, Drawn, Looked, Prediction, Run, drawn_runs, predict_run, rehearse
+from grasptrack.trackability.relief import Relief, reliefs
+from grasptrack.trackability.result import Held, Looks, Reason, Suitability, Texture
+from grasptrack.trackability.settled import Settled, loose, settled
+from grasptrack.trackability.strategies import peaks_of, recommended, strategies_of
+from grasptrack.trackability.symmetry import Likeness, equals_of, symmetry_of
+from grasptrack.trackability.synthetic_view import Setting, Stage
+from grasptrack.tracking.decision import largest_sigma, tolerance
+from grasptrack.tracking.initialization import AUTO
+from grasptrack.tracking.messages import Reason as Why
+from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
+from grasptrack.tracking.plane import Beforehand
+from grasptrack.tracking.selection import make_target
+from grasptrack.tracking.strategies import carrier_for
+from grasptrack.tracking.target import Target, pyramid
+from grasptrack.tracking.tracker import GraspTracker
+from grasptrack.typing import Floats
+
+__all__ = ["Reason", "Suitability", "inspect"]
+
+
+def inspect(
+    image: NDArray[Any],
+    *,
+    grasp: ArrayLike | None = None,
+    fingers: int = 2,
+    friction: float = DEFAULT_FRICTION,
+    object_at: tuple[float, float] | None = None,
+    box: tuple[float, float, float, float] | None = None,
+    mask: NDArray[Any] | None = None,
+    ignore: NDArray[Any] | None = None,
+    hand: Hand | None = None,
+    strategy: str = AUTO,
+    risk: float = DEFAULT_RISK,
+    focal: Beforehand | None = None,
+    runs: int = RUNS,
+) -> Suitability:
+    """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
+
+    Object and grasp are chosen as `GraspTracker` does in a first image. What a run will give follows from runs of the tracker
+    that are drawn: on the image itself, moved as an approach would move it, where the truth is known.
+
+    Args:
+        image: 8 or 16 bit, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
+        grasp: (k, 2) px contacts in place of synthesis; they choose the object.
+        fingers: number of contacts to synthesise, 2 or 3.
+        friction: Coulomb coefficient; more lets more grasps close.
+        object_at: (x, y) px of the object.
+        box: left, top, width and height of it, px, in the place of a pixel.
+        mask: (H, W) your own segmentation, nonzero on objects; it takes the image's place.
+        ignore: (H, W) nonzero where nothing belongs to the scene.
+        hand: opening and fingers that a synthesised grasp must suit.
+        strategy: that is to carry the grasp.
+        risk: probability, between 0 and 1, below which an answer of the tracker may be wrong.
+        focal: what is known of the camera beforehand, as for `Plane`; the image is then one without distortion.
+        runs: that are drawn.
+
+    Raises:
+        ObservationError: no object.
+        SourceError, InputError: an image or mask that cannot be used, friction not positive, no run, a risk not between 0
+            and 1.
+        GraspError: given contacts that are none, or not on an object.
+        StrategyError: unknown strategy, or more fingers than it can carry.
+    """
+    asked = GraspTracker(
+        fingers=fingers, strategy=strategy, friction=friction, grasp=grasp, object_at=object_at, box=box, risk=risk
+    )
+    given = None if grasp is None else Grasp(grasp)
+    if runs < 1:
+        raise InputError(f"at least 1 run must be drawn, not {runs}", runs=runs)
+    first = first_view(image, given, asked.fingers, friction, object_at, box, mask, ignore, hand, strategy, risk, focal)
+    view, grey = first.candidate.view, first.grey
+    edges = edges_of(view, grey, first.candidate.polarity)
+    surface, ground = reliefs(grey, view, first.hidden)
+    target = first.carrier.follower.target if first.carrier else _target(first)
+    looks = _looks(first, target, edges, surface)
+    motions = motions_of(*edges.used, _frame(view), sway(edges))
+    whole = motions.models["homography"]
+    limit = largest_sigma(view.outer.area, NUMBERS.with_risk(risk))
+    auto = strategy == AUTO  # the others segment, in colour
+    stage = Stage(grey if auto else first.colours, PLAIN if auto else first.candidate.channel, surface.noise)
+    prediction, fixed = None, None
+    if first.carrier is not None:
+        runs_drawn, looked = _drawn(first, stage, strategy, risk, focal, runs)
+        fixed = settled(first, target, looked, limit, whole.observable)
+        # beyond its tolerance the tracker refuses
+        adrift = min(fixed.deviations[2], tolerance(view.outer.area, NUMBERS)) if fixed.by == "nothing" else 0.0
+        prediction = predict_run(Drawn.of(runs_drawn, math.sqrt(view.outer.area), adrift))
+    refusal = "" if fixed is None else _refusal(fixed.by != "nothing", fixed.covariance, limit)
+    grip = None if first.grasp is None else _held(first, friction, limit, motions.frame.size, fixed, prediction)
+    usable = strategies_of(first.held, view, grey, refusal)
+    likeness = Likeness(first, target, stage)
+    symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
+    equals = equals_of(first, likeness)
+    reasons = reasons_of(
+        Findings(looks, motions, symmetry, len(equals), usable, grip, first.reason, refusal, fixed, prediction)
+    )
+    return Suitability(
+        level=level_of(grip, prediction),
+        reasons=reasons,
+        strategy="" if grip is None or is_lost(prediction) else recommended(usable),
+        looks=looks,
+        motions=motions,
+        symmetry=symmetry,
+        equals=tuple(equals),
+        peaks=peaks_of(view),
+        strategies=usable,
+        surface=Texture(surface.rms, surface.least, math.nan if fixed is None else fixed.deviations[1]),
+        ground=Texture(ground.rms, ground.least, math.nan if fixed is None else fixed.deviations[2]),
+        grasp=grip,
+        settled=fixed,
+        prediction=prediction,
+        view=view,
+        edges=edges,
+    )
+
+
+def _target(first: FirstView) -> Target:
+    return make_target(pyramid(first.grey), first.candidate.view, first.held.contacts, NUMBERS, first.hidden)
+
+
+def _drawn(
+    first: FirstView, stage: Stage, strategy: str, risk: float, focal: Beforehand | None, runs: int
+) -> tuple[list[Run], list[Looked]]:
+    """Runs that are drawn, and the images of the first of them."""
+    view, grasp, grey = first.candidate.view, first.held, first.grey
+    away = view.outer.points - (centre := view.outer.points.mean(axis=0))
+    size, reach = math.sqrt(view.outer.area), float(np.hypot(*away.T).max())
+    setting = Setting(centre, size, reach, grey.shape[1], grey.shape[0], focal or Beforehand.usual(NUMBERS))
+    carrier, made, seen = first.carrier, [], list[Looked]()
+    for steps in drawn_runs(setting, runs):
+        if carrier is None:
+            first.observer.look(first.colours)
+            first.observer.choose(first.candidate)
+            carrier = carrier_for(strategy, grasp, view, grey, None, first.observer, risk, focal)
+        run, looked = rehearse(carrier, first, stage, steps)
+        made.append(run)
+        seen, carrier = seen or looked, None
+    return made, seen
+
+
+def _refusal(fixed: bool, covariance: Floats, limit: float) -> str:
+    """Why contacts will not be believed that may be off by covariances (k, 2, 2) px^2; empty where they will."""
+    sigma = math.sqrt(float(np.linalg.eigvalsh(covariance)[:, -1].max()))
+    return "" if fixed and sigma <= limit else Why("uncertain", {"sigma": sigma}).sentence
+
+
+def _frame(view: View) -> Frame:
+    area, x, y, theta, *_ = kernels.inertia(view.points, view.offsets)
+    c, s = math.cos(theta), math.sin(theta)
+    return Frame(np.array([x, y]), np.array([[c, s], [-s, c]]), math.sqrt(area))
+
+
+def _looks(first: FirstView, target: Target, edges: Edges, surface: Relief) -> Looks:
+    view, grey = first.candidate.view, first.grey
+    height, width = grey.shape
+    low, high = view.outer.points.min(axis=0), view.outer.points.max(axis=0)
+    size = _frame(view).size
+    some = edges.strength > 0.0
+    inside = ~np.concatenate([np.zeros(len(c), np.bool_) if c.clipped is None else c.clipped for c in view.contours])
+    strength = float(np.median(edges.strength[inside])) if inside.any() else 0.0
+    beyond = edges.beyond[some]
+    ground = float(np.median(beyond)) if len(beyond) else math.nan
+    return Looks(
+        size=size,
+        width=float(high[0] - low[0]),
+        height=float(high[1] - low[1]),
+        share=size**2 / (width * height),
+        contrast=float(np.median(edges.contrast[inside])) if inside.any() else 0.0,
+        noise=surface.noise,
+        grain=1.4826 * float(np.median(np.abs(beyond - ground))) if len(beyond) else math.nan,
+        sharpness=math.sqrt(2.0 * math.pi) * target.edge_width * float(target.A[0, 0]),
+        strength=strength,
+        clear=float(edges.clear[inside].mean()) if inside.any() else 0.0,
+        border=max(0.0, float(min(low.min(), width - 1.0 - high[0], height - 1.0 - high[1]))),
+        holes=len(view.contours) - 1,
+        clipped=view.is_clipped,
+    )
+
+
+def _held(
+    first: FirstView, friction: float, limit: float, size: float, fixed: Settled | None, prediction: Prediction | None
+) -> Held:
+    """The grasp with the errors to be expected of its contacts: in the ratios of their covariances, as large as predicted."""
+    grasp, view = first.held, first.candidate.view
+    covariance = loose(first) if fixed is None else fixed.covariance
+    sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    expected = math.nan if prediction is None else prediction.error_px
+    known = 1.0 if math.isnan(expected) else expected / float(sigma.max())
+    width = FINGER_WIDTH * size
+    analysis = analyze(grasp, view, friction, width, "reference")
+    return Held(
+        contacts=grasp.contacts,
+        opening=grasp.opening,
+        margin=analysis.margin,
+        stable=analysis.stable,
+        chance=chance_of_closing(regions_of(grasp, view, friction, width), known**2 * covariance),
+        sigma=known * sigma,
+        covariance=known**2 * covariance,
+        limit=limit,
+        tolerance=tolerance(view.outer.area, NUMBERS),
+    )

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Structure of the surface within an outline and of the ground round it, against the image's noise."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.geometry.contours import View
+from grasptrack.segmentation.images import Grey
+from grasptrack.typing import Floats
+
+DEPTH = 4.0
+"""px that either is looked at away from the outline, whose edge is none of theirs."""
+AROUND = 0.25
+"""The ground is looked at within this fraction of sqrt(area) of the outline."""
+OF_SLOPES = 12.0 / 64.0
+"""Variance of one component of a Sobel slope of independent pixels of variance 1."""
+QUANTUM = 1.0 / math.sqrt(12.0)
+"""Grey levels, the noise of rounding to whole ones."""
+CUT = 3.0
+"""Standard deviations beyond which a second difference is structure, ..."""
+OF_NORMAL = math.sqrt(2.0 / math.pi) * (1.0 - math.exp(-0.5 * CUT**2)) / math.erf(CUT / math.sqrt(2.0))
+"""... and the mean size of normal noise that is cut off there, in its standard deviation."""
+DOUBT = 3.0
+"""Structure counts as far as it exceeds what noise makes by so many standard deviations of that."""
+
+
+class Relief(NamedTuple):
+    """Slopes of one part of an image.
+
+    Attributes:
+        points: (m, 2) px.
+        slopes: (m, 2) grey levels per px.
+        noise: grey levels, standard deviation of a pixel.
+    """
+
+    points: Floats
+    slopes: Floats
+    noise: float
+
+    @property
+    def rms(self) -> float:
+        """Grey levels per px, rms of the slopes less what noise makes of them."""
+        if not len(self.points):
+            return 0.0
+        excess = float(np.square(self.slopes).sum(axis=1).mean()) - 2.0 * self._doubted
+        return math.sqrt(max(excess, 0.0))
+
+    @property
+    def least(self) -> float:
+        """Grey levels per px, rms slope in the direction that shows least structure, less what noise makes of it."""
+        if not len(self.points):
+            return 0.0
+        tensor = self.slopes.T @ self.slopes / len(self.points)
+        return math.sqrt(max(float(np.linalg.eigvalsh(tensor)[0]) - self._doubted, 0.0))
+
+    @property
+    def _doubted(self) -> float:
+        """Mean square slope in one direction that may be noise."""
+        return OF_SLOPES * self.noise**2 * (1.0 + DOUBT * math.sqrt(2.0 / len(self.points)))
+
+
+def reliefs(grey: Grey, view: View, hidden: Grey | None = None) -> tuple[Relief, Relief]:
+    """Slopes within an outline, and of the ground round it, both clear of the outline itself.
+
+    Args:
+        grey: (H, W).
+        view: the outline.
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+    """
+    band = math.ceil(AROUND * math.sqrt(view.outer.area) + DEPTH) + 2
+    low = np.maximum(np.floor(view.outer.points.min(axis=0)).astype(int) - band, 0)
+    high = np.minimum(np.ceil(view.outer.points.max(axis=0)).astype(int) + band, [grey.shape[1] - 1, grey.shape[0] - 1])
+    part = grey[low[1] : high[1] + 1, low[0] : high[0] + 1].astype(np.float32)
+    material = np.zeros(part.shape, np.uint8)
+    cv2.fillPoly(material, [np.rint(c.points - low).astype(np.int32) for c in view.contours], (255,))
+    solid = np.zeros(part.shape, np.uint8)
+    cv2.fillPoly(solid, [np.rint(view.outer.points - low).astype(np.int32)], (255,))
+    deep = cv2.distanceTransform(material, cv2.DIST_L2, 3)
+    off = cv2.distanceTransform(255 - solid, cv2.DIST_L2, 3)
+    dx, dy = (cv2.Sobel(part, cv2.CV_32F, *way, scale=0.125) for way in ((1, 0), (0, 1)))
+    free = np.ones(part.shape, np.bool_)
+    if hidden is not None:
+        free = hidden[low[1] : high[1] + 1, low[0] : high[0] + 1] == 0
+    free[[0, -1]] = free[:, [0, -1]] = False
+    noise = _noise(part, free)
+    made = []
+    for where in (deep >= DEPTH, (off >= DEPTH) & (off <= band)):
+        row, column = np.nonzero(where & free)
+        slopes = np.column_stack([dx[row, column], dy[row, column]]).astype(np.float64)
+        made.append(Relief(np.column_stack([column, row]).astype(np.float64) + low, slopes, noise))
+    return made[0], made[1]
+
+
+def _noise(part: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
+    """Grey levels, standard deviation of a pixel, from second differences in both directions (Immerkaer 1996), robust."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    left = np.abs(cv2.filter2D(part, cv2.CV_32F, kernel)[free]) / 6.0
+    if not left.size:
+        return QUANTUM
+    rough = max(1.4826 * float(np.median(left)), QUANTUM)
+    # grey levels are whole numbers, and so would a median be: the mean of what is not plainly an edge
+    return max(float(left[left <= CUT * rough].mean()) / OF_NORMAL, QUANTUM)
