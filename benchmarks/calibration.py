@@ -23,7 +23,7 @@ from grasptrack.bench.metrics.score import Score
 from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.parts import built_in
 from grasptrack.bench.real import RealCase, sequence_of, videos_of
-from grasptrack.bench.scenes import SceneCase, suite
+from grasptrack.bench.scenes import SceneCase, make_scene_cases
 from grasptrack.bench.sequence import Shown, chosen_grasp
 from grasptrack.errors import GraspTrackError
 from grasptrack.tracking.numbers import NUMBERS, OWN, read_numbers
@@ -195,7 +195,9 @@ def run(function: Callable[[Any], Followed], cases: Sequence[Any]) -> list[Follo
 
 def rendered(parts: str, disturbances: str, frames: int, seed: int) -> list[Followed]:
     """All sequences of parts and disturbances."""
-    return run(followed, suite(built_in(parts.split(",")), disturbances.split(","), frames=frames, seed=seed))
+    return run(
+        followed, make_scene_cases(built_in(parts.split(",")), disturbances.split(","), frames=frames, seed=seed)
+    )
 
 
 def reliability(sequences: Sequence[Followed]) -> list[tuple[str, int, str, str, str]]:

@@ -32,7 +32,7 @@ benchmarks/RESULTS.md`. How to read them is in [docs/benchmarks.md](../docs/benc
 def machine() -> str:
     """One line that says what the figures were measured on."""
     from grasptrack import kernels
-    from grasptrack.io.results import machine as processor
+    from grasptrack.io.results import describe_machine as processor
 
     return (
         f"{processor()}, one thread; Python {platform.python_version()}, "

@@ -19,15 +19,15 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.bench.metrics.score import accept_limit
-from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene, Shape, silhouette
+from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene, Shape, shape_from_mask
 from grasptrack.errors import AmbiguousError, GraspTrackError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.matching import Sampled, judge, match
-from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, rated
-from grasptrack.matching.starts import nudged
-from grasptrack.tracking.image_pair import carry_to
+from grasptrack.matching import Sampled, judge_hypotheses, match_outlines
+from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, rate_homography
+from grasptrack.matching.starts import perturb_homography
+from grasptrack.tracking.image_pair import transfer_between_images
 
 DATA = File(os.environ.get("GRASPTRACK_DATA", File(__file__).resolve().parents[2] / "shared" / "data"))
 CAMERA = Camera(640, 480, focal=320.0 / math.tan(math.radians(30.0)))
@@ -110,9 +110,9 @@ def second_alignments(shape: Shape) -> list[np.ndarray]:
         starts.append(A.ravel())
     own = a.points, a.normals, a.points, a.normals, a.offsets
     reaches, damping = np.array([0.3, 0.2, 0.15] + [0.1] * 5), np.array([1e-3] * 4 + [1e-4] * 4)
-    coarse = kernels.lay_outlines(np.array(starts), *own, reaches * a.size, damping, np.full(8, 4), 0.02 * a.size)
+    coarse = kernels.align_projective(np.array(starts), *own, reaches * a.size, damping, np.full(8, 4), 0.02 * a.size)
     coarse = coarse[np.isfinite(coarse[:, 9])]
-    fine = kernels.lay_outlines(
+    fine = kernels.align_projective(
         np.ascontiguousarray(coarse[:, :9]),
         *own,
         np.full(8, 0.05 * a.size),
@@ -127,8 +127,8 @@ def second_alignments(shape: Shape) -> list[np.ndarray]:
         if np.hypot(*(apply_homography(H, a.outer) - a.outer).T).max() > AWAY * a.size:
             found.append(np.linalg.inv(unit) @ H @ unit)
     # a slide: as far as a fifth of sqrt(area), the outline stays on itself
-    for row in nudged(np.eye(3), a, (-SLIDE, SLIDE)):
-        moved = rated(row.reshape(3, 3), a, a)
+    for row in perturb_homography(np.eye(3), a, (-SLIDE, SLIDE)):
+        moved = rate_homography(row.reshape(3, 3), a, a)
         if moved is not None and moved.misfit <= ALIKE * a.size:
             found.append(np.linalg.inv(unit) @ row.reshape(3, 3) @ unit)
     return found
@@ -209,7 +209,7 @@ def outlines(shapes: dict[str, Shape], count: int, seed: int, title: str) -> Non
             views = Views(one.table_to_image(CAMERA)[0], other.table_to_image(CAMERA)[0], tilt)
             first, second = (seen(shape, H, rng, NOISE) for H in views[:2])
             start = time.perf_counter()
-            told = judge(match(first, second))
+            told = judge_hypotheses(match_outlines(first, second))
             tally.times.append(time.perf_counter() - start)
             what = told.status
             if told.best is not None and told.status == "matched":
@@ -239,7 +239,7 @@ def cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
                 edge = np.quantile(whole.outer.points @ way, 1.0 - share)
                 holes = [h for h in whole.contours[1:] if (h.points @ way).max() <= edge]
                 second = View([Contour(whole.outer.points[whole.outer.points @ way <= edge]), *holes])
-                found = judge(match(first, second))
+                found = judge_hypotheses(match_outlines(first, second))
                 size = math.sqrt(whole.outer.area)
                 right = found.best is not None and not off(found.best.homography, views, contacts_of(first), size)
                 told["right" if right else "not right"] += 1
@@ -271,14 +271,14 @@ def _fields(path: Path) -> tuple[np.ndarray, ...]:
 
 
 def outcome(scene: Scene, views: Views, rng: np.random.Generator) -> str:
-    """What `pair.carry_to` makes of two images, the reference's outline being the true one."""
+    """What `pair.transfer_between_images` makes of two images, the reference's outline being the true one."""
     reference = seen(scene.shape, views.first, rng, 0.0)
     grasps = synthesize(reference, 2, 0.5, top=1)
     if not grasps:
         return "no grasp"
     frames = scene[0], scene[1]
     try:
-        pair = carry_to(grasps[0], reference, frames[0].image, frames[1].image, 0.5)
+        pair = transfer_between_images(grasps[0], reference, frames[0].image, frames[1].image, 0.5)
     except AmbiguousError:
         return "ambiguous"
     except GraspTrackError:
@@ -308,14 +308,18 @@ def main() -> None:
         cut(built_in, given.cut, given.seed)
     folder = DATA / "silhouettes"
     if given.silhouettes and folder.is_dir():
-        found = {p.stem: silhouette(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), p.stem) for p in folder.glob("*.png")}
+        found = {
+            p.stem: shape_from_mask(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), p.stem) for p in folder.glob("*.png")
+        }
         names = sorted(found)
         used, others = names[::USED], [n for i, n in enumerate(names) if i % USED]
         for some, title in ((used, "used in development"), (others, "never used in development")):
             shapes = {n: found[n] for n in some}
             outlines(shapes, given.silhouettes, given.seed, f"global match, outlines of silhouettes {title}")
     if given.images:
-        images(built_in, given.images, given.seed, "global match, rendered images through `pair.carry_to`")
+        images(
+            built_in, given.images, given.seed, "global match, rendered images through `pair.transfer_between_images`"
+        )
     common.finish(given.output)
 
 

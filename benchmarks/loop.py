@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.bench.baselines import available
+from grasptrack.bench.baselines import available_baselines
 from grasptrack.bench.demo import STRATEGIES
 from grasptrack.bench.method import Start
 from grasptrack.bench.metrics.score import Score
@@ -43,7 +43,7 @@ def run_peers(frames: list[SceneFrame], contacts: np.ndarray) -> list[list[objec
     """Time and contact error of what a user would otherwise pick, on the same frames."""
     size = frames[0].image.shape[1], frames[0].image.shape[0]
     rows = []
-    for name, make in available().items():
+    for name, make in available_baselines().items():
         peer, score, taken = make(Start(contacts, frames[0].outline, size)), Score(name), []
         for frame in frames:
             start = time.perf_counter()

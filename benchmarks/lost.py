@@ -15,7 +15,7 @@ import numpy as np
 
 from grasptrack import GraspTracker, kernels
 from grasptrack.bench.parts import built_in
-from grasptrack.bench.scenes import suite
+from grasptrack.bench.scenes import make_scene_cases
 from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.tracking import follower, redetection
 from grasptrack.tracking.estimator import Solutions
@@ -93,7 +93,7 @@ def main() -> None:
     parts: dict[str, list[float]] = {name: [] for name in (*NAMES, "the rest")}
     waits: list[int] = []
     never = 0
-    for case in suite(built_in(SHAPES), DISTURBANCES, frames=args.frames):
+    for case in make_scene_cases(built_in(SHAPES), DISTURBANCES, frames=args.frames):
         scene = case.scene()
         tracker = GraspTracker(grasp=chosen_grasp(scene[0].outline))
         before, absence = True, Absence()

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.bench.simulation.appearance import look
-from grasptrack.bench.simulation.truth import stations
+from grasptrack.bench.simulation.appearance import sample_look
+from grasptrack.bench.simulation.truth import sample_outline
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.force_closure import analyze
@@ -47,7 +47,7 @@ class Case(NamedTuple):
     def scene(self) -> Scene:
         """The camera leans at first, comes over the part and closer, and rolls by 30 degrees."""
         camera, u = Camera(), np.linspace(0.0, 1.0, FRAMES)
-        seen = look(self.part, self.seed + self.way)
+        seen = sample_look(self.part, self.seed + self.way)
         path = Path(
             target=np.column_stack([0.15 * (1.0 - u), -0.1 * (1.0 - u)]),
             distance=float(camera.matrix[0, 0]) / (SIZE * ZOOM**u),
@@ -87,7 +87,7 @@ def in_plane(scene: Scene, contacts: NDArray[np.float64], friction: float = FRIC
     """rad, the margin of contacts (k, 2) px of the first image on the true outline, in the table's own plane."""
     back = np.linalg.inv(scene.path.table_to_image(scene.camera)[0])
     polygons = [UNIT * apply_homography(back, p) for p in scene[0].outline]
-    outline = View([Contour(stations([p], 1.0)[0], hole=i > 0) for i, p in enumerate(polygons)])
+    outline = View([Contour(sample_outline([p], 1.0)[0], hole=i > 0) for i, p in enumerate(polygons)])
     return analyze(gt.Grasp(UNIT * apply_homography(back, contacts)), outline, friction).margin
 
 

@@ -16,10 +16,17 @@ import cv2
 import numpy as np
 
 from baselines import BASELINES
-from grasptrack.bench.metrics.mask_agreement import ENOUGH_F, ENOUGH_IOU, band_iou, boundary_f, iou, mask_of
+from grasptrack.bench.metrics.mask_agreement import (
+    ENOUGH_F,
+    ENOUGH_IOU,
+    band_iou,
+    boundary_f,
+    intersection_over_union,
+    mask_of,
+)
 from grasptrack.errors import ObservationError
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.objects import objects
+from grasptrack.segmentation.objects import find_objects
 from photos import Photo, deepest, read_photos
 from real_videos import data_folder
 from sheets import found_tile, judged_tile, sheet
@@ -54,7 +61,7 @@ class Row:
 def found_in(image: Array, object_at: Hint = None) -> list[Candidate]:
     """Our objects in a BGR image, the best first; none where it refuses."""
     try:
-        return objects(image, object_at)
+        return find_objects(image, object_at)
     except ObservationError:
         return []
 
@@ -76,7 +83,7 @@ def judge(photo: Photo, method: str, hint: bool) -> Row:
     found = METHODS[method](photo.image, object_at)
     ms = (time.perf_counter() - start) * 1e3
     mask = first_of(found, photo.truth.shape)
-    f, overlap = boundary_f(photo.truth, mask), iou(photo.truth, mask)
+    f, overlap = boundary_f(photo.truth, mask), intersection_over_union(photo.truth, mask)
     return Row(photo.name, photo.scene, method, hint, f, overlap, ms, mask)
 
 
@@ -138,7 +145,7 @@ def stills(folder: Path, output: Path | None) -> None:
     rows = []
     for name in STILLS:
         image = cv2.imread(str(folder / f"{name}.jpg"))
-        found = objects(image)
+        found = find_objects(image)
         areas = np.array([candidate.view.outer.area for candidate in found])
         alike = max((int(np.sum((areas >= a) & (areas <= ALIKE * a))) for a in areas), default=0)
         holes = sum(len(candidate.view.contours) - 1 for candidate in found)

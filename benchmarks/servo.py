@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.servo.geometry import pose_of, rotation
+from grasptrack.servo.geometry import pose_of, rotation_matrix
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from servo_bench import Bench
@@ -34,7 +34,7 @@ CASES: dict[str, dict[str, object]] = {
 def nominal(bench: Bench) -> gt.NominalCamera:
     """A camera that is somewhat off: 10 % of focal length, 5 degrees, 2 cm (standard deviations)."""
     rng = np.random.default_rng(bench.seed)
-    turn, offset = rotation(rng.normal(0.0, 0.08, 3)), rng.normal(0.0, 0.02, 3)
+    turn, offset = rotation_matrix(rng.normal(0.0, 0.08, 3)), rng.normal(0.0, 0.02, 3)
     mounting = pose_of(bench.camera.turn @ turn, bench.camera.offset + offset)
     return gt.NominalCamera(bench.camera.focal * float(np.exp(rng.normal(0.0, 0.1))), mounting, 0.4)
 

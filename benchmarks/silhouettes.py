@@ -18,10 +18,10 @@ import numpy as np
 import grasptrack as gt
 from grasptrack import kernels
 from grasptrack.grasp.hand import HandPx
-from grasptrack.grasp.synthesis.candidates import Candidates, candidates
-from grasptrack.grasp.synthesis.limits import Limits, refuse
+from grasptrack.grasp.synthesis.candidates import Candidates, sample_candidates
+from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
 from grasptrack.grasp.synthesis.terms import Stable
-from grasptrack.segmentation.silhouettes import trace
+from grasptrack.segmentation.silhouettes import trace_silhouettes
 
 DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 POINTS = 300
@@ -33,7 +33,7 @@ def outline(path: Path) -> gt.View:
     """The largest component of a silhouette with its holes, about 300 points."""
     mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     binary = np.where(cv2.copyMakeBorder(mask, 3, 3, 3, 3, cv2.BORDER_CONSTANT) > 127, 255, 0).astype(np.uint8)
-    largest = trace(binary, 1.0)[0]
+    largest = trace_silhouettes(binary, 1.0)[0]
     chains = (largest.outer, *largest.holes)
     smoothing = max(4.0, SMOOTHING * math.sqrt(largest.area))
     contours = []
@@ -55,7 +55,7 @@ def by_brute_force(view: gt.View, fingers: int, friction: float) -> tuple[int, i
             at.contacts, at.normals, cx, cy, 0.5 * math.sqrt(area), friction
         )
     found = Stable(at, index, sense, strength, friction)
-    left, _ = refuse(found, at, view, hand, (), Limits())
+    left, _ = reject_infeasible(found, at, view, hand, (), Limits())
     return len(found), len(left)
 
 
@@ -67,7 +67,7 @@ def every_point(view: gt.View, area: float, centroid: np.ndarray, hand: HandPx) 
     frames, beside = (
         kernels.contact_frames(view.points, view.offsets, places, f * hand.finger_width) for f in (1.0, 2.0)
     )
-    return candidates(view, area, centroid, hand.finger_width)._replace(
+    return sample_candidates(view, area, centroid, hand.finger_width)._replace(
         places=places,
         contacts=view.points,
         normals=np.ascontiguousarray(frames[:, :2]),

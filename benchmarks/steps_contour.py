@@ -20,9 +20,9 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.estimator import Hypothesis, estimate_pose
 from grasptrack.tracking.follower import Follower
-from grasptrack.tracking.target import pyramid
+from grasptrack.tracking.target import build_pyramid
 from grasptrack.transfer import grasp_line, homography, rrp
-from grasptrack.transfer.alignment import alignments
+from grasptrack.transfer.alignment import find_alignments
 
 LENGTHS = (100, 300, 1000, 3000, 10000, 30000)
 TRANSFERS = {"RRP": rrp, "grasp line": grasp_line, "homography": homography}
@@ -97,7 +97,7 @@ def time_steps(seen: Views) -> tuple[Measured, Errors]:
     apart = [homography.SEPARATION * float(arc[-1]) for _, arc, _ in curves]
     peaks = zip(curves, apart, strict=True)
     clock("peaks", kernels.select_points, ((*c, a, homography.PROMINENCE) for c, a in peaks))
-    clock("alignment", alignments, ((reference, c) for c in made(seen.others)))
+    clock("alignment", find_alignments, ((reference, c) for c in made(seen.others)))
     for name, module in TRANSFERS.items():
         described = module.describe(grasp, reference)
         clock(f"{name}: describe", module.describe, ((on(c), c) for c in made(seen.others)))
@@ -135,7 +135,7 @@ def time_on_image(count: int, calls: int) -> Measured:
 
     order = [*frames, *frames[-2:0:-1]]
     pool = [order[i % len(order)] for i in range(calls)]
-    looks = [(pyramid(f.image), np.asarray(f.H_current_reference)) for f in pool]
+    looks = [(build_pyramid(f.image), np.asarray(f.H_current_reference)) for f in pool]
     us = {"pose estimate": 1e6 * common.each(estimate, looks)}
     snake = Snake(outline, frames[0].image, contacts=grasp.contacts)
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.bench.baselines import available
+from grasptrack.bench.baselines import available_baselines
 from grasptrack.bench.demo import STRATEGIES
 from grasptrack.bench.method import Start
 from grasptrack.bench.metrics.score import Score
@@ -21,15 +21,15 @@ from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.simulation import SceneFrame, demo_scene
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.localization import localise
-from grasptrack.segmentation.objects import objects
-from grasptrack.segmentation.outline_detector import Observer
-from grasptrack.segmentation.silhouettes import trace
+from grasptrack.segmentation.localization import localize_contour
+from grasptrack.segmentation.objects import find_objects
+from grasptrack.segmentation.outline_detector import OutlineDetector
+from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.estimator import Hypothesis, estimate_pose
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.result import TrackResult
-from grasptrack.tracking.target import pyramid
+from grasptrack.tracking.target import build_pyramid
 
 SIZES = ((640, 480), (1280, 960), (2000, 1500), (4000, 3000))
 LENGTH, BEGIN = 240, 40
@@ -53,8 +53,8 @@ def time_steps(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[Measu
     def clock(name: str, call: Callable[..., object], pool: Iterable[tuple[object, ...]]) -> None:
         ms[name] = 1e3 * common.each(call, list(pool))
 
-    clock("first look: all objects", objects, ((f.image,) for f in order[: max(3, len(order) // 20)]))
-    observer = Observer()
+    clock("first look: all objects", find_objects, ((f.image,) for f in order[: max(3, len(order) // 20)]))
+    observer = OutlineDetector()
     observer.look(first.image)
     chosen: Candidate = observer.first(False)[0]
     observer.choose(chosen)
@@ -70,20 +70,20 @@ def time_steps(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[Measu
     chains = []
     for frame in order:
         _, binary = cv2.threshold(frame.image, 0, 255, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)
-        chains.append(trace(np.asarray(binary, np.uint8), 1e-3 * frame.image.size)[0].outer)
+        chains.append(trace_silhouettes(np.asarray(binary, np.uint8), 1e-3 * frame.image.size)[0].outer)
 
     def edges(image: np.ndarray, chain: np.ndarray) -> None:
-        localise(image, chain, hole=False, polarity=1)
+        localize_contour(image, chain, hole=False, polarity=1)
 
     clock("edge tracing of one outline", edges, ((f.image, c) for f, c in zip(order, chains, strict=True)))
     follower = Follower(first.image, view, grasp)
     target, state = follower.target, follower.state
-    clock("pyramid of the image", pyramid, ((f.image,) for f in order))
+    clock("pyramid of the image", build_pyramid, ((f.image,) for f in order))
 
     def estimate(levels: list[np.ndarray], H: np.ndarray) -> None:
         estimate_pose(target, state, levels, Hypothesis("", target.pose(H), state.P))
 
-    pool = ((pyramid(f.image), H) for f, H in zip(order, moves, strict=True))
+    pool = ((build_pyramid(f.image), H) for f, H in zip(order, moves, strict=True))
     clock("pose estimate", estimate, pool)
     snake = Snake(view, first.image, contacts=grasp)
 
@@ -109,7 +109,11 @@ def time_tracker(order: list[SceneFrame], strategy: str) -> tuple[np.ndarray, Sc
 def time_peer(name: str, order: list[SceneFrame], contacts: np.ndarray) -> tuple[np.ndarray, Score]:
     """The same of what a user would otherwise pick."""
     height, width = order[0].image.shape[:2]
-    peer, score, taken = available()[name](Start(contacts, order[0].outline, (width, height))), Score(name), []
+    peer, score, taken = (
+        available_baselines()[name](Start(contacts, order[0].outline, (width, height))),
+        Score(name),
+        [],
+    )
     for i, frame in enumerate(order):
         start = time.perf_counter()
         result = peer.update(frame.image, i / 30.0)
@@ -140,7 +144,7 @@ def run(updates: int) -> None:
     steps: list[Measured] = []
     opencv: list[Measured] = []
     whole: list[dict[str, tuple[np.ndarray, Score]]] = []
-    peers = [name for name in available() if name not in SLOW]
+    peers = [name for name in available_baselines() if name not in SLOW]
     for width, height in SIZES:
         scale = width * height / (SIZES[0][0] * SIZES[0][1])
         count = max(8, round(30 / np.sqrt(scale)))

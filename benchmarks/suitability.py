@@ -20,13 +20,13 @@ from scipy.optimize import minimize
 
 from grasptrack import inspect
 from grasptrack.bench.method import Start
-from grasptrack.bench.methods import makers
+from grasptrack.bench.methods import method_makers
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.parts import built_in
 from grasptrack.bench.real import RealCase, sequence_of, videos_of
-from grasptrack.bench.scenes import SceneCase, suite
-from grasptrack.bench.sequence import Shown, chosen_grasp, follow
+from grasptrack.bench.scenes import SceneCase, make_scene_cases
+from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
 from grasptrack.errors import GraspTrackError
 from grasptrack.trackability.prediction import (
     FILE,
@@ -96,7 +96,7 @@ def outcome(kind: str, name: str, start: Start, shown: Iterable[Shown]) -> Outco
     began = time.process_time()
     found = inspect(first.image, grasp=start.contacts, object_at=start.object_at)
     seconds = time.process_time() - began
-    scored: list[FrameScore] = follow(chain([first], frames), makers(["auto"]), start)["auto"][1:]
+    scored: list[FrameScore] = score_sequence(chain([first], frames), method_makers(["auto"]), start)["auto"][1:]
     counted = [f for f in scored if f.present and f.visible >= WHOLE]
     if len(counted) < LEAST:
         return None
@@ -276,7 +276,7 @@ def main() -> None:
     args = parser.parse_args()
     parts = PARTS if args.fit and args.parts == OTHERS else args.parts
     names = args.disturbances.split(",")
-    scenes = suite(built_in(parts.split(",")), names, frames=args.frames, seed=args.seed)
+    scenes = make_scene_cases(built_in(parts.split(",")), names, frames=args.frames, seed=args.seed)
     videos = [case for folder in args.real or [data_folder() / "videos"] for case in videos_of(folder)]
     outcomes = [*run(of_scene, scenes, args.jobs), *run(of_video, videos, args.jobs)]
     common.heading("Suitability")

@@ -15,12 +15,12 @@ import numpy as np
 
 import grasptrack as gt
 from grasptrack.bench.method import Start
-from grasptrack.bench.methods import makers
+from grasptrack.bench.methods import method_makers
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.metrics.truth import Truth
-from grasptrack.bench.sequence import Shown, chosen_grasp, follow
+from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.bench.simulation.appearance import Look, look
+from grasptrack.bench.simulation.appearance import Look, sample_look
 
 THICK = (0.0, 0.01, 0.02, 0.04, 0.08, 0.12)
 """Of sqrt(area)."""
@@ -68,7 +68,7 @@ class Case(NamedTuple):
 
 def _look(part: str, light: bool, way: int) -> Look:
     """The part's own look of a seed, the first in which it is lighter than the table, or darker."""
-    kinds = (look(part, 100 * way + seed) for seed in itertools.count())
+    kinds = (sample_look(part, 100 * way + seed) for seed in itertools.count())
     return next(found for found in kinds if (found.surface_level > found.table_level) is light)
 
 
@@ -81,7 +81,7 @@ def run(case: Case) -> list[FrameScore]:
         start = Start(chosen_grasp(outline), outline, (scene.camera.width, scene.camera.height))
     except gt.GraspError:
         return []
-    return follow(shown, makers(["auto"]), start)["auto"]
+    return score_sequence(shown, method_makers(["auto"]), start)["auto"]
 
 
 def cell(frames: list[FrameScore]) -> str:

@@ -20,7 +20,7 @@ from grasptrack.bench.method import Start
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.scenes import Part, SceneCase
-from grasptrack.bench.sequence import Shown, chosen_grasp, follow
+from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.segmentation.undistortion import Undistortion
 
@@ -54,7 +54,7 @@ def one(task: tuple[str, int]) -> dict[str, list[FrameScore]]:
         except gt.GraspError:
             return {}
         makers = {m: lambda s, c=(camera if m == METHODS[1] else None): Told(s, c) for m in methods}
-        found |= follow(shown, makers, start)
+        found |= score_sequence(shown, makers, start)
     return found
 
 

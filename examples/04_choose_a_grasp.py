@@ -8,7 +8,7 @@ from pathlib import Path
 
 import grasptrack as gt
 from grasptrack.bench.simulation import still_life
-from grasptrack.segmentation.objects import objects
+from grasptrack.segmentation.objects import find_objects
 from grasptrack.view.grasps import Planned, write_grasps
 
 PX_PER_MM = 3.2
@@ -21,7 +21,7 @@ hand = gt.Hand(
 )
 
 image = still_life()
-views = [found.view for found in objects(image)]  # outlines, the one that stands out most first
+views = [found.view for found in find_objects(image)]  # outlines, the one that stands out most first
 planned = []
 for number, view in enumerate(views, start=1):
     beside = [other for other in views if other is not view]

@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.servo.geometry import moved, pose_of, rotation
+from grasptrack.servo.geometry import apply_twist, pose_of, rotation_matrix
 
 WIDTH, HEIGHT, PERIOD, FOCAL = 640, 480, 0.04, 570.0
-MOUNTING = pose_of(rotation((0.0, 0.0, 0.7)) @ rotation((0.08, -0.05, 0.0)), (0.01, -0.03, -0.25))  # in the hand
+MOUNTING = pose_of(
+    rotation_matrix((0.0, 0.0, 0.7)) @ rotation_matrix((0.08, -0.05, 0.0)), (0.01, -0.03, -0.25)
+)  # in the hand
 PLATE = np.array([(-50, -19), (-14, -24), (22, -19), (50, -24), (50, 19), (14, 24), (-18, 19), (-50, 26)]) / 1000.0  # m
 
 
@@ -19,7 +21,10 @@ class Robot:
     """Yours: what it sees, what time it is, where its hand is, and how it moves."""
 
     def __init__(self) -> None:
-        self.clock, self.hand = 0.0, pose_of(np.diag([1.0, -1.0, -1.0]) @ rotation((0, 0, 0.4)), (0.06, 0.05, 0.27))
+        self.clock, self.hand = (
+            0.0,
+            pose_of(np.diag([1.0, -1.0, -1.0]) @ rotation_matrix((0, 0, 0.4)), (0.06, 0.05, 0.27)),
+        )
 
     def image(self) -> np.ndarray:
         """(480, 640) uint8: a grey plate on the bright table, and the fingertips."""
@@ -40,7 +45,7 @@ class Robot:
 
     def move(self, twist: np.ndarray) -> None:
         """One control period."""
-        self.hand, self.clock = moved(self.hand, twist, PERIOD), self.clock + PERIOD
+        self.hand, self.clock = apply_twist(self.hand, twist, PERIOD), self.clock + PERIOD
 
     def close(self) -> bool:
         """Whether the plate's narrow part is between the fingertips."""

@@ -56,7 +56,7 @@ nb::tuple py_closing_triples(const PointArray &contacts, const PointArray &norma
     return nb::make_tuple(triples.array(), sense.array(), epsilon.array());
 }
 
-nb::object py_finger_rooms(const PointArray &points, const IndexArray &offsets, const PointArray &contacts,
+nb::object py_finger_clearance(const PointArray &points, const IndexArray &offsets, const PointArray &contacts,
                            const PointArray &directions, const std::optional<RowArray> &places, double width,
                            double depth, double reach) {
     const std::size_t count = contacts.shape(0);
@@ -114,7 +114,7 @@ nb::tuple py_rank_grasps(const PointArray &contacts, const PointArray &normals, 
 
 void bind_grasp(nb::module_ &m) {
     m.def("closing_triples", &py_closing_triples, "contacts"_a, "normals"_a, "cx"_a, "cy"_a, "rho"_a, "friction"_a);
-    m.def("finger_rooms", &py_finger_rooms, "points"_a, "offsets"_a, "contacts"_a, "directions"_a, "places"_a.none(),
+    m.def("finger_clearance", &py_finger_clearance, "points"_a, "offsets"_a, "contacts"_a, "directions"_a, "places"_a.none(),
           "width"_a, "depth"_a, "reach"_a);
     m.def("opposed_pairs", &py_opposed_pairs, "contacts"_a, "normals"_a, "worth"_a, "group"_a, "friction"_a);
     m.def("rank_grasps", &py_rank_grasps, "contacts"_a, "normals"_a, "usable"_a, "starts"_a, "steps"_a, "grasps"_a,

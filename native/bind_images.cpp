@@ -76,7 +76,7 @@ nb::object py_carry_normals(const RowArray &H, const PointArray &points, const P
     return out.array();
 }
 
-nb::object py_soft_threshold(const ByteImage &image,
+nb::object py_blur_threshold(const ByteImage &image,
                              std::int64_t left, std::int64_t top, std::int64_t right, std::int64_t bottom, double level,
                              int polarity) {
     const auto height = static_cast<std::int64_t>(image.shape(0)), width = static_cast<std::int64_t>(image.shape(1));
@@ -85,7 +85,7 @@ nb::object py_soft_threshold(const ByteImage &image,
     const std::size_t rows = static_cast<std::size_t>(bottom - top), columns = static_cast<std::size_t>(right - left);
     auto *data = new std::uint8_t[rows * columns];
     nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<std::uint8_t *>(p); });
-    soft_threshold(image.data(), height, width, left, top, right, bottom, level, polarity, data);
+    blur_threshold(image.data(), height, width, left, top, right, bottom, level, polarity, data);
     return nb::cast(nb::ndarray<nb::numpy, std::uint8_t, nb::ndim<2>>(data, {rows, columns}, owner));
 }
 
@@ -130,7 +130,7 @@ void bind_images(nb::module_ &m) {
     m.def("edge_search", &py_edge_search<float>, "image"_a.noconvert(), "points"_a, "normals"_a, "reach"_a,
           "polarity"_a);
     m.def("settle_edges", &py_settle_edges, "points"_a, "normals"_a, "edges"_a, "fixed"_a, "fallback"_a, "outlier"_a);
-    m.def("soft_threshold", &py_soft_threshold, "image"_a.noconvert(), "left"_a, "top"_a, "right"_a, "bottom"_a,
+    m.def("blur_threshold", &py_blur_threshold, "image"_a.noconvert(), "left"_a, "top"_a, "right"_a, "bottom"_a,
           "level"_a, "polarity"_a);
     m.def("trace_edges", &py_trace_edges, "image"_a.noconvert(), "chain"_a, "hidden"_a.none(), "hole"_a, "polarity"_a,
           "spacing"_a, "most"_a, "smoothing"_a, "reach"_a, "border"_a, "outlier"_a);

@@ -19,11 +19,11 @@ namespace grasptrack {
 
 namespace {
 
-nb::object py_outline_starts(const PointArray &first, const PointArray &second, const PointArray &bends,
+nb::object py_initial_alignments(const PointArray &first, const PointArray &second, const PointArray &bends,
                              std::int64_t count, double apart, std::int64_t most) {
     if (count < 4 || (count & (count - 1)) != 0)
         throw std::invalid_argument("count must be a power of 2, at least 4, not " + std::to_string(count));
-    const auto found = outline_starts(contour_of(first), contour_of(second), vectors(bends), bends.shape(0),
+    const auto found = initial_alignments(contour_of(first), contour_of(second), vectors(bends), bends.shape(0),
                                       static_cast<std::size_t>(count), apart,
                                       static_cast<std::size_t>(std::max<std::int64_t>(most, 0)));
     Output out(found.size(), 11);
@@ -60,7 +60,7 @@ nb::object py_outline_gaps(const PointArray &points, const PointArray &normals, 
     return out.array();
 }
 
-nb::object py_lay_outlines(const RowArray &starts, const PointArray &points, const PointArray &normals,
+nb::object py_align_projective(const RowArray &starts, const PointArray &points, const PointArray &normals,
                            const PointArray &targets, const PointArray &target_normals, const IndexArray &offsets,
                            const ValueArray &reaches, const ValueArray &damping, const IndexArray &strides,
                            double least_noise) {
@@ -93,11 +93,11 @@ nb::object py_lay_outlines(const RowArray &starts, const PointArray &points, con
 }  // namespace
 
 void bind_match(nb::module_ &m) {
-    m.def("lay_outlines", &py_lay_outlines, "starts"_a, "points"_a, "normals"_a, "targets"_a, "target_normals"_a,
+    m.def("align_projective", &py_align_projective, "starts"_a, "points"_a, "normals"_a, "targets"_a, "target_normals"_a,
           "offsets"_a, "reaches"_a, "damping"_a, "strides"_a, "least_noise"_a);
     m.def("outline_gaps", &py_outline_gaps, "points"_a, "normals"_a, "targets"_a, "target_normals"_a, "offsets"_a,
           "reach"_a);
-    m.def("outline_starts", &py_outline_starts, "first"_a, "second"_a, "bends"_a, "count"_a, "apart"_a, "most"_a);
+    m.def("initial_alignments", &py_initial_alignments, "first"_a, "second"_a, "bends"_a, "count"_a, "apart"_a, "most"_a);
 }
 
 }  // namespace grasptrack

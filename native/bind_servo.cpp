@@ -47,7 +47,7 @@ nb::object copied(const double *values, std::size_t count) {
     return out.array();
 }
 
-nb::object py_step_state(const ValueArray &from, const ValueArray &step) {
+nb::object py_retract_state(const ValueArray &from, const ValueArray &step) {
     const std::size_t n = count_points(from);
     if (step.shape(0) != unknown::shape + 2 * n) throw std::invalid_argument("a step has a number for each unknown");
     Output out(from.shape(0));
@@ -102,7 +102,7 @@ nb::tuple py_filter_sighting(const ValueArray &state, const RowArray &covariance
     return nb::make_tuple(moved.array(), left.array(), off.array(), size);
 }
 
-nb::tuple py_search_sightings(const ValueArray &origin, const RowArray &known, const HandArray &hands,
+nb::tuple py_calibrate_batch(const ValueArray &origin, const RowArray &known, const HandArray &hands,
                               const ValueArray &later, const HandArray &points, const NoiseArray &noise,
                               const ValueArray &start, double damping, std::int64_t steps, double robust,
                               double least_fall, double most_damping) {
@@ -116,7 +116,7 @@ nb::tuple py_search_sightings(const ValueArray &origin, const RowArray &known, c
     SightingEvidence evidence({later.data(), hands.data(), points.data(), noise.data(), N, n}, origin.data(),
                               known.data(), robust);
     const Searched found =
-        search_sightings(evidence, start.data(), n, damping, steps, least_fall, most_damping);
+        calibrate_batch(evidence, start.data(), n, damping, steps, least_fall, most_damping);
     Output covariance(m, m);
     Factors(evidence.A, m).inverse(covariance.values());
     return nb::make_tuple(copied(found.state.data(), found.state.size()), covariance.array(), found.damping,
@@ -130,9 +130,9 @@ void bind_servo(nb::module_ &m) {
     m.def("expected_sightings", &py_expected_sightings, "state"_a, "hands"_a, "later"_a);
     m.def("filter_sighting", &py_filter_sighting, "state"_a, "covariance"_a, "hand"_a, "points"_a, "noise"_a,
           "robust"_a);
-    m.def("search_sightings", &py_search_sightings, "origin"_a, "known"_a, "hands"_a, "later"_a, "points"_a, "noise"_a,
+    m.def("calibrate_batch", &py_calibrate_batch, "origin"_a, "known"_a, "hands"_a, "later"_a, "points"_a, "noise"_a,
           "start"_a, "damping"_a, "steps"_a, "robust"_a, "least_fall"_a, "most_damping"_a);
-    m.def("step_state", &py_step_state, "state"_a, "step"_a);
+    m.def("retract_state", &py_retract_state, "state"_a, "step"_a);
 }
 
 }  // namespace grasptrack

@@ -143,7 +143,7 @@ struct Searched {
 };
 
 // Goes on from a state; evidence.A is at the end that of the state that is returned.
-inline Searched search_sightings(SightingEvidence &evidence, const double *start, std::size_t n, double damping,
+inline Searched calibrate_batch(SightingEvidence &evidence, const double *start, std::size_t n, double damping,
                                  std::int64_t steps, double least_fall, double most_damping) {
     const std::size_t length = state::points + 2 * n, m = evidence.size();
     std::vector<double> now(start, start + length), tried(length), step(m), damped;

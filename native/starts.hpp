@@ -62,7 +62,7 @@ struct Start {
     Matrix3 H;
 };
 
-inline std::vector<Start> outline_starts(Points first, Points second, const Vec *bends, std::size_t bend_count,
+inline std::vector<Start> initial_alignments(Points first, Points second, const Vec *bends, std::size_t bend_count,
                                          std::size_t count, double apart, std::size_t most) {
     constexpr double in_front = 0.25;
     const Matrix3 to_first = whitening_of(first), to_second = whitening_of(second);

@@ -31,7 +31,7 @@ inline void threshold_row(const std::uint16_t *__restrict above, const std::uint
     }
 }
 
-inline void soft_threshold(const std::uint8_t *image, std::int64_t height, std::int64_t width, std::int64_t left,
+inline void blur_threshold(const std::uint8_t *image, std::int64_t height, std::int64_t width, std::int64_t left,
                            std::int64_t top, std::int64_t right, std::int64_t bottom, double level, int polarity,
                            std::uint8_t *out) {
     const std::int64_t columns = right - left;

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from grasptrack.bench.metrics.integrity import measure
+from grasptrack.bench.metrics.integrity import compute_measures
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.parts import built_in
-from grasptrack.bench.scenes import run_case, suite
-from grasptrack.bench.schedule import scheduler
+from grasptrack.bench.scenes import make_scene_cases, run_case
+from grasptrack.bench.schedule import create_scheduler
 
 STORED = Path(__file__).with_name("golden.json")
 SHAPES = ("bracket", "gasket", "spanner", "blob", "rectangle", "hook")
@@ -52,15 +52,15 @@ Scores = dict[str, dict[str, float]]
 
 def run(seed: int = 0) -> Scores:
     """Scores by method and measure."""
-    cases = suite(built_in(SHAPES), DISTURBANCES, frames=FRAMES, seed=seed)
+    cases = make_scene_cases(built_in(SHAPES), DISTURBANCES, frames=FRAMES, seed=seed)
     runs: dict[str, list[list[FrameScore]]] = {name: [] for name in METHODS}
-    outcomes = sorted(scheduler()(run_case, [(case, METHODS) for case in cases]), key=lambda o: o.index)
+    outcomes = sorted(create_scheduler()(run_case, [(case, METHODS) for case in cases]), key=lambda o: o.index)
     for outcome in outcomes:
         if outcome.error:
             raise RuntimeError(f"{cases[outcome.index].name}: {outcome.error}")
         for name, frames in outcome.value.items():
             runs[name].append(frames)
-    return {name: {key: float(getattr(measure(found), key)) for key in BETTER} for name, found in runs.items()}
+    return {name: {key: float(getattr(compute_measures(found), key)) for key in BETTER} for name, found in runs.items()}
 
 
 def worse(stored: dict[str, dict[str, dict[str, float]]], found: Scores) -> list[str]:

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from grasptrack.geometry.contours import Contour
-from grasptrack.geometry.homographies import similarity
+from grasptrack.geometry.homographies import similarity_transform
 
 
 def dense(vertices, count=300):
@@ -52,7 +52,7 @@ def blobs(draw, count=300):
 def similarities(draw):
     """Any turn, scale 0.3 to 3, any shift."""
     scale = math.exp(draw(st.floats(-1.1, 1.1)))
-    return similarity(
+    return similarity_transform(
         scale,
         draw(st.floats(-math.pi, math.pi)),
         (300.0, 300.0),
@@ -63,7 +63,7 @@ def similarities(draw):
 @st.composite
 def frame_motions(draw):
     """Homographies of consecutive frames: some px, some degrees, some per cent, a little tilt."""
-    H = similarity(
+    H = similarity_transform(
         draw(st.floats(0.95, 1.05)),
         math.radians(draw(st.floats(-5, 5))),
         (300.0, 300.0),

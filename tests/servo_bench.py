@@ -14,7 +14,7 @@ import numpy as np
 
 import grasptrack as gt
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.geometry import between, moved, pose_of, rotation
+from grasptrack.servo.geometry import apply_twist, interpolate_pose, pose_of, rotation_matrix
 
 WIDTH, HEIGHT, PERIOD, MARGIN = 640, 480, 0.04, 20
 
@@ -75,7 +75,7 @@ class Bench:
         # the camera looks down beside it, as far aside as lets the tips stay in view
         focal, phi = rng.uniform(450.0, 900.0), rng.uniform(-np.pi, np.pi)
         tilt = np.radians(rng.uniform(-self.camera_tilt, self.camera_tilt, 2))
-        turned = rotation((0.0, 0.0, phi)) @ rotation((tilt[0], tilt[1], 0.0))
+        turned = rotation_matrix((0.0, 0.0, phi)) @ rotation_matrix((tilt[0], tilt[1], 0.0))
         self.centre = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
         middle = np.array([0.0, 0.0, reach])
         while True:
@@ -88,7 +88,7 @@ class Bench:
         length = self.opening * rng.uniform(0.4, 0.85)
         spin = rng.uniform(-np.pi, np.pi)
         flat = self.tips[:, :2] * (length / self.opening, -length / self.opening)
-        self.shape = np.column_stack([flat, np.zeros(self.fingers)]) @ rotation((0.0, 0.0, spin)).T
+        self.shape = np.column_stack([flat, np.zeros(self.fingers)]) @ rotation_matrix((0.0, 0.0, spin)).T
         self.at = np.array([rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), 0.0])
         right = self.right_hand()
         self.hand = self._start(right, depth, rng)
@@ -109,8 +109,8 @@ class Bench:
         spin = np.radians(rng.uniform(-self.turn, self.turn))
         lean = np.radians(rng.uniform(0.0, 25.0)) if self.dof == 6 else 0.0
         about = rng.uniform(-np.pi, np.pi)
-        leaning = rotation(lean * np.array([math.cos(about), math.sin(about), 0.0]))
-        turned = right[:3, :3] @ rotation((0.0, 0.0, spin)) @ leaning
+        leaning = rotation_matrix(lean * np.array([math.cos(about), math.sin(about), 0.0]))
+        turned = right[:3, :3] @ rotation_matrix((0.0, 0.0, spin)) @ leaning
         distance = depth * rng.uniform(1.3, self.distance)
         while True:  # all contacts in view, with a margin
             where = rng.uniform(-self.aside, self.aside, 2) * (WIDTH, HEIGHT) + self.centre
@@ -125,7 +125,7 @@ class Bench:
         z = self.shape[:, 0] - 1j * self.shape[:, 1]  # the base's y is the hand's -y
         w = self.tips[:, 0] + 1j * self.tips[:, 1]
         angle = np.angle((z * w.conj()).sum())
-        turned = np.diag([1.0, -1.0, -1.0]) @ rotation((0.0, 0.0, angle))
+        turned = np.diag([1.0, -1.0, -1.0]) @ rotation_matrix((0.0, 0.0, angle))
         return pose_of(turned, self.at - turned @ self.tips.mean(axis=0))
 
     def contacts(self) -> np.ndarray:
@@ -155,7 +155,7 @@ class Bench:
         after = next((i for i, p in enumerate(self._poses) if p[0] >= shot), 0)
         (t0, h0, a0), (t1, h1, a1) = self._poses[max(after - 1, 0)], self._poses[after]
         share = (shot - t0) / (t1 - t0) if t1 > t0 else 1.0
-        taken, hand, at = shot, between(h0, h1, share), a0 + share * (a1 - a0)
+        taken, hand, at = shot, interpolate_pose(h0, h1, share), a0 + share * (a1 - a0)
         narrow = self._narrow(hand, at)
         points = self.camera.project((at + self.shape @ narrow - hand[:3, 3]) @ hand[:3, :3])
         inside = np.isfinite(points).all() and (points >= 0).all() and (points < (WIDTH, HEIGHT)).all()
@@ -184,7 +184,7 @@ class Bench:
         """(3, 3) by which points of the object's plane seem to lie elsewhere: the nearer the hand, the narrower the object."""
         out, (most, angle) = np.eye(3), self.narrowing
         if most:
-            way = (rotation((0.0, 0.0, angle)) @ (self.shape[1] - self.shape[0]))[:2]
+            way = (rotation_matrix((0.0, 0.0, angle)) @ (self.shape[1] - self.shape[0]))[:2]
             goal = self.camera.from_hand(self.tips.mean(axis=0)[None])[0, 2]
             now = self.camera.from_hand(((at - hand[:3, 3]) @ hand[:3, :3])[None])[0, 2]
             share = np.clip((self._far - now) / (self._far - goal), 0.0, 1.0)
@@ -197,13 +197,13 @@ class Bench:
         for _ in range(steps):
             dt = PERIOD / steps
             self.twist = self.twist + (twist - self.twist) * (1.0 - math.exp(-dt / self.lag) if self.lag else 1.0)
-            self.hand = moved(self.hand, self.twist, dt)
+            self.hand = apply_twist(self.hand, self.twist, dt)
             self.at = self.at + self.velocity * dt
         self.time += PERIOD
         if self.push[0] <= self.time < self.push[0] + PERIOD:
             self.at = self.at + self.push[1] * np.array([0.6, 0.8, 0.0])
         if self.time >= self.regrasp and self.grasp == 1:
-            self.grasp, self.shape = 2, 0.9 * self.shape @ rotation((0.0, 0.0, 0.4))
+            self.grasp, self.shape = 2, 0.9 * self.shape @ rotation_matrix((0.0, 0.0, 0.4))
             self.at = self.at + np.array([0.008, -0.005, 0.0])
         self._remember()
 

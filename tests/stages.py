@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from grasptrack import GraspTracker
-from grasptrack.bench.simulation import SHAPES, Renderer, Shape, Texture, brushed, plain, wood
+from grasptrack.bench.simulation import SHAPES, Renderer, Shape, Texture, brushed_texture, plain_texture, wood_texture
 from grasptrack.bench.simulation.shapes import polygon_moments
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
@@ -17,8 +17,8 @@ from grasptrack.tracking.result import TrackResult
 WIDTH, HEIGHT = 320, 240
 SCALE = 75.0
 """px per table unit, so sqrt(area) of a part seen from above."""
-GROUND, METAL = wood(1), brushed(1, extent=4.0)
-EVEN = plain(2)
+GROUND, METAL = wood_texture(1), brushed_texture(1, extent=4.0)
+EVEN = plain_texture(2)
 DARK = 55.0
 """Grey level of METAL, near enough."""
 

@@ -10,9 +10,9 @@ from grasptrack.bench.approach.choosing import closing_grasps, hand_for
 from grasptrack.bench.approach.trial import KNOWN
 from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING
 from grasptrack.bench.simulation import SHAPES
-from grasptrack.bench.simulation.render import finer
+from grasptrack.bench.simulation.render import subdivide_polygon
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, similarity
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 
 SCALE = 150.0
 
@@ -21,9 +21,9 @@ SCALE = 150.0
 @pytest.mark.parametrize("name", ["disc", "rectangle", "guitar", "notched-plate"])
 @pytest.mark.parametrize("fingers", [2, 3])
 def test_fingers_have_room_beside_a_part_that_is_larger_than_told(name: str, fingers: int, told: float) -> None:
-    shape, placed = SHAPES[name](), similarity(SCALE, 0.3, (0.0, 0.0), (320.0, 240.0))
+    shape, placed = SHAPES[name](), similarity_transform(SCALE, 0.3, (0.0, 0.0), (320.0, 240.0))
     outline = View([
-        Contour(apply_homography(placed, finer(r, 0.02)), hole=k > 0) for k, r in enumerate(shape.polygons)
+        Contour(apply_homography(placed, subdivide_polygon(r, 0.02)), hole=k > 0) for k, r in enumerate(shape.polygons)
     ])  # fmt: skip
     for size in np.arange(0.05, 0.1, 0.0025):
         grasps, _ = closing_grasps(outline, fingers, hand_for(told * size, KNOWN))

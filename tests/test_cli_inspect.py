@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
-from grasptrack.io.inspection import inspection
+from grasptrack.io.inspection import inspection_to_dict
 from grasptrack.trackability import inspect
-from grasptrack.view.inspect import magnification
+from grasptrack.view.inspect import ellipse_magnification
 from recordings import movie, plate, write
 from scenery import L_PLATE, drawn, ellipse
 from test_cli_bad_input import refused
@@ -80,7 +80,7 @@ def test_quiet_writes_the_files_and_says_nothing(tmp_path: Path, capsys: pytest.
 
 
 def test_keys_of_inspect_json_are_those_that_are_told_of(tmp_path: Path) -> None:
-    seen = inspection(inspect(plate()), "a.png", (240, 320), {})
+    seen = inspection_to_dict(inspect(plate()), "a.png", (240, 320), {})
     told = (DOCS / "cli.md").read_text(encoding="utf-8").split("### inspect.json")[1].split("\n### ")[0]
     first = re.findall(r"^\| (`[^|]+`) \|", told, re.MULTILINE)
     assert set(re.findall(r"`(\w+)`", " ".join(first))) == set(seen)
@@ -109,7 +109,7 @@ def test_a_hand_without_a_grasp_is_told(tmp_path: Path, capsys: pytest.CaptureFi
 
 def test_ellipses_are_drawn_to_be_seen() -> None:
     calm, noisy = inspect(drawn(L_PLATE, noise=0.5)), inspect(drawn(L_PLATE, noise=10.0))
-    times = [magnification(each, 0.5) for each in (calm, noisy)]
+    times = [ellipse_magnification(each, 0.5) for each in (calm, noisy)]
     assert times[0] > times[1] >= 1.0
     assert all(re.fullmatch(r"[125]0*", f"{each:.0f}") for each in times)
     for each, large in zip((calm, noisy), times, strict=True):

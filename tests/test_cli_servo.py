@@ -20,7 +20,7 @@ from grasptrack.bench.schedule.outcome import Outcome
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.cli.main import main
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, similarity
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.grasp.hand import Hand
 from grasptrack.tracking.tracker import GraspTracker
 
@@ -167,7 +167,7 @@ def test_what_is_chosen_anew_is_the_part_that_was_looked_at_first() -> None:
     tips = np.array([[100.0, 400.0], [300.0, 400.0]])
 
     def seen(name: str, scale: float, turn: float) -> View:
-        turned = similarity(scale, turn, (0.0, 0.0), (320.0, 240.0))
+        turned = similarity_transform(scale, turn, (0.0, 0.0), (320.0, 240.0))
         return View([Contour(apply_homography(turned, SHAPES[name]().outer))])
 
     looking = Looking(GraspTracker(), seen("bracket", 60.0, 0.3), np.zeros((480, 640), np.uint8), Hand(), tips)

@@ -18,11 +18,11 @@ from grasptrack import kernels
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import ConditioningError, GraspError, InputError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, jacobian
+from grasptrack.geometry.homographies import apply_homography, homography_jacobian
 from grasptrack.grasp.contact_regions import ClosureCheck, Regions, chance_of_closing, regions_of
 from grasptrack.grasp.contact_regions.chance import in_box
 from grasptrack.grasp.contact_regions.definition import closes_after, closes_at
-from grasptrack.grasp.contact_regions.triples import depth
+from grasptrack.grasp.contact_regions.triples import epsilon_quality
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from grasptrack.grasp.synthesis import synthesize
@@ -124,7 +124,7 @@ def test_the_depth_of_a_hull_is_the_kernels_epsilon() -> None:
         both = np.concatenate([arms, arms])
         w = np.column_stack([forces, both[:, 0] * forces[:, 1] - both[:, 1] * forces[:, 0]])
         epsilon, _ = kernels.force_closure(arms, normals, 0.0, 0.0, 1.0, FRICTION)
-        assert depth(w[None])[0] == pytest.approx(epsilon, abs=1e-9)
+        assert epsilon_quality(w[None])[0] == pytest.approx(epsilon, abs=1e-9)
 
 
 # --- chances -------------------------------------------------------------------------------------
@@ -177,7 +177,7 @@ def test_more_error_means_less_chance(sigma: float, more: float) -> None:
 def test_it_does_not_matter_in_which_view_it_is_told(seed: int, sigma: float) -> None:
     regions = chosen("hook", 2)[2]
     C = errors(np.random.default_rng(seed), 2, sigma)
-    J = np.array([np.array(jacobian(TILTED, x, y)).reshape(2, 2) for x, y in regions.contacts.tolist()])
+    J = np.array([np.array(homography_jacobian(TILTED, x, y)).reshape(2, 2) for x, y in regions.contacts.tolist()])
     assert chance_of_closing(regions, J @ C @ np.swapaxes(J, 1, 2), TILTED) == pytest.approx(
         chance_of_closing(regions, C), abs=1e-9
     )

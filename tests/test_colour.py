@@ -12,7 +12,7 @@ import pytest
 from grasptrack.bench.simulation import SHAPES, Renderer, Shape, Texture
 from grasptrack.geometry.contours import Contour
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.segmentation.color_projection import clearest
+from grasptrack.segmentation.color_projection import best_color_projection
 from grasptrack.segmentation.images import PLAIN
 from stages import HEIGHT, WIDTH, Run, bar, mirrored, pose, twin
 
@@ -153,6 +153,6 @@ def test_a_mixture_that_shows_one_part_very_well_and_another_not_at_all_is_not_t
     sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
     outline = Contour(np.concatenate([np.linspace(a, b, 150, endpoint=False) for a, b in sides]))
     image = image.astype(np.uint8)
-    assert clearest(image, outline) is PLAIN
+    assert best_color_projection(image, outline) is PLAIN
     image[60:180, 200:260] = RED
-    assert clearest(image, outline) is not PLAIN
+    assert best_color_projection(image, outline) is not PLAIN

@@ -24,7 +24,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.hand import parse_measure
 from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking import single
-from grasptrack.tracking.distance import Ruler, extent
+from grasptrack.tracking.distance import Ruler, outline_extent
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.plane import Beforehand, Mode, Plane
 from grasptrack.tracking.result import TrackResult
@@ -41,7 +41,7 @@ BOX = np.array([[-3.0, -1.0], [3.0, -1.0], [3.0, 1.0], [-3.0, 1.0]])
 @given(st.floats(0.5, 300.0), st.floats(0.1, 1.0), st.floats(-3.0, 3.0), st.floats(-400.0, 400.0))
 def test_the_length_of_a_rectangle_is_its_longer_side(long: float, share: float, turn: float, away: float) -> None:
     z = (0.5 * long * (BOX / 3.0 * (1.0, 3.0 * share)) @ [1, 1j]) * np.exp(1j * turn) + away
-    assert extent(np.column_stack([z.real, z.imag])) == pytest.approx(long, rel=1e-4)
+    assert outline_extent(np.column_stack([z.real, z.imag])) == pytest.approx(long, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def approach(seed: int) -> tuple[Scene, float]:
         azimuth=np.full(FRAMES, rng.uniform(0.0, 2.0 * math.pi)),
     )
     conditions = Conditions(blur=0.8, noise=2.0, pooled=True)
-    return Scene(part, path, camera=Pinhole(focal=focal), conditions=conditions, seed=seed), extent(part.outer)
+    return Scene(part, path, camera=Pinhole(focal=focal), conditions=conditions, seed=seed), outline_extent(part.outer)
 
 
 def followed(seed: int, known: bool, length: float = 120.0) -> list[tuple[TrackResult, float, float]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from grasptrack.cli.main import main
-from grasptrack.io.results import columns
+from grasptrack.io.results import csv_columns
 from recordings import plates
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -134,7 +134,7 @@ def test_statuses_verbs_and_program_options(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_columns_and_keys_are_those_that_are_written(tmp_path: Path) -> None:
-    assert block("cli.md", "csv") == [",".join(columns(2))]
+    assert block("cli.md", "csv") == [",".join(csv_columns(2))]
     given = ["track", str(plates(tmp_path / "in", 2)), "--output", str(tmp_path / "out"), "--quiet", "--no-video"]
     assert main(given) == 0
     keys = set(json.loads((tmp_path / "out" / "run.json").read_text()))

@@ -13,10 +13,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.paired import Unit, chance, critical, drawn, measures_of, units_of
+from grasptrack.bench.metrics.paired import (
+    Unit,
+    bootstrap_counts,
+    critical_value,
+    mcnemar_probability,
+    measures_of,
+    units_of,
+)
 from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.metrics.summary import ALL, summarise
-from grasptrack.bench.report.comparison import Comparison, compare
+from grasptrack.bench.metrics.summary import ALL, summarise_run
+from grasptrack.bench.report.comparison import Comparison, compare_runs
 from grasptrack.bench.run_folder import read_run
 from grasptrack.errors import InputError
 from reported import METHODS, SHAPES, changed, lost, made_up, real, scenes
@@ -32,10 +39,10 @@ def kinds(c: Comparison) -> set[tuple[str, str]]:
 
 
 def test_a_run_is_no_worse_than_itself(folder: Path) -> None:
-    found = compare(folder, folder)
+    found = compare_runs(folder, folder)
     assert found.worse == [] and found.better == [] and found.looks == () and found.differs == ()
     assert found.to_text()[-1] == "Nothing got worse beyond its noise."
-    summary = summarise(read_run(folder))
+    summary = summarise_run(read_run(folder))
     for method in METHODS:
         row = summary.row(method)
         assert row is not None
@@ -90,11 +97,11 @@ def test_what_was_made_worse_is_named_and_nothing_else(
     untouched: set[str],
 ) -> None:
     after = changed(folder, tmp_path / "b", "auto", change)
-    found = compare(folder, after)
+    found = compare_runs(folder, after)
     assert {("auto", m) for m in measures} <= kinds(found)
     assert kinds(found).isdisjoint({("auto", m) for m in untouched})
     assert {m for m, _ in kinds(found)} == {"auto"}
-    back = compare(after, folder)
+    back = compare_runs(after, folder)
     assert {(x.method, x.level, x.measure) for x in back.better} == {
         (x.method, x.level, x.measure) for x in found.worse
     }
@@ -111,7 +118,7 @@ def test_new_wrong_answers_are_listed_frame_by_frame_even_when_they_may_be_chanc
         lambda f: replace(f, distances=np.array([0.0, 50.0]), contacts=np.zeros((2, 2))) if f.frame in (4, 5, 6) else f,
         where="blob.clean",
     )
-    found = compare(folder, after)
+    found = compare_runs(folder, after)
     assert ("auto", "false_accepts") not in kinds(found)
     assert [(x.method, x.case, x.new_wrong) for x in found.looks] == [("auto", "blob.clean", (4, 5, 6))]
     assert "  auto, blob.clean: wrong now, not before: frames 4-6; located" in "\n".join(found.to_text())
@@ -125,7 +132,7 @@ def test_what_is_larger_than_its_noise_need_not_matter(folder: Path, tmp_path: P
         "auto",
         lambda f: f if f.distances is None else replace(f, distances=f.distances * 1.005),
     )
-    found = compare(folder, after)
+    found = compare_runs(folder, after)
     change = found.change("auto", ALL, "median_px")
     assert change is not None and change.b > change.a and change.verdict == "same"
 
@@ -140,7 +147,7 @@ def test_what_differs_is_said(folder: Path, tmp_path: Path) -> None:
         options={"methods": list(METHODS), "frames": 30, "seed": 1},
     )
     changed(other, tmp_path / "c", "auto", lambda f: replace(f, area=2.0 * f.area))
-    found = compare(folder, tmp_path / "c")
+    found = compare_runs(folder, tmp_path / "c")
     assert found.only_a == tuple(f"bracket.{d}" for d in ("clean", "bar", "away"))
     assert found.only_b == tuple(f"cross.{d}" for d in ("clean", "bar", "away"))
     said = " / ".join(found.differs)
@@ -152,25 +159,25 @@ def test_what_differs_is_said(folder: Path, tmp_path: Path) -> None:
 
 def test_few_videos_are_cut_into_blocks(tmp_path: Path) -> None:
     a = real(tmp_path / "a")
-    assert compare(a, a).worse == []
-    found = compare(a, changed(a, tmp_path / "b", "ecc", larger))
+    assert compare_runs(a, a).worse == []
+    found = compare_runs(a, changed(a, tmp_path / "b", "ecc", larger))
     assert ("ecc", "median_px") in kinds(found)
     assert any("blocks of frames" in text for text in found.differs)
 
 
 def test_one_short_sequence_proves_nothing(tmp_path: Path) -> None:
     a = scenes(tmp_path / "a", shapes=("disc",))
-    found = compare(a, changed(a, tmp_path / "b", "auto", larger, where="clean"))
+    found = compare_runs(a, changed(a, tmp_path / "b", "auto", larger, where="clean"))
     assert next(x for x in found.changes if x.level == "clean" and x.measure == "rms_px").verdict == "untold"
 
 
 def test_runs_that_cannot_be_compared_are_refused(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be compared"):
-        compare(folder, real(tmp_path / "r"))
+        compare_runs(folder, real(tmp_path / "r"))
     with pytest.raises(InputError, match="no sequence in common"):
-        compare(folder, scenes(tmp_path / "s", shapes=("cross",)))
+        compare_runs(folder, scenes(tmp_path / "s", shapes=("cross",)))
     with pytest.raises(InputError, match="no folder of an evaluation"):
-        compare(folder, tmp_path / "nowhere")
+        compare_runs(folder, tmp_path / "nowhere")
 
 
 # --- the statistics ------------------------------------------------------------------------------
@@ -183,11 +190,11 @@ def test_two_runs_of_the_same_kind_seldom_differ_beyond_their_noise(tmp_path: Pa
     beyond = total = 0
     for seed in range(12):
         units = units_of(Unit.of(a, b) for a, b in zip(run(2 * seed), run(2 * seed + 1), strict=True))
-        found = measures_of(units, drawn(len(units), 200, seed))
+        found = measures_of(units, bootstrap_counts(len(units), 200, seed))
         for m in found.values():
             if math.isfinite(m.error):
                 total += 1
-                beyond += abs(m.b - m.a) > critical(1, m.units) * m.error
+                beyond += abs(m.b - m.a) > critical_value(1, m.units) * m.error
     assert total > 60
     assert beyond / total < 0.15  # 5 % are to be expected
 
@@ -199,7 +206,7 @@ def test_the_noise_of_a_mean_is_its_standard_error() -> None:
         one = made_up(np.random.default_rng((1, k)), "clean", "auto", 40)
         share = rng.random()
         units.append(Unit.of(one, [f if f.defining or rng.random() < share else lost(f) for f in one]))
-    found = measures_of(units, drawn(60, 2000, 0))["located_whole"]
+    found = measures_of(units, bootstrap_counts(60, 2000, 0))["located_whole"]
     parts = [np.array([(sum(p[k].answered for p in u.pairs)) for u in units]) / 39.0 for k in (0, 1)]
     assert found.b - found.a == pytest.approx(float((parts[1] - parts[0]).mean()))
     assert found.error == pytest.approx(float((parts[1] - parts[0]).std()) / math.sqrt(60), rel=0.1)
@@ -207,17 +214,21 @@ def test_the_noise_of_a_mean_is_its_standard_error() -> None:
 
 @given(st.integers(0, 40), st.integers(0, 40))
 def test_the_exact_test_is_that_of_a_fair_coin(many: int, few: int) -> None:
-    assert 0.0 < chance(many, few) <= 1.0
-    assert chance(many, few) + chance(few + 1, many - 1) == pytest.approx(1.0) if many else chance(0, few) == 1.0
+    assert 0.0 < mcnemar_probability(many, few) <= 1.0
+    assert (
+        mcnemar_probability(many, few) + mcnemar_probability(few + 1, many - 1) == pytest.approx(1.0)
+        if many
+        else mcnemar_probability(0, few) == 1.0
+    )
 
 
 def test_the_exact_test_goes_on_for_large_numbers() -> None:
-    assert chance(520, 480) == pytest.approx(chance(520, 481), rel=0.1)
-    assert chance(1500, 500) < 1e-12
+    assert mcnemar_probability(520, 480) == pytest.approx(mcnemar_probability(520, 481), rel=0.1)
+    assert mcnemar_probability(1500, 500) < 1e-12
 
 
 def test_the_critical_value_is_students() -> None:
-    assert critical(1, 10_000) == pytest.approx(1.960, abs=2e-3)
-    assert critical(1, 11) == pytest.approx(2.228, abs=0.01)  # 10 degrees of freedom
-    assert critical(100, 31) == pytest.approx(3.902, abs=0.05)  # 0.0005 two-sided, 30 degrees
-    assert critical(2, 20) > critical(1, 20) > critical(1, 21)
+    assert critical_value(1, 10_000) == pytest.approx(1.960, abs=2e-3)
+    assert critical_value(1, 11) == pytest.approx(2.228, abs=0.01)  # 10 degrees of freedom
+    assert critical_value(100, 31) == pytest.approx(3.902, abs=0.05)  # 0.0005 two-sided, 30 degrees
+    assert critical_value(2, 20) > critical_value(1, 20) > critical_value(1, 21)

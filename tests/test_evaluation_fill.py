@@ -11,8 +11,8 @@ import pytest
 
 import scheduled
 from grasptrack.bench import fill as module
-from grasptrack.bench.fill import Filled, Job, case_file, fill
-from grasptrack.bench.schedule import scheduler
+from grasptrack.bench.fill import Filled, Job, case_file, fill_run_folder
+from grasptrack.bench.schedule import create_scheduler
 from grasptrack.errors import InputError
 
 
@@ -34,12 +34,12 @@ def run(folder: Path, *, stop_after: int | None = None, **options: Any) -> Fille
         if stop_after is not None and len(done_before) > stop_after:
             raise KeyboardInterrupt
 
-    return fill(
+    return fill_run_folder(
         folder / "out",
         "scenes",
         jobs(folder),
         scheduled.scored,
-        scheduler(workers=1),
+        create_scheduler(workers=1),
         options=options,
         progress=tell,
     )
@@ -81,7 +81,7 @@ def test_a_finished_run_and_one_with_other_options_are_begun_anew(tmp_path: Path
 def test_results_of_other_code_are_not_gone_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path, stop_after=2)
-    monkeypatch.setattr(module, "fingerprint", lambda: "other")
+    monkeypatch.setattr(module, "code_fingerprint", lambda: "other")
     assert run(tmp_path).resumed == 0
 
 

@@ -11,7 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.integrity import cumulative, measure, recoveries, risk_coverage, upper_bound
+from grasptrack.bench.metrics.integrity import (
+    compute_measures,
+    cumulative_share,
+    recovery_delays,
+    risk_coverage,
+    upper_bound,
+)
 from grasptrack.bench.metrics.score import FrameScore, Score
 from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.records import read_records, write_records
@@ -34,7 +40,7 @@ def test_contacts_given_while_the_object_is_gone_are_wrong_wherever_they_lie() -
 @given(SEEDS)
 def test_measures_are_what_counting_gives(seed: int) -> None:
     runs = [random_run(np.random.default_rng((seed, k))) for k in range(3)]
-    found = measure(runs)
+    found = compute_measures(runs)
     frames = [f for run in runs for f in run if not f.defining]
     assert found.frames == len(frames)
     whole = [f for f in frames if f.present and f.visible == 1.0]
@@ -61,7 +67,7 @@ def test_the_bound_of_a_rate(trials: int, data: st.DataObject) -> None:
 
 
 def test_nothing_to_count_is_not_a_number() -> None:
-    found = measure([])
+    found = compute_measures([])
     assert found.frames == 0 and found.false_accepts == 0
     assert math.isnan(found.located_whole) and math.isnan(found.rms_px) and math.isnan(found.false_bound)
 
@@ -75,8 +81,8 @@ def test_recovery_counts_from_the_return_to_whole_view() -> None:
 
     run = [here(0, 0.0), away(1), away(2), frame(3, None, visible=0.8), here(4, None), here(5, 9.0), here(6, 0.1)]
     run += [away(7), here(8, 0.1), away(9), here(10, None), away(11), here(12, None)]
-    assert recoveries(run) == [2, 0, None, None]
-    assert recoveries(run[:1]) == []
+    assert recovery_delays(run) == [2, 0, None, None]
+    assert recovery_delays(run[:1]) == []
 
 
 @given(SEEDS)
@@ -90,7 +96,12 @@ def test_risk_and_coverage(seed: int) -> None:
 
 
 def test_a_cumulative_curve_counts_what_is_as_small() -> None:
-    assert cumulative(np.array([1.0, 2.0, 2.0, 5.0]), np.array([0.5, 1.0, 2.0, 9.0])).tolist() == [0.0, 0.25, 0.75, 1.0]
+    assert cumulative_share(np.array([1.0, 2.0, 2.0, 5.0]), np.array([0.5, 1.0, 2.0, 9.0])).tolist() == [
+        0.0,
+        0.25,
+        0.75,
+        1.0,
+    ]
 
 
 @given(SEEDS)

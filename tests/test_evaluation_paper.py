@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from grasptrack import kernels
 from grasptrack.bench.metrics.errors import ErrorMeasure
 from grasptrack.bench.paper import printed
-from grasptrack.bench.paper.contours import Footage, ideal
-from grasptrack.bench.paper.correspondences import Correspondences, correspond, table_five
+from grasptrack.bench.paper.contours import Footage, ideal_footage
+from grasptrack.bench.paper.correspondences import Correspondences, find_correspondences, table_five
 from grasptrack.bench.paper.descriptions import relative_text, table_four, table_three
 from grasptrack.bench.paper.error_tables import table_seven, table_six
-from grasptrack.bench.paper.objects import MOTIONS, OBJECTS, part
-from grasptrack.bench.paper.transfers import follow, reversibility
+from grasptrack.bench.paper.objects import MOTIONS, OBJECTS, make_part
+from grasptrack.bench.paper.transfers import measure_reversibility, transfer_and_measure
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import STRATEGIES, grasp_line, transfer
@@ -34,7 +34,7 @@ SOME = settings(max_examples=15, deadline=None)
 
 @cache
 def footage(name: str, kind: str, motion: str, seed: int) -> Footage:
-    return ideal(part(name, seed), kind, motion, FRAMES, seed)
+    return ideal_footage(make_part(name, seed), kind, motion, FRAMES, seed)
 
 
 def measured(course) -> list[ErrorMeasure]:
@@ -47,13 +47,13 @@ def measured(course) -> list[ErrorMeasure]:
 def test_rrp_is_reversible_with_error_zero_on_every_contour(name, kind, motion, seed):
     """Table VI, first column: not nearly zero, zero."""
     there = footage(name, kind, motion, seed)
-    assert [reversibility(there, "rrp", k).maximum_px for k in range(1, FRAMES)] == [0.0] * (FRAMES - 1)
+    assert [measure_reversibility(there, "rrp", k).maximum_px for k in range(1, FRAMES)] == [0.0] * (FRAMES - 1)
 
 
 @SOME
 @given(objects, seeds, st.sampled_from(STRATEGIES), st.booleans())
 def test_all_strategies_are_exact_in_four_dof_where_contours_correspond(name, seed, strategy, carried_on):
-    course = follow(footage(name, "corresponding", "4 DoF", seed), strategy, carried_on)
+    course = transfer_and_measure(footage(name, "corresponding", "4 DoF", seed), strategy, carried_on)
     assert max(e.maximum_px for e in measured(course)) < EXACT
 
 
@@ -62,7 +62,7 @@ def test_all_strategies_are_exact_in_four_dof_where_contours_correspond(name, se
 def test_the_homography_is_exact_on_contours_made_by_one(name, seed):
     """Table VII, last column: its zeros are a property of such contours."""
     tilted = footage(name, "corresponding", "6 DoF", seed)
-    assert max(e.maximum_px for e in measured(follow(tilted, "homography", False))) < EXACT
+    assert max(e.maximum_px for e in measured(transfer_and_measure(tilted, "homography", False))) < EXACT
     found = transfer(Grasp(tilted.on_silhouette), tilted.silhouettes[0], tilted.silhouettes[-1], "homography")
     corners = tilted.part.reference.points[::60]
     moved, true = (np.column_stack([corners, np.ones(len(corners))]) @ H.T for H in (found.homography, tilted.H[-1]))
@@ -89,17 +89,17 @@ def test_other_samples_of_the_same_curve_cost_what_their_spacing_allows(name, se
     """Contours sampled anew cut their corners: moments hardly notice, matched samples may be one apart."""
     anew = footage(name, "resampled", "4 DoF", seed)
     spacing = anew.part.reference.outer.length / len(anew.part.reference.outer)
-    assert max(e.maximum_px for e in measured(follow(anew, "rrp", False))) < EXACT
-    assert max(e.maximum_px for e in measured(follow(anew, "grasp-line", False))) < 0.01 * spacing
-    assert max(e.maximum_px for e in measured(follow(anew, "homography", False))) < 2.0 * spacing
+    assert max(e.maximum_px for e in measured(transfer_and_measure(anew, "rrp", False))) < EXACT
+    assert max(e.maximum_px for e in measured(transfer_and_measure(anew, "grasp-line", False))) < 0.01 * spacing
+    assert max(e.maximum_px for e in measured(transfer_and_measure(anew, "homography", False))) < 2.0 * spacing
 
 
 @SOME
 @given(objects, seeds)
 def test_tilt_costs_the_strategies_of_four_dof_and_not_the_homography(name, seed):
     tilted = footage(name, "corresponding", "6 DoF", seed)
-    last = {s: follow(tilted, s, False).errors[-1] for s in ("grasp-line", "homography")}
-    tracked = follow(footage(name, "resampled", "6 DoF", seed), "rrp", False).errors[-1]
+    last = {s: transfer_and_measure(tilted, s, False).errors[-1] for s in ("grasp-line", "homography")}
+    tracked = transfer_and_measure(footage(name, "resampled", "6 DoF", seed), "rrp", False).errors[-1]
     lean = np.abs(tilted.H[-1][2, :2]).max()
     assert lean > 0.0
     assert last["homography"].maximum_px < EXACT < tracked.maximum_px
@@ -124,12 +124,12 @@ def test_what_was_refused_is_told_and_not_measured():
     seen[3] = seen[4] = "only 12 % of it in view"
     gaps = replace(whole, silhouettes=tuple(seen))
     for carried_on in (False, True):
-        course = follow(gaps, "grasp-line", carried_on)
+        course = transfer_and_measure(gaps, "grasp-line", carried_on)
         assert [isinstance(e, str) for e in course.errors] == [k in (3, 4) for k in range(1, FRAMES)]
         assert course.reasons == {"only … % of it in view": 2}
         assert len(course.answered) == FRAMES - 3
         assert course.sequence.maximum_px < EXACT
-    courses = [follow(gaps, s, on) for s in STRATEGIES for on in (False, True)]
+    courses = [transfer_and_measure(gaps, s, on) for s in STRATEGIES for on in (False, True)]
     table = table_seven(1, courses, 3)
     assert any("grasp-line" in n.lower() and "5 of 7 answered" in n and "in view" in n for n in table.notes)
     reference = next(r for r in table.rows if r[:3] == ("corresponding", "bracket", "R_f E (e_av)"))
@@ -138,8 +138,8 @@ def test_what_was_refused_is_told_and_not_measured():
     assert six.rows[-1][3:6] == (0.0, "refused", "refused")
     assert any("only 12 % of it in view" in note for note in six.notes)
     nothing = replace(whole, silhouettes=("no object", *seen[1:]))
-    assert follow(nothing, "homography", False).sequence is None
-    assert correspond(nothing, 2) == "no object"
+    assert transfer_and_measure(nothing, "homography", False).sequence is None
+    assert find_correspondences(nothing, 2) == "no object"
     for transferred in (table_three([nothing], 2), table_four([nothing], 3)):
         assert "no object" in str(transferred.rows)
 
@@ -148,7 +148,7 @@ def test_what_was_refused_is_told_and_not_measured():
 @pytest.mark.parametrize("kind", ["corresponding", "resampled", "pixel chain"])
 def test_table_five_lays_open_what_the_strategy_does(name, kind):
     one = footage(name, kind, "6 DoF", 0)
-    found = correspond(one, FRAMES - 1)
+    found = find_correspondences(one, FRAMES - 1)
     assert isinstance(found, Correspondences)
     H = kernels.homography_4(*found.points)
     np.testing.assert_allclose(H, found.H, rtol=1e-9, atol=1e-12)
@@ -158,7 +158,7 @@ def test_table_five_lays_open_what_the_strategy_does(name, kind):
     rows = table_five([found]).rows
     assert [r[1] for r in rows][-4:] == ["H p_g1", "H p_g2", "refined p'_g1", "refined p'_g2"]
     off = [row[4] for row in rows[-2:]]
-    assert max(off) == pytest.approx(follow(one, "homography", False).errors[-1].maximum_px)
+    assert max(off) == pytest.approx(transfer_and_measure(one, "homography", False).errors[-1].maximum_px)
 
 
 # --- what the paper prints -------------------------------------------------------------------------

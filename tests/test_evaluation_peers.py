@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from grasptrack import GraspTracker
-from grasptrack.bench.baselines import PEERS, available, missing
+from grasptrack.bench.baselines import PEERS, available_baselines, missing_baselines
 from grasptrack.bench.baselines.direct import MARGIN
 from grasptrack.bench.baselines.region import region_of
 from grasptrack.bench.method import Method, Start
@@ -35,7 +35,7 @@ BOUNDS = {
     "paper-homography": 6.0,
 }
 """px, the largest error on the easy sequence: about twice what was seen."""
-HERE = sorted(available())
+HERE = sorted(available_baselines())
 FIRST_OF_ALL = ("ecc", "klt", "sift")
 """Those that compare grey levels, and so know an image with nothing in it."""
 
@@ -213,6 +213,8 @@ def test_otsu_is_at_the_centroid_that_opencv_finds() -> None:
 
 
 def test_what_is_missing_says_why() -> None:
-    assert set(available()) | set(missing()) == set(PEERS) and not set(available()) & set(missing())
-    for name, reason in missing().items():
+    assert set(available_baselines()) | set(missing_baselines()) == set(PEERS) and not set(available_baselines()) & set(
+        missing_baselines()
+    )
+    for name, reason in missing_baselines().items():
         assert reason in run(PEERS[name](start()), images()[:2])[1].reason

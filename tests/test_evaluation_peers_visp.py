@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.bench.baselines import PEERS, available, missing
+from grasptrack.bench.baselines import PEERS, available_baselines, missing_baselines
 from grasptrack.bench.baselines.region import region_of
-from grasptrack.bench.baselines.visp_template import homography_of, triangles, why_not
+from grasptrack.bench.baselines.visp_template import homography_of, template_triangles, why_not
 from grasptrack.bench.metrics.errors import contact_distances
 from grasptrack.segmentation.images import to_grey
 from grasptrack.typing import Floats
@@ -95,7 +95,7 @@ def visp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_it_is_available_with_visp_and_follows(visp: Path) -> None:
-    assert why_not() == "" and missing() == {} and "visp" in available()
+    assert why_not() == "" and missing_baselines() == {} and "visp" in available_baselines()
     for result, frame in zip(run(PEERS["visp"](start()), images()), easy(), strict=True):
         assert result.contacts is not None, result.reason
         assert contact_distances(result.contacts, frame.contacts(start().contacts)).max() < 0.5
@@ -125,7 +125,7 @@ def test_a_build_that_does_not_load_is_told(visp: Path) -> None:
 
 def test_without_visp_every_frame_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("grasptrack.bench.baselines.visp_template.find_spec", lambda name: None)
-    assert "visp" not in available()
+    assert "visp" not in available_baselines()
     for result in run(PEERS["visp"](start()), images()[:2]):
         assert result.status == "lost" and "ViSP" in result.reason and "not installed" in result.reason
 
@@ -135,7 +135,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def test_triangles_cover_the_part() -> None:
-    corners = triangles(region_of(start(), to_grey(images()[0]))).reshape(-1, 3, 2)
+    corners = template_triangles(region_of(start(), to_grey(images()[0]))).reshape(-1, 3, 2)
     inside = np.zeros(len(start().outline[0]), bool)
     for a, b, c in corners:
         sides = [cross(q - p, start().outline[0] - p) for p, q in ((a, b), (b, c), (c, a))]

@@ -159,7 +159,7 @@ def test_what_methods_are_told(films: Path, monkeypatch: pytest.MonkeyPatch, giv
         told.append(start)
         return Ecc(start)
 
-    monkeypatch.setattr(real, "makers", lambda _, risk: {"mine": make})
+    monkeypatch.setattr(real, "method_makers", lambda _, risk: {"mine": make})
     (case,) = [c for c in real.videos_of(films, given=given) if c.name == "alone"]
     frames = real.run_video((case, ("mine",)))["mine"]
     quad = apply_homography(motion(START), CARD)

@@ -14,8 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.path import Path as Polygon
 
-from grasptrack.bench.metrics.mask_agreement import band_iou, boundary, boundary_f, iou, mask_of
-from grasptrack.bench.simulation.coverage import coverage
+from grasptrack.bench.metrics.mask_agreement import (
+    band_iou,
+    boundary_f,
+    intersection_over_union,
+    mask_boundary,
+    mask_of,
+)
+from grasptrack.bench.simulation.coverage import pixel_coverage
 from grasptrack.geometry.contours import Contour, View
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -63,13 +69,13 @@ def test_a_mask_has_no_bias_of_the_edge_and_leaves_holes_out() -> None:
     ring = View([Contour(circle(80.3, 60.2, 40.0)), Contour(circle(85.1, 57.7, 15.0), hole=True)])
     mask = mask_of(ring, SHAPE)
     assert mask.sum() == pytest.approx(math.pi * (40.0**2 - 15.0**2), rel=0.005)  # a pixel's half more: 4 %
-    assert iou(mask, disc(80.3, 60.2, 40.0) & ~disc(85.1, 57.7, 15.0)) > 0.998
+    assert intersection_over_union(mask, disc(80.3, 60.2, 40.0) & ~disc(85.1, 57.7, 15.0)) > 0.998
 
 
 def test_overlap_of_two_rectangles() -> None:
     a, b = (X < 40) & (Y < 30), (X >= 20) & (X < 60) & (Y < 30)
-    assert iou(a, b) == pytest.approx(1.0 / 3.0)
-    assert iou(a, ~a) == 0.0
+    assert intersection_over_union(a, b) == pytest.approx(1.0 / 3.0)
+    assert intersection_over_union(a, ~a) == 0.0
 
 
 @given(seeds, st.floats(0.0, 8.0))
@@ -77,7 +83,7 @@ def test_overlap_of_two_rectangles() -> None:
 def test_measures_are_symmetric_within_bounds_and_one_for_equals(seed: int, tolerance: float) -> None:
     random = np.random.default_rng(seed)
     a, b = blobs(random), blobs(random)
-    for measure in (iou, lambda p, q: boundary_f(p, q, tolerance)):
+    for measure in (intersection_over_union, lambda p, q: boundary_f(p, q, tolerance)):
         assert measure(a, b) == pytest.approx(measure(b, a), abs=1e-12)
         assert 0.0 <= measure(a, b) <= 1.0
         assert measure(a, a) == 1.0
@@ -101,18 +107,18 @@ def test_beyond_the_tolerance_the_edges_agree_less_and_less() -> None:
 
 def test_precision_and_recall_both_count() -> None:
     near, far = disc(35, 60, 20), disc(120, 60, 20)
-    edges = boundary(near).sum(), boundary(far).sum()
+    edges = mask_boundary(near).sum(), mask_boundary(far).sum()
     recall = edges[0] / sum(edges)
     assert boundary_f(near | far, near) == pytest.approx(2.0 * recall / (1.0 + recall))
 
 
 def test_an_empty_mask_agrees_with_an_empty_one_only() -> None:
     empty, some = np.zeros(SHAPE, dtype=bool), disc(60, 60, 20)
-    assert iou(empty, empty) == boundary_f(empty, empty) == 1.0
-    assert iou(empty, some) == boundary_f(empty, some) == boundary_f(some, empty) == 0.0
+    assert intersection_over_union(empty, empty) == boundary_f(empty, empty) == 1.0
+    assert intersection_over_union(empty, some) == boundary_f(empty, some) == boundary_f(some, empty) == 0.0
 
 
-@pytest.mark.parametrize("measure", [iou, boundary_f])
+@pytest.mark.parametrize("measure", [intersection_over_union, boundary_f])
 def test_masks_of_two_sizes_are_refused(measure: object) -> None:
     with pytest.raises(ValueError, match="one size"):
         measure(np.ones((4, 5), dtype=bool), np.ones((5, 4), dtype=bool))  # type: ignore[operator]
@@ -128,12 +134,12 @@ def test_the_band_of_a_disc_is_that_of_its_radii() -> None:
 @pytest.mark.parametrize(("ground", "object_"), [(190, 40), (40, 190)])
 @pytest.mark.parametrize("name", BASELINES)
 def test_baselines_find_a_disc(name: str, ground: int, object_: int, hint: tuple[float, float] | None) -> None:
-    share = coverage([circle(80.0, 60.0, 30.0)], SHAPE[1], SHAPE[0], 0.8)[:, :, None]
+    share = pixel_coverage([circle(80.0, 60.0, 30.0)], SHAPE[1], SHAPE[0], 0.8)[:, :, None]
     noise = np.random.default_rng(3).normal(0.0, 2.0, (*SHAPE, 3))
     image = np.clip(ground + (object_ - ground) * share + noise, 0, 255).astype(np.uint8)
     mask = BASELINES[name](image, hint)
     assert boundary_f(mask, disc(80.0, 60.0, 30.0)) > 0.95
-    assert iou(mask, disc(80.0, 60.0, 30.0)) > 0.85
+    assert intersection_over_union(mask, disc(80.0, 60.0, 30.0)) > 0.85
 
 
 def test_a_baseline_takes_the_largest_outline_clear_of_the_border_or_the_one_at_the_hint() -> None:

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.bench.metrics.integrity import Measures, measure, risk_coverage
+from grasptrack.bench.metrics.integrity import Measures, compute_measures, risk_coverage
 from grasptrack.bench.metrics.summary import (
     ALL,
     APART,
     PER_CASE,
     risk_area,
-    summarise,
+    summarise_run,
     worst_frames,
     write_summary,
 )
@@ -49,7 +49,7 @@ def test_a_folder_comes_back_as_it_was_written(folder: Path) -> None:
 
 
 def test_figures_are_the_measures_of_their_parts(folder: Path) -> None:
-    run, summary = read_run(folder), summarise(read_run(folder))
+    run, summary = read_run(folder), summarise_run(read_run(folder))
     assert summary.levels == tuple(DISTURBANCES) and summary.shapes == SHAPES and summary.groups == ("motion", "hidden")
     parts = {
         "by_level": lambda c: c.disturbance,
@@ -63,11 +63,11 @@ def test_figures_are_the_measures_of_their_parts(folder: Path) -> None:
         for row in rows:
             runs = [run.scores[c.name][row.method] for c in run.cases if of(c) == row.level]
             assert row.cases == len(runs)
-            assert same(row.measures, measure(runs))
+            assert same(row.measures, compute_measures(runs))
 
 
 def test_counts_add_up_over_every_division(folder: Path) -> None:
-    summary = summarise(read_run(folder))
+    summary = summarise_run(read_run(folder))
     for method in METHODS:
         whole = summary.row(method)
         assert whole is not None
@@ -109,7 +109,7 @@ def test_the_area_under_risk_and_coverage() -> None:
 
 
 def test_files_of_a_summary_hold_its_figures(folder: Path, tmp_path: Path) -> None:
-    summary = summarise(read_run(folder))
+    summary = summarise_run(read_run(folder))
     write_summary(tmp_path, summary)
     with (tmp_path / "summary.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -126,7 +126,7 @@ def test_files_of_a_summary_hold_its_figures(folder: Path, tmp_path: Path) -> No
 
 
 def test_videos_are_their_own_level(tmp_path: Path) -> None:
-    summary = summarise(read_run(real(tmp_path / "r")))
+    summary = summarise_run(read_run(real(tmp_path / "r")))
     assert summary.factor == "video" and summary.levels == ("box", "card") and summary.shapes == ()
 
 
@@ -141,7 +141,7 @@ def test_cases_that_failed_or_were_not_reached_are_told_and_left_out(tmp_path: P
     run = read_run(tmp_path)
     assert [c.name for c in run.scored] == ["a.clean"]
     assert [c.error for c in run.failed] == ["no stable grasp", "the run ended before it was scored"]
-    assert summarise(run).overall[0].cases == 1
+    assert summarise_run(run).overall[0].cases == 1
 
 
 @pytest.mark.parametrize(
@@ -170,4 +170,4 @@ def test_what_is_no_run_is_refused_in_one_line(tmp_path: Path, index: str | None
 def test_a_missing_file_of_frames_is_refused_by_name(tmp_path: Path) -> None:
     write_index(tmp_path, "real", [Case("film", 3, disturbance="film")])
     with pytest.raises(InputError, match=r"film\.csv"):
-        summarise(read_run(tmp_path))
+        summarise_run(read_run(tmp_path))

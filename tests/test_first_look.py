@@ -14,13 +14,13 @@ from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import Contour
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.segmentation.closed_edges import Scenery, enclosed, linked
-from grasptrack.segmentation.color_projection import clearest
+from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter, enclosed_silhouettes, link_edges
+from grasptrack.segmentation.color_projection import best_color_projection
 from grasptrack.segmentation.images import PLAIN, Channel, to_grey
-from grasptrack.segmentation.normalized_gradient import EdgeField, planes
-from grasptrack.segmentation.objects import candidates, objects, segment
-from grasptrack.segmentation.rating import Rater
-from grasptrack.segmentation.silhouettes import trace
+from grasptrack.segmentation.normalized_gradient import NormalizedGradient, lab_planes
+from grasptrack.segmentation.objects import find_candidates, find_objects, segment_object
+from grasptrack.segmentation.rating import SilhouetteScorer
+from grasptrack.segmentation.silhouettes import trace_silhouettes
 from outlines import dense
 from stages import HEIGHT, WIDTH, Run, photo, pose
 from test_segmentation import distances
@@ -59,7 +59,7 @@ def off(view, shape, H):  # type: ignore[no-untyped-def]
 def test_an_object_darker_and_lighter_than_its_ground(shape) -> None:  # type: ignore[no-untyped-def]
     H = pose(158.0, 121.0, 24.0, scale=110.0)
     image = painted(shape, H, [(40, 40, 40), (215, 215, 215)])
-    found = objects(image)
+    found = find_objects(image)
     assert found[0].polarity == 0
     assert found[0].recipe >= 0
     assert off(found[0].view, shape, H) < 0.35
@@ -71,7 +71,7 @@ def test_an_object_of_its_grounds_grey_is_seen_by_its_colour() -> None:
     H = pose(158.0, 121.0, 24.0)
     image = painted(BRACKET, H, [SAME_GREY, SAME_GREY])
     assert abs(float(to_grey(image)[120, 150]) - float(to_grey(image)[5, 5])) < 8.0
-    best = candidates(image)[0]
+    best = find_candidates(image)[0]
     assert best.channel.weights is not None
     assert best.polarity != 0
     assert off(best.view, BRACKET, H) < 0.25
@@ -84,7 +84,10 @@ def test_the_mixture_of_colours_keeps_the_image_in_range() -> None:
         plain = image.astype(float) @ np.array(weights) - 255.0 * sum(min(w, 0.0) for w in weights)
         assert np.abs(mixed - plain).max() <= 0.51
     assert np.array_equal(PLAIN.grey(image), to_grey(image))
-    assert clearest(image[:, :, 0], Contour(np.array([[10, 10], [30, 10], [30, 30], [10, 30]] * 2, float))) is PLAIN
+    assert (
+        best_color_projection(image[:, :, 0], Contour(np.array([[10, 10], [30, 10], [30, 30], [10, 30]] * 2, float)))
+        is PLAIN
+    )
 
 
 def test_a_glare_that_hides_part_of_the_outline_is_bridged() -> None:
@@ -95,7 +98,7 @@ def test_a_glare_that_hides_part_of_the_outline_is_bridged() -> None:
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     glare = 200.0 * np.exp(-(((columns - middle[0]) / 25.0) ** 2 + ((rows - middle[1]) / 12.0) ** 2))
     lit = np.clip(image + np.minimum(glare, 140.0)[:, :, None], 0, 200).astype(np.uint8)
-    best = candidates(lit)[0]
+    best = find_candidates(lit)[0]
     truth = Contour(dense(apply_homography(H, PLATE.outer))).area
     assert 0.9 < best.view.outer.area / truth < 1.1
 
@@ -106,35 +109,40 @@ def test_grain_is_the_unit_of_strength(gain: float, seed: int) -> None:
     """Twice the noise makes edges half as strong: what counts is how far they stand out."""
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((120, 160)) * 6.0
-    field = EdgeField(planes(np.clip(128 + gain * noise, 0, 255).astype(np.uint8)), 1.0)
+    field = NormalizedGradient(lab_planes(np.clip(128 + gain * noise, 0, 255).astype(np.uint8)), 1.0)
     assert np.median(field.strength) < 1.0
     assert field.thin(6.0).sum() == 0
     shown = np.clip(128 + gain * noise, 0, 255)
     shown[:, 80:] += 90.0
-    edges = EdgeField(planes(np.clip(shown, 0, 255).astype(np.uint8)), 1.0).thin(4.0)
+    edges = NormalizedGradient(lab_planes(np.clip(shown, 0, 255).astype(np.uint8)), 1.0).thin(4.0)
     assert ((edges[10:-10] > 0).sum(axis=1) >= 1).mean() > 0.9
     assert np.abs(np.nonzero(edges[10:-10])[1] - 79.5).max() <= 4
 
 
 def test_a_grey_image_has_the_edges_of_its_coloured_copy() -> None:
     grey = photo([(BRACKET, pose())])
-    np.testing.assert_array_equal(planes(grey)[:, :, 0], planes(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))[:, :, 0])
+    np.testing.assert_array_equal(
+        lab_planes(grey)[:, :, 0], lab_planes(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))[:, :, 0]
+    )
 
 
 def test_broken_edges_enclose_once_they_are_linked() -> None:
     edges = np.zeros((200, 300), np.uint8)
     cv2.rectangle(edges, (60, 50), (240, 150), (255,), 1)
     edges[50, 120:150] = edges[150, 140:175] = 0
-    assert enclosed(edges.copy(), 1, 100.0, 20.0) == [] or enclosed(edges.copy(), 1, 100.0, 20.0)[0].area < 5000
-    (shape,) = enclosed(linked(edges, 60.0), 1, 100.0, 20.0)
+    assert (
+        enclosed_silhouettes(edges.copy(), 1, 100.0, 20.0) == []
+        or enclosed_silhouettes(edges.copy(), 1, 100.0, 20.0)[0].area < 5000
+    )
+    (shape,) = enclosed_silhouettes(link_edges(edges, 60.0), 1, 100.0, 20.0)
     assert shape.area == pytest.approx(180 * 100, rel=0.03)
 
 
 def test_terms_of_a_rating_tell_what_is_wrong() -> None:
     image = painted(PLATE, pose(), [(50, 50, 50), (50, 50, 50)])
-    scenery = Scenery(planes(image))
-    rater = Rater(scenery.fields[0], 1, (HEIGHT, WIDTH))
-    (shape,) = trace(np.where(to_grey(image) < 90, np.uint8(255), np.uint8(0)), 100.0, holes=False)
+    scenery = ClosedEdgeSegmenter(lab_planes(image))
+    rater = SilhouetteScorer(scenery.fields[0], 1, (HEIGHT, WIDTH))
+    (shape,) = trace_silhouettes(np.where(to_grey(image) < 90, np.uint8(255), np.uint8(0)), 100.0, holes=False)
     good = rater.rate(shape)
     assert all(0.0 <= term <= 1.0 for term in good)
     assert good.closed > 0.99 and good.complete == 1.0 and good.exact == 1.0
@@ -149,17 +157,17 @@ def test_terms_of_a_rating_tell_what_is_wrong() -> None:
 def test_several_objects_each_once_and_the_meant_one_first() -> None:
     places = [(70.0, 70.0), (245.0, 65.0), (80.0, 180.0), (240.0, 175.0)]
     image = photo([(BRACKET, pose(x, y, 20.0 * i, scale=48.0)) for i, (x, y) in enumerate(places)])
-    found = objects(image)
+    found = find_objects(image)
     assert len(found) == 4
     assert [c.score for c in found] == sorted((c.score for c in found), reverse=True)
     for x, y in places:
-        first = objects(image, object_at=(x - 8.0, y))
+        first = find_objects(image, object_at=(x - 8.0, y))
         assert np.abs(first[0].view.outer.points.mean(axis=0) - (x, y)).max() < 20.0
         assert len(first) == 4
-        boxed = objects(image, box=(x - 45.0, y - 45.0, 90.0, 90.0))
+        boxed = find_objects(image, box=(x - 45.0, y - 45.0, 90.0, 90.0))
         assert np.abs(boxed[0].view.outer.points.mean(axis=0) - (x, y)).max() < 20.0
     with pytest.raises(ObservationError, match="in the box"):
-        segment(image, box=(140.0, 100.0, 30.0, 30.0))
+        segment_object(image, box=(140.0, 100.0, 30.0, 30.0))
 
 
 def test_print_is_no_hole_and_a_hole_is_none_of_print() -> None:
@@ -170,7 +178,7 @@ def test_print_is_no_hole_and_a_hole_is_none_of_print() -> None:
         shown = image.copy()
         cv2.circle(shown, (x + 30, y + 10), 12, colour, cv2.FILLED, cv2.LINE_AA)
         shown = cv2.GaussianBlur(shown, (0, 0), 0.7)
-        assert len(segment(shown).contours) == 1 + holes, colour
+        assert len(segment_object(shown).contours) == 1 + holes, colour
 
 
 class ByColour:
@@ -193,7 +201,7 @@ def test_objects_of_a_mask() -> None:
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     cv2.rectangle(mask, (30, 40), (120, 100), (255,), cv2.FILLED)
     cv2.circle(mask, (230, 150), 40, (255,), cv2.FILLED)
-    found = objects(np.zeros((HEIGHT, WIDTH, 3), np.uint8), mask=mask)
+    found = find_objects(np.zeros((HEIGHT, WIDTH, 3), np.uint8), mask=mask)
     assert sorted(c.view.outer.area for c in found) == pytest.approx([np.pi * 40.5**2, 91.0 * 61.0], rel=0.04)
 
 
@@ -212,7 +220,7 @@ def with_shadow(shape, H, colour, depth, blur, by, seed=0):  # type: ignore[no-u
 def test_a_shadow_is_no_part_of_its_object(colour, depth: float, blur: float) -> None:  # type: ignore[no-untyped-def]
     H = pose(158.0, 121.0, 24.0, scale=80.0)
     for shape in (BRACKET, GASKET):
-        view = segment(with_shadow(shape, H, colour, depth, blur, (8.0, 6.0)))
+        view = segment_object(with_shadow(shape, H, colour, depth, blur, (8.0, 6.0)))
         assert view.outer.area == pytest.approx(Contour(dense(apply_homography(H, shape.outer))).area, rel=0.06)
 
 
@@ -221,7 +229,7 @@ def test_no_part_of_a_two_coloured_object_is_taken_for_a_shadow() -> None:
         for shape in (BRACKET, GASKET, PLATE):
             H = pose(158.0, 121.0, 24.0, scale=100.0)
             area = Contour(dense(apply_homography(H, shape.outer))).area
-            assert segment(painted(shape, H, colours)).outer.area == pytest.approx(area, rel=0.05)
+            assert segment_object(painted(shape, H, colours)).outer.area == pytest.approx(area, rel=0.05)
 
 
 def test_an_object_with_a_shadow_is_followed_without_it() -> None:
@@ -253,9 +261,9 @@ def test_a_slit_makes_no_outline_better() -> None:
     cv2.circle(image, (160, 120), 60, (200,), cv2.FILLED)
     cv2.rectangle(image, (130, 118), (219, 121), (175,), cv2.FILLED)
     image = cv2.GaussianBlur(image, (0, 0), 1.0)
-    rater = Rater(Scenery(planes(image)).fields[0], 1, (HEIGHT, WIDTH))
-    (whole,) = trace(np.where(image > 120, np.uint8(255), np.uint8(0)), 100.0, holes=False)
-    (slit,) = trace(np.where(image > 180, np.uint8(255), np.uint8(0)), 100.0, holes=False)
+    rater = SilhouetteScorer(ClosedEdgeSegmenter(lab_planes(image)).fields[0], 1, (HEIGHT, WIDTH))
+    (whole,) = trace_silhouettes(np.where(image > 120, np.uint8(255), np.uint8(0)), 100.0, holes=False)
+    (slit,) = trace_silhouettes(np.where(image > 180, np.uint8(255), np.uint8(0)), 100.0, holes=False)
     assert len(slit.outer) > 1.3 * len(whole.outer)
     assert rater.rate(slit).score < rater.rate(whole).score
-    assert segment(image).outer.area == pytest.approx(np.pi * 60.5**2, rel=0.02)
+    assert segment_object(image).outer.area == pytest.approx(np.pi * 60.5**2, rel=0.02)

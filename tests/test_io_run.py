@@ -17,7 +17,7 @@ import pytest
 from grasptrack import InputError, SourceError, TrackResult, open_source
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.force_closure import GraspAnalysis
-from grasptrack.io.results import UNITS, columns
+from grasptrack.io.results import UNITS, csv_columns
 from grasptrack.io.run import FILES, run_track
 from grasptrack.io.tally import Tally
 from recordings import movie, picture, write
@@ -98,8 +98,8 @@ def test_the_columns_are_the_contract() -> None:
         "mended",
         "notice",
     ]
-    assert columns(2) == [*start, "x1", "y1", "x2", "y2", "seen1", "seen2", *end]
-    assert columns(3) == [*start, "x1", "y1", "x2", "y2", "x3", "y3", "seen1", "seen2", "seen3", *end]
+    assert csv_columns(2) == [*start, "x1", "y1", "x2", "y2", "seen1", "seen2", *end]
+    assert csv_columns(3) == [*start, "x1", "y1", "x2", "y2", "x3", "y3", "seen1", "seen2", "seen3", *end]
 
 
 def test_a_row_for_every_frame_with_empty_cells_where_there_is_no_value(tmp_path: Path) -> None:

@@ -31,8 +31,8 @@ def with_normals(points):
 def test_starts_are_alike(points, seed):
     points = np.ascontiguousarray(points)
     moved, _ = posed(points, seed)
-    got = native.outline_starts(points, moved, BENDS, 64, 0.03, 6)
-    wanted = reference.outline_starts(points, moved, BENDS, 64, 0.03, 6)
+    got = native.initial_alignments(points, moved, BENDS, 64, 0.03, 6)
+    wanted = reference.initial_alignments(points, moved, BENDS, 64, 0.03, 6)
     np.testing.assert_allclose(got[:1], wanted[:1], rtol=1e-6, atol=1e-6)  # later ones may tie
     np.testing.assert_allclose(got[:, 0], wanted[:, 0], atol=1e-7)
 
@@ -59,7 +59,7 @@ def test_laying_is_alike(points, seed):
     starts = starts / starts[:, 8:]
     first, second = with_normals(points), with_normals(moved)
     arguments = (starts, *first[:2], *second, np.array([40.0, 20.0]), np.array([1e-3, 1e-4]), np.array([2, 1]), 1.0)
-    got, wanted = native.lay_outlines(*arguments), reference.lay_outlines(*arguments)
+    got, wanted = native.align_projective(*arguments), reference.align_projective(*arguments)
     np.testing.assert_allclose(got, wanted, rtol=1e-6, atol=1e-6)
 
 
@@ -67,7 +67,7 @@ def test_laying_is_alike(points, seed):
 def test_what_does_not_belong_together_is_refused(kernels):
     points, normals, offsets = with_normals(dense([[0, 0], [50, 0], [50, 30], [0, 30]], 60))
     with pytest.raises(ValueError, match="power of 2"):
-        kernels.outline_starts(points, points, BENDS, 60, 0.03, 6)
+        kernels.initial_alignments(points, points, BENDS, 60, 0.03, 6)
     with pytest.raises(ValueError, match="each with its normal"):
         kernels.outline_gaps(points, normals[:-1], points, normals, offsets, 3.0)
     with pytest.raises(ValueError, match="reach must be above 0"):
@@ -75,7 +75,7 @@ def test_what_does_not_belong_together_is_refused(kernels):
     with pytest.raises(ValueError, match="finite"):
         kernels.outline_gaps(points, normals, points * np.nan, normals, offsets, 3.0)
     with pytest.raises(ValueError, match="stride"):
-        kernels.lay_outlines(
+        kernels.align_projective(
             np.eye(3).reshape(1, 9),
             points,
             normals,

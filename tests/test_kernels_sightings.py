@@ -10,23 +10,23 @@ from hypothesis import strategies as st
 
 from grasptrack import kernels
 from grasptrack.kernels import reference
-from grasptrack.kernels.reference_sightings import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, difference
-from grasptrack.servo.geometry import moved, pose_of, rotation
+from grasptrack.kernels.reference_sightings import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, state_difference
+from grasptrack.servo.geometry import apply_twist, pose_of, rotation_matrix
 
 native = pytest.importorskip("grasptrack._native")
 
-DOWN = rotation((np.pi, 0.0, 0.0))
+DOWN = rotation_matrix((np.pi, 0.0, 0.0))
 FEW = settings(max_examples=40, deadline=None)
 CASES = {"seed": st.integers(0, 2**32 - 1), "n": st.integers(2, 7)}
 
 
 def state_of(rng: np.random.Generator, n: int) -> np.ndarray:
     """A camera on a hand, and an object on the plane below it."""
-    turn = DOWN @ rotation((0.0, 0.0, rng.uniform(-1.0, 1.0)))
+    turn = DOWN @ rotation_matrix((0.0, 0.0, rng.uniform(-1.0, 1.0)))
     parts = (
         [rng.uniform(400.0, 900.0), 319.5, 239.5],
-        rotation((*rng.normal(0.0, 0.1, 2), rng.uniform(-3.0, 3.0))).ravel(), rng.normal(0.0, 0.03, 3),
-        (turn @ rotation(rng.normal(0.0, 0.05, 3))).ravel(), rng.normal(0.0, 0.02, 3), rng.normal(0.0, 0.03, 3),
+        rotation_matrix((*rng.normal(0.0, 0.1, 2), rng.uniform(-3.0, 3.0))).ravel(), rng.normal(0.0, 0.03, 3),
+        (turn @ rotation_matrix(rng.normal(0.0, 0.05, 3))).ravel(), rng.normal(0.0, 0.02, 3), rng.normal(0.0, 0.03, 3),
         (turn * (1.0, 1.0, 0.1)).ravel(), rng.uniform(-0.05, 0.05, 2 * n),
     )  # fmt: skip
     return np.concatenate(parts)
@@ -42,7 +42,9 @@ def deviations(n: int) -> np.ndarray:
 def hands_of(rng: np.random.Generator, N: int, far: float = 1.0) -> np.ndarray:
     """(N, 4, 4), half a metre above the object, each somewhere else."""
     above = pose_of(DOWN, (0.0, 0.0, 0.5))
-    return np.array([moved(above, far * rng.normal(0.0, (0.05, 0.05, 0.05, 0.03, 0.03, 0.3)), 1.0) for _ in range(N)])
+    return np.array(
+        [apply_twist(above, far * rng.normal(0.0, (0.05, 0.05, 0.05, 0.03, 0.03, 0.3)), 1.0) for _ in range(N)]
+    )
 
 
 def noise_of(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -54,7 +56,7 @@ def noise_of(rng: np.random.Generator, *shape: int) -> np.ndarray:
 def story(rng: np.random.Generator, n: int, N: int, wrong: int = 0, exact: bool = False) -> tuple[np.ndarray, ...]:
     """What is known before, poses, times, what was seen, its noise, and the truth."""
     origin = state_of(rng, n)
-    truth = reference.step_state(origin, deviations(n) * rng.normal(0.0, 0.5, SHAPE + 2 * n))
+    truth = reference.retract_state(origin, deviations(n) * rng.normal(0.0, 0.5, SHAPE + 2 * n))
     hands, later, noise = hands_of(rng, N), np.sort(rng.uniform(0.0, 2.0, N)), noise_of(rng, N, n)
     points = reference.expected_sightings(truth, hands, later)[0].reshape(N, n, 2)
     if not exact:
@@ -83,7 +85,7 @@ def test_what_is_expected(seed: int, n: int) -> None:
     same("expected_sightings", state, hands, later, rtol=1e-8, atol=1e-7)
     step = deviations(n) * rng.normal(size=SHAPE + 2 * n)
     for size in (1.0, 1e-9, 20.0):
-        same("step_state", state, size * step)
+        same("retract_state", state, size * step)
 
 
 @FEW
@@ -108,9 +110,9 @@ def test_searches(seed: int, n: int, steps: int, wrong: int, behind: bool) -> No
     if behind:
         hands[3] = hands[3] @ pose_of(DOWN, (0.0, 0.0, 0.0))
     arguments = known, hands, later, points, noise, origin, 1e-3, steps, 3.0, 1e-2, 1e6
-    found, wanted = native.search_sightings(origin, *arguments), reference.search_sightings(origin, *arguments)
+    found, wanted = native.calibrate_batch(origin, *arguments), reference.calibrate_batch(origin, *arguments)
     deviation = np.sqrt(np.diag(wanted[1]))
-    assert (np.abs(difference(wanted[0], found[0])) < 1e-5 * deviation).all()
+    assert (np.abs(state_difference(wanted[0], found[0])) < 1e-5 * deviation).all()
     np.testing.assert_allclose(
         found[1] / np.outer(deviation, deviation), wanted[1] / np.outer(deviation, deviation), atol=1e-5
     )
@@ -121,7 +123,7 @@ def test_both_refuse_the_same() -> None:
     rng = np.random.default_rng(0)
     origin, known, hands, later, points, noise, _ = story(rng, 2, 3)
     fine = origin, known, hands, later, points, noise, origin, 1e-3, 2, 3.0, 1e-2, 1e6
-    bad = [("step_state", origin, np.zeros(5)), ("step_state", origin[:-1], np.zeros(20))]
+    bad = [("retract_state", origin, np.zeros(5)), ("retract_state", origin[:-1], np.zeros(20))]
     bad += [("expected_sightings", origin, hands[:0], later[:0]), ("expected_sightings", origin, hands, later[:2])]
     bad += [("advance_state", origin, known[1:], 0.1, 0.0, 0.0, 0.0)]
     one = origin, known, hands[0], points[0], noise[0], 3.0
@@ -135,7 +137,7 @@ def test_both_refuse_the_same() -> None:
         (5, -noise),
         (6, origin[:-2]),
     ):
-        bad.append(("search_sightings", *fine[:at], value, *fine[at + 1 :]))
+        bad.append(("calibrate_batch", *fine[:at], value, *fine[at + 1 :]))
     for name, *arguments in bad:
         for module in (native, reference):
             with pytest.raises(ValueError):
@@ -150,7 +152,7 @@ def test_both_refuse_the_same() -> None:
 def test_a_step_and_the_difference_undo_each_other(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     state, step = state_of(rng, n), deviations(n) * rng.normal(size=SHAPE + 2 * n)
-    assert np.abs(difference(state, kernels.step_state(state, step)) - step).max() < 1e-9
+    assert np.abs(state_difference(state, kernels.retract_state(state, step)) - step).max() < 1e-9
 
 
 @FEW
@@ -187,7 +189,7 @@ def test_what_a_filter_learns_adds_up(seed: int, n: int) -> None:
     information = known + weighed.T @ H
     scale = np.sqrt(np.diag(information))
     assert np.abs((information @ covariance - np.eye(len(scale))) * scale / scale[:, None]).max() < 1e-5
-    step = difference(origin, state)
+    step = state_difference(origin, state)
     assert np.abs((information @ step - weighed.T @ off) / scale).max() < 1e-5 * (1.0 + np.abs(off).max())
 
 
@@ -200,7 +202,7 @@ def test_a_search_explains_what_was_seen_although_some_is_wrong(seed: int, n: in
     origin, known, hands, later, points, noise, _ = story(rng, n, 40, wrong=8, exact=True)
     state, damping = origin, 1e-3
     for _ in range(10):  # one call may end where the scale was still another; the next goes on
-        state, _, damping, *_ = kernels.search_sightings(
+        state, _, damping, *_ = kernels.calibrate_batch(
             origin, known, hands, later, points, noise, state, min(damping, 1.0), 20, 3.0, 1e-6, 1e6
         )
     pixels = kernels.expected_sightings(state, hands, later)[0].reshape(points.shape)
@@ -217,9 +219,9 @@ def test_a_search_that_goes_on_ends_where_a_long_one_does(seed: int, n: int) -> 
     for calls, steps in ((6, 20), (60, 2)):
         state, damping, covariance = origin, 1e-3, known
         for _ in range(calls):
-            state, covariance, damping, *_ = kernels.search_sightings(
+            state, covariance, damping, *_ = kernels.calibrate_batch(
                 *given_, state, min(damping, 1.0), steps, 3.0, 1e-6, 1e6
             )
         ends.append((state, np.sqrt(np.diag(covariance))))
     (first, deviation), (second, _) = ends
-    assert (np.abs(difference(first, second)) < 0.1 * deviation).all()
+    assert (np.abs(state_difference(first, second)) < 0.1 * deviation).all()

@@ -79,8 +79,8 @@ def test_finger_rooms(outline, width, depth):
     lean = rng.uniform(0, 2 * np.pi, len(points))
     directions = np.column_stack([np.cos(lean), np.sin(lean)])
     for where, deep in itertools.product((places, None), (depth, 1e-15)):  # no deeper than rounding
-        got = native.finger_rooms(points, offsets, points, directions, where, width, deep, width)
-        wanted = reference.finger_rooms(points, offsets, points, directions, where, width, deep, width)
+        got = native.finger_clearance(points, offsets, points, directions, where, width, deep, width)
+        wanted = reference.finger_clearance(points, offsets, points, directions, where, width, deep, width)
         np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
 
 
@@ -102,7 +102,7 @@ def test_long_sides_and_what_lies_inside_are_noticed(contact, place, room):
     at = np.array([contact])
     where = None if place is None else np.array([place])
     for backend in (native, reference):
-        found = backend.finger_rooms(SQUARE, np.array([0, 4]), at, DOWN, where, 10.0, 40.0, 10.0)
+        found = backend.finger_clearance(SQUARE, np.array([0, 4]), at, DOWN, where, 10.0, 40.0, 10.0)
         assert tuple(found[0]) == pytest.approx(room, abs=1e-9)
 
 
@@ -110,7 +110,7 @@ def test_a_tilted_edge_protrudes():
     tilt = math.radians(20)
     direction = np.array([[math.sin(tilt), math.cos(tilt)]])
     for backend in (native, reference):
-        (found,) = backend.finger_rooms(
+        (found,) = backend.finger_clearance(
             SQUARE, np.array([0, 4]), np.array([[50.0, 0.0]]), direction, np.array([[0.0, 0.5]]), 10.0, 40.0, 10.0
         )
         assert found[0] == pytest.approx(5 * math.tan(tilt), rel=1e-6) and found[1] == math.inf
@@ -161,9 +161,9 @@ def test_both_refuse_the_same():
         ("opposed_pairs", (points, normals, np.ones(4), 1, 0.0)),
         ("closing_triples", (points, normals[:3], 0.0, 0.0, 1.0, 0.5)),
         ("closing_triples", (points, normals, 0.0, 0.0, 0.0, 0.5)),
-        ("finger_rooms", (points, starts, points, normals[:3], None, 1.0, 1.0, 1.0)),
-        ("finger_rooms", (points, starts, points, normals, None, 0.0, 1.0, 1.0)),
-        ("finger_rooms", (points, starts, points, normals, np.full((4, 2), 7.0), 1.0, 1.0, 1.0)),
+        ("finger_clearance", (points, starts, points, normals[:3], None, 1.0, 1.0, 1.0)),
+        ("finger_clearance", (points, starts, points, normals, None, 0.0, 1.0, 1.0)),
+        ("finger_clearance", (points, starts, points, normals, np.full((4, 2), 7.0), 1.0, 1.0, 1.0)),
         ("rank_grasps", (*ranking[:2], flags[:2], *ranking[3:])),
         ("rank_grasps", (*ranking[:3], np.array([0, 3]), *ranking[4:])),
         ("rank_grasps", (*ranking[:4], np.ones(2), *ranking[5:])),

@@ -18,11 +18,11 @@ def test_native_equals_reference(height, width, seed, level, polarity):
     left, right = np.sort(rng.choice(width + 1, 2, replace=False)).tolist()
     top, bottom = np.sort(rng.choice(height + 1, 2, replace=False)).tolist()
     window = (left, top, right, bottom, level, polarity)
-    np.testing.assert_array_equal(kernels.soft_threshold(image, *window), reference.soft_threshold(image, *window))
-    other = kernels.soft_threshold(image, left, top, right, bottom, level, -polarity)
-    np.testing.assert_array_equal(kernels.soft_threshold(image, *window), 255 - other)
+    np.testing.assert_array_equal(kernels.blur_threshold(image, *window), reference.blur_threshold(image, *window))
+    other = kernels.blur_threshold(image, left, top, right, bottom, level, -polarity)
+    np.testing.assert_array_equal(kernels.blur_threshold(image, *window), 255 - other)
 
 
 def test_a_window_outside_the_image_is_refused():
     with pytest.raises((ValueError, IndexError)):
-        kernels.soft_threshold(np.zeros((8, 8), np.uint8), 0, 0, 9, 4, 100.0, 1)
+        kernels.blur_threshold(np.zeros((8, 8), np.uint8), 0, 0, 9, 4, 100.0, 1)

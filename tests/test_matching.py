@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from grasptrack import kernels
 from grasptrack.bench.simulation import SHAPES, Camera, Path, Shape
-from grasptrack.bench.simulation.lookalikes import mirrored
+from grasptrack.bench.simulation.lookalikes import mirrored_shape
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, similarity
-from grasptrack.matching import Sampled, judge, match, symmetries
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
+from grasptrack.matching import Sampled, find_symmetries, judge_hypotheses, match_outlines
 from grasptrack.matching.judgement import fits_alike
 from outlines import BRACKET, dense, similarities, stars
 
@@ -55,7 +55,7 @@ def test_any_view_is_matched_to_the_one_from_the_front(name, view, turn):
     shape = SHAPES[name]()
     H1, H2 = posed(shape, 0.0, turn, 0.0, 0.4), posed(shape, *view)
     first, second = seen(shape, H1, 1), seen(shape, H2, 2)
-    told = judge(match(first, second))
+    told = judge_hypotheses(match_outlines(first, second))
     size = math.sqrt(second.outer.area)
     assert told.status == "matched" and told.best is not None
     assert apart(told.best.homography, H2 @ np.linalg.inv(H1), first.outer.points) < max(3.0, 0.04 * size)
@@ -66,7 +66,7 @@ def test_any_view_is_matched_to_the_one_from_the_front(name, view, turn):
 def test_the_way_back_is_the_inverse(name, view):
     shape = SHAPES[name]()
     first, second = seen(shape, posed(shape, 0.0, 0.3, 0.0, 0.4), 1), seen(shape, posed(shape, *view), 2)
-    there, back = match(first, second)[0].homography, match(second, first)[0].homography
+    there, back = match_outlines(first, second)[0].homography, match_outlines(second, first)[0].homography
     assert apart(np.linalg.inv(back), there, first.outer.points) < 0.03 * math.sqrt(second.outer.area)
 
 
@@ -76,14 +76,14 @@ def test_first_point_and_similarity_of_either_view_change_nothing(points, start,
     first = Contour(points)
     moved = Contour(np.roll(apply_homography(motion, points), -start, axis=0)[::-1])
     size = math.sqrt(moved.area)
-    there, back = match(first, moved), match(moved, first)
+    there, back = match_outlines(first, moved), match_outlines(moved, first)
     assert apart(there[0].homography, motion, points) < 0.01 * size
     assert apart(back[0].homography @ motion, np.eye(3), points) < 0.01 * math.sqrt(first.area)
 
 
 def test_an_outline_matches_itself_by_the_identity():
     first = Contour(dense(BRACKET))
-    best = match(first, first)[0]
+    best = match_outlines(first, first)[0]
     assert apart(best.homography, np.eye(3), first.points) < 1e-3
     assert best.misfit < 1e-3 and best.share == 1.0
 
@@ -93,8 +93,8 @@ def test_a_mirror_image_is_never_matched(name):
     shape = SHAPES[name]()
     first = seen(shape, posed(shape, 0.0, 0.2, 0.0, 0.4))
     for k, tilt in enumerate((0.0, 0.7, 1.0)):
-        second = seen(mirrored(shape), posed(shape, tilt, 1.0, 0.4, 0.4), k)
-        found = match(first, second)
+        second = seen(mirrored_shape(shape), posed(shape, tilt, 1.0, 0.4, 0.4), k)
+        found = match_outlines(first, second)
         assert all(kernels.distortion(m.homography, first.points)[1] > 0 for m in found)
         assert not found or found[0].misfit > 0.03 * found[0].size
 
@@ -103,7 +103,7 @@ def test_what_cannot_be_told_apart_is_ambiguous():
     for name, ways in (("square", 4), ("cross", 4), ("rectangle", 2), ("hex-nut", 6)):
         shape = SHAPES[name]()
         first, second = (seen(shape, posed(shape, tilt, 0.2, 1.0, 0.4)) for tilt in (0.0, 0.2))
-        told = judge(match(first, second, 8))
+        told = judge_hypotheses(match_outlines(first, second, 8))
         assert told.status == "ambiguous" and 1 + len(told.others) >= ways, name
         assert all(fits_alike(m, told.best) or m.misfit < told.best.misfit for m in told.others)
 
@@ -112,13 +112,13 @@ def test_what_cannot_be_told_apart_is_ambiguous():
 def test_what_slides_along_itself_is_never_matched(name):
     shape = SHAPES[name]()
     first, second = (seen(shape, posed(shape, tilt, 0.2, 1.0, 0.4)) for tilt in (0.0, 0.6))
-    assert judge(match(first, second)).status == "ambiguous"
+    assert judge_hypotheses(match_outlines(first, second)).status == "ambiguous"
 
 
 def test_other_objects_do_not_match():
     first, second = (seen(SHAPES[n](), posed(SHAPES[n](), 0.0, 0.0, 0.0, 0.4)) for n in ("fork", "gear"))
-    assert judge(match(first, second)).status == "none"
-    assert judge([]).status == "none"
+    assert judge_hypotheses(match_outlines(first, second)).status == "none"
+    assert judge_hypotheses([]).status == "none"
 
 
 @pytest.mark.parametrize("cut", [0.1, 0.2])
@@ -129,14 +129,14 @@ def test_a_piece_may_be_cut_off(name, cut):
     first, whole = seen(shape, H1), seen(shape, H2, 3)
     points = whole.outer.points
     second = Contour(points[points[:, 0] <= np.quantile(points[:, 0], 1.0 - cut)])
-    told = judge(match(first, second))
+    told = judge_hypotheses(match_outlines(first, second))
     assert told.best is not None
     assert apart(told.best.homography, H2 @ np.linalg.inv(H1), first.outer.points) < 0.04 * math.sqrt(whole.outer.area)
 
 
 def test_samples_made_before_serve_as_well():
     first, second = Contour(dense(BRACKET)), Contour(dense(BRACKET)[::-1] * 0.7)
-    one, other = match(first, second), match(Sampled(first), Sampled(second))
+    one, other = match_outlines(first, second), match_outlines(Sampled(first), Sampled(second))
     np.testing.assert_array_equal(one[0].homography, other[0].homography)
 
 
@@ -145,7 +145,7 @@ def test_samples_made_before_serve_as_well():
 def test_a_regular_polygon_has_as_many_symmetries_as_corners(corners, turn, seed):
     angle = turn + 2 * math.pi * np.arange(corners) / corners
     points = dense(np.column_stack([np.cos(angle), np.sin(angle)]) * 90.0 + 200.0, 500)
-    found = symmetries(Contour(points + np.random.default_rng(seed).normal(0, 0.2, points.shape)))
+    found = find_symmetries(Contour(points + np.random.default_rng(seed).normal(0, 0.2, points.shape)))
     assert found.order == corners and not found.continuous
     wanted = np.sort(np.abs([math.remainder(2 * math.pi * k / corners, 2 * math.pi) for k in range(1, corners)]))
     np.testing.assert_allclose(np.sort(np.abs([s.turn for s in found.turns])), wanted, atol=0.02)
@@ -161,8 +161,8 @@ def toothed(teeth, missing=0):
 
 @pytest.mark.parametrize("teeth", [5, 8, 12])
 def test_a_gear_has_as_many_symmetries_as_teeth_unless_one_is_missing(teeth):
-    assert symmetries(toothed(teeth)).order == teeth
-    broken = symmetries(toothed(teeth, missing=1))
+    assert find_symmetries(toothed(teeth)).order == teeth
+    broken = find_symmetries(toothed(teeth, missing=1))
     assert broken.order == 1
     assert bool(broken.near) == (teeth > 5)  # one of five is too much to be near
 
@@ -171,7 +171,7 @@ def test_discs_and_rings_fit_in_every_turn():
     angle = np.linspace(0, 2 * math.pi, 400, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     for view in (Contour(80 * circle), View([Contour(80 * circle), Contour(40 * circle, hole=True)])):
-        found = symmetries(view)
+        found = find_symmetries(view)
         assert found.continuous and found.order == 0
     off = Shape.of("off", circle, [0.3 * circle + [0.5, 0.0]])
-    assert symmetries(seen(off, similarity(100.0, 0.0, (0, 0), (300, 200)))).order == 1
+    assert find_symmetries(seen(off, similarity_transform(100.0, 0.0, (0, 0), (300, 200)))).order == 1

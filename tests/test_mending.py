@@ -18,14 +18,14 @@ from grasptrack.bench.scenes import Part, SceneCase
 from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
-from grasptrack.tracking.distance import extent
-from grasptrack.tracking.mending import TRIALS, VIEWS, Mender, _longest, _nats, _Trial
+from grasptrack.tracking.distance import outline_extent
+from grasptrack.tracking.mending import TRIALS, VIEWS, Mender, _longest_open_stretch, _mean_log_ratio, _Trial
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Plane
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import Look
-from grasptrack.tracking.target import pyramid
+from grasptrack.tracking.target import build_pyramid
 from grasptrack.typing import Floats
 
 Grey = NDArray[np.uint8]
@@ -162,10 +162,10 @@ def test_what_covers_it_from_the_second_image_on_is_not_mended(kind: str, shape:
 def test_what_agreed_once_is_not_mended() -> None:
     frame = FIRST
     assert VIEW is not None
-    levels, contacts = pyramid(frame.image), chosen_grasp(frame.outline)
+    levels, contacts = build_pyramid(frame.image), chosen_grasp(frame.outline)
     target = make_target(levels, VIEW, contacts, NUMBERS)
     at = away(frame, contacts)
-    notched = pyramid(gap(frame, at, 12.0))
+    notched = build_pyramid(gap(frame, at, 12.0))
     mender = Mender(target, levels)
     mender._views = [Look(notched, target.A)] * VIEWS
     mender._agreed[:] = True
@@ -191,7 +191,7 @@ def test_an_outline_that_agrees_is_looked_at_no_more() -> None:
 def test_a_target_like_another_keeps_what_poses_mean(seed: int) -> None:
     rng = np.random.default_rng(seed)
     frame = FIRST
-    levels = pyramid(frame.image)
+    levels = build_pyramid(frame.image)
     view = VIEW
     contacts = chosen_grasp(frame.outline)
     target = make_target(levels, view, contacts, NUMBERS)
@@ -204,10 +204,10 @@ def test_a_target_like_another_keeps_what_poses_mean(seed: int) -> None:
     for mine, its in zip(target.homography_and_covariance(G, P), other.homography_and_covariance(G, P), strict=True):
         assert np.array_equal(mine, its)
     plane = Plane(target, 640, 480)
-    before, size = plane.rectifications, extent(plane.hull)
+    before, size = plane.rectifications, outline_extent(plane.hull)
     plane.mend(other)
     assert plane.rectifications is before
-    assert extent(plane.hull) == pytest.approx(0.9 * size, rel=1e-3)  # so that a ruler is laid on it
+    assert outline_extent(plane.hull) == pytest.approx(0.9 * size, rel=1e-3)  # so that a ruler is laid on it
 
 
 FIRST = scene()[0]
@@ -219,9 +219,9 @@ assert VIEW is not None
 @settings(deadline=None)
 def test_grey_levels_farther_off_speak_for_a_cover(off: list[float], spread: float, more: float) -> None:
     values = np.array(off)
-    near = _nats(values, spread, NUMBERS)
-    farther = _nats(values + np.copysign(more, values), spread, NUMBERS)
-    assert farther <= near + 1e-9 and _nats(0.0 * values, spread, NUMBERS) > 0.0 > _nats(
+    near = _mean_log_ratio(values, spread, NUMBERS)
+    farther = _mean_log_ratio(values + np.copysign(more, values), spread, NUMBERS)
+    assert farther <= near + 1e-9 and _mean_log_ratio(0.0 * values, spread, NUMBERS) > 0.0 > _mean_log_ratio(
         values * 0 + 200, spread, NUMBERS
     )
 
@@ -252,7 +252,7 @@ def test_the_longest_stretch_is_the_same_from_any_first_point(start: int, bare: 
     outline = 50.0 * np.column_stack([np.cos(angle), np.sin(angle)])
     missing = (np.arange(100) - start) % 100 < bare
     edges = outline[~missing]
-    found = _longest(outline, edges)
-    assert found == pytest.approx(_longest(np.roll(outline, turn, axis=0), edges), abs=1e-6)
+    found = _longest_open_stretch(outline, edges)
+    assert found == pytest.approx(_longest_open_stretch(np.roll(outline, turn, axis=0), edges), abs=1e-6)
     step = 2.0 * 50.0 * math.sin(math.pi / 100)
     assert abs(found - step * max(0, bare - 2)) < 2.5 * step

@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 
 from grasptrack.bench.simulation import SHAPES, Conditions, Scene, similarity_path
-from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.outline_detector import OutlineDetector
 
 
 def test_levels_are_those_of_an_outline_of_the_image_at_hand() -> None:
     """Outlines are known by their ids, and Python gives the id of one that is gone to another."""
     scene = Scene(SHAPES["bracket"](), similarity_path(3, seed=1), conditions=Conditions(noise=1.0), seed=1)
-    observer = Observer()
+    observer = OutlineDetector()
     observer.look(scene[0].image)
     candidate = observer.first(False)[0]
     observer.choose(candidate)

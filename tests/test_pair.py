@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.bench.simulation.surfaces import blank
+from grasptrack.bench.simulation.surfaces import blank_texture
 from grasptrack.errors import AmbiguousError, TransferError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.tracking.image_pair import REGISTRATION, carry_to
+from grasptrack.tracking.image_pair import REGISTRATION, transfer_between_images
 from grasptrack.transfer import STRATEGIES
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 from test_matching import seen
@@ -46,7 +46,7 @@ def test_any_turn_tilt_and_scale(name, turn, tilt, share):
     shape = SHAPES[name]()
     both, H = scene(shape, turn, math.radians(tilt), share)
     view, grasp = reference(shape, H[0])
-    pair = carry_to(grasp, view, both[0].image, both[1].image, 0.5)
+    pair = transfer_between_images(grasp, view, both[0].image, both[1].image, 0.5)
     first = pair.outcomes[0]
     assert [o.strategy for o in pair.outcomes] == [REGISTRATION, *STRATEGIES]
     assert first.reason == "" and not pair.turns and pair.found.status == "matched"
@@ -58,9 +58,9 @@ def test_any_turn_tilt_and_scale(name, turn, tilt, share):
 
 def test_the_other_turns_of_a_symmetric_part_are_told():
     shape = SHAPES["square"]()
-    both, H = scene(shape, 0.2, 0.1, 0.4, surface=blank(3))
+    both, H = scene(shape, 0.2, 0.1, 0.4, surface=blank_texture(3))
     view, grasp = reference(shape, H[0])
-    pair = carry_to(grasp, view, both[0].image, both[1].image, 0.5)
+    pair = transfer_between_images(grasp, view, both[0].image, both[1].image, 0.5)
     assert pair.found.status == "ambiguous"
     np.testing.assert_allclose(np.sort(np.abs(pair.turns)), [90, 90, 180], atol=3)
     truth = apply_homography(H[1] @ np.linalg.inv(H[0]), grasp.contacts)
@@ -71,7 +71,7 @@ def test_the_grain_of_a_surface_tells_how_a_square_was_turned():
     shape = SHAPES["square"]()
     both, H = scene(shape, 0.2, 0.1, 0.4)
     view, grasp = reference(shape, H[0])
-    pair = carry_to(grasp, view, both[0].image, both[1].image, 0.5)
+    pair = transfer_between_images(grasp, view, both[0].image, both[1].image, 0.5)
     assert pair.found.status == "matched"
     truth = apply_homography(H[1] @ np.linalg.inv(H[0]), grasp.contacts)
     assert np.hypot(*(pair.outcomes[0].contacts - truth).T).max() < 0.3
@@ -83,11 +83,11 @@ def test_a_disc_is_refused_and_so_is_another_object():
     image, view = printed(ellipse(60.0, 60.0), blots=0.0)
     grasp = synthesize(view, 2, 0.5, top=1)[0]
     with pytest.raises(AmbiguousError, match="every turn"):
-        carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, motion(0.4, 0.5), 2), 0.5)
+        transfer_between_images(grasp, view, moved(image, np.eye(3), 1), moved(image, motion(0.4, 0.5), 2), 0.5)
     other, K = scene(key, 0.0, 0.0, 0.4)
     view, grasp = reference(key, K[0])
     with pytest.raises(TransferError, match="no object with this outline"):
-        carry_to(grasp, view, other[0].image, both[1].image, 0.5)
+        transfer_between_images(grasp, view, other[0].image, both[1].image, 0.5)
 
 
 def printed(outline, seed=0, size=(360, 480), blots=30.0):
@@ -125,7 +125,7 @@ def motion(turn, tilt, scale=0.9, size=100.0):
 def test_a_print_tells_how_far_a_symmetric_part_turned(name, turn):
     image, view = printed({"disc": ellipse(60.0, 60.0), "square": 1.2 * SQUARE}[name])
     grasp, H = synthesize(view, 2, 0.5, top=1)[0], motion(turn, 0.5)
-    pair = carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
+    pair = transfer_between_images(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
     first = pair.outcomes[0]
     assert first.reason == "" and pair.turns == [] and pair.found.status == "matched"
     assert np.hypot(*(first.contacts - apply_homography(H, grasp.contacts)).T).max() < 1.0
@@ -138,7 +138,7 @@ def test_a_strategy_is_believed_only_where_the_image_puts_its_contacts():
     for tilt in (0.0, 0.4, 0.8):
         H = motion(0.5, tilt)
         truth = apply_homography(H, grasp.contacts)
-        pair = carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
+        pair = transfer_between_images(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
         for outcome in pair.outcomes[1:]:
             if outcome.contacts is None:
                 continue
@@ -155,5 +155,5 @@ def test_an_ellipse_is_free_to_slide_unless_its_surface_holds_it():
     for blots, status in ((0.0, "ambiguous"), (30.0, "matched")):
         image, view = printed(ellipse(80.0, 50.0), blots=blots)
         grasp, H = synthesize(view, 2, 0.5, top=1)[0], motion(0.4, 0.4)
-        pair = carry_to(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
+        pair = transfer_between_images(grasp, view, moved(image, np.eye(3), 1), moved(image, H, 2), 0.5)
         assert pair.found.status == status

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.bench.metrics.mask_agreement import boundary_f, iou, mask_of
+from grasptrack.bench.metrics.mask_agreement import boundary_f, intersection_over_union, mask_of
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.segmentation.objects import objects
-from grasptrack.tracking.image_pair import carry_to
-from grasptrack.transfer.alignment import alignments, as_similarity
+from grasptrack.segmentation.objects import find_objects
+from grasptrack.tracking.image_pair import transfer_between_images
+from grasptrack.transfer.alignment import as_similarity, find_alignments
 
 DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 
@@ -31,13 +31,13 @@ def test_most_tools_are_found_whole_without_a_hint(bench: str, share: float) -> 
     for photo in sorted((DATA / "tools" / "images").glob(f"{bench}*.jpg")):
         truth = cv2.imread(str(DATA / "tools" / "masks" / f"{photo.stem}.png"), cv2.IMREAD_UNCHANGED) > 0
         image = cv2.imread(str(photo))
-        found = mask_of(objects(image)[0].view, truth.shape)
-        good.append(boundary_f(found, truth) >= 0.9 and iou(found, truth) >= 0.7)
+        found = mask_of(find_objects(image)[0].view, truth.shape)
+        good.append(boundary_f(found, truth) >= 0.9 and intersection_over_union(found, truth) >= 0.7)
     assert np.mean(good) >= share, f"{sum(good)} of {len(good)}"
 
 
 def test_six_parts_are_six() -> None:
-    found = objects(cv2.imread(str(DATA / "stills" / "pca_test1.jpg")))
+    found = find_objects(cv2.imread(str(DATA / "stills" / "pca_test1.jpg")))
     areas = np.array([c.view.outer.area for c in found])
     assert len(found) == 6
     assert areas.max() < 1.25 * areas.min()
@@ -45,11 +45,11 @@ def test_six_parts_are_six() -> None:
 
 def test_the_best_grasp_of_one_part_is_the_best_of_the_other_five() -> None:
     """Up to the part's half turn, and as well as the outlines agree: laid on each other they are 2 to 6 px apart, rms."""
-    first, *others = objects(cv2.imread(str(DATA / "stills" / "pca_test1.jpg")))
+    first, *others = find_objects(cv2.imread(str(DATA / "stills" / "pca_test1.jpg")))
     best = synthesize(first.view)[0].contacts
     for other in others:
         own = synthesize(other.view)[0].contacts
-        ways = alignments(first.view.outer, other.view.outer)
+        ways = find_alignments(first.view.outer, other.view.outer)
         moved = [apply_homography(as_similarity(a, first.view.outer, other.view.outer), best) for a in ways]
         apart = min(np.hypot(*(m[order] - own).T).max() for m in moved for order in ([0, 1], [1, 0]))
         assert apart < 0.05 * np.sqrt(other.view.outer.area)
@@ -58,12 +58,12 @@ def test_the_best_grasp_of_one_part_is_the_best_of_the_other_five() -> None:
 def test_a_grasp_of_one_part_is_carried_to_its_neighbours() -> None:
     """Whatever is believed lies on the part that was pointed at; of one that may lie half turned both places are told."""
     image = cv2.imread(str(DATA / "stills" / "pca_test1.jpg"))
-    first, *others = objects(image)
+    first, *others = find_objects(image)
     grasp = synthesize(first.view)[0]
     carried = 0
     for other in others:
         x, y = other.view.outer.points.mean(axis=0).tolist()
-        pair = carry_to(grasp, first.view, image, image, 0.5, object_at=(x, y))
+        pair = transfer_between_images(grasp, first.view, image, image, 0.5, object_at=(x, y))
         believed = [o for o in pair.outcomes if not o.reason]
         carried += bool(believed) or len(pair.places) == 2
         assert not pair.places or sum(place.share for place in pair.places) == pytest.approx(1.0, abs=0.01)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from grasptrack.bench.physics.part import body
+from grasptrack.bench.physics.part import extrude_body
 from grasptrack.bench.physics.prisms import convex_pieces
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.bench.simulation.outlines import polygon_moments
@@ -75,14 +75,14 @@ def test_a_point_lies_in_one_piece_if_it_lies_in_the_polygon_and_else_in_none(
 
 @pytest.mark.parametrize("name", sorted(SHAPES))
 def test_every_built_in_outline_becomes_a_body_of_its_own_area(name: str) -> None:
-    made = body(SHAPES[name](), 0.06, 0.004, 2000.0)
+    made = extrude_body(SHAPES[name](), 0.06, 0.004, 2000.0)
     assert area(made.pieces) == pytest.approx(0.06**2, rel=0.02)
     assert made.mass == pytest.approx(2000.0 * 0.004 * 0.06**2)
 
 
 def test_the_moments_of_a_plate_are_those_of_the_text_book() -> None:
     w, h, t, density = 2.0, 0.5, 0.01, 1000.0
-    made = body(SHAPES["rectangle"](), 0.1, t, density)
+    made = extrude_body(SHAPES["rectangle"](), 0.1, t, density)
     ring = made.shape.outer
     w, h = np.ptp(ring, axis=0).tolist()
     if abs(area([ring]) - w * h) > 1e-3 * w * h:
@@ -93,7 +93,7 @@ def test_the_moments_of_a_plate_are_those_of_the_text_book() -> None:
 
 
 def test_the_points_on_which_a_part_stands_are_corners_of_its_hull() -> None:
-    made = body(SHAPES["bracket"](), 0.06, 0.004, 2000.0)
+    made = extrude_body(SHAPES["bracket"](), 0.06, 0.004, 2000.0)
     hull = cv2.convexHull((made.shape.outer * [1.0, -1.0]).astype(np.float32))[:, 0]
     for foot in made.feet:
         assert np.hypot(*(hull - foot).T).min() < 1e-6

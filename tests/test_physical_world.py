@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from grasptrack.bench.approach.refusal import pairs_that_close
-from grasptrack.bench.approach.trial import _axis
+from grasptrack.bench.approach.trial import _grasp_axis_angle
 from grasptrack.bench.physics import frames
-from grasptrack.bench.physics.gripper import gripper
-from grasptrack.bench.physics.setting import ASIDE, AWAY, BELT, TILT, TURN, draw
+from grasptrack.bench.physics.gripper import make_gripper
+from grasptrack.bench.physics.setting import ASIDE, AWAY, BELT, TILT, TURN, sample_setting
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
@@ -26,7 +26,7 @@ if find_spec("mujoco") is None:  # not imported here: the package says first how
 
 from grasptrack.bench.physics import World
 from grasptrack.bench.physics.by_truth import lift_by_truth
-from grasptrack.bench.physics.offscreen import MujocoImages, offscreen
+from grasptrack.bench.physics.offscreen import MujocoImages, offscreen_error
 
 
 def across(shape: Shape, size: float) -> Floats:
@@ -58,16 +58,18 @@ def test_the_same_seed_is_the_same_world_and_goes_the_same_way(scenario: str) ->
 @pytest.mark.parametrize("arm", ["gantry", "arm"])
 @pytest.mark.parametrize("seed", range(6))
 def test_a_start_is_within_its_limits_and_shows_the_part_whole_and_beside_the_hand(arm: str, seed: int) -> None:
-    shape, hand = SHAPES["bracket"](), gripper(2)
-    setting = draw(shape, hand, seed=seed, scenario="belt", arm=arm, axis=0.3)  # type: ignore[arg-type]
+    shape, hand = SHAPES["bracket"](), make_gripper(2)
+    setting = sample_setting(shape, hand, seed=seed, scenario="belt", arm=arm, axis=0.3)  # type: ignore[arg-type]
     at = setting.hand @ setting.mount
     H = frames.plane_to_image(setting.camera.matrix, at, setting.place, setting.part.thickness)
     seen = apply_homography(H, setting.part.shape.outer)
     assert (seen > 0.0).all() and (seen < [639.0, 479.0]).all()
-    tips = frames.project(setting.camera.matrix, frames.inverse(setting.mount), np.zeros((1, 3)))[0]
+    tips = frames.project_points(setting.camera.matrix, frames.invert_pose(setting.mount), np.zeros((1, 3)))[0]
     middle = apply_homography(H, np.zeros((1, 2)))[0]
     assert (np.abs(middle - tips) <= np.array([640.0, 480.0]) * ASIDE + 1e-6).all()
-    depth = (frames.inverse(at) @ [0.0, 0.0, setting.part.thickness, 1.0])[2] / frames.inverse(setting.mount)[2, 3]
+    depth = (frames.invert_pose(at) @ [0.0, 0.0, setting.part.thickness, 1.0])[2] / frames.invert_pose(setting.mount)[
+        2, 3
+    ]
     assert AWAY[0] - 1e-9 <= depth <= AWAY[1] + 1e-9
     lean = math.acos(-setting.hand[2, 2])
     assert lean <= (TILT if arm == "arm" else 0.0) + 1e-6
@@ -76,7 +78,7 @@ def test_a_start_is_within_its_limits_and_shows_the_part_whole_and_beside_the_ha
         angle = math.acos(min(1.0, abs(float(way @ setting.hand[:3, 0]))))
         assert angle <= TURN + 1e-9
     speed = float(np.hypot(*setting.belt)) * setting.camera.matrix[0, 0] / 640.0
-    assert BELT[0] <= speed / (depth * frames.inverse(setting.mount)[2, 3]) <= BELT[1]
+    assert BELT[0] <= speed / (depth * frames.invert_pose(setting.mount)[2, 3]) <= BELT[1]
 
 
 def test_a_blocked_view_lasts_half_a_second_and_shows_nothing() -> None:
@@ -147,7 +149,7 @@ def test_three_fingers_led_by_the_truth_lift_a_disc(arm: str) -> None:
 
 def test_the_part_is_seen_where_the_truth_says_by_mujoco_as_well() -> None:
     """Both renderers draw the upper face and the sides; their silhouettes differ by less than half a px on average."""
-    why = offscreen()
+    why = offscreen_error()
     if why:
         pytest.skip(f"MuJoCo cannot draw here: {why}")
     import cv2
@@ -190,7 +192,7 @@ def test_the_fingertips_are_where_the_hand_is_drawn_and_the_mask_covers_it() -> 
 def test_brute_force_finds_pairs_on_what_can_be_taken_and_none_on_what_is_too_wide() -> None:
     assert pairs_that_close(SHAPES["rectangle"](), 0.06) > 0
     assert pairs_that_close(SHAPES["disc"](), 0.2) == 0
-    assert _axis(SHAPES["rectangle"](), gripper(2)) is not None
+    assert _grasp_axis_angle(SHAPES["rectangle"](), make_gripper(2)) is not None
 
 
 def test_bad_input_is_told_in_one_line() -> None:

@@ -19,7 +19,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.plane import AROUND, Beforehand, Mode, Plane, _nodes, plane_in_view, rectifying
+from grasptrack.tracking.plane import AROUND, Beforehand, Mode, Plane, _nodes, plane_in_view, rectifying_homography
 from grasptrack.tracking.tracker import _needs_another, _told
 from outlines import BRACKET, dense
 
@@ -83,7 +83,7 @@ def test_rectification_undoes_a_tilt(tilt: tuple[float, float], focal: float) ->
     outline = (BRACKET - BRACKET.mean(axis=0)) / 100.0
     seen = apply_homography(H, outline)
     centre = tuple(apply_homography(H, np.zeros((1, 2)))[0].tolist())
-    back = apply_homography(rectifying(np.array([math.log(focal), *tilt]), centre, WIDTH, HEIGHT), seen)
+    back = apply_homography(rectifying_homography(np.array([math.log(focal), *tilt]), centre, WIDTH, HEIGHT), seen)
     z, w = (outline - outline.mean(axis=0)) @ [1, 1j], (back - back.mean(axis=0)) @ [1, 1j]
     scale = np.vdot(z, w) / np.vdot(z, z)
     assert np.abs(w - scale * z).max() < 1e-9 * np.abs(w).max()
@@ -95,7 +95,7 @@ def test_the_centre_stays_and_a_frontal_view_is_its_own_plane(tilt: tuple[float,
     H = plane_in_view(theta, CENTRE, WIDTH, HEIGHT)
     if np.isfinite(H).all():
         assert apply_homography(H, np.array([CENTRE]))[0] == pytest.approx(CENTRE)
-    frontal = rectifying(theta * [1, 0, 0], CENTRE, WIDTH, HEIGHT)
+    frontal = rectifying_homography(theta * [1, 0, 0], CENTRE, WIDTH, HEIGHT)
     assert np.allclose(frontal, np.eye(3), atol=1e-9)
 
 
@@ -143,7 +143,7 @@ def test_the_margin_is_that_of_the_plane_whatever_the_view(tilt: tuple[float, fl
     H = rendered(tilt, FOCAL, (0.0, 0.0), 9.0) @ centred
     seen, contacts = apply_homography(H, OUTLINE), apply_homography(H, CONTACTS)
     check, _ = check_of(seen, contacts)
-    best = rectifying(np.array([math.log(FOCAL), *tilt]), tuple(seen.mean(axis=0).tolist()), WIDTH, HEIGHT)
+    best = rectifying_homography(np.array([math.log(FOCAL), *tilt]), tuple(seen.mean(axis=0).tolist()), WIDTH, HEIGHT)
     judged = check.first(Rectifications(best, best[None], np.ones(1)))
     assert judged.analysis.margin == pytest.approx(own.margin, abs=1e-6)
     assert judged.analysis.epsilon == pytest.approx(own.epsilon, abs=1e-6)
@@ -173,7 +173,7 @@ def test_the_margins_spread_is_that_of_finite_differences(tilt: tuple[float, flo
     check, _ = check_of(OUTLINE + shift, CONTACTS + shift)
 
     def margin(slopes: np.ndarray) -> float:
-        best = rectifying(np.array([theta[0], *slopes]), CENTRE, WIDTH, HEIGHT)
+        best = rectifying_homography(np.array([theta[0], *slopes]), CENTRE, WIDTH, HEIGHT)
         return check.first(Rectifications.sure(best)).analysis.margin
 
     noise = check.first(Rectifications.sure(plane.rectifications.best)).margin_sd
@@ -196,7 +196,11 @@ def test_the_chance_of_closing_is_the_share_of_all_that_is_open() -> None:
     known = Known()
     chi = rng.chisquare(known.prior_freedom, 3000) / known.prior_freedom
     drawn = known.normal_sd * rng.normal(size=(3000, 2)) / np.sqrt(chi)[:, None]
-    maps = [rectifying(np.array([0.0, *d]), CENTRE, WIDTH, HEIGHT) for d in drawn if plane.is_seen(np.array([0.0, *d]))]
+    maps = [
+        rectifying_homography(np.array([0.0, *d]), CENTRE, WIDTH, HEIGHT)
+        for d in drawn
+        if plane.is_seen(np.array([0.0, *d]))
+    ]
     for friction in (0.2, 0.3, 0.6):
         check, _ = check_of(OUTLINE + shift, CONTACTS + shift, friction)
         told = check.first(plane.rectifications)

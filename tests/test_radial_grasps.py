@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 
 from grasptrack.bench.approach.choosing import EVEN, FRICTION, closing_grasps, hand_for, turn_between, width_in_m
 from grasptrack.bench.approach.refusal_radial import triples_that_close
-from grasptrack.bench.physics.gripper import MAX_OPENING, gripper
+from grasptrack.bench.physics.gripper import MAX_OPENING, make_gripper
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.bench.simulation.outlines import Shape
-from grasptrack.bench.simulation.render import finer
+from grasptrack.bench.simulation.render import subdivide_polygon
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, similarity
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from grasptrack.servo import Goal
@@ -27,9 +27,9 @@ SIZE, SCALE = 0.064, 150.0
 
 def view(shape: Shape, turn: float = 0.0) -> View:
     """The outline, sqrt(area) = SCALE px."""
-    placed = similarity(SCALE, turn, (0.0, 0.0), (320.0, 240.0))
+    placed = similarity_transform(SCALE, turn, (0.0, 0.0), (320.0, 240.0))
     return View([
-        Contour(apply_homography(placed, finer(r, 0.02)), hole=k > 0) for k, r in enumerate(shape.polygons)
+        Contour(apply_homography(placed, subdivide_polygon(r, 0.02)), hole=k > 0) for k, r in enumerate(shape.polygons)
     ])  # fmt: skip
 
 
@@ -89,8 +89,8 @@ def test_a_part_that_is_too_wide_is_refused() -> None:
 @given(st.sampled_from([2, 3]), st.floats(-3.0, 3.0), st.floats(0.2, 3.0), st.permutations(range(3)))
 @settings(max_examples=60, deadline=None)
 def test_turn_and_width_do_not_ask_which_finger_is_which(k: int, turn: float, scale: float, order: list[int]) -> None:
-    tips = gripper(k).tips(0.08)[:, :2] * 2000.0
-    placed = apply_homography(similarity(scale, turn, (0.0, 0.0), (50.0, -20.0)), tips)
+    tips = make_gripper(k).tips(0.08)[:, :2] * 2000.0
+    placed = apply_homography(similarity_transform(scale, turn, (0.0, 0.0), (50.0, -20.0)), tips)
     least = math.pi / k
     mixed = placed[[i for i in order if i < k]]
     assert turn_between(mixed, tips) == pytest.approx(abs((turn + least) % (2.0 * least) - least), abs=1e-6)
@@ -100,10 +100,10 @@ def test_turn_and_width_do_not_ask_which_finger_is_which(k: int, turn: float, sc
 def test_the_goal_takes_each_of_three_fingers_for_the_nearest_contact() -> None:
     """Of the orders of the fingers that fit, a third of a turn apart, the first asks for 60 degrees at most."""
     from grasptrack.servo.camera import HandCamera
-    from grasptrack.servo.geometry import laid
+    from grasptrack.servo.geometry import align_rigid
 
     camera = HandCamera(600.0, np.array([320.0, 240.0]), np.eye(3), np.array([0.0, -0.07, -0.28]))
-    tips = np.column_stack([gripper(3).tips(0.088)[:, :2], np.zeros(3)])
+    tips = np.column_stack([make_gripper(3).tips(0.088)[:, :2], np.zeros(3)])
     seen = camera.project(tips)
     goal = Goal.fingertips(seen, float(np.linalg.norm(tips[0] - tips[1])))
     for turn in np.radians([0.0, 40.0, 100.0, 170.0, -130.0]):
@@ -112,6 +112,6 @@ def test_the_goal_takes_each_of_three_fingers_for_the_nearest_contact() -> None:
         orders = goal.orders(camera, contacts)
         assert len(orders) == 3
         least = (turn + math.pi / 3.0) % (2.0 * math.pi / 3.0) - math.pi / 3.0
-        assert abs(laid(contacts[:, :2], tips[list(orders[0]), :2])[1]) == pytest.approx(abs(least), abs=1e-6)
+        assert abs(align_rigid(contacts[:, :2], tips[list(orders[0]), :2])[1]) == pytest.approx(abs(least), abs=1e-6)
         there = goal.targets(camera, contacts[:, :2], orders[0])
         assert there.mean(axis=0) == pytest.approx(np.zeros(3), abs=1e-9)

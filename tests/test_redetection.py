@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.parts import built_in
-from grasptrack.bench.scenes import run_case, suite
+from grasptrack.bench.scenes import make_scene_cases, run_case
 from grasptrack.bench.simulation import SHAPES, Shape
 from grasptrack.geometry.homographies import apply_homography
 from stages import HEIGHT, WIDTH, Run, mirrored, photo, pose, twin
@@ -83,6 +83,6 @@ def test_a_neighbour_in_another_size_is_not_taken_when_it_is_removed(scale: floa
 
 def test_a_tangle_beside_the_lost_object_does_not_stop_the_run() -> None:
     # of a comb with fine teeth the few points that are first looked at enclose nothing
-    scene = suite(built_in(["spoon"]), ["bar"], frames=16)[0]
+    scene = make_scene_cases(built_in(["spoon"]), ["bar"], frames=16)[0]
     frames = run_case((scene, ("auto",)))["auto"]
     assert len(frames) == 16 and not any(f.is_false_accept for f in frames)

@@ -17,7 +17,7 @@ import pytest
 
 from grasptrack.bench.metrics.integrity import Measures
 from grasptrack.bench.metrics.summary import Row
-from grasptrack.bench.report.comparison import compare
+from grasptrack.bench.report.comparison import compare_runs
 from grasptrack.bench.report.comparison_page import write_comparison
 from grasptrack.bench.report.glossary import COMPARED, CURVES, TERMS
 from grasptrack.bench.report.report import paper_report, write_report
@@ -173,9 +173,9 @@ def test_any_number_of_videos_makes_a_page(tmp_path: Path, videos: tuple[str, ..
 
 def test_the_page_of_a_comparison(folder: Path, tmp_path: Path) -> None:
     after = changed(folder, tmp_path / "b", "auto", lost, where="bar")
-    page = good(write_comparison(compare(folder, after), tmp_path / "compare.html"))
+    page = good(write_comparison(compare_runs(folder, after), tmp_path / "compare.html"))
     assert "Worse" in page.text and "located, whole, %" in page.text and "Sequences to look at" in page.text
-    same = good(write_comparison(compare(folder, folder), tmp_path / "same.html"))
+    same = good(write_comparison(compare_runs(folder, folder), tmp_path / "same.html"))
     assert "Nothing got worse beyond its noise." in same.text
     for term in COMPARED.values():
         assert term.meaning in page.text and term.meaning in same.text

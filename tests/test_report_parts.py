@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.curves import out_of_view, over_time, precision, recovered
-from grasptrack.view.report import DASH, Axis, Cell, Chart, Page, number, palette, percent
+from grasptrack.bench.metrics.curves import out_of_view, over_time, precision_curve, recovery_curve
+from grasptrack.view.report import DASH, Axis, Cell, Chart, Page, format_number, format_percent, series_palette
 from grasptrack.view.report.answer import TRUE_RGB, WRONG_RGB, draw_answer
-from grasptrack.view.report.axis import log_range, steps
-from grasptrack.view.report.markup import fixed
+from grasptrack.view.report.axis import linear_ticks, log_range
+from grasptrack.view.report.markup import format_fixed
 from grasptrack.view.report.parts import cell_of
 from reported import made_up
 
@@ -27,18 +27,18 @@ SIZES = st.floats(1e-6, 1e6)
 @given(FLOATS)
 def test_any_number_is_written_without_a_word(value: float) -> None:
     for text in (
-        number(value),
-        fixed(value, 3),
-        percent(value if 0.0 <= value <= 1.0 else math.nan),
+        format_number(value),
+        format_fixed(value, 3),
+        format_percent(value if 0.0 <= value <= 1.0 else math.nan),
         cell_of(value).text,
     ):
         assert ("nan" not in text and "inf" not in text and "e+" not in text.replace("e+", "", 0)) or abs(value) > 1e6
-    assert (number(value) == DASH) == math.isnan(value)
+    assert (format_number(value) == DASH) == math.isnan(value)
 
 
 @given(st.floats(0.0, 1.0), st.integers(1, 3))
 def test_only_all_is_written_as_a_hundred_per_cent_and_only_none_as_zero(share: float, decimals: int) -> None:
-    text = percent(share, decimals)
+    text = format_percent(share, decimals)
     assert (float(text) == 100.0) == (share == 1.0)
     assert (float(text) == 0.0) == (share == 0.0)
     assert float(text) == pytest.approx(100.0 * share, abs=1.01 * 10.0**-decimals)
@@ -63,7 +63,7 @@ def test_marks_lie_on_the_axis_and_are_few(low: float, ratio: float) -> None:
     for axis in (Axis("", low, high, "log"), Axis("", low, high)):
         assert all(low * 0.998 <= m <= high * 1.002 for m in axis.marks)
         assert len(axis.marks) <= 9
-    assert len(steps(0.0, high)) >= 3
+    assert len(linear_ticks(0.0, high)) >= 3
 
 
 @given(st.lists(st.one_of(FLOATS, st.just(0.0)), max_size=20))
@@ -75,7 +75,7 @@ def test_a_range_holds_what_it_can(values: list[float]) -> None:
 
 
 def test_a_line_breaks_where_there_is_no_value() -> None:
-    series = palette(["auto"])["auto"]
+    series = series_palette(["auto"])["auto"]
     chart = Chart("title & more", Axis("x", 0.0, 10.0), Axis("y", 0.0, 1.0))
     chart.line([0, 1, 2, 3, 4], [0.1, 0.2, math.nan, 0.3, math.nan], series)
     chart.band([0, 1, 2, 3], [0.1, 0.1, math.nan, 0.1], [0.2, 0.2, 0.2, 0.3], series)
@@ -101,11 +101,11 @@ def test_every_method_has_a_line_of_its_own() -> None:
         "new",
         "newer",
     ]
-    found = palette(names)
+    found = series_palette(names)
     assert list(found) == names
     assert len({(s.light, s.dash) for s in found.values()}) == len(names)
     assert len({s.variable for s in found.values()}) == len(names)
-    assert palette(["ecc"])["ecc"] == found["ecc"]
+    assert series_palette(["ecc"])["ecc"] == found["ecc"]
 
 
 def test_what_stands_in_a_page_is_escaped() -> None:
@@ -139,20 +139,20 @@ def test_error_over_time_is_the_median_over_the_runs() -> None:
 def test_precision_counts_frames_without_an_answer_as_missed() -> None:
     runs = [made_up(np.random.default_rng(k), "clean", "ecc") for k in range(4)]
     at = np.array([0.1, 0.5, 1.0, 1e9])
-    found = precision(runs, at)
+    found = precision_curve(runs, at)
     asked = [f for r in runs for f in r if not f.defining]
     for t, share in zip(at, found, strict=True):
         assert share == pytest.approx(sum(f.distances is not None and f.error <= t for f in asked) / len(asked))
-    assert precision(runs, 100.0 * at / 55.0, of_opening=True) == pytest.approx(found)
-    assert np.isnan(precision([], at)).all()
+    assert precision_curve(runs, 100.0 * at / 55.0, of_opening=True) == pytest.approx(found)
+    assert np.isnan(precision_curve([], at)).all()
 
 
 def test_shares_recovered_grow_to_all_that_were() -> None:
     runs = [made_up(np.random.default_rng(k), "away", "ecc") for k in range(6)]
-    shares, returns = recovered(runs, 11)
+    shares, returns = recovery_curve(runs, 11)
     assert returns == 6 and (np.diff(shares) >= 0.0).all() and shares[-1] == 1.0
     blind = [[replace(f, contacts=None, distances=None) if f.frame else f for f in r] for r in runs]
-    assert recovered(blind, 11)[0].tolist() == [0.0] * 12
+    assert recovery_curve(blind, 11)[0].tolist() == [0.0] * 12
 
 
 # --- pictures ------------------------------------------------------------------------------------

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.bench.parts import silhouettes
-from grasptrack.bench.scenes import suite
+from grasptrack.bench.parts import parts_from_silhouettes
+from grasptrack.bench.scenes import make_scene_cases
 from grasptrack.bench.sequence import chosen_grasp
 
 PLATE = np.array([[0.0, 0], [70, 6], [66, 30], [34, 33], [28, 66], [-4, 60]])
@@ -50,8 +50,8 @@ SILHOUETTES = Path(__file__).resolve().parents[2] / "shared" / "data" / "silhoue
 @pytest.mark.skipif(not SILHOUETTES.is_dir(), reason="needs the silhouettes of ../shared/data")
 def test_an_equal_beside_the_object_that_a_hand_covers_is_not_taken_for_it() -> None:
     """The first view showed but half of the equal; later one image shows both, and the next ones the equal alone, clearly."""
-    (part,) = [p for p in silhouettes(str(SILHOUETTES)) if p.shape.name == "beetle-6"]
-    (case,) = suite([part], ["mixed"], frames=40, seed=9002)
+    (part,) = [p for p in parts_from_silhouettes(str(SILHOUETTES)) if p.shape.name == "beetle-6"]
+    (case,) = make_scene_cases([part], ["mixed"], frames=40, seed=9002)
     scene = case.scene()
     contacts = chosen_grasp(scene[0].outline)
     tracker, found = GraspTracker(grasp=contacts), 0

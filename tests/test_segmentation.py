@@ -6,19 +6,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import SHAPES, brushed, plain
+from grasptrack.bench.simulation import SHAPES, brushed_texture, plain_texture
 from grasptrack.errors import ObservationError
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.segmentation.objects import MIN_EXTENT, candidates, segment
-from grasptrack.segmentation.thresholds import otsu, thresholds
+from grasptrack.segmentation.objects import MIN_EXTENT, find_candidates, segment_object
+from grasptrack.segmentation.thresholds import candidate_thresholds, otsu_threshold
 from stages import EVEN, HEIGHT, WIDTH, photo, pose
 
 BRACKET, GASKET, PLATE, DISC = (SHAPES[n]() for n in ("bracket", "gasket", "notched-plate", "disc"))
 LIGHT, DARK_GROUND = (
-    brushed(3, colour=(190, 195, 200), extent=4.0, contrast=0.0),
-    plain(3, colour=(45, 45, 45), contrast=0.0),
+    brushed_texture(3, colour=(190, 195, 200), extent=4.0, contrast=0.0),
+    plain_texture(3, colour=(45, 45, 45), contrast=0.0),
 )
-PLAIN, DULL = plain(2, contrast=0.0), brushed(1, extent=4.0, contrast=0.0)
+PLAIN, DULL = plain_texture(2, contrast=0.0), brushed_texture(1, extent=4.0, contrast=0.0)
 
 
 def distances(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
@@ -34,7 +34,7 @@ def distances(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
 def test_the_outline_is_right_to_a_tenth_of_a_pixel(shape, light: bool) -> None:  # type: ignore[no-untyped-def]
     H = pose(161.3, 118.6, 17.0, tilt=15.0)
     ground, surface = (DARK_GROUND, LIGHT) if light else (PLAIN, DULL)
-    view = segment(photo([(shape, H)], ground=ground, surface=surface, noise=0.0))
+    view = segment_object(photo([(shape, H)], ground=ground, surface=surface, noise=0.0))
     assert len(view.contours) == len(shape.polygons)
     assert not view.is_clipped
     truth = [apply_homography(H, p) for p in shape.polygons]
@@ -47,14 +47,14 @@ def test_the_outline_is_right_to_a_tenth_of_a_pixel(shape, light: bool) -> None:
 @pytest.mark.parametrize("light", [False, True])
 def test_polarity_and_levels(light: bool) -> None:
     ground, surface = (DARK_GROUND, LIGHT) if light else (PLAIN, DULL)
-    best = candidates(photo([(PLATE, pose())], ground=ground, surface=surface))[0]
+    best = find_candidates(photo([(PLATE, pose())], ground=ground, surface=surface))[0]
     assert best.polarity == (-1 if light else 1)
     assert (best.inside > best.outside) is light
     assert min(best.inside, best.outside) < best.level < max(best.inside, best.outside)
 
 
 def test_contours_carry_strength_and_direction() -> None:
-    view = segment(photo([(GASKET, pose())], ground=EVEN))
+    view = segment_object(photo([(GASKET, pose())], ground=EVEN))
     assert view.outer.strength is not None
     assert np.median(view.outer.strength) > 20.0
     assert view.outer.signed_area > 0.0
@@ -65,15 +65,15 @@ def test_contours_carry_strength_and_direction() -> None:
 
 def test_the_object_under_a_pixel() -> None:
     image = photo([(BRACKET, pose(85.0, 120.0, scale=60.0)), (DISC, pose(245.0, 120.0, scale=60.0))])
-    assert segment(image, object_at=(245.0, 120.0)).outer.points[:, 0].min() > 180.0
-    assert segment(image, object_at=(75.0, 105.0)).outer.points[:, 0].max() < 180.0
+    assert segment_object(image, object_at=(245.0, 120.0)).outer.points[:, 0].min() > 180.0
+    assert segment_object(image, object_at=(75.0, 105.0)).outer.points[:, 0].max() < 180.0
     with pytest.raises(ObservationError, match="at 165,15"):
-        segment(image, object_at=(165.0, 15.0))
+        segment_object(image, object_at=(165.0, 15.0))
 
 
 @pytest.mark.parametrize(("x", "y", "side"), [(20.0, 120.0, 0), (300.0, 120.0, 1), (160.0, 20.0, 2), (160.0, 220.0, 3)])
 def test_the_border_marks_what_it_cuts_and_nothing_else(x: float, y: float, side: int) -> None:
-    view = segment(photo([(DISC, pose(x, y, scale=60.0))], ground=EVEN))
+    view = segment_object(photo([(DISC, pose(x, y, scale=60.0))], ground=EVEN))
     assert view.is_clipped
     cut = view.outer.clipped
     assert cut is not None
@@ -92,10 +92,10 @@ def test_what_is_ignored_is_cut_off_and_no_object() -> None:
     image = photo([(DISC, pose(100.0, 120.0, scale=60.0)), (PLATE, pose(240.0, 120.0, scale=50.0))])
     ignore = np.zeros((HEIGHT, WIDTH), np.uint8)
     ignore[:, :165] = 9
-    assert segment(image, ignore=ignore).outer.points[:, 0].min() > 160.0
+    assert segment_object(image, ignore=ignore).outer.points[:, 0].min() > 160.0
     ignore[:] = 0
     ignore[100:140, :80] = 9
-    view = segment(image, object_at=(110.0, 120.0), ignore=ignore)
+    view = segment_object(image, object_at=(110.0, 120.0), ignore=ignore)
     cut = view.outer.clipped
     assert cut is not None
     assert (view.outer.points[cut][:, 0] < 90.0).all()
@@ -105,13 +105,13 @@ def test_print_and_dark_spots_are_no_holes() -> None:
     image = photo([(PLATE, pose())], ground=PLAIN, surface=DULL)
     image[110:125, 140:160] = 30
     image[115:128, 175:190] = 110
-    assert len(segment(image).contours) == 1
+    assert len(segment_object(image).contours) == 1
 
 
 @pytest.mark.parametrize("level", [0, 7, 128, 255])
 def test_an_even_image_has_no_object(level: int) -> None:
     with pytest.raises(ObservationError, match="no object stands out"):
-        segment(np.full((HEIGHT, WIDTH), level, np.uint8))
+        segment_object(np.full((HEIGHT, WIDTH), level, np.uint8))
 
 
 def test_noise_and_a_gradient_are_no_objects() -> None:
@@ -120,42 +120,42 @@ def test_noise_and_a_gradient_are_no_objects() -> None:
     slope = np.broadcast_to(np.linspace(60, 200, WIDTH).astype(np.uint8), (HEIGHT, WIDTH)).copy()
     for image in (noise, slope):
         with pytest.raises(ObservationError):
-            segment(image)
+            segment_object(image)
 
 
 def test_a_tiny_object_is_named_with_its_size() -> None:
     with pytest.raises(ObservationError, match=rf"px across; at least {MIN_EXTENT} px are needed") as caught:
-        segment(photo([(DISC, pose(scale=12.0))], ground=PLAIN, surface=DULL))
+        segment_object(photo([(DISC, pose(scale=12.0))], ground=PLAIN, surface=DULL))
     assert 10 <= caught.value.values["extent"] <= 18
 
 
 def test_an_object_of_twenty_five_pixels_and_one_that_fills_the_view() -> None:
-    small = segment(photo([(PLATE, pose(scale=25.0))], ground=PLAIN, surface=DULL))
+    small = segment_object(photo([(PLATE, pose(scale=25.0))], ground=PLAIN, surface=DULL))
     assert small.outer.area == pytest.approx(25.0**2, rel=0.05)
-    large = segment(photo([(SHAPES["rectangle"](), pose(scale=175.0))], ground=PLAIN, surface=DULL))
+    large = segment_object(photo([(SHAPES["rectangle"](), pose(scale=175.0))], ground=PLAIN, surface=DULL))
     assert large.outer.area == pytest.approx(175.0**2, rel=0.02)
 
 
 def test_low_contrast_and_strong_noise() -> None:
-    faint = brushed(5, colour=(165, 168, 168), contrast=0.0, extent=4.0)
-    view = segment(photo([(BRACKET, pose())], ground=PLAIN, surface=faint, noise=1.5))
+    faint = brushed_texture(5, colour=(165, 168, 168), contrast=0.0, extent=4.0)
+    view = segment_object(photo([(BRACKET, pose())], ground=PLAIN, surface=faint, noise=1.5))
     assert view.outer.area == pytest.approx(75.0**2, rel=0.05)
-    view = segment(photo([(BRACKET, pose())], noise=10.0))
+    view = segment_object(photo([(BRACKET, pose())], noise=10.0))
     truth = apply_homography(pose(), BRACKET.outer)
     assert np.sqrt(np.mean(distances(view.outer.points, truth) ** 2)) < 0.5
 
 
 def test_the_same_image_gives_the_same_outlines() -> None:
     image = photo([(GASKET, pose())])
-    a, b = segment(image), segment(image)
+    a, b = segment_object(image), segment_object(image)
     assert np.array_equal(a.points, b.points)
 
 
 def test_otsu_separates_two_levels() -> None:
     histogram = np.zeros(256)
     histogram[[50, 180]] = 900, 100
-    level = otsu(histogram)
+    level = otsu_threshold(histogram)
     assert level is not None and 50 < level < 180
     histogram[180] = 0
-    assert otsu(histogram) is None
-    assert thresholds(np.full(10, 3, np.uint8)) == []
+    assert otsu_threshold(histogram) is None
+    assert candidate_thresholds(np.full(10, 3, np.uint8)) == []

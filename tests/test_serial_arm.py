@@ -12,9 +12,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from grasptrack.bench.physics import frames, linkage, serial
-from grasptrack.bench.physics.gripper import gripper
+from grasptrack.bench.physics.gripper import make_gripper
 from grasptrack.bench.physics.resolved import LENGTH, NEAR, joint_rates
-from grasptrack.bench.physics.setting import SCENARIOS, draw
+from grasptrack.bench.physics.setting import SCENARIOS, sample_setting
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
@@ -31,8 +31,8 @@ def jacobian(joints: Floats) -> Floats:
     for i in range(6):
         step = np.zeros(6)
         step[i] = h
-        before, after = serial.forward(joints - step), serial.forward(joints + step)
-        turn = (after[:3, :3] - before[:3, :3]) @ serial.forward(joints)[:3, :3].T / (2.0 * h)
+        before, after = serial.forward_kinematics(joints - step), serial.forward_kinematics(joints + step)
+        turn = (after[:3, :3] - before[:3, :3]) @ serial.forward_kinematics(joints)[:3, :3].T / (2.0 * h)
         way = (after[:3, 3] - before[:3, 3]) / (2.0 * h)
         columns.append([*way, turn[2, 1], turn[0, 2], turn[1, 0]])
     return np.array(columns).T
@@ -46,11 +46,11 @@ def jacobian(joints: Floats) -> Floats:
 @example(math.pi * np.array([0.7, 0.5, 0.0, 0.5, 0.5, 1.0]))  # and the arm stretched above its base
 @settings(max_examples=200, deadline=None)
 def test_every_answer_of_the_inverse_leads_back_and_one_of_them_is_what_was_there(joints: Floats) -> None:
-    pose = serial.forward(joints)
-    found = serial.inverse(pose)
+    pose = serial.forward_kinematics(joints)
+    found = serial.inverse_kinematics(pose)
     assert len(found) == 8
     for answer in found:
-        assert serial.forward(answer) == pytest.approx(pose, abs=1e-7)
+        assert serial.forward_kinematics(answer) == pytest.approx(pose, abs=1e-7)
     jac = np.linalg.svd(jacobian(joints))[1]
     if jac[-1] > 1e-3:  # where two joints do the same, only their sum is told
         off = [np.abs((a - joints + math.pi) % (2.0 * math.pi) - math.pi).max() for a in found]
@@ -58,20 +58,20 @@ def test_every_answer_of_the_inverse_leads_back_and_one_of_them_is_what_was_ther
 
 
 def test_what_is_out_of_reach_is_told_in_one_line() -> None:
-    pose = serial.forward(serial.REST)
+    pose = serial.forward_kinematics(serial.REST)
     pose[0, 3] += 2.0
-    assert serial.inverse(pose) == []
+    assert serial.inverse_kinematics(pose) == []
     with pytest.raises(InputError, match="does not reach") as told:
-        serial.start(pose)
+        serial.start_joints(pose)
     assert "\n" not in str(told.value)
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_starts_are_within_limits_and_away_from_singular_poses(scenario: str) -> None:
     for seed in range(25):
-        setting = draw(SHAPES["bracket"](), gripper(2), seed=seed, scenario=scenario, arm="arm")  # type: ignore[arg-type]
-        joints = linkage.start(setting, "arm")
-        assert linkage.base(setting) @ serial.forward(joints) == pytest.approx(setting.hand, abs=1e-9)
+        setting = sample_setting(SHAPES["bracket"](), make_gripper(2), seed=seed, scenario=scenario, arm="arm")  # type: ignore[arg-type]
+        joints = linkage.start_joints(setting, "arm")
+        assert linkage.base_pose(setting) @ serial.forward_kinematics(joints) == pytest.approx(setting.hand, abs=1e-9)
         assert (joints > serial.LOWEST + 0.1).all() and (joints < serial.HIGHEST - 0.1).all()
         weight = np.array([1.0, 1.0, 1.0, LENGTH, LENGTH, LENGTH])
         assert np.linalg.svd(weight[:, None] * jacobian(joints))[1][-1] > NEAR
@@ -80,15 +80,15 @@ def test_starts_are_within_limits_and_away_from_singular_poses(scenario: str) ->
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_the_hand_on_the_part_and_lifted_is_within_reach(scenario: str) -> None:
     for seed in range(25):
-        setting = draw(SHAPES["bracket"](), gripper(2), seed=seed, scenario=scenario, arm="arm")  # type: ignore[arg-type]
-        base, yaw = linkage.base(setting), math.atan2(setting.hand[1, 0], setting.hand[0, 0])
+        setting = sample_setting(SHAPES["bracket"](), make_gripper(2), seed=seed, scenario=scenario, arm="arm")  # type: ignore[arg-type]
+        base, yaw = linkage.base_pose(setting), math.atan2(setting.hand[1, 0], setting.hand[0, 0])
         speed = float(np.hypot(*setting.belt))
         along = setting.belt / speed if speed else np.zeros(2)
         for travel in (0.0, 0.5, 1.0, 1.5):
             for height in (0.0, 0.12):
                 at = np.array([*(travel * along), height])
-                pose = frames.pose(frames.about_z(yaw) @ frames.DOWN, at)
-                assert serial.start(frames.inverse(base) @ pose) is not None
+                pose = frames.make_pose(frames.about_z(yaw) @ frames.DOWN, at)
+                assert serial.start_joints(frames.invert_pose(base) @ pose) is not None
 
 
 # --- resolved rates ---------------------------------------------------------------------------------
@@ -137,7 +137,9 @@ def test_the_model_is_the_kinematics_and_the_hand_starts_where_the_setting_says(
         joints = serial.REST + rng.uniform(-0.5, 0.5, 6)
         world.data.qpos[world._qpos] = joints
         world._mj.mj_forward(world.model, world.data)
-        assert world.pose() == pytest.approx(linkage.base(world.setting) @ serial.forward(joints), abs=1e-9)
+        assert world.pose() == pytest.approx(
+            linkage.base_pose(world.setting) @ serial.forward_kinematics(joints), abs=1e-9
+        )
         for (a, b, radius), name in zip(world.links(), ("base", "shoulder", "elbow", "wrist_roll"), strict=True):
             geom = world.data.geom(name)
             assert geom.xpos == pytest.approx((a + b) / 2.0, abs=1e-9)
@@ -155,7 +157,7 @@ def test_the_hand_makes_the_twist_that_it_is_told(twist: list[float]) -> None:
     for _ in range(5):
         before = world.pose()
         world.move(twist)
-        step = frames.inverse(before) @ world.pose()
+        step = frames.invert_pose(before) @ world.pose()
         turned = 0.5 * np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]])
         assert turned / world.period == pytest.approx(twist[3:], abs=5e-3)
         # the way is along an arc; half the turn brings it back to the middle
@@ -194,7 +196,7 @@ def test_an_arm_at_the_end_of_its_reach_stands_there_and_says_so() -> None:
     from grasptrack.bench.physics import World
 
     world = World(SHAPES["disc"](), seed=1, arm="arm", images="planar")
-    away = linkage.base(world.setting)[:3, 0]
+    away = linkage.base_pose(world.setting)[:3, 0]
 
     def outward(seconds: float) -> None:
         for _ in range(round(seconds / world.period)):
@@ -225,7 +227,7 @@ def test_the_cameras_view_is_free_of_the_arm(scenario: str) -> None:
                 u = np.linalg.svd(axis[None])[2][1:]
                 along = a + np.linspace(0.0, 1.0, 40)[:, None] * (b - a)
                 points = (along[:, None] + radius * (around @ u)[None]).reshape(-1, 3)
-                seen = points @ (to := frames.inverse(world.camera_pose()))[:3, :3].T + to[:3, 3]
+                seen = points @ (to := frames.invert_pose(world.camera_pose()))[:3, :3].T + to[:3, 3]
                 front = seen[seen[:, 2] > 1e-3] @ camera.matrix.T
                 pixels = front[:, :2] / front[:, 2:]
                 inside = (pixels > -1.0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)

@@ -15,16 +15,24 @@ from hypothesis import strategies as st
 import grasptrack as gt
 from grasptrack import kernels
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.servo.aim import aim
+from grasptrack.servo.aim import compute_aim
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.closing import Doubt
+from grasptrack.servo.closing import CloseGate
 from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.features import Features, spread, wrapped
-from grasptrack.servo.geometry import between, check_pose, inverse, moved, pose_of, rotation, rotation_vector
+from grasptrack.servo.features import Features, rms_diameter, wrap_angle
+from grasptrack.servo.geometry import (
+    apply_twist,
+    check_pose,
+    interpolate_pose,
+    inverse_pose,
+    pose_of,
+    rotation_matrix,
+    rotation_vector,
+)
 from grasptrack.servo.law import twist_for
-from grasptrack.servo.model import SHAPE, Placed, packed, unpacked
+from grasptrack.servo.model import SHAPE, Placed, pack_state, unpack_state
 from grasptrack.servo.poses import Poses
-from grasptrack.servo.sighting import FLOOR, MOST, Sighter, Sighting
+from grasptrack.servo.sighting import FLOOR, MOST, Observation, Sighter
 from servo_bench import Bench
 
 SEEDS = st.integers(0, 10_000)
@@ -32,7 +40,7 @@ FEW = settings(max_examples=40, deadline=None)
 
 
 def camera(rng: np.random.Generator, tilt: float = 0.2) -> HandCamera:
-    turn = rotation((0.0, 0.0, rng.uniform(-3.0, 3.0))) @ rotation((*rng.uniform(-tilt, tilt, 2), 0.0))
+    turn = rotation_matrix((0.0, 0.0, rng.uniform(-3.0, 3.0))) @ rotation_matrix((*rng.uniform(-tilt, tilt, 2), 0.0))
     return HandCamera(rng.uniform(400.0, 900.0), np.array([319.5, 239.5]), turn, rng.uniform(-0.1, 0.1, 3))
 
 
@@ -49,7 +57,7 @@ def in_front(rng: np.random.Generator, cam: HandCamera, k: int) -> np.ndarray:
 @FEW
 @given(v=st.tuples(*[st.floats(-1.7, 1.7)] * 3))
 def test_a_rotation_and_its_vector(v: tuple[float, float, float]) -> None:
-    R = rotation(v)
+    R = rotation_matrix(v)
     assert np.abs(R @ R.T - np.eye(3)).max() < 1e-12 and np.linalg.det(R) > 0.0
     assert np.abs(rotation_vector(R) - v).max() < 1e-7
 
@@ -58,23 +66,24 @@ def test_a_rotation_and_its_vector(v: tuple[float, float, float]) -> None:
 @given(seed=SEEDS)
 def test_a_held_twist_goes_on_where_it_was(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    pose, twist = pose_of(rotation(rng.normal(size=3)), rng.normal(size=3)), rng.normal(size=6)
-    once, twice = moved(pose, twist, 0.7), moved(moved(pose, twist, 0.3), twist, 0.4)
+    pose, twist = pose_of(rotation_matrix(rng.normal(size=3)), rng.normal(size=3)), rng.normal(size=6)
+    once, twice = apply_twist(pose, twist, 0.7), apply_twist(apply_twist(pose, twist, 0.3), twist, 0.4)
     assert np.abs(once - twice).max() < 1e-12
-    assert np.abs(inverse(once) @ once - np.eye(4)).max() < 1e-12
+    assert np.abs(inverse_pose(once) @ once - np.eye(4)).max() < 1e-12
     assert (
-        np.abs(between(pose, once, 0.0) - pose).max() < 1e-12 and np.abs(between(pose, once, 1.0) - once).max() < 1e-9
+        np.abs(interpolate_pose(pose, once, 0.0) - pose).max() < 1e-12
+        and np.abs(interpolate_pose(pose, once, 1.0) - once).max() < 1e-9
     )
 
 
 def test_poses_between_reports() -> None:
     poses, twist = Poses(kept=3), np.array([0.1, 0.0, 0.2, 0.0, 0.0, 0.5])
     for t in (0.0, 0.1, 0.2, 0.3):
-        poses.add(t, moved(np.eye(4), twist, t))
-    assert np.abs(poses.at(0.26)[:3, :3] - moved(np.eye(4), twist, 0.26)[:3, :3]).max() < 1e-9
-    assert np.abs(poses.at(0.26) - moved(np.eye(4), twist, 0.26)).max() < 1e-4
+        poses.add(t, apply_twist(np.eye(4), twist, t))
+    assert np.abs(poses.at(0.26)[:3, :3] - apply_twist(np.eye(4), twist, 0.26)[:3, :3]).max() < 1e-9
+    assert np.abs(poses.at(0.26) - apply_twist(np.eye(4), twist, 0.26)).max() < 1e-4
     for outside, nearest in ((9.0, 0.3), (-1.0, 0.1)):
-        assert np.abs(poses.at(outside) - moved(np.eye(4), twist, nearest)).max() < 1e-12
+        assert np.abs(poses.at(outside) - apply_twist(np.eye(4), twist, nearest)).max() < 1e-12
 
 
 # --- derivatives ----------------------------------------------------------------------------------
@@ -86,14 +95,14 @@ def test_slopes_of_features(seed: int, k: int) -> None:
     rng = np.random.default_rng(seed)
     contacts, goal = rng.uniform(0.0, 600.0, (2, k, 2))
     features = Features(goal, np.array([319.5, 239.5]))
-    if abs(features.turn(contacts)) < 0.05 * spread(contacts) * spread(goal):
+    if abs(features.turn(contacts)) < 0.05 * rms_diameter(contacts) * rms_diameter(goal):
         return  # no turn to speak of
     found, step = features.slopes(contacts), 1e-3
     for i in range(2 * k):
         d = np.zeros(2 * k)
         d[i] = step
         by = features.values(contacts + d.reshape(k, 2)) - features.values(contacts - d.reshape(k, 2))
-        by[3] = wrapped(by[3])
+        by[3] = wrap_angle(by[3])
         assert np.abs(found[:, i] - by / (2.0 * step)).max() < 1e-5 * (1.0 + np.abs(found).max())
 
 
@@ -107,7 +116,8 @@ def test_the_interaction_matrix_is_what_the_hand_does(seed: int) -> None:
     for axis, step in itertools.product(range(6), (1e-5,)):
         twist = np.eye(6)[axis]
         seen = [
-            cam.project((points - h[:3, 3]) @ h[:3, :3]) for h in (moved(np.eye(4), s * twist, step) for s in (1, -1))
+            cam.project((points - h[:3, 3]) @ h[:3, :3])
+            for h in (apply_twist(np.eye(4), s * twist, step) for s in (1, -1))
         ]
         assert np.abs(found[:, :, axis] - (seen[0] - seen[1]) / (2.0 * step)).max() < 1e-3 * (1.0 + np.abs(found).max())
 
@@ -117,20 +127,22 @@ def test_the_interaction_matrix_is_what_the_hand_does(seed: int) -> None:
 def test_derivatives_by_all_that_is_unknown(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cam, n = camera(rng), 3
-    turn = rotation((np.pi, 0.0, 0.0)) @ rotation(rng.normal(0.0, 0.1, 3))
-    hand = pose_of(rotation((np.pi, 0.0, 0.0)), (0.0, 0.0, 0.5))
+    turn = rotation_matrix((np.pi, 0.0, 0.0)) @ rotation_matrix(rng.normal(0.0, 0.1, 3))
+    hand = pose_of(rotation_matrix((np.pi, 0.0, 0.0)), (0.0, 0.0, 0.5))
     middle = hand[:3, :3] @ (cam.offset + 0.4 * cam.rays(np.array([[320.0, 240.0]]))[0]) + hand[:3, 3]
     object_ = Placed(rng.uniform(-0.03, 0.03, (n, 2)), turn, middle, rng.normal(0.0, 0.1, 3), turn * (1.0, 1.0, 0.3))
-    hands = np.array([moved(hand, rng.normal(0.0, 0.1, 6), 0.3) for _ in range(2)])
+    hands = np.array([apply_twist(hand, rng.normal(0.0, 0.1, 6), 0.3) for _ in range(2)])
     later = np.array([0.0, 0.4])
-    state = packed(cam, object_)
+    state = pack_state(cam, object_)
     _, found = kernels.expected_sightings(state, hands, later)
     found = found.reshape(2 * n, 2, -1)
     step = 1e-6
     for i in range(SHAPE + 2 * n):
         d = np.zeros(SHAPE + 2 * n)
         d[i] = step
-        up, down = (kernels.expected_sightings(kernels.step_state(state, s * d), hands, later)[0] for s in (1.0, -1.0))
+        up, down = (
+            kernels.expected_sightings(kernels.retract_state(state, s * d), hands, later)[0] for s in (1.0, -1.0)
+        )
         assert np.abs(found[..., i] - (up - down) / (2.0 * step)).max() < 1e-4 * (1.0 + np.abs(found[..., i]).max())
 
 
@@ -139,17 +151,17 @@ def test_derivatives_by_all_that_is_unknown(seed: int) -> None:
 def test_a_state_keeps_camera_and_object(seed: int) -> None:
     """What is expected of a packed state is what the camera sees of the object's points."""
     rng = np.random.default_rng(seed)
-    cam, n, hand = camera(rng), 3, pose_of(rotation(rng.normal(size=3)), rng.normal(size=3))
-    there, turn = in_front(rng, cam, 1)[0], rotation(rng.normal(size=3))
+    cam, n, hand = camera(rng), 3, pose_of(rotation_matrix(rng.normal(size=3)), rng.normal(size=3))
+    there, turn = in_front(rng, cam, 1)[0], rotation_matrix(rng.normal(size=3))
     place = hand[:3, :3] @ there + hand[:3, 3]
     object_ = Placed(
-        rng.uniform(-0.03, 0.03, (n, 2)), turn, place, rng.normal(0.0, 0.1, 3), rotation(rng.normal(size=3))
+        rng.uniform(-0.03, 0.03, (n, 2)), turn, place, rng.normal(0.0, 0.1, 3), rotation_matrix(rng.normal(size=3))
     )
-    state = packed(cam, object_)
+    state = pack_state(cam, object_)
     pixels, _ = kernels.expected_sightings(state, hand[None], np.array([0.2]))
     in_hand = (object_.later(0.2).in_base() - hand[:3, 3]) @ hand[:3, :3]
     np.testing.assert_allclose(pixels, cam.project(in_hand), atol=1e-6)
-    assert (packed(*unpacked(state)) == state).all()
+    assert (pack_state(*unpack_state(state)) == state).all()
 
 
 @FEW
@@ -265,7 +277,7 @@ def test_a_taught_goal_is_the_view_that_taught_it(seed: int) -> None:
     cam = camera(rng, tilt=0.3)
     depth = rng.uniform(0.1, 0.3)
     right = np.column_stack([rng.uniform(-0.04, 0.04, (2, 2)), np.full(2, cam.offset[2] + depth)])
-    if not np.isfinite(cam.project(right)).all() or spread(right[:, :2]) < 0.01:
+    if not np.isfinite(cam.project(right)).all() or rms_diameter(right[:, :2]) < 0.01:
         return
     goal = gt.Goal.taught(cam.project(right), symmetric=False)
     c, s = math.cos(1.0), math.sin(1.0)
@@ -353,12 +365,12 @@ def test_what_is_seen_at_the_goal_is_there_whatever_was_predicted(seed: int, tur
     bench = Bench(seed=seed)
     hand, goal = bench.right_hand(), bench.goal()
     right = bench.contacts() - bench.at
-    facing = rotation((0.0, 0.0, turn))
+    facing = rotation_matrix((0.0, 0.0, turn))
     object_ = Placed(right[:, :2], facing, bench.at, np.zeros(3), np.eye(3))
-    known = Estimate(packed(bench.camera, object_), 1e-10 * np.eye(SHAPE + 2 * len(right)), 0.0)
+    known = Estimate(pack_state(bench.camera, object_), 1e-10 * np.eye(SHAPE + 2 * len(right)), 0.0)
     bench.hand = hand
-    seen = Sighting(0.0, hand, bench.seen(), np.tile(1e-4 * np.eye(2), (2, 1, 1)), 2)
-    found = aim(known, goal, (0, 1), seen, hand, 0.0, dof=4, standoff=0.04, gain=gt.Gain())
+    seen = Observation(0.0, hand, bench.seen(), np.tile(1e-4 * np.eye(2), (2, 1, 1)), 2)
+    found = compute_aim(known, goal, (0, 1), seen, hand, 0.0, dof=4, standoff=0.04, gain=gt.Gain())
     assert found is not None
     assert found.aligned and found.error_px < 1e-6
     assert np.abs(found.twist).max() < 1e-6
@@ -380,7 +392,7 @@ def test_the_policy_on_loss_goes_through_its_steps_in_order(times: tuple[float, 
 
 
 def test_the_tolerance_grows_only_after_patience_near_the_goal() -> None:
-    doubt = Doubt(gt.Closing(tolerance=1.0, patience=2.0, loosest=3.0))
+    doubt = CloseGate(gt.Closing(tolerance=1.0, patience=2.0, loosest=3.0))
     told = gt.TrackResult(0, 0.0, "tracked", "", contacts=np.array(GOOD), seen=np.ones(2), confidence=0.9)
     goal = np.array(GOOD)
     tolerances = []

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 import grasptrack as gt
 from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.geometry import moved, pose_of, rotation
-from grasptrack.servo.refine import refined
+from grasptrack.servo.geometry import apply_twist, pose_of, rotation_matrix
+from grasptrack.servo.refine import refine_estimate
 from servo_bench import PERIOD, Bench
 
 SEEDS = range(6)
@@ -30,7 +30,7 @@ def nominal_for(bench: Bench) -> gt.NominalCamera:
     """About right: some per cent of focal length, some degrees, some centimetres, and nearly twice the distance off."""
     rng = np.random.default_rng(bench.seed)
     mounting = pose_of(
-        bench.camera.turn @ rotation(rng.normal(0.0, 0.06, 3)), bench.camera.offset + rng.normal(0.0, 0.015, 3)
+        bench.camera.turn @ rotation_matrix(rng.normal(0.0, 0.06, 3)), bench.camera.offset + rng.normal(0.0, 0.015, 3)
     )
     return gt.NominalCamera(bench.camera.focal * 1.08, mounting, 0.4)
 
@@ -160,8 +160,10 @@ def test_what_cannot_be_compared_does_no_harm() -> None:
     servo = bench.run(servo_for(bench), seconds=2.5)
     known = servo.knowledge
     assert isinstance(known.estimate, Estimate) and known._origin is not None and known._search is not None
-    turned = [replace(s, hand=s.hand @ pose_of(rotation((np.pi, 0.0, 0.0)), (0.0, 0.0, 0.0))) for s in known._seen[:6]]
-    anew, _ = refined(known._origin, [*turned, *known._seen], known._search)
+    turned = [
+        replace(s, hand=s.hand @ pose_of(rotation_matrix((np.pi, 0.0, 0.0)), (0.0, 0.0, 0.0))) for s in known._seen[:6]
+    ]
+    anew, _ = refine_estimate(known._origin, [*turned, *known._seen], known._search)
     assert np.isfinite(anew.covariance).all()
     assert abs(anew.camera.focal / known.estimate.camera.focal - 1.0) < 0.02
     assert known.estimate.observe(turned[0]) == np.inf
@@ -300,7 +302,7 @@ def test_a_camera_that_does_not_move_with_the_hand_is_told() -> None:
     hand = bench.hand
     for i in range(1000):
         command = servo.update(still, time=i * PERIOD, pose=hand)
-        hand = moved(hand, command.twist, PERIOD)
+        hand = apply_twist(hand, command.twist, PERIOD)
         if servo.over:
             break
     assert servo.state == "failed" and "do not show" in servo.reason

@@ -12,7 +12,7 @@ import zlib
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, applicable
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, is_applicable
 from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
@@ -165,12 +165,12 @@ def test_an_impostor_lies_there_for_a_third_of_the_time(name: str) -> None:
 
 def test_a_mirror_image_is_asked_only_of_parts_that_have_one() -> None:
     for name in ("rectangle", "disc", "star", "egg", "washer", "t-plate", "crescent", "fork"):
-        assert not applicable(SHAPES[name](), "mirror")
+        assert not is_applicable(SHAPES[name](), "mirror")
     for name in ("bracket", "gasket", "notched-plate", "hook", "u-clip", "knife", "s-blob", "key"):
-        assert applicable(SHAPES[name](), "mirror")
-    assert applicable(SHAPES["disc"](), "twin")
+        assert is_applicable(SHAPES[name](), "mirror")
+    assert is_applicable(SHAPES["disc"](), "twin")
     with pytest.raises(InputError, match="unknown disturbance"):
-        applicable(SHAPES["disc"](), "rain")
+        is_applicable(SHAPES["disc"](), "rain")
     with pytest.raises(InputError, match="at least 1"):
         scene("noise", frames=0)
 

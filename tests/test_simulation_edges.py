@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edges import offsets
-from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, Shape, Texture, near_twin, silhouette
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, Shape, Texture, near_twin, shape_from_mask
 from grasptrack.geometry.homographies import apply_homography
 
 PART, TABLE = 60, 180
@@ -108,7 +108,7 @@ def test_sides_show_where_the_lower_face_is_seen_and_join_the_upper_one() -> Non
 def test_edges_of_silhouettes_and_twins_lie_on_their_outlines() -> None:
     y, x = np.mgrid[:220, :300]
     mask = (((x - 150) / 110) ** 2 + ((y - 105) / 70) ** 2 < 1) & (np.hypot(x - 190, y - 110) > 25)
-    for shape in (silhouette(mask), near_twin(SHAPES["bracket"](), 3)):
+    for shape in (shape_from_mask(mask), near_twin(SHAPES["bracket"](), 3)):
         scene = bare(shape, "clean-6dof", seed=1)
         off = np.concatenate([offsets(scene[i].image, scene[i].outline, PART, TABLE) for i in (0, 17, 39)])
         assert len(off) > 500

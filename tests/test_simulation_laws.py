@@ -23,16 +23,16 @@ from grasptrack.bench.simulation import (
     Scene,
     Shadow,
     Texture,
-    mirrored,
+    mirrored_shape,
     near_twin,
     similarity_path,
-    stone,
+    stone_texture,
     tilting_path,
 )
 from grasptrack.bench.simulation.conditions import pooled_noise
-from grasptrack.bench.simulation.coverage import coverage
+from grasptrack.bench.simulation.coverage import pixel_coverage
 from grasptrack.bench.simulation.lookalikes import best_fit
-from grasptrack.bench.simulation.render import finer
+from grasptrack.bench.simulation.render import subdivide_polygon
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 
@@ -74,7 +74,7 @@ def test_a_lens_that_folds_the_image_is_refused() -> None:
 
 def test_cutting_sides_changes_no_outline() -> None:
     ring = SHAPES["arrow"]().outer
-    cut = finer(ring, 0.05)
+    cut = subdivide_polygon(ring, 0.05)
     assert len(cut) > 5 * len(ring)
     assert {tuple(p) for p in ring} <= {tuple(p) for p in cut}
     assert np.hypot(*(np.roll(cut, -1, axis=0) - cut).T).max() <= 0.05 + 1e-12
@@ -153,7 +153,7 @@ def test_motion_blur_is_the_mean_over_the_exposure() -> None:
     assert centre == pytest.approx(0.0, abs=0.01)
     # Bilinear sampling of pixels adds a sixth of a square pixel of variance.
     assert spread == pytest.approx(math.sqrt(sigma**2 + (exposure * step) ** 2 / 12 + 1 / 6), rel=0.03)
-    given = {"camera": Camera(WIDTH, HEIGHT), "table": stone(1), "surface": flat(50)}
+    given = {"camera": Camera(WIDTH, HEIGHT), "table": stone_texture(1), "surface": flat(50)}
     no_motion = Scene(SHAPES["square"](), path, conditions=QUIET, **given)
     tiny = Scene(SHAPES["square"](), path, conditions=replace(QUIET, exposure=1e-6), **given)
     assert np.abs(no_motion[2].image.astype(int) - tiny[2].image).max() <= 1
@@ -205,8 +205,8 @@ def test_a_near_twin_differs_in_one_place_by_a_tenth_of_its_size(name: str) -> N
     shape = SHAPES[name]()
     twin = near_twin(shape, 1)
     assert (near_twin(shape, 1).outer == twin.outer).all()
-    (a,) = [coverage([p * 60 + 150.0 for p in s.polygons], 300, 300, 0.5) for s in (shape,)]
-    b = coverage([p * 60 + 150.0 for p in twin.polygons], 300, 300, 0.5)
+    (a,) = [pixel_coverage([p * 60 + 150.0 for p in s.polygons], 300, 300, 0.5) for s in (shape,)]
+    b = pixel_coverage([p * 60 + 150.0 for p in twin.polygons], 300, 300, 0.5)
     y, x = np.nonzero(np.abs(a - b) > 0.5)
     span = max(np.ptp(x), np.ptp(y)) + 1
     assert 0.09 * 60 <= span <= 0.25 * 60 + 1.5
@@ -231,7 +231,7 @@ def test_a_rigid_motion_is_found_and_undone(turn: float, x: float, y: float) -> 
 
 def test_a_mirror_image_lies_over_its_part_and_mirrors_back() -> None:
     shape = SHAPES["gasket"]()
-    image = mirrored(shape)
+    image = mirrored_shape(shape)
     assert best_fit(image, shape).distance > 0.1
     assert best_fit(image.flipped(), shape).distance < 0.01
     assert len(image.holes) == len(shape.holes)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from edges import bilinear
-from grasptrack.bench.simulation import SHAPES, Bar, Camera, Conditions, Scene, demo_scene, plain, tilting_path
-from grasptrack.bench.simulation.coverage import coverage, inside_mask, inside_polygons
+from grasptrack.bench.simulation import SHAPES, Bar, Camera, Conditions, Scene, demo_scene, plain_texture, tilting_path
+from grasptrack.bench.simulation.coverage import inside_mask, inside_polygons, pixel_coverage
 from grasptrack.bench.simulation.shapes import polygon_moments
 
 WIDTH, HEIGHT, SIGMA = 320, 240, 0.7
@@ -25,7 +25,7 @@ def placed(name: str, angle: float = 0.3, scale: float = 62.0) -> list[np.ndarra
 @pytest.mark.parametrize("name", SHAPES)
 def test_covered_area_and_centroid_are_the_polygons(name: str) -> None:
     polygons = placed(name)
-    field = coverage(polygons, WIDTH, HEIGHT, SIGMA).astype(float)
+    field = pixel_coverage(polygons, WIDTH, HEIGHT, SIGMA).astype(float)
     area, mx, my = np.sum([polygon_moments(p) for p in polygons], axis=0)
     length = sum(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum() for p in polygons)
     # Steiner's formula: at a corner that turns by t, blurring by distance adds (t / 2 + tan(t / 2)) sigma^2 / 2.
@@ -44,7 +44,7 @@ def test_covered_area_and_centroid_are_the_polygons(name: str) -> None:
 @pytest.mark.parametrize("angle", [0.0, 0.13, 0.5, math.pi / 4, 1.2])
 def test_half_coverage_lies_on_straight_edges(angle: float) -> None:
     (rectangle,) = placed("rectangle", angle)
-    field = coverage([rectangle], WIDTH, HEIGHT, SIGMA).astype(float)
+    field = pixel_coverage([rectangle], WIDTH, HEIGHT, SIGMA).astype(float)
     offsets = []
     for a, b in zip(rectangle, np.roll(rectangle, -1, axis=0), strict=True):
         along = (b - a) / np.linalg.norm(b - a)
@@ -63,7 +63,7 @@ def test_half_coverage_lies_on_straight_edges(angle: float) -> None:
 @pytest.mark.parametrize("name", SHAPES)
 def test_half_coverage_separates_inside_from_outside_everywhere(name: str) -> None:
     polygons = placed(name, 0.8)
-    field = coverage(polygons, WIDTH, HEIGHT, SIGMA)
+    field = pixel_coverage(polygons, WIDTH, HEIGHT, SIGMA)
     inside = inside_mask(polygons, WIDTH, HEIGHT)
     assert ((field >= 0.5) == inside).mean() > 0.99999
     some = np.random.default_rng(0).integers(0, [WIDTH, HEIGHT], (2500, 2))
@@ -71,22 +71,22 @@ def test_half_coverage_separates_inside_from_outside_everywhere(name: str) -> No
 
 
 def test_a_part_that_the_border_cuts_is_the_same_where_it_is_seen() -> None:
-    whole = coverage(placed("bracket"), WIDTH, HEIGHT, SIGMA)
-    cut = coverage([p - [150.0, 110.0] for p in placed("bracket")], WIDTH - 150, HEIGHT - 110, SIGMA)
+    whole = pixel_coverage(placed("bracket"), WIDTH, HEIGHT, SIGMA)
+    cut = pixel_coverage([p - [150.0, 110.0] for p in placed("bracket")], WIDTH - 150, HEIGHT - 110, SIGMA)
     assert cut == pytest.approx(whole[110:, 150:], abs=1e-6)
 
 
 def test_a_part_out_of_view_leaves_no_trace() -> None:
-    assert not coverage([p + 1000.0 for p in placed("disc")], WIDTH, HEIGHT, SIGMA).any()
+    assert not pixel_coverage([p + 1000.0 for p in placed("disc")], WIDTH, HEIGHT, SIGMA).any()
 
 
 def test_a_blur_that_would_alias_is_refused() -> None:
     with pytest.raises(ValueError, match="alias"):
-        coverage(placed("disc"), WIDTH, HEIGHT, 0.2)
+        pixel_coverage(placed("disc"), WIDTH, HEIGHT, 0.2)
 
 
 def test_frames_are_the_same_in_any_order_and_noise_is_as_asked() -> None:
-    given = {"camera": Camera(WIDTH, HEIGHT), "table": plain(1)}
+    given = {"camera": Camera(WIDTH, HEIGHT), "table": plain_texture(1)}
     scene = Scene(SHAPES["disc"](), tilting_path(6, seed=2), conditions=Conditions(noise=3.0), **given)
     quiet = Scene(SHAPES["disc"](), tilting_path(6, seed=2), conditions=Conditions(noise=0.0), **given)
     frames = list(scene)
@@ -103,7 +103,7 @@ def test_the_image_moves_by_the_stated_homography() -> None:
         SHAPES["bracket"](),
         tilting_path(8, seed=5),
         camera=Camera(WIDTH, HEIGHT),
-        table=plain(1, contrast=0.0),
+        table=plain_texture(1, contrast=0.0),
         conditions=Conditions(noise=0.0),
     )
     first = scene[0]
@@ -116,7 +116,9 @@ def test_the_image_moves_by_the_stated_homography() -> None:
 
 def test_a_bar_hides_what_it_covers() -> None:
     bar = Bar(start=2, end=6, width=0.2, angle=0.3)
-    scene = Scene(SHAPES["blob"](), tilting_path(9, seed=0), camera=Camera(WIDTH, HEIGHT), covers=[bar], table=plain(1))
+    scene = Scene(
+        SHAPES["blob"](), tilting_path(9, seed=0), camera=Camera(WIDTH, HEIGHT), covers=[bar], table=plain_texture(1)
+    )
     shown = [frame.outline_visible for frame in scene]
     assert shown[0] == shown[8] == 1.0
     assert min(shown[3:6]) < 0.9
@@ -129,11 +131,11 @@ def test_a_sliding_table_moves_under_a_part_at_rest() -> None:
     still = Conditions(noise=0.0)
     path = tilting_path(2, tilt=0.0, reach=0.0, zoom=0.0, turn=0.0)
     scene = Scene(
-        SHAPES["disc"](), path, camera=Camera(WIDTH, HEIGHT), conditions=still, slide=(0.1, 0.0), table=plain(1)
+        SHAPES["disc"](), path, camera=Camera(WIDTH, HEIGHT), conditions=still, slide=(0.1, 0.0), table=plain_texture(1)
     )
     a, b = (frame.image.astype(float) for frame in scene)
     inside = inside_mask(scene[0].outline, WIDTH, HEIGHT)
-    edge = coverage(scene[0].outline, WIDTH, HEIGHT, 3.0)
+    edge = pixel_coverage(scene[0].outline, WIDTH, HEIGHT, 3.0)
     assert np.abs(a - b)[inside & (edge > 0.99)].max() == 0.0
     assert np.abs(a - b)[~inside & (edge < 0.01)].mean() > 0.5
 
@@ -158,11 +160,11 @@ def test_a_frame_takes_tens_of_milliseconds_not_hundreds() -> None:
 def test_the_parts_of_a_still_life_lie_apart_and_are_found() -> None:
     from grasptrack.bench.simulation import still_life
     from grasptrack.bench.simulation.still import LIE, PX_PER_UNIT
-    from grasptrack.segmentation.objects import objects
+    from grasptrack.segmentation.objects import find_objects
 
     image = still_life()
     assert (image == still_life()).all() and image.shape == (480, 640, 3)
-    found = objects(image)
+    found = find_objects(image)
     assert len(found) == len(LIE)
     areas = sorted(f.view.outer.area - sum(h.area for h in f.view.contours[1:]) for f in found)
     expected = sorted((size * PX_PER_UNIT) ** 2 for _, size, *_ in LIE)

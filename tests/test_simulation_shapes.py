@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.simulation import SHAPES, Camera, Path, similarity_path, tilting_path
-from grasptrack.bench.simulation.shapes import Shape, circle, polygon_moments, rounded
+from grasptrack.bench.simulation.shapes import Shape, circle_polygon, polygon_moments, round_corners
 from grasptrack.geometry.homographies import apply_homography
 
 
@@ -45,18 +45,18 @@ def test_outlines_do_not_cross_themselves(name: str) -> None:
 
 
 def test_a_circle_has_the_area_of_a_circle() -> None:
-    assert polygon_moments(circle(3.0, -2.0, 0.7, 12))[0] == pytest.approx(math.pi * 0.49)
+    assert polygon_moments(circle_polygon(3.0, -2.0, 0.7, 12))[0] == pytest.approx(math.pi * 0.49)
 
 
 def test_rounding_takes_the_corners_area_away() -> None:
     square = np.array([(0, 0), (2, 0), (2, 2), (0, 2)], dtype=float)
-    assert polygon_moments(rounded(square, 0.5))[0] == pytest.approx(4.0 - (4.0 - math.pi) * 0.25, abs=1e-3)
-    assert (rounded(square, 0.0) == square).all()
+    assert polygon_moments(round_corners(square, 0.5))[0] == pytest.approx(4.0 - (4.0 - math.pi) * 0.25, abs=1e-3)
+    assert (round_corners(square, 0.0) == square).all()
 
 
 def test_a_shape_without_material_is_refused() -> None:
     with pytest.raises(ValueError, match="no material"):
-        Shape.of("ring", circle(0, 0, 1), [circle(0, 0, 2)])
+        Shape.of("ring", circle_polygon(0, 0, 1), [circle_polygon(0, 0, 2)])
 
 
 def test_a_frontal_camera_sees_the_table_to_scale() -> None:

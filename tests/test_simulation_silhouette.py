@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import SHAPES, Scene, Texture, part_of_photo, silhouette, similarity_path
+from grasptrack.bench.simulation import SHAPES, Scene, Texture, part_of_photo, shape_from_mask, similarity_path
 from grasptrack.bench.simulation.coverage import inside_mask
-from grasptrack.bench.simulation.isolines import isolines
+from grasptrack.bench.simulation.isolines import trace_isolines
 from grasptrack.bench.simulation.lookalikes import best_fit
 from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.bench.simulation.silhouette import mask_polygons
@@ -25,7 +25,7 @@ def mask_of(name: str, scale: float = 120.0, angle: float = 0.4, size: int = 420
 def test_isolines_are_where_the_field_has_the_level() -> None:
     y, x = np.mgrid[:90, :110]
     field = np.minimum(30.0 - np.hypot(x - 54.3, y - 44.2), np.hypot(x - 54.3, y - 44.2) - 11.0)
-    outer, hole = sorted(isolines(field, 0.0), key=len, reverse=True)
+    outer, hole = sorted(trace_isolines(field, 0.0), key=len, reverse=True)
     assert polygon_moments(outer)[0] == pytest.approx(math.pi * 900, rel=1e-3)
     assert polygon_moments(hole)[0] == pytest.approx(-math.pi * 121, rel=1e-2)
     assert np.hypot(*(outer - [54.3, 44.2]).T) == pytest.approx(30.0, abs=0.02)
@@ -33,7 +33,7 @@ def test_isolines_are_where_the_field_has_the_level() -> None:
 
 def test_isolines_of_noise_all_close_and_cover_what_is_high() -> None:
     noise = np.pad(np.random.default_rng(0).standard_normal((60, 70)), 1, constant_values=-9.0)
-    curves = isolines(noise, 0.0)
+    curves = trace_isolines(noise, 0.0)
     steps = np.concatenate([np.roll(c, -1, axis=0) - c for c in curves])
     assert np.hypot(*steps.T).max() < math.sqrt(2.0)
     assert (inside_mask(curves, 72, 62) == (noise > 0.0)).all()
@@ -41,7 +41,7 @@ def test_isolines_of_noise_all_close_and_cover_what_is_high() -> None:
 
 @pytest.mark.parametrize("name", ["gasket", "bean", "hook", "square", "gear"])
 def test_a_mask_of_a_part_gives_the_part(name: str) -> None:
-    found = silhouette(mask_of(name), name)
+    found = shape_from_mask(mask_of(name), name)
     assert len(found.holes) == len(SHAPES[name]().holes)
     fit = best_fit(found, SHAPES[name]())
     assert fit.distance < 2.0 / 120.0  # corners are rounded by a pixel or two
@@ -61,8 +61,8 @@ def test_the_largest_piece_counts_and_specks_do_not() -> None:
     mask = mask_of("bracket")
     mask[5:25, 5:25] = True
     mask[200:202, 200:202] = False
-    assert len(silhouette(mask).holes) == 1
-    assert best_fit(silhouette(mask), SHAPES["bracket"]()).distance < 0.02
+    assert len(shape_from_mask(mask).holes) == 1
+    assert best_fit(shape_from_mask(mask), SHAPES["bracket"]()).distance < 0.02
 
 
 def test_a_silhouette_at_the_border_ends_there() -> None:
@@ -82,7 +82,7 @@ def test_a_silhouette_at_the_border_ends_there() -> None:
 )
 def test_what_is_no_silhouette_is_refused(mask: np.ndarray, says: str) -> None:
     with pytest.raises(ContourError, match=says):
-        silhouette(mask)
+        shape_from_mask(mask)
 
 
 def test_a_part_of_a_photo_takes_its_surface_along_and_leaves_the_background() -> None:

@@ -14,7 +14,7 @@ import pytest
 import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.trackability import Suitability, inspect
-from grasptrack.trackability.words import expected, rows
+from grasptrack.trackability.words import expected, report_rows
 from grasptrack.tracking.tracker import GraspTracker
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 
@@ -193,7 +193,7 @@ def test_without_a_grasp_the_object_is_still_looked_at() -> None:
     assert none.grasp is None and math.isnan(none.error_px) and none.prediction is None
     assert none.located == 0.0 and none.located_interval == (0.0, 0.0) and expected(none) == ""
     assert none.level == "poor" and "no stable grasp" in none.verdict and none.strategy == ""
-    assert none.symmetry.order == 1 and rows(none)[-1].value == "none"
+    assert none.symmetry.order == 1 and report_rows(none)[-1].value == "none"
 
 
 def test_a_grasp_that_does_not_close_is_poor() -> None:

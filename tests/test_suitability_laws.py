@@ -16,8 +16,8 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.images import PLAIN
 from grasptrack.trackability import inspect
-from grasptrack.trackability.edges import Edges, sway
-from grasptrack.trackability.motions import MODELS, NAMES, SLIDING, Frame, Motions, motions_of, slid
+from grasptrack.trackability.edges import Edges, edge_direction_noise
+from grasptrack.trackability.motions import MODELS, NAMES, SLIDING, Frame, Motions, motions_of, sliding_displacement
 from grasptrack.trackability.prediction import (
     FILE,
     Drawn,
@@ -28,8 +28,8 @@ from grasptrack.trackability.prediction import (
     predict_run,
     shares_of,
 )
-from grasptrack.trackability.relief import QUANTUM, reliefs
-from grasptrack.trackability.synthetic_view import REST, SHIFT, Setting, Stage, Step, denoised, draw_run
+from grasptrack.trackability.relief import QUANTUM, gradient_statistics
+from grasptrack.trackability.synthetic_view import REST, SHIFT, Setting, Stage, Step, denoise_image, draw_run
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Beforehand
 from scenery import L_PLATE, SQUARE, drawn, ellipse
@@ -80,7 +80,7 @@ def test_a_circle_hides_turns_and_what_moves_a_circle_into_itself(radius: float)
     assert shown(found, "turn") < 1e-9 and shown(found, "scale") == pytest.approx(1.0)
     assert [m.name for m in found.motions if "similarity" not in m.observed and m.name in NAMES[:4]] == ["turn"]
     assert not any(m.observable for m in found.models.values())
-    moved = slid(found, radius * normals)
+    moved = sliding_displacement(found, radius * normals)
     assert np.abs(np.einsum("ij,ij->i", moved, normals)).max() < 1e-6 * np.abs(moved).max()
 
 
@@ -132,11 +132,11 @@ def test_directions_sway_by_the_noise_of_edges_on_any_smooth_outline(
 ) -> None:
     edges = wavering(noise, a, b, seed)
     # a chord over four px sways by its ends' noise
-    assert sway(edges) == pytest.approx(math.sqrt(2.0) * noise / 4.0, rel=0.45, abs=2e-3)
+    assert edge_direction_noise(edges) == pytest.approx(math.sqrt(2.0) * noise / 4.0, rel=0.45, abs=2e-3)
 
 
 def test_the_directions_of_a_smooth_outline_do_not_sway() -> None:
-    assert sway(wavering(0.0, 100.0, 70.0, 0)) < 1e-3
+    assert edge_direction_noise(wavering(0.0, 100.0, 70.0, 0)) < 1e-3
 
 
 # --- texture -------------------------------------------------------------------------------------
@@ -151,7 +151,7 @@ def outline(corners: np.ndarray, centre: tuple[float, float] = (160.0, 120.0)) -
 def test_noise_is_measured_and_is_no_structure(noise: float, seed: int) -> None:
     image = np.random.default_rng(seed).normal(128.0, noise, (240, 320)).round().astype(np.uint8)
     view = outline(SQUARE)
-    for relief in reliefs(image, view):
+    for relief in gradient_statistics(image, view):
         assert relief.noise == pytest.approx(math.hypot(noise, 1.0 / math.sqrt(12.0)), rel=0.06)
         assert relief.rms <= 0.2 * noise
 
@@ -161,7 +161,7 @@ def test_slopes_within_and_round_an_outline_are_kept_apart() -> None:
     image[:, 112:209] += np.arange(97, dtype=np.uint8)  # a slope of 1 within
     image[:, :112], image[:, 209:] = 100, 100
     image[:72], image[169:] = 100, 100
-    surface, ground = reliefs(image, outline(SQUARE))
+    surface, ground = gradient_statistics(image, outline(SQUARE))
     assert surface.rms == pytest.approx(1.0, rel=0.05) and surface.least < 0.2
     assert ground.rms == 0.0
 
@@ -299,7 +299,7 @@ def test_noise_that_is_taken_off_is_not_in_the_next_image(noise: float, seed: in
     pattern = np.random.default_rng(seed).normal(0.0, noise, (240, 320))
     image = np.clip(drawn(SQUARE, noise=0.0) + pattern, 0, 255).round().astype(np.uint8)
     plain = np.hypot(np.arange(240)[:, None] - 120, np.arange(320) - 160) > 90
-    left = denoised(image, math.hypot(noise, 0.29))[plain].astype(float)
+    left = denoise_image(image, math.hypot(noise, 0.29))[plain].astype(float)
     # what is left of the pattern, against the fresh noise that hides it
     shared = float(np.mean((left - left.mean()) * pattern[plain])) / noise**2
     assert abs(shared) < 0.15

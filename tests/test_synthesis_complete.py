@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from grasptrack import Hand, kernels
 from grasptrack.geometry.contours import Contour, as_view
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.grasp.synthesis.candidates import GROUP, GROUPS, candidates
-from grasptrack.grasp.synthesis.limits import Limits, refuse
-from grasptrack.grasp.synthesis.search import alike, find_grasps
+from grasptrack.grasp.synthesis.candidates import GROUP, GROUPS, sample_candidates
+from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
+from grasptrack.grasp.synthesis.search import duplicate_radius, find_grasps
 from grasptrack.grasp.synthesis.terms import stable_pairs
 from outlines import blobs, stars
 from synthesis_shapes import SHAPES, SILHOUETTES, every_stable_pair, firm, traced
@@ -42,7 +42,7 @@ def missing(view, friction, *, narrow=True):
     far = 0
     for pair in contacts[pairs]:
         apart = [np.hypot(*(held - p).T).max(axis=0, initial=0.0) for p in (pair, pair[::-1])]
-        far += not len(held) or np.minimum(*apart).min() > alike(size, 0.1 * size) + stretch
+        far += not len(held) or np.minimum(*apart).min() > duplicate_radius(size, 0.1 * size) + stretch
     return far, len(pairs)
 
 
@@ -77,9 +77,9 @@ def test_what_the_hand_can_do_with_something_to_spare_is_not_refused(name, frict
     places, contacts, pairs, sense = every_stable_pair(view, 200, 0.1 * size, friction)
     stretch = sum(c.length for c in view.contours) / GROUPS
     hand, limits = Hand().in_px(size), Limits()
-    at = candidates(view, area, np.array([cx, cy]), hand.finger_width)
+    at = sample_candidates(view, area, np.array([cx, cy]), hand.finger_width)
     found = stable_pairs(at, friction)
-    left, _ = refuse(found, at, view, hand, (), limits)
+    left, _ = reject_infeasible(found, at, view, hand, (), limits)
     rough = [kernels.contact_frames(view.points, view.offsets, places, f * hand.finger_width)[:, 2] for f in (1, 2)]
     flat = np.maximum(rough[0], 0.5 * rough[1])
     checked = 0
@@ -90,7 +90,7 @@ def test_what_the_hand_can_do_with_something_to_spare_is_not_refused(name, frict
         if opening < 8 * stretch or max(flat[i], flat[j]) > 0.3 * limits.roughness:
             continue
         push = way * np.array([line, -line]) / opening
-        rooms = kernels.finger_rooms(
+        rooms = kernels.finger_clearance(
             view.points,
             view.offsets,
             contacts[[i, j]],
@@ -114,7 +114,7 @@ def test_what_the_hand_can_do_with_something_to_spare_is_not_refused(name, frict
 def test_more_friction_and_more_opening_lose_nothing():
     view = as_view(SHAPES["notched"])
     area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
-    at = candidates(view, area, np.array([cx, cy]), 0.1 * math.sqrt(area))
+    at = sample_candidates(view, area, np.array([cx, cy]), 0.1 * math.sqrt(area))
     before: set[tuple[int, int]] = set()
     for friction in FRICTIONS:
         now = {tuple(pair) for pair in (stable_pairs(at, friction).index // GROUP).tolist()}

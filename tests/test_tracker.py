@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.bench.simulation import SHAPES, Shape, brushed, plain
+from grasptrack.bench.simulation import SHAPES, Shape, brushed_texture, plain_texture
 from grasptrack.errors import GraspError, InputError, SourceError, StrategyError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contact_regions import CHANCE
@@ -321,7 +321,7 @@ def test_the_same_images_give_the_same_results(strategy: str) -> None:
 
 def test_light_objects_on_dark_ground() -> None:
     run = Run()
-    light, dark = brushed(3, colour=(190, 195, 200), extent=4.0), plain(3, colour=(45, 45, 45))
+    light, dark = brushed_texture(3, colour=(190, 195, 200), extent=4.0), plain_texture(3, colour=(45, 45, 45))
     for k, H in enumerate(POSES):
         run.see(photo([(PLATE, H)], ground=dark, surface=light, seed=k), H)
     assert run.statuses == ["tracked"] * 6

@@ -13,7 +13,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.target import Target, pyramid
+from grasptrack.tracking.target import Target, build_pyramid
 from scenery import L_PLATE, drawn
 
 CONTACTS = np.array([[-20.0, 25.0], [-70.0, 25.0]])
@@ -36,7 +36,7 @@ def outline(centre: tuple[float, float] = (160.0, 120.0)) -> View:
 
 def target(centre: tuple[float, float] = (160.0, 120.0), **look: float) -> Target:
     image = drawn(L_PLATE, centres=(centre,), angle=TURN, **look)  # type: ignore[arg-type]
-    return make_target(pyramid(image), outline(centre), placed(CONTACTS, centre), NUMBERS)
+    return make_target(build_pyramid(image), outline(centre), placed(CONTACTS, centre), NUMBERS)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.25, 0.5, 0.75])

@@ -12,11 +12,11 @@ import pytest
 
 from grasptrack import GraspTracker
 from grasptrack.bench.parts import built_in
-from grasptrack.bench.scenes import run_case, suite
+from grasptrack.bench.scenes import make_scene_cases, run_case
 from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
-from grasptrack.bench.simulation.surfaces import blank, printed
-from grasptrack.bench.simulation.tables import gravel
+from grasptrack.bench.simulation.surfaces import blank_texture, printed_texture
+from grasptrack.bench.simulation.tables import gravel_texture
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
@@ -64,12 +64,12 @@ SLIDES = pytest.mark.xfail(
 @pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=SLIDES)])
 def test_the_ground_settles_the_turn_of_a_disc(seed: int) -> None:
     """Gravel shows every motion."""
-    assert max(followed(a_scene("disc", seed, surface=blank(seed), table=gravel(seed)))) < 0.6
+    assert max(followed(a_scene("disc", seed, surface=blank_texture(seed), table=gravel_texture(seed)))) < 0.6
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_print_settles_it_where_the_table_slides_away_or_nothing_is_claimed(seed: int) -> None:
-    scene = a_scene("disc", seed, 8, surface=printed(seed), slide=(0.02, 0.013))
+    scene = a_scene("disc", seed, 8, surface=printed_texture(seed), slide=(0.02, 0.013))
     tracker = GraspTracker(grasp=chosen_grasp(scene[0].outline))
     first = tracker.update(scene[0].image).contacts
     assert first is not None
@@ -78,11 +78,11 @@ def test_print_settles_it_where_the_table_slides_away_or_nothing_is_claimed(seed
 
 
 def test_a_table_that_slides_does_not_bend_the_pose() -> None:
-    assert max(followed(a_scene("bracket", 7, surface=blank(7), slide=(0.004, 0.003)))) < 0.25
+    assert max(followed(a_scene("bracket", 7, surface=blank_texture(7), slide=(0.004, 0.003)))) < 0.25
 
 
 def test_a_cover_does_not_bend_what_the_surface_holds() -> None:
-    scene = a_scene("spanner", 9, surface=printed(9), table=gravel(9))
+    scene = a_scene("spanner", 9, surface=printed_texture(9), table=gravel_texture(9))
     tracker = GraspTracker(grasp=chosen_grasp(scene[0].outline))
     first = tracker.update(scene[0].image).contacts
     assert first is not None
@@ -133,14 +133,14 @@ def test_the_homography_is_as_uncertain_as_the_contacts_that_it_carries(shape: s
 
 def test_light_on_a_ring_does_not_tell_its_turn() -> None:
     # its sides hide what the outline could tell; light that falls off over it stays where it is
-    case = suite(built_in(["washer"]), ["thick"], frames=25)[0]
+    case = make_scene_cases(built_in(["washer"]), ["thick"], frames=25)[0]
     frames = run_case((case, ("auto",)))["auto"]
     assert [f.frame for f in frames if f.is_false_accept] == []
 
 
 @pytest.mark.parametrize("shape", ["bean", "blob", "leaf"])
 def test_its_mirror_image_is_refused_though_its_print_is_the_same(shape: str) -> None:
-    case = suite(built_in([shape]), ["mirror"], frames=16, seed=31)[0]
+    case = make_scene_cases(built_in([shape]), ["mirror"], frames=16, seed=31)[0]
     frames = run_case((case, ("auto",)))["auto"]
     assert [f.frame for f in frames if f.is_false_accept] == []
     assert [f.frame for f in frames if f.present and not f.answered] == []
@@ -149,7 +149,7 @@ def test_its_mirror_image_is_refused_though_its_print_is_the_same(shape: str) ->
 @pytest.mark.parametrize("shape", ["cross", "hex-nut", "hinge", "knife", "ring-wrench"])
 def test_a_twin_with_a_tab_of_print_or_brushed_metal_is_refused(shape: str) -> None:
     """Brushing makes edges where the object's own is not, and print spreads the grey levels that tell a tab."""
-    case = suite(built_in([shape]), ["twin"], frames=16, seed=31)[0]
+    case = make_scene_cases(built_in([shape]), ["twin"], frames=16, seed=31)[0]
     frames = run_case((case, ("auto",)))["auto"]
     assert [f.frame for f in frames if f.is_false_accept] == []
     assert len([f for f in frames if f.present and not f.answered]) <= 1

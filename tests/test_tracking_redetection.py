@@ -12,11 +12,11 @@ import pytest
 from grasptrack.bench.simulation import SHAPES, Shape
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.tracking.decision import farthest
+from grasptrack.tracking.decision import max_contact_distance
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.redetection import MATCHED, MOST, WAYS, wide_prior
-from grasptrack.tracking.target import pyramid
+from grasptrack.tracking.target import build_pyramid
 from stages import HEIGHT, WIDTH, bar, photo, pose
 
 FIRST = pose(160.0, 120.0, -40.0)
@@ -68,7 +68,7 @@ def test_what_comes_back_is_found_soon_wherever_and_however_it_lies(name: str, d
         if decision.accepted:
             break
     assert decision.accepted and decision.estimate is not None
-    assert farthest(decision.estimate.contacts, scene.at(H)) < 3.0
+    assert max_contact_distance(decision.estimate.contacts, scene.at(H)) < 3.0
     assert scene.follower.state.sighted is None
 
 
@@ -86,7 +86,7 @@ def test_no_search_asks_for_more_than_a_few_solutions() -> None:
     # as alike as may be: parts of it, and its own shape in other sizes, all over the view
     parts = [(scene.shape, pose(60.0 + 100.0 * i, 60.0 + 100.0 * j, 50.0 * i + 20.0 * j, 30.0 + 8.0 * i)) for i in range(3)
              for j in range(2)]  # fmt: skip
-    levels = pyramid(photo(parts))
+    levels = build_pyramid(photo(parts))
     for turn in range(7):
         state.lost = turn
         assert len(redetection.search(state, levels)) <= WAYS + MOST
@@ -105,7 +105,7 @@ def test_the_share_that_is_seen_tells_a_pose_from_another() -> None:
 def test_one_place_is_solved_once_and_what_shows_nothing_never() -> None:
     scene = begun("hook")
     redetection, target = scene.follower.redetection, scene.follower.target
-    levels, wide = pyramid(photo([(scene.shape, FIRST)])), wide_prior(target)
+    levels, wide = build_pyramid(photo([(scene.shape, FIRST)])), wide_prior(target)
     away, near = np.eye(3), np.eye(3)
     away[0, 2], near[0, 2] = 90.0, 1.0
     tried = [Hypothesis(str(k), M @ target.A, wide) for k, M in enumerate((away, np.eye(3), near))]
@@ -117,18 +117,18 @@ def test_all_ways_in_which_a_symmetric_outline_lies_are_rivals() -> None:
     scene = begun("rectangle")
     state = scene.follower.state
     H = pose(100.0, 110.0, 60.0, 60.0)
-    found = scene.follower.redetection.matched(state.located, pyramid(photo([(scene.shape, H)])))
+    found = scene.follower.redetection.matched(state.located, build_pyramid(photo([(scene.shape, H)])))
     places = [scene.follower.target.carried(h.G) for h in found if h.origin == MATCHED]
     there = scene.at(H)
-    assert min(farthest(p, there) for p in places) < 3.0
-    assert min(farthest(p, there[::-1]) for p in places) < 3.0  # its contacts lie opposite each other
+    assert min(max_contact_distance(p, there) for p in places) < 3.0
+    assert min(max_contact_distance(p, there[::-1]) for p in places) < 3.0  # its contacts lie opposite each other
 
 
 def test_what_slides_along_itself_keeps_its_tilt() -> None:
     scene = begun("half-disc")
     state, target = scene.follower.state, scene.follower.target
     H = pose(100.0, 110.0, 60.0, 60.0)
-    for h in scene.follower.redetection.matched(state.located, pyramid(photo([(scene.shape, H)]))):
+    for h in scene.follower.redetection.matched(state.located, build_pyramid(photo([(scene.shape, H)]))):
         moved = target.homography(h.G) @ np.linalg.inv(target.homography(state.located.G))
         assert abs(moved[2, :2] / moved[2, 2]).max() < 1e-9
-        assert farthest(target.carried(h.G), scene.at(H)) < 3.0
+        assert max_contact_distance(target.carried(h.G), scene.at(H)) < 3.0

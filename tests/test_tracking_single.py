@@ -23,7 +23,7 @@ from grasptrack.tracking.single import (
     turned_hypotheses,
 )
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import Target, pyramid
+from grasptrack.tracking.target import Target, build_pyramid
 from scenery import L_PLATE, SQUARE, drawn
 
 SIZE = (480, 640)
@@ -35,7 +35,7 @@ def begun(shape: np.ndarray, centre: tuple[float, float] = (320.0, 240.0)) -> tu
     fine = np.concatenate(
         [a + np.linspace(0, 1, 80, endpoint=False)[:, None] * b for a, b in zip(shape, ahead, strict=True)]
     )
-    levels = pyramid(drawn(shape, centres=(centre,), angle=0.0, size=SIZE))
+    levels = build_pyramid(drawn(shape, centres=(centre,), angle=0.0, size=SIZE))
     target = make_target(levels, View(Contour(fine + centre)), fine[[40, 200]] + centre, NUMBERS)
     return target, first_state(target, levels, NUMBERS)
 
@@ -50,7 +50,7 @@ def placed(x: float, y: float, angle: float = 0.0) -> np.ndarray:
 
 
 def seen(target: Target, state: TrackState, H: np.ndarray, image: np.ndarray) -> PoseEstimate:
-    found = single_estimate(target, state, pyramid(image), pose_hypothesis(target, "given", H, NUMBERS), NUMBERS)
+    found = single_estimate(target, state, build_pyramid(image), pose_hypothesis(target, "given", H, NUMBERS), NUMBERS)
     assert found is not None
     return found
 
@@ -78,7 +78,7 @@ def test_the_largest_deviation_is_that_at_which_the_decision_refuses(share: floa
 
 def test_turns_that_nothing_tells_apart_are_not_believed() -> None:
     target, state = begun(SQUARE)
-    levels = pyramid(drawn(SQUARE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
+    levels = build_pyramid(drawn(SQUARE, centres=((320.0, 240.0),), angle=0.0, size=SIZE, seed=2))
     own = single_estimate(target, state, levels, pose_hypothesis(target, "given", np.eye(3), NUMBERS), NUMBERS)
     assert own is not None and len(target.turns) == 3 and decide_single(target, state, [own], NUMBERS).accepted
     turned = [single_estimate(target, state, levels, h, NUMBERS) for h in turned_hypotheses(target, own, NUMBERS)]

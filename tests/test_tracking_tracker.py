@@ -9,15 +9,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from grasptrack.bench.simulation import SHAPES, plain
+from grasptrack.bench.simulation import SHAPES, plain_texture
 from grasptrack.errors import GraspError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contact_regions import CHANCE
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.tracking.decision import CODES, NOTHING, checked
+from grasptrack.tracking.decision import CODES, NOTHING, check_strategy_contacts
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import Follower
-from grasptrack.tracking.initialization import describable, grasps
+from grasptrack.tracking.initialization import count_describing_strategies, synthesize_grasps
 from grasptrack.tracking.messages import FIGURES, SENTENCES, Reason
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
@@ -211,13 +211,13 @@ def test_contacts_that_a_strategy_puts_elsewhere_are_not_given_out() -> None:
     decision = follower.update(IMAGES[1])
     estimate = decision.estimate
     assert isinstance(estimate, PoseEstimate) and decision.accepted
-    off = [checked(decision, estimate.contacts + np.array([d, 0.0])) for d in (0.0, 0.5, 1.0, 10.0)]
+    off = [check_strategy_contacts(decision, estimate.contacts + np.array([d, 0.0])) for d in (0.0, 0.5, 1.0, 10.0)]
     assert off[0].probability_off == pytest.approx(decision.probability_off)
     risks = [d.probability_off for d in off]
     assert risks == sorted(risks) and risks[-1] == 1.0
     assert [d.accepted for d in off[:1]] == [True] and off[-1].code == "strategy-off"
     assert off[-1].figures["distance"] == pytest.approx(10.0)
-    assert checked(NOTHING, estimate.contacts).code == "not-found"
+    assert check_strategy_contacts(NOTHING, estimate.contacts).code == "not-found"
 
 
 def test_a_bar_across_leaves_strategies_nothing_wrong() -> None:
@@ -234,15 +234,15 @@ def test_a_bar_across_leaves_strategies_nothing_wrong() -> None:
 
 
 def test_of_nearly_as_good_grasps_the_one_is_taken_that_most_strategies_can_carry() -> None:
-    (start,) = track([photo([(BRACKET, POSES[0])], ground=plain(2))])
+    (start,) = track([photo([(BRACKET, POSES[0])], ground=plain_texture(2))])
     assert start.view is not None and start.contacts is not None
-    ranked, reason = grasps(start.view, "auto", 2, 0.5, None, [])
+    ranked, reason = synthesize_grasps(start.view, "auto", 2, 0.5, None, [])
     assert reason == "" and np.array_equal(ranked[0].contacts, start.contacts)
-    counts = [describable(g, start.view) for g in ranked]
+    counts = [count_describing_strategies(g, start.view) for g in ranked]
     assert counts == sorted(counts, reverse=True) and counts[0] == 2
     best = max(g.quality for g in ranked)
     assert all(g.quality >= 0.7 * best for g in ranked)
-    assert len(grasps(start.view, "rrp", 2, 0.5, None, [])[0]) >= len(ranked)
+    assert len(synthesize_grasps(start.view, "rrp", 2, 0.5, None, [])[0]) >= len(ranked)
 
 
 def test_a_choice_of_another_number_of_fingers_is_an_error() -> None:

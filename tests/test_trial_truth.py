@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.approach.case import Row
-from grasptrack.bench.approach.truth import on_part, tell
+from grasptrack.bench.approach.truth import on_part, record_closing_errors
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.numbers import NUMBERS
@@ -29,7 +29,7 @@ def told(shift: tuple[float, float], chosen_off: float = 0.0) -> Row:
     np.testing.assert_allclose(chosen, ring[[0, len(ring) // 2]], atol=1e-9)
     away = chosen - ring.mean(axis=0)
     chosen = chosen + chosen_off * world.setting.part.size * away / np.hypot(*away.T)[:, None]
-    tell(row, world, chosen, apply_homography(world.outline_to_image(), chosen) + np.array(shift))
+    record_closing_errors(row, world, chosen, apply_homography(world.outline_to_image(), chosen) + np.array(shift))
     return row
 
 

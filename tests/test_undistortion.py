@@ -20,7 +20,7 @@ from grasptrack.cli.main import main
 from grasptrack.errors import InputError, SourceError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, similarity
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.segmentation.images import to_bgr
 from grasptrack.segmentation.undistortion import MOST, Undistortion
 from grasptrack.tracking.numbers import NUMBERS
@@ -281,7 +281,7 @@ def test_synthesize_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]
 def test_transfer_with_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clean = DISTURBANCES["clean-6dof"].scene(SHAPES["bracket"](), 1, 3)[0]
     camera = Camera([[520, 0, 120], [0, 520, 90], [0, 0, 1]], (0.25, 0.05, 0, 0), size=(640, 480))  # far off its axis
-    turned = similarity(1.05, 2.2, (320.0, 240.0), (280.0, 215.0))
+    turned = similarity_transform(1.05, 2.2, (320.0, 240.0), (280.0, 215.0))
     ideal = camera.undistort(np.stack(np.meshgrid(np.arange(640.0), np.arange(480.0)), axis=-1).reshape(-1, 2))
     for name, H in (("a", np.eye(3)), ("b", turned)):
         at = apply_homography(np.linalg.inv(H), ideal).astype(np.float32).reshape(480, 640, 2)

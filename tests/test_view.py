@@ -16,9 +16,9 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.results import GraspsCsv
 from grasptrack.io.tally import Tally
 from grasptrack.view.draw import MAX_SIDE, draw_overlay
-from grasptrack.view.geometry import cones, jacobian_at
+from grasptrack.view.geometry import friction_cones, jacobian_at
 from grasptrack.view.pair import write_pair
-from grasptrack.view.style import STATUS_RGB, bgr, ellipsised, text_width
+from grasptrack.view.style import STATUS_RGB, ellipsise_text, rgb_to_bgr, text_width
 from grasptrack.view.summary import Curves, Filmstrip, write_summary
 from test_io_run import SQUARE, analysis, answer
 
@@ -33,14 +33,14 @@ def test_any_frame_can_be_drawn_and_keeps_its_proportions(status: str, shape: tu
     height, width = drawn.shape[:2]
     assert drawn.dtype == np.uint8 and drawn.shape[2] == 3 and max(width, height * 0.8) <= MAX_SIDE
     assert height > round(width * shape[0] / shape[1]) and (image == 128).all()
-    colour = np.array(bgr(STATUS_RGB[status]))
+    colour = np.array(rgb_to_bgr(STATUS_RGB[status]))
     assert (drawn == colour).all(axis=2).sum() > 50
 
 
 def test_contacts_are_drawn_where_they_are() -> None:
     result = replace(answer(0), contacts=np.array([[150.0, 200.0], [500.0, 300.0]]), seen=np.array([1.0, 0.0]))
     drawn = draw_overlay(np.full((480, 640), 90, np.uint8), result)
-    colour = bgr(STATUS_RGB["tracked"])
+    colour = rgb_to_bgr(STATUS_RGB["tracked"])
     assert tuple(drawn[197, 150]) == colour  # filled: its edge was observed
     assert tuple(drawn[294, 500]) != colour  # hollow: it was not
 
@@ -55,7 +55,7 @@ def test_a_cone_that_was_judged_in_the_reference_is_bent_by_the_homography() -> 
     contacts = apply_homography(H, [[50.0, 60.0], [90.0, 60.0]])
     judged = analysis(0.1)._replace(judged_in="reference")
     result = replace(answer(0), contacts=contacts, analysis=judged, homography=H)
-    first = cones(result, 10.0)[0]
+    first = friction_cones(result, 10.0)[0]
     np.testing.assert_allclose(np.linalg.norm(first[1:] - first[0], axis=1), 10.0)
     # The cone's middle is where a step along the normal goes, its edges where steps along its edges go.
     for row, angle in ((7, 0.0), (1, -np.arctan(0.5)), (13, np.arctan(0.5))):
@@ -63,7 +63,7 @@ def test_a_cone_that_was_judged_in_the_reference_is_bent_by_the_homography() -> 
         expected = apply_homography(H, [step])[0] - contacts[0]
         got = first[row] - first[0]
         np.testing.assert_allclose(got / np.linalg.norm(got), expected / np.linalg.norm(expected), atol=1e-4)
-    in_image = cones(replace(result, analysis=analysis(0.1)), 10.0)[0]
+    in_image = friction_cones(replace(result, analysis=analysis(0.1)), 10.0)[0]
     np.testing.assert_allclose(in_image[7] - in_image[0], [10.0, 0.0], atol=1e-12)
 
 
@@ -79,9 +79,9 @@ def test_the_derivative_of_a_homography() -> None:
 
 def test_text_is_cut_to_its_room() -> None:
     text = "the grasp line leaves a friction cone"
-    assert ellipsised(text, 10_000, 14) == text
+    assert ellipsise_text(text, 10_000, 14) == text
     for room in (0, 10, 60, 150):
-        assert text_width(ellipsised(text, room, 14), 14) <= max(room, 5)
+        assert text_width(ellipsise_text(text, room, 14), 14) <= max(room, 5)
 
 
 def test_the_film_strip_is_bounded_and_evenly_spread() -> None:

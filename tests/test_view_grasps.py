@@ -13,10 +13,10 @@ import pytest
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.hand import HandPx
 from grasptrack.grasp.synthesis.result import GraspList
-from grasptrack.view.fingers import normals, opening, strip, strips, wedge
-from grasptrack.view.grasp_text import described, rated
+from grasptrack.view.fingers import contour_strip, grasp_opening, inward_normals, sector_polygon, slip_strips
+from grasptrack.view.grasp_text import describe_hand, format_quality
 from grasptrack.view.grasps import Planned, write_grasps
-from grasptrack.view.layout import grid, quiet_corner, window
+from grasptrack.view.layout import image_window, panel_grid, quiet_corner
 from ranked import across, ellipse, hand_for, ranked
 
 SQUARE = Contour([[10, 10], [25, 10], [40, 10], [40, 25], [40, 40], [25, 40], [10, 40], [10, 25]])
@@ -109,24 +109,24 @@ def test_a_spread_grasp_in_a_hole(tmp_path: Path) -> None:
 
 def test_a_strip_runs_along_the_outline_and_over_its_first_point() -> None:
     view = View(SQUARE)
-    np.testing.assert_allclose(strip(view, 0, 0.5, 3.0), [[14.5, 10], [20.5, 10]])
-    np.testing.assert_allclose(strip(view, 0, 0.0, 5.0), [[10, 15], [10, 10], [15, 10]])
-    assert strip(view, 0, 0.0, 0.0).shape == strip(view, 0, 0.0, math.nan).shape == (0, 2)
-    whole = strip(view, 0, 1.0, 1e9)
+    np.testing.assert_allclose(contour_strip(view, 0, 0.5, 3.0), [[14.5, 10], [20.5, 10]])
+    np.testing.assert_allclose(contour_strip(view, 0, 0.0, 5.0), [[10, 15], [10, 10], [15, 10]])
+    assert contour_strip(view, 0, 0.0, 0.0).shape == contour_strip(view, 0, 0.0, math.nan).shape == (0, 2)
+    whole = contour_strip(view, 0, 1.0, 1e9)
     np.testing.assert_allclose(np.linalg.norm(np.diff(whole, axis=0), axis=1).sum(), 120.0)
 
 
 def test_each_contact_has_its_strip_on_its_own_contour() -> None:
     grasp = ranked(RING, [[120, 120], [200, 120]], spread=True, region=8.0)
-    for piece, contact in zip(strips(grasp, RING), grasp.contacts, strict=True):
+    for piece, contact in zip(slip_strips(grasp, RING), grasp.contacts, strict=True):
         assert abs(np.linalg.norm(np.diff(piece, axis=0), axis=1).sum() - 16.0) < 0.1
         assert np.linalg.norm(piece - contact, axis=1).max() < 8.1
 
 
 def test_cones_open_into_the_material() -> None:
     grasp = ranked(PLATE, [[80, 120], [240, 120]])
-    np.testing.assert_allclose(normals(grasp, View(PLATE), 0.5), [[1, 0], [-1, 0]], atol=0.02)
-    polygon = wedge(grasp.contacts[0], np.array([1.0, 0.0]), math.atan(0.5), 10.0)
+    np.testing.assert_allclose(inward_normals(grasp, View(PLATE), 0.5), [[1, 0], [-1, 0]], atol=0.02)
+    polygon = sector_polygon(grasp.contacts[0], np.array([1.0, 0.0]), math.atan(0.5), 10.0)
     np.testing.assert_allclose(polygon[0], grasp.contacts[0])
     rise = (polygon[1:, 1] - polygon[0, 1]) / (polygon[1:, 0] - polygon[0, 0])
     np.testing.assert_allclose([rise[0], rise[-1]], [-0.5, 0.5])
@@ -134,7 +134,7 @@ def test_cones_open_into_the_material() -> None:
 
 def test_off_the_outline_the_way_in_serves_for_the_cone() -> None:
     grasp = ranked(PLATE, [[80, 120], [240, 120]])
-    np.testing.assert_allclose(normals(grasp, View(SQUARE), 0.5), grasp.directions)
+    np.testing.assert_allclose(inward_normals(grasp, View(SQUARE), 0.5), grasp.directions)
 
 
 @pytest.mark.parametrize("aspect", [0.3, 1.0, 4.0])
@@ -142,17 +142,17 @@ def test_off_the_outline_the_way_in_serves_for_the_cone() -> None:
 def test_a_window_holds_outline_and_fingers_in_the_frame_s_proportions(shape: tuple[int, int], aspect: float) -> None:
     outline, finger = np.array([[20.0, 5.0], [90.0, 38.0]]), np.array([[-30.0, 20.0], [10.0, 20.0]])
     for most in (1.0, 1.7, 100.0):
-        left, top, right, bottom = window([outline], [finger], shape, aspect, 0.1, most)
+        left, top, right, bottom = image_window([outline], [finger], shape, aspect, 0.1, most)
         assert left <= -30.0 and right >= 90.0 and top <= 5.0 and bottom >= 38.0
         assert (right - left) / (bottom - top) == pytest.approx(aspect)
-    far = window([outline], [np.add(finger, [1e6, 0.0])], shape, aspect, 0.1)
+    far = image_window([outline], [np.add(finger, [1e6, 0.0])], shape, aspect, 0.1)
     assert far[2] - far[0] < 4.0 * 70.0 * max(1.0, aspect)
 
 
 def test_three_fingers_open_by_the_way_of_the_farthest() -> None:
-    assert opening(ranked(PLATE, [[80, 120], [240, 120]])) == pytest.approx(160.0)
+    assert grasp_opening(ranked(PLATE, [[80, 120], [240, 120]])) == pytest.approx(160.0)
     three = across(ellipse(50, 50, (160, 120), 300), 1, 3)[0]
-    assert opening(three) == pytest.approx(100.0, rel=1e-3) and three.opening < 90.0
+    assert grasp_opening(three) == pytest.approx(100.0, rel=1e-3) and three.opening < 90.0
 
 
 def test_an_inset_takes_the_corner_that_hides_least() -> None:
@@ -175,7 +175,7 @@ def test_a_grasp_that_is_small_on_its_object_is_shown_large_too(tmp_path: Path) 
 @pytest.mark.parametrize("count", range(1, 10))
 @pytest.mark.parametrize("aspect", [0.2, 1.0, 5.0])
 def test_small_panels_stay_in_their_area_and_apart(count: int, aspect: float) -> None:
-    boxes = grid((1.0, 2.0, 5.6, 4.0), count, aspect)
+    boxes = panel_grid((1.0, 2.0, 5.6, 4.0), count, aspect)
     assert len(boxes) == count
     for i, (x, y, w, h) in enumerate(boxes):
         assert (
@@ -186,7 +186,7 @@ def test_small_panels_stay_in_their_area_and_apart(count: int, aspect: float) ->
 
 
 def test_words_for_qualities_and_hands() -> None:
-    assert [rated(q) for q in (1.0, 0.456, 0.01, 0.0043, 0.0001, 0.0)] == [
+    assert [format_quality(q) for q in (1.0, 0.456, 0.01, 0.0043, 0.0001, 0.0)] == [
         "1.00",
         "0.46",
         "0.01",
@@ -194,7 +194,7 @@ def test_words_for_qualities_and_hands() -> None:
         "<0.001",
         "<0.001",
     ]
-    assert described(HandPx(0.0, math.inf, 12.34, 10.0, 3.0), None) == "of 12.3 x 10 px"
-    assert described(HandPx(0.0, 200.0, 12.0, 10.0, 3.0), 4.0) == "of 3 x 2.5 mm, opening up to 50 mm"
-    assert described(HandPx(20.0, 200.0, 12.0, 10.0, 3.0), None) == "of 12 x 10 px, opening 20 to 200 px"
-    assert described(HandPx(20.0, math.inf, 12.0, 10.0, 3.0), None) == "of 12 x 10 px, opening from 20 px"
+    assert describe_hand(HandPx(0.0, math.inf, 12.34, 10.0, 3.0), None) == "of 12.3 x 10 px"
+    assert describe_hand(HandPx(0.0, 200.0, 12.0, 10.0, 3.0), 4.0) == "of 3 x 2.5 mm, opening up to 50 mm"
+    assert describe_hand(HandPx(20.0, 200.0, 12.0, 10.0, 3.0), None) == "of 12 x 10 px, opening 20 to 200 px"
+    assert describe_hand(HandPx(20.0, math.inf, 12.0, 10.0, 3.0), None) == "of 12 x 10 px, opening from 20 px"

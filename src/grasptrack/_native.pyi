@@ -75,7 +75,7 @@ def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats: ...
 def settle_edges(
     points: Floats, normals: Floats, edges: Floats, fixed: NDArray[np.bool_], fallback: float, outlier: float
 ) -> tuple[Floats, Floats]: ...
-def soft_threshold(
+def blur_threshold(
     image: NDArray[np.uint8], left: int, top: int, right: int, bottom: int, level: float, polarity: int
 ) -> NDArray[np.uint8]: ...
 def trace_edges(
@@ -91,7 +91,7 @@ def trace_edges(
     border: float,
     outlier: float,
 ) -> tuple[Floats, Floats, NDArray[np.bool_], float, float]: ...
-def lay_outlines(
+def align_projective(
     starts: Floats,
     points: Floats,
     normals: Floats,
@@ -106,11 +106,11 @@ def lay_outlines(
 def outline_gaps(
     points: Floats, normals: Floats, targets: Floats, target_normals: Floats, offsets: NDArray[np.int64], reach: float
 ) -> Floats: ...
-def outline_starts(first: Floats, second: Floats, bends: Floats, count: int, apart: float, most: int) -> Floats: ...
+def initial_alignments(first: Floats, second: Floats, bends: Floats, count: int, apart: float, most: int) -> Floats: ...
 def closing_triples(
     contacts: Floats, normals: Floats, cx: float, cy: float, rho: float, friction: float
 ) -> tuple[NDArray[np.int64], Floats, Floats]: ...
-def finger_rooms(
+def finger_clearance(
     points: Floats,
     offsets: NDArray[np.int64],
     contacts: Floats,
@@ -140,7 +140,7 @@ def rank_grasps(
     gap: float,
     top: int,
 ) -> tuple[NDArray[np.int64], Floats, Floats]: ...
-def step_state(state: Floats, step: Floats) -> Floats: ...
+def retract_state(state: Floats, step: Floats) -> Floats: ...
 def advance_state(
     state: Floats, covariance: Floats, seconds: float, drift: float, wander: float, twirl: float
 ) -> tuple[Floats, Floats]: ...
@@ -148,7 +148,7 @@ def expected_sightings(state: Floats, hands: Floats, later: Floats) -> tuple[Flo
 def filter_sighting(
     state: Floats, covariance: Floats, hand: Floats, points: Floats, noise: Floats, robust: float
 ) -> tuple[Floats, Floats, Floats, float]: ...
-def search_sightings(
+def calibrate_batch(
     origin: Floats,
     known: Floats,
     hands: Floats,

@@ -86,17 +86,18 @@ def run_demo(
             rendered.append(frame)
             if writer is not None:
                 writer.write(frame.image)
-            _tell(progress, "render", len(rendered), frames)
+            _report_progress(progress, "render", len(rendered), frames)
     finally:
         if writer is not None:
             writer.close()
     _write_truth(output / "truth.csv", rendered)
     return [
-        _run(strategy, risk, rendered, scene.fps, output / strategy, video, progress).row() for strategy in strategies
+        _track_scene(strategy, risk, rendered, scene.fps, output / strategy, video, progress).row()
+        for strategy in strategies
     ]
 
 
-def _run(
+def _track_scene(
     strategy: str,
     risk: float,
     frames: Sequence[SceneFrame],
@@ -110,7 +111,7 @@ def _run(
     def follow(frame: Frame, result: TrackResult) -> None:
         truth = frames[frame.index]
         score.add(result, Truth.of_scene(truth))
-        _tell(progress, strategy, frame.index + 1, len(frames))
+        _report_progress(progress, strategy, frame.index + 1, len(frames))
 
     source = RenderedSource(frames, fps)
     run_track(
@@ -136,6 +137,6 @@ def _write_truth(path: Path, frames: Sequence[SceneFrame]) -> None:
     )
 
 
-def _tell(progress: Progress | None, step: str, done: int, total: int) -> None:
+def _report_progress(progress: Progress | None, step: str, done: int, total: int) -> None:
     if progress is not None:
         progress(step, done, total)

@@ -17,9 +17,9 @@ from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.records import write_records
 from grasptrack.bench.run_folder import CASES, FORMAT, INDEX
 from grasptrack.bench.schedule import Scheduler
-from grasptrack.bench.schedule.fingerprint import fingerprint
+from grasptrack.bench.schedule.fingerprint import code_fingerprint
 from grasptrack.errors import InputError
-from grasptrack.io.results import machine, versions, write_json
+from grasptrack.io.results import describe_machine, software_versions, write_json
 from grasptrack.io.run import prepare_folder
 
 Progress = Callable[[str, int, int], None]
@@ -62,7 +62,7 @@ class Filled:
     seconds: float = 0.0
 
 
-def fill(
+def fill_run_folder(
     folder: Path,
     kind: str,
     jobs: Sequence[Job],
@@ -96,16 +96,16 @@ def fill(
         "format": FORMAT,
         "kind": kind,
         "options": dict(options),
-        "versions": versions(),
+        "versions": software_versions(),
         "backend": kernels.BACKEND,
-        "code": fingerprint(),
-        "machine": machine(),
+        "code": code_fingerprint(),
+        "machine": describe_machine(),
         "command": command,
     }
-    before = _unfinished(folder, head)
+    before = _find_unfinished_run(folder, head)
     run = Filled(folder, seconds=float(before.get("seconds", 0.0)) if before else 0.0)
     if before is None:
-        _clear(folder)
+        _remove_old_cases(folder)
     head["started"] = before["started"] if before else datetime.now(UTC).isoformat(timespec="seconds")
     (folder / CASES).mkdir(exist_ok=True)
     missing = [job for job in jobs if not case_file(folder, job.name).exists()]
@@ -143,7 +143,7 @@ def case_file(folder: Path, name: str) -> Path:
     return folder / CASES / f"{name}.csv"
 
 
-def _unfinished(folder: Path, head: Mapping[str, Any]) -> dict[str, Any] | None:
+def _find_unfinished_run(folder: Path, head: Mapping[str, Any]) -> dict[str, Any] | None:
     """The index of a run in this folder that can be gone on with, or None."""
     try:
         before = json.loads((folder / INDEX).read_text(encoding="utf-8"))
@@ -156,7 +156,7 @@ def _unfinished(folder: Path, head: Mapping[str, Any]) -> dict[str, Any] | None:
     return None
 
 
-def _clear(folder: Path) -> None:
+def _remove_old_cases(folder: Path) -> None:
     """Remove the cases of an earlier run.
 
     Raises:

@@ -48,7 +48,7 @@ class Tracker:
         return TrackResult(self._frame, time, "searching", self._refused)
 
 
-def makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str, Maker]:
+def method_makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str, Maker]:
     """Makers of methods, in the order of their names.
 
     Args:
@@ -61,9 +61,9 @@ def makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str, Maker]
     found: dict[str, Maker] = {}
     for name in names:
         if name in OURS:
-            found[name] = _ours(name, risk)
+            found[name] = _tracker_maker(name, risk)
         elif name in baselines.PEERS:
-            missing = baselines.missing()
+            missing = baselines.missing_baselines()
             if name in missing:
                 raise InputError(f'method "{name}" cannot be used here: {missing[name]}', method=name)
             found[name] = baselines.PEERS[name]
@@ -74,7 +74,7 @@ def makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str, Maker]
     return found
 
 
-def _ours(strategy: str, risk: float) -> Maker:
+def _tracker_maker(strategy: str, risk: float) -> Maker:
     def make(start: Start) -> Method:
         return Tracker(start, strategy, risk)
 

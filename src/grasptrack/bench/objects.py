@@ -61,7 +61,7 @@ def read_scenes(path: Path) -> dict[str, Known]:
     for number, row in enumerate(rows, start=2):
         try:
             name = row["name"]
-            (pixel,), quad = _points(row["object"], 1), _points(row["quad"], 4)
+            (pixel,), quad = _parse_points(row["object"], 1), _parse_points(row["quad"], 4)
             if not name or name in found or not cv2.isContourConvex(quad.astype(np.float32)):
                 raise ValueError
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -101,7 +101,9 @@ def truth_of_quad(H: Floats, quad: Floats, size: tuple[int, int]) -> Truth | Non
     except ConditioningError:
         return None
     truth = Truth.of_homography(H, area_of(corners))
-    return Truth(truth.carry, truth.back, truth.area, True, share_in_view(corners, size), lambda p: _inside(p, size))
+    return Truth(
+        truth.carry, truth.back, truth.area, True, share_in_view(corners, size), lambda p: _points_in_image(p, size)
+    )
 
 
 def share_in_view(quad: Floats, size: tuple[int, int]) -> float:
@@ -111,7 +113,7 @@ def share_in_view(quad: Floats, size: tuple[int, int]) -> float:
     along = np.arange(SAMPLES)[:, None] / SAMPLES
     points = [a + along * (b - a) for a, b in zip(quad, np.roll(quad, -1, axis=0), strict=True)]
     lengths = np.hypot(*(np.roll(quad, -1, axis=0) - quad).T)
-    shares = [float(_inside(side, size).mean()) for side in points]
+    shares = [float(_points_in_image(side, size).mean()) for side in points]
     return min(NOT_WHOLE, float(np.average(shares, weights=lengths)))
 
 
@@ -124,7 +126,7 @@ def another_object(outline: Sequence[Floats], quad: Floats, size: tuple[int, int
         size: width and height of the image in px.
     """
     outer = outline[0]
-    one, other = (_filled(polygon, size) for polygon in (outer, quad))
+    one, other = (_polygon_mask(polygon, size) for polygon in (outer, quad))
     share = float((one & other).sum()) / max(1.0, float((one | other).sum()))
     moments = cv2.moments(outer.astype(np.float32))
     x, y = outer.mean(axis=0).tolist()
@@ -138,17 +140,17 @@ def another_object(outline: Sequence[Floats], quad: Floats, size: tuple[int, int
     )
 
 
-def _filled(polygon: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
+def _polygon_mask(polygon: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
     """(H, W) where a polygon (N, 2) px covers an image."""
     return np.asarray(cv2.fillPoly(np.zeros(size[::-1], np.uint8), [np.rint(polygon).astype(np.int32)], 1)) > 0
 
 
-def _inside(points: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
+def _points_in_image(points: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
     """Which points (k, 2) px lie in an image."""
     return np.asarray(((points >= 0.0) & (points <= np.array(size) - 1.0)).all(axis=1))
 
 
-def _points(text: str, count: int) -> Floats:
+def _parse_points(text: str, count: int) -> Floats:
     """(count, 2) px from "x,y x,y".
 
     Raises:

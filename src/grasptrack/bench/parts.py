@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from grasptrack.bench.scenes import Part
-from grasptrack.bench.simulation import SHAPES, part_of_photo, silhouette
+from grasptrack.bench.simulation import SHAPES, part_of_photo, shape_from_mask
 from grasptrack.errors import InputError
 from grasptrack.io.images import images_in, images_matching, read_image
 from grasptrack.io.masks import open_masks, read_mask
@@ -27,7 +27,7 @@ def built_in(names: Sequence[str] = ()) -> list[Part]:
     return [Part(SHAPES[name]()) for name in names or SHAPES]
 
 
-def silhouettes(spec: str | os.PathLike[str]) -> list[Part]:
+def parts_from_silhouettes(spec: str | os.PathLike[str]) -> list[Part]:
     """A part for each image of a folder or pattern: what is not black is material.
 
     Raises:
@@ -37,13 +37,13 @@ def silhouettes(spec: str | os.PathLike[str]) -> list[Part]:
     parts = []
     for path in open_masks(spec):
         try:
-            parts.append(Part(silhouette(read_mask(path) > 0, path.stem)))
+            parts.append(Part(shape_from_mask(read_mask(path) > 0, path.stem)))
         except ValueError as error:
             raise InputError(f'"{path}" is no silhouette: {error}', path=str(path)) from error
-    return _distinct(parts, spec)
+    return _check_distinct_names(parts, spec)
 
 
-def photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str]) -> list[Part]:
+def parts_from_photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str]) -> list[Part]:
     """A part for each photo of a folder or pattern, with the texture that it has there.
 
     Args:
@@ -56,7 +56,7 @@ def photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str]) -> list[
     """
     of = {path.stem: path for path in open_masks(masks)}
     parts = []
-    for path in _images(spec):
+    for path in _image_paths(spec):
         if path.stem not in of:
             raise InputError(
                 f'masks "{masks}": none for photo "{path.name}"; give one of the same name', path=str(path)
@@ -68,14 +68,14 @@ def photos(spec: str | os.PathLike[str], masks: str | os.PathLike[str]) -> list[
             parts.append(Part(*part_of_photo(image, mask, path.stem)))
         except ValueError as error:
             raise InputError(f'the mask of "{path.name}" shows no object: {error}', path=str(path)) from error
-    return _distinct(parts, spec)
+    return _check_distinct_names(parts, spec)
 
 
-def _images(spec: str | os.PathLike[str]) -> list[Path]:
+def _image_paths(spec: str | os.PathLike[str]) -> list[Path]:
     return images_in(Path(spec)) if Path(spec).is_dir() else images_matching(os.fspath(spec))
 
 
-def _distinct(parts: list[Part], spec: object) -> list[Part]:
+def _check_distinct_names(parts: list[Part], spec: object) -> list[Part]:
     names = [part.shape.name for part in parts]
     again = next((name for name in names if names.count(name) > 1), None)
     if again is not None:

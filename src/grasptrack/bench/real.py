@@ -14,7 +14,7 @@ import numpy as np
 
 from grasptrack.bench.homographies import read_homographies
 from grasptrack.bench.method import Start
-from grasptrack.bench.methods import OURS, makers
+from grasptrack.bench.methods import OURS, method_makers
 from grasptrack.bench.metrics.score import FrameScore, Score
 from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.objects import (
@@ -26,7 +26,7 @@ from grasptrack.bench.objects import (
     side_contacts,
     truth_of_quad,
 )
-from grasptrack.bench.sequence import Shown, follow
+from grasptrack.bench.sequence import Shown, score_sequence
 from grasptrack.errors import GraspError, InputError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.sources import Frame, open_source
@@ -179,7 +179,7 @@ def run_video(task: tuple[RealCase, tuple[str, ...]]) -> dict[str, list[FrameSco
     """
     case, methods = task
     with sequence_of(case) as (start, shown, begin):
-        return follow(shown, makers(methods, case.risk), start, begin)
+        return score_sequence(shown, method_makers(methods, case.risk), start, begin)
 
 
 @contextmanager
@@ -199,11 +199,11 @@ def sequence_of(case: RealCase) -> Iterator[tuple[Start, Iterator[Shown], int]]:
             raise InputError(f'"{case.video}" ends before frame {begin}, the first of its table', path=str(case.video))
         height, width = first.image.shape[:2]
         truths = case.truths((width, height))
-        start = _start(case, first, truths)
+        start = _make_start(case, first, truths)
         yield start, (Shown(f.image, f.time, truths.of(f.index)) for f in chain([first], frames)), begin
 
 
-def _start(case: RealCase, first: Frame, truths: Truths) -> Start:
+def _make_start(case: RealCase, first: Frame, truths: Truths) -> Start:
     """What all methods are told.
 
     Raises:

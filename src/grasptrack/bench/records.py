@@ -50,7 +50,7 @@ def write_records(path: Path, scores: Mapping[str, Sequence[FrameScore]]) -> Non
         writer = csv.writer(file)
         writer.writerow([*FIXED, *numbered, LAST])
         for method, frames in scores.items():
-            writer.writerows(_row(method, frame, contacts) for frame in frames)
+            writer.writerows(_format_row(method, frame, contacts) for frame in frames)
     part.replace(path)
 
 
@@ -64,7 +64,7 @@ def read_records(path: Path) -> dict[str, list[FrameScore]]:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.reader(file)
             head = next(reader, [])
-            scores = _frames(head, [row for row in reader if row])
+            scores = _parse_frames(head, [row for row in reader if row])
     except (OSError, UnicodeDecodeError, csv.Error, IndexError, ValueError) as error:
         raise InputError(f'cannot read the scored frames "{path}": {error}', path=str(path)) from error
     if not scores:
@@ -72,20 +72,20 @@ def read_records(path: Path) -> dict[str, list[FrameScore]]:
     return scores
 
 
-def _row(method: str, f: FrameScore, contacts: int) -> list[str | int]:
-    row: list[str | int] = [method, f.frame, f.status, f.strategy, f.reason, int(f.present), _text(f.visible)]
-    row += [int(f.seen), int(f.defining), *map(_text, (f.limit, f.opening, f.area, f.confidence))]
+def _format_row(method: str, f: FrameScore, contacts: int) -> list[str | int]:
+    row: list[str | int] = [method, f.frame, f.status, f.strategy, f.reason, int(f.present), _format_number(f.visible)]
+    row += [int(f.seen), int(f.defining), *map(_format_number, (f.limit, f.opening, f.area, f.confidence))]
     for i in range(contacts):
-        row += [_text(float(f.contacts[i, j])) if f.contacts is not None else "" for j in (0, 1)]
-        row += [_text(float(v[i])) if v is not None else "" for v in (f.distances, f.spread)]
-    return [*row, _text(f.latency_ms)]
+        row += [_format_number(float(f.contacts[i, j])) if f.contacts is not None else "" for j in (0, 1)]
+        row += [_format_number(float(v[i])) if v is not None else "" for v in (f.distances, f.spread)]
+    return [*row, _format_number(f.latency_ms)]
 
 
-def _text(value: float) -> str:
+def _format_number(value: float) -> str:
     return "" if math.isnan(value) else repr(float(value))
 
 
-def _frames(head: list[str], rows: list[list[str]]) -> dict[str, list[FrameScore]]:
+def _parse_frames(head: list[str], rows: list[list[str]]) -> dict[str, list[FrameScore]]:
     """Frames by method; the numbers of the whole file become one array, of which the frames hold parts."""
     contacts = sum(name.startswith("error_px") for name in head)
     method, frame, status, strategy, reason, present, seen, defining = map(

@@ -69,7 +69,7 @@ class EvaluationRun:
         Raises:
             InputError: a file of scored frames is missing or broken.
         """
-        return {c.name: read_records(_file(self.path, c)) for c in self.cases if not c.error}
+        return {c.name: read_records(_case_path(self.path, c)) for c in self.cases if not c.error}
 
     @cached_property
     def methods(self) -> tuple[str, ...]:
@@ -127,9 +127,9 @@ def read_run(path: Path) -> EvaluationRun:
             path=str(file),
         )
     try:
-        cases = tuple(_case(entry, index["kind"]) for entry in index["cases"])
+        cases = tuple(_parse_case(entry, index["kind"]) for entry in index["cases"])
         if index.get("ended") in ("running", "interrupted"):
-            cases = tuple(c if c.error or _file(path, c).exists() else replace(c, error=NOT_YET) for c in cases)
+            cases = tuple(c if c.error or _case_path(path, c).exists() else replace(c, error=NOT_YET) for c in cases)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f'"{file}": its list of cases is broken ({error!r})', path=str(file)) from error
     if not any(not c.error for c in cases):
@@ -157,11 +157,11 @@ _TOLD = {
 }
 
 
-def _file(folder: Path, case: Case) -> Path:
+def _case_path(folder: Path, case: Case) -> Path:
     return folder / CASES / f"{case.name}.csv"
 
 
-def _case(entry: Mapping[str, Any], kind: str) -> Case:
+def _parse_case(entry: Mapping[str, Any], kind: str) -> Case:
     name = str(entry["name"])
     if not name or Path(name).name != name:
         raise ValueError(f'"{name}" is no name of a case')

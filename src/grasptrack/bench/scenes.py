@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from grasptrack.bench.method import Start
-from grasptrack.bench.methods import makers
+from grasptrack.bench.methods import method_makers
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.metrics.truth import Truth
-from grasptrack.bench.sequence import Shown, chosen_grasp, follow
+from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
 from grasptrack.bench.simulation import Scene, Shape, Texture
-from grasptrack.bench.simulation.disturbances import DISTURBANCES, applicable
+from grasptrack.bench.simulation.disturbances import DISTURBANCES, is_applicable
 from grasptrack.tracking.numbers import DEFAULT_RISK
 
 
@@ -70,7 +70,7 @@ class SceneCase:
         )
 
 
-def suite(
+def make_scene_cases(
     parts: Sequence[Part],
     disturbances: Sequence[str],
     *,
@@ -87,7 +87,7 @@ def suite(
         SceneCase(part, disturbance, repeat, frames, size, seed, fingers, friction, risk)
         for part in parts
         for disturbance in disturbances
-        if applicable(part.shape, disturbance)
+        if is_applicable(part.shape, disturbance)
         for repeat in range(repeats)
     ]
 
@@ -105,9 +105,11 @@ def run_case(task: tuple[SceneCase, tuple[str, ...]]) -> dict[str, list[FrameSco
     scene = case.scene()
     outline = scene[0].outline
     contacts = chosen_grasp(outline, case.fingers, case.friction)
-    return follow(_shown(scene), makers(methods, case.risk), Start(contacts, outline, case.size))
+    return score_sequence(
+        _frames_with_truth(scene), method_makers(methods, case.risk), Start(contacts, outline, case.size)
+    )
 
 
-def _shown(scene: Scene) -> Iterator[Shown]:
+def _frames_with_truth(scene: Scene) -> Iterator[Shown]:
     for frame in scene:
         yield Shown(frame.image, frame.time, Truth.of_scene(frame))

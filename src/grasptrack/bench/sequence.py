@@ -17,7 +17,7 @@ from grasptrack.bench.metrics.score import FrameScore, Score
 from grasptrack.bench.metrics.truth import Truth
 from grasptrack.errors import GraspError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.tracking.initialization import AUTO, grasps
+from grasptrack.tracking.initialization import AUTO, synthesize_grasps
 from grasptrack.typing import Floats
 
 
@@ -35,7 +35,7 @@ class Shown(NamedTuple):
     truth: Truth | None
 
 
-def follow(
+def score_sequence(
     frames: Iterable[Shown], methods: Mapping[str, Maker], start: Start, first: int = 0
 ) -> dict[str, list[FrameScore]]:
     """Show every frame to every method, and score what they say.
@@ -74,7 +74,7 @@ def chosen_grasp(outline: Iterable[Floats], fingers: int = 2, friction: float = 
         length = float(np.hypot(*(np.roll(polygon, -1, axis=0) - polygon).T).sum())
         points = kernels.resample(np.ascontiguousarray(polygon, dtype=np.float64), max(24, round(length)), 0.0)
         contours.append(Contour(points, hole=i > 0))
-    found, reason = grasps(View(contours), AUTO, fingers, friction, None, [])
+    found, reason = synthesize_grasps(View(contours), AUTO, fingers, friction, None, [])
     if not found:
         raise GraspError(f"no stable grasp: {reason}")
     return found[0].contacts

@@ -15,14 +15,14 @@ from grasptrack.bench import baselines as others
 from grasptrack.bench import parts
 from grasptrack.bench.fill import Job, case_file
 from grasptrack.bench.homographies import read_homographies
-from grasptrack.bench.methods import OURS, makers
+from grasptrack.bench.methods import OURS, method_makers
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.objects import Given
 from grasptrack.bench.real import RealCase, first_frame, run_video, videos_of
 from grasptrack.bench.records import read_records
 from grasptrack.bench.report.report import Shown
-from grasptrack.bench.scenes import SceneCase, run_case, suite
+from grasptrack.bench.scenes import SceneCase, make_scene_cases, run_case
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.errors import InputError
 from grasptrack.io.sources import open_source
@@ -64,7 +64,7 @@ class Work:
         return show
 
 
-def methods(names: Sequence[str] = (), *, peers: bool = False) -> tuple[str, ...]:
+def method_names(names: Sequence[str] = (), *, peers: bool = False) -> tuple[str, ...]:
     """Names of methods to measure: those given, or the tracker's strategies, and with `peers` all peers that are here.
 
     Raises:
@@ -72,8 +72,8 @@ def methods(names: Sequence[str] = (), *, peers: bool = False) -> tuple[str, ...
     """
     wanted = list(names or OURS)
     if peers:
-        wanted += [name for name in others.available() if name not in wanted]
-    makers(wanted)
+        wanted += [name for name in others.available_baselines() if name not in wanted]
+    method_makers(wanted)
     return tuple(wanted)
 
 
@@ -109,10 +109,10 @@ def scene_suite(
     for name in disturbances:
         if name not in DISTURBANCES:
             raise InputError(f'unknown disturbance "{name}"; choose from {", ".join(DISTURBANCES)}', name=name)
-    chosen = parts.silhouettes(silhouettes) if silhouettes is not None else []
-    chosen += parts.photos(photos, masks) if photos is not None and masks is not None else []
+    chosen = parts.parts_from_silhouettes(silhouettes) if silhouettes is not None else []
+    chosen += parts.parts_from_photos(photos, masks) if photos is not None and masks is not None else []
     chosen = [*(parts.built_in(shapes) if shapes or not chosen else []), *chosen]
-    cases = suite(
+    cases = make_scene_cases(
         chosen,
         disturbances or list(DISTURBANCES),
         repeats=repeats,
@@ -126,7 +126,7 @@ def scene_suite(
     by_name = {case.name: case for case in cases}
     if len(by_name) < len(cases):
         raise InputError("two parts have the same name; rename one")
-    jobs = [Job(case.name, frames, _about(case), (case, tuple(methods))) for case in cases]
+    jobs = [Job(case.name, frames, _case_details(case), (case, tuple(methods))) for case in cases]
 
     def look(name: str, frame: int) -> Seen:
         shown = by_name[name].scene()[frame]
@@ -160,7 +160,7 @@ def real_suite(
         raise InputError(f"a quadrilateral gives 2 contacts, not {fingers}", fingers=fingers)
     cases = {case.name: case for case in videos_of(Path(folder), fingers, friction, given, risk)}
     jobs = [
-        Job(name, _length(case), {"video": case.video.name, "given": case.given}, (case, tuple(methods)))
+        Job(name, _frame_count(case), {"video": case.video.name, "given": case.given}, (case, tuple(methods)))
         for name, case in cases.items()
     ]
 
@@ -173,7 +173,7 @@ def real_suite(
     return Work("real", jobs, run_video, look)
 
 
-def _about(case: SceneCase) -> dict[str, Any]:
+def _case_details(case: SceneCase) -> dict[str, Any]:
     disturbance = DISTURBANCES[case.disturbance]
     return {
         "shape": case.part.shape.name,
@@ -184,7 +184,7 @@ def _about(case: SceneCase) -> dict[str, Any]:
     }
 
 
-def _length(case: RealCase) -> int:
+def _frame_count(case: RealCase) -> int:
     """Frames that are looked at; 0 where that is not known, or there is no such video."""
     if not case.table.is_file():
         return 0

@@ -32,7 +32,7 @@ def compare(
       grasptrack compare evaluation-scenes evaluation-new
       grasptrack compare old new --output compare.html --strict
     """
-    from grasptrack.bench.report.comparison import compare as put_together
+    from grasptrack.bench.report.comparison import compare_runs as put_together
     from grasptrack.bench.report.comparison_page import write_comparison
 
     found = put_together(before, after)

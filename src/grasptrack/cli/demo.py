@@ -56,18 +56,18 @@ def demo(
         return
     notes = [f"{row['strategy']} lost, mostly: {row['reason']}" for row in rows if row["reason"]]
     notes.append(f"{output}: " + ", ".join(f"{row['strategy']}/" for row in rows))
-    show_rows(f"{frames} frames, contacts against the truth", _HEADS, [_cells(row) for row in rows], notes)
+    show_rows(f"{frames} frames, contacts against the truth", _HEADS, [_row_cells(row) for row in rows], notes)
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
+def _row_cells(row: dict[str, Any]) -> list[str]:
     names = ("error_median_px", "error_p95_px", "error_max_px")
     return [
         *(str(row[name]) for name in ("strategy", "tracked", "unstable", "lost")),
-        *(_number(row[name]) for name in names),
+        *(_format_number(row[name]) for name in names),
         str(row["false_accepts"]),
-        *(_number(row[name], 1) for name in ("latency_median_ms", "latency_p99_ms")),
+        *(_format_number(row[name], 1) for name in ("latency_median_ms", "latency_p99_ms")),
     ]
 
 
-def _number(value: float, decimals: int = 2) -> str:
+def _format_number(value: float, decimals: int = 2) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "-"

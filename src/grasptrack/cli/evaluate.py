@@ -10,7 +10,7 @@ import typer
 
 from grasptrack.cli import options
 from grasptrack.cli.evaluate_paper import paper
-from grasptrack.cli.progress import command, with_progress
+from grasptrack.cli.progress import command_line, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -78,17 +78,17 @@ def scenes(
       grasptrack evaluate scenes --scheduler tcp://host:8786
     """
     from grasptrack.bench import suites
-    from grasptrack.bench.schedule import scheduler as schedule
+    from grasptrack.bench.schedule import create_scheduler as schedule
 
     if (photos is None) is not (masks is None):
         raise InputError("--photos and --masks go together: give both or neither")
     asked: dict[str, Any] = {
-        "shapes": options.names(shapes),
+        "shapes": options.parse_names(shapes),
         "silhouettes": silhouettes,
         "photos": photos,
         "masks": masks,
-        "disturbances": options.names(disturbances),
-        "methods": suites.methods(options.names(methods), peers=peers),
+        "disturbances": options.parse_names(disturbances),
+        "methods": suites.method_names(options.parse_names(methods), peers=peers),
         "frames": frames,
         "repeats": repeats,
         "seed": seed,
@@ -97,7 +97,7 @@ def scenes(
         "risk": options.risk_rate(risk),
     }
     work = suites.scene_suite(**asked)
-    _run(output, work, schedule(scheduler, workers), asked, quiet)
+    _run_suite(output, work, schedule(scheduler, workers), asked, quiet)
 
 
 @evaluate.command(short_help="Real videos with reference homographies.")
@@ -141,30 +141,30 @@ def real(
     """
     from grasptrack.bench import suites
     from grasptrack.bench.objects import GIVEN
-    from grasptrack.bench.schedule import scheduler as schedule
+    from grasptrack.bench.schedule import create_scheduler as schedule
 
     asked: dict[str, Any] = {
         "folder": str(folder.resolve()),
         "given": options.one_of("--given", given, GIVEN),
-        "methods": suites.methods(options.names(methods), peers=peers),
+        "methods": suites.method_names(options.parse_names(methods), peers=peers),
         "fingers": options.two_or_three(fingers),
         "friction": options.positive_friction(friction),
         "risk": options.risk_rate(risk),
     }
     work = suites.real_suite(**asked)
-    _run(output, work, schedule(scheduler, workers), asked, quiet)
+    _run_suite(output, work, schedule(scheduler, workers), asked, quiet)
 
 
-def _run(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
+def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
     """Score, report, tell."""
-    from grasptrack.bench.fill import fill
+    from grasptrack.bench.fill import fill_run_folder
     from grasptrack.bench.report.closing_table import closing_table
     from grasptrack.bench.report.report import write_report
     from grasptrack.cli.report import show_rows
 
     def score(tell: Progress) -> Filled:
-        return fill(
-            output, work.kind, work.jobs, work.function, schedule, options=asked, command=command(), progress=tell
+        return fill_run_folder(
+            output, work.kind, work.jobs, work.function, schedule, options=asked, command=command_line(), progress=tell
         )
 
     filled = with_progress(output, quiet, score, again=", and the same command goes on with it")

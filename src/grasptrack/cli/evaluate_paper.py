@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.progress import command, with_progress
+from grasptrack.cli.progress import command_line, with_progress
 
 if TYPE_CHECKING:
     from grasptrack.bench.fill import Progress
@@ -43,7 +43,7 @@ def paper(
 
     def work(tell: Progress) -> tuple[PaperRun, Path]:
         run = run_paper(frames=frames, seed=seed, progress=tell)
-        return run, write_paper(output, run, options={"frames": frames, "seed": seed}, command=command())
+        return run, write_paper(output, run, options={"frames": frames, "seed": seed}, command=command_line())
 
     run, report = with_progress(output, quiet, work)
     if not quiet:

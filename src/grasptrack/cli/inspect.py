@@ -64,7 +64,7 @@ def inspect(
       grasptrack inspect photo.jpg --grasp "193,308 157,99" --json
       grasptrack inspect photo.jpg --camera camera.yaml
     """
-    place, frame = options.point(object_, "--object"), options.rectangle(box, "--box")
+    place, frame = options.parse_point(object_, "--object"), options.parse_rectangle(box, "--box")
     if place is not None and frame is not None:
         raise InputError("--object and --box both say which object is meant: give one of them")
     contacts, count = options.contacts_and_fingers(grasp, fingers)
@@ -81,10 +81,10 @@ def inspect(
         "clearance": clearance,
     }
     hand = options.hand_for_first(scale, lengths, grasp, False)
-    calibration = options.calibration(camera)
+    calibration = options.load_calibration(camera)
 
     from grasptrack.cli.scene import check_within, only_image
-    from grasptrack.io.inspection import inspection
+    from grasptrack.io.inspection import inspection_to_dict
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
     from grasptrack.io.run import prepare_folder
@@ -139,22 +139,22 @@ def inspect(
     data, page = output / "inspect.json", output / "inspect.png"
     write_inspection(page, scene, found, title=Path(image).name + (", made straight" if lens is not None else ""))
     found = found if lens is None else as_seen(found, lens)
-    content = inspection(found, image, picture.shape, asked)
+    content = inspection_to_dict(found, image, picture.shape, asked)
     write_json(data, content)
     if json_ and not quiet:
         import json
 
         typer.echo(json.dumps(content, ensure_ascii=False, indent=1))
     elif not quiet:
-        _show(found, [*options.scaled(calibration, picture.shape), f"{data}, {page}"])
+        _show_results(found, [*options.scaling_notes(calibration, picture.shape), f"{data}, {page}"])
 
 
-def _show(found: Suitability, last: list[str]) -> None:
+def _show_results(found: Suitability, last: list[str]) -> None:
     from grasptrack.cli.report import show_rows
-    from grasptrack.trackability.words import expected, rows
+    from grasptrack.trackability.words import expected, report_rows
 
     told = expected(found)
     notes = [f"Expected: {told}"] if told else []
     notes += [r.text + (f". Would help: {r.advice}" if r.advice else "") for r in found.reasons]
     advice = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
-    show_rows(f"{found.level.upper()}, {advice}", _HEADS, rows(found), [*notes, *last])
+    show_rows(f"{found.level.upper()}, {advice}", _HEADS, report_rows(found), [*notes, *last])

@@ -67,7 +67,7 @@ def _show_version(wanted: bool) -> None:
 
 
 @app.callback()
-def _options(
+def _global_options(
     version: Annotated[
         bool,
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show version and backend, and exit."),
@@ -102,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return status if isinstance(status, int) else DONE
         except (InputError, ObservationError) as error:
-            return _failed(error, BAD_INPUT)
+            return _report_failure(error, BAD_INPUT)
         except (KeyboardInterrupt, typer.Abort):
             return INTERRUPTED
         except BrokenPipeError:
@@ -110,10 +110,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return OTHER
         except Exception as error:
-            return _failed(error, int(getattr(error, "exit_code", OTHER)))
+            return _report_failure(error, int(getattr(error, "exit_code", OTHER)))
 
 
-def _failed(error: Exception, status: int) -> int:
+def _report_failure(error: Exception, status: int) -> int:
     if os.environ.get("GRASPTRACK_DEBUG") not in (None, "", "0"):
         raise error
     if hasattr(error, "format_message"):  # usage, as the parser of the command line saw it

@@ -85,7 +85,7 @@ def strategy_choice(name: str) -> str:
     return name
 
 
-def names(text: str | None) -> tuple[str, ...]:
+def parse_names(text: str | None) -> tuple[str, ...]:
     """Names from "a,b"; none from None."""
     return () if text is None else tuple(part.strip() for part in text.split(",") if part.strip())
 
@@ -130,7 +130,7 @@ def contacts_and_fingers(grasp: str | None, fingers: int | None) -> tuple[NDArra
     return contacts, len(contacts)
 
 
-def point(text: str | None, option: str) -> tuple[float, float] | None:
+def parse_point(text: str | None, option: str) -> tuple[float, float] | None:
     """A pixel from "x,y".
 
     Raises:
@@ -147,7 +147,7 @@ def point(text: str | None, option: str) -> tuple[float, float] | None:
     return x, y
 
 
-def rectangle(text: str | None, option: str) -> tuple[float, float, float, float] | None:
+def parse_rectangle(text: str | None, option: str) -> tuple[float, float, float, float] | None:
     """left, top, width and height in px from "x,y,w,h".
 
     Raises:
@@ -164,7 +164,7 @@ def rectangle(text: str | None, option: str) -> tuple[float, float, float, float
     return x, y, w, h
 
 
-def hand(scale: float | None, **lengths: str | None) -> Hand:
+def build_hand(scale: float | None, **lengths: str | None) -> Hand:
     """The hand from the options that were given.
 
     Args:
@@ -195,14 +195,14 @@ def hand_for_first(
     """The hand for the grasp of the first image, or None where nothing was said of one.
 
     Raises:
-        InputError: as in `hand`; or contacts given, for which nothing is ever chosen.
+        InputError: as in `build_hand`; or contacts given, for which nothing is ever chosen.
     """
     named = [("--" + name.replace("_", "-")) for name, text in {**lengths, "scale": scale}.items() if text is not None]
     if not named:
         return None
     if grasp is not None and not resynthesize:
         raise InputError(f"{named[0]} is for choosing a grasp, but --grasp gives one: leave out one of them")
-    return hand(scale, **lengths)
+    return build_hand(scale, **lengths)
 
 
 def positive_friction(friction: float) -> float:
@@ -227,7 +227,7 @@ def risk_rate(risk: float) -> float:
     return check_risk(risk, "--risk")
 
 
-def calibration(path: str | None) -> Camera | None:
+def load_calibration(path: str | None) -> Camera | None:
     """The camera of --camera, or None.
 
     Raises:
@@ -240,7 +240,7 @@ def calibration(path: str | None) -> Camera | None:
     return read_camera(path)
 
 
-def scaled(camera: Camera | None, shape: tuple[int, ...]) -> list[str]:
+def scaling_notes(camera: Camera | None, shape: tuple[int, ...]) -> list[str]:
     """A line for the user where a calibration was made with images of another size than (H, W), which are scaled ones."""
     if camera is None or camera.size in (None, (shape[1], shape[0])):
         return []

@@ -43,6 +43,6 @@ def with_progress(output: Path, quiet: bool, work: Callable[[Tell], T], *, again
             raise typer.Exit(INTERRUPTED) from None
 
 
-def command() -> str:
+def command_line() -> str:
     """The command line that was given, for a shell."""
     return shlex.join(["grasptrack", *sys.argv[1:]])

@@ -77,7 +77,7 @@ def show_run(summary: RunSummary, output: Path, notes: Iterable[str] = ()) -> No
     from rich.console import Console
     from rich.markup import escape
 
-    table = _table("", "", "")
+    table = _summary_table("", "", "")
     table.add_row("frames", str(summary.frames), "")
     for status, count in summary.counts.items():
         share = f"{100.0 * count / summary.frames:.1f} %" if summary.frames else ""
@@ -123,19 +123,19 @@ def show_rows(
     from rich.markup import escape
 
     console = Console(highlight=False)
-    table = _grid(title, heads, rows)
+    table = _result_table(title, heads, rows)
     wide = console.options.update_width(10_000)
     if not console.is_terminal:
         console.width = max(console.width, console.measure(table, options=wide).maximum)
     elif optional and console.measure(table, options=wide).maximum > console.width:
-        table = _grid(title, heads[:-optional], [row[:-optional] for row in rows])
+        table = _result_table(title, heads[:-optional], [row[:-optional] for row in rows])
     console.print(table)
     for note in notes:
         console.print(escape(note), soft_wrap=True)
     _print_warnings(console)
 
 
-def _grid(title: str, heads: Iterable[tuple[str, str]], rows: Iterable[Iterable[str]]) -> Any:
+def _result_table(title: str, heads: Iterable[tuple[str, str]], rows: Iterable[Iterable[str]]) -> Any:
     from rich import box
     from rich.markup import escape
     from rich.table import Table
@@ -155,7 +155,7 @@ def _print_warnings(console: Any) -> None:
         console.print(f"  [yellow]warning:[/yellow] {escape(message)}", soft_wrap=True)
 
 
-def _table(*heads: str) -> Any:
+def _summary_table(*heads: str) -> Any:
     from rich.table import Table
 
     table = Table(box=None, show_header=False, pad_edge=True, padding=(0, 1))

@@ -48,7 +48,7 @@ def check_within(shape: tuple[int, ...], place: tuple[float, float] | None, box:
         raise InputError(f"--box {','.join(f'{v:g}' for v in box)} is outside {size}", box=box)
 
 
-def outlines(
+def find_outlines(
     image: NDArray[Any],
     place: tuple[float, float] | None,
     box: Box | None,
@@ -68,10 +68,10 @@ def outlines(
         ObservationError: no object, or none where it should be.
         InputError: a mask of another size.
     """
-    from grasptrack.segmentation.objects import objects
+    from grasptrack.segmentation.objects import find_objects
 
     if box is not None:  # a detector's may reach beyond the image
         height, width = image.shape[:2]
         left, top = max(box[0], 0.0), max(box[1], 0.0)
         box = left, top, min(box[0] + box[2], width) - left, min(box[1] + box[3], height) - top
-    return [candidate.view for candidate in objects(image, place, box, ignore, mask)]
+    return [candidate.view for candidate in find_objects(image, place, box, ignore, mask)]

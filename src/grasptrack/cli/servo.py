@@ -58,7 +58,7 @@ def servo(
       grasptrack servo --trials 200 --law textbook --silhouettes shapes
       grasptrack servo --risk 1e-5 --scenario belt
     """
-    from grasptrack.bench.approach.case import check
+    from grasptrack.bench.approach.case import check_options
 
     if trials is None and (workers is not None or scheduler is not None):
         raise InputError("--workers and --scheduler are for --trials")
@@ -72,22 +72,26 @@ def servo(
         "seed": seed,
         "risk": options.risk_rate(risk),
     }
-    check(scenario=scenario, arm=arm, law=law, images=images or "auto", fingers=fingers)
-    shapes = _shapes(shape, silhouettes)
+    check_options(scenario=scenario, arm=arm, law=law, images=images or "auto", fingers=fingers)
+    shapes = _load_shapes(shape, silhouettes)
     if trials is None:
-        _one(shapes, asked, images or "auto", output, not no_video, quiet)
+        _run_single(shapes, asked, images or "auto", output, not no_video, quiet)
     else:
-        _many(shapes, trials, asked, images or "planar", output, workers, scheduler, quiet)
+        _run_many(shapes, trials, asked, images or "planar", output, workers, scheduler, quiet)
 
 
-def _shapes(shape: str | None, silhouettes: str | None) -> list[Any]:
+def _load_shapes(shape: str | None, silhouettes: str | None) -> list[Any]:
     from grasptrack.bench import parts
 
-    found = parts.silhouettes(silhouettes) if silhouettes is not None else parts.built_in([shape] if shape else [])
+    found = (
+        parts.parts_from_silhouettes(silhouettes)
+        if silhouettes is not None
+        else parts.built_in([shape] if shape else [])
+    )
     return [part.shape for part in found]
 
 
-def _one(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, video: bool, quiet: bool) -> None:
+def _run_single(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, video: bool, quiet: bool) -> None:
     from dataclasses import replace
 
     from grasptrack.bench.approach.film import run_and_film
@@ -103,7 +107,7 @@ def _one(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, vi
     )
     if quiet:
         return
-    rows = [["outcome", row.outcome], *([["reason", row.reason]] if row.reason else []), *_figures(row)]
+    rows = [["outcome", row.outcome], *([["reason", row.reason]] if row.reason else []), *_figure_rows(row)]
     files = [*(["approach.mp4"] if video else []), "approach.png", "approach.json"]
     show_rows(
         f"{row.shape}, {row.scenario}, {row.arm}, {row.fingers} fingers, {row.law} law, seed {row.seed}",
@@ -113,7 +117,7 @@ def _one(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, vi
     )
 
 
-def _figures(row: Row) -> list[list[str]]:
+def _figure_rows(row: Row) -> list[list[str]]:
     told = [
         ("closed after", row.time_s, "s"),
         ("from the goal", row.error_px, "px"),
@@ -123,7 +127,7 @@ def _figures(row: Row) -> list[list[str]]:
     return [[name, f"{value:.2f} {unit}"] for name, value, unit in told if value == value]
 
 
-def _many(
+def _run_many(
     shapes: list[Any],
     count: int,
     asked: dict[str, Any],
@@ -134,17 +138,17 @@ def _many(
     quiet: bool,
 ) -> None:
     from grasptrack.bench.approach.trials import draw_cases, run_trials
-    from grasptrack.bench.schedule import scheduler
+    from grasptrack.bench.schedule import create_scheduler
 
     cases = draw_cases(shapes, count, images=images, **asked)  # type: ignore[arg-type]
     told = {**asked, "trials": count, "images": images}
-    schedule = scheduler(address, workers)
+    schedule = create_scheduler(address, workers)
     found = with_progress(output, quiet, lambda tell: run_trials(output, cases, schedule, options=told, progress=tell))
     if not quiet:
-        _show(found, asked, output)
+        _show_results(found, asked, output)
 
 
-def _show(found: Trials, asked: dict[str, Any], output: Path) -> None:
+def _show_results(found: Trials, asked: dict[str, Any], output: Path) -> None:
     from grasptrack.cli.report import show_rows
 
     figures = found.figures()

@@ -73,7 +73,7 @@ def synthesize(
       grasptrack synthesize photo.jpg --camera camera.yaml
       grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
     """
-    place, frame = options.point(object_, "--object"), options.rectangle(box, "--box")
+    place, frame = options.parse_point(object_, "--object"), options.parse_rectangle(box, "--box")
     if all_ and (place is not None or frame is not None):
         raise InputError("--all takes every object in the image: leave out --object and --box")
     if place is not None and frame is not None:
@@ -90,10 +90,10 @@ def synthesize(
         "finger_thickness": finger_thickness,
         "clearance": clearance,
     }
-    hand = options.hand(scale, **lengths)
-    calibration = options.calibration(camera)
+    hand = options.build_hand(scale, **lengths)
+    calibration = options.load_calibration(camera)
 
-    from grasptrack.cli.scene import check_within, only_image, outlines
+    from grasptrack.cli.scene import check_within, find_outlines, only_image
     from grasptrack.io.grasps import write_grasps_json
     from grasptrack.io.masks import read_mask
     from grasptrack.io.run import prepare_folder
@@ -109,12 +109,12 @@ def synthesize(
         lens = Undistortion(calibration, picture.shape[1], picture.shape[0])
         scene, told, own = lens.image(picture), told.straight(lens), None if own is None else lens.mask(own)
     try:
-        views = outlines(scene, told.object_at, told.box, own, told.ignore)
+        views = find_outlines(scene, told.object_at, told.box, own, told.ignore)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
-    planned = _plan(views, all_, fingers, friction, top, hand)
+    planned = _plan_grasps(views, all_, fingers, friction, top, hand)
     if lens is not None:
-        planned = [_seen(found, lens) for found in planned]
+        planned = [_map_to_original(found, lens) for found in planned]
 
     asked = {
         "object": object_,
@@ -135,10 +135,10 @@ def synthesize(
     if not any(found.grasps for found in planned):
         raise InputError(f'"{image}": {_why_none(planned)}')
     if not quiet:
-        _show(planned, scale, [*options.scaled(calibration, picture.shape), f"{data}, {page}"])
+        _show_results(planned, scale, [*options.scaling_notes(calibration, picture.shape), f"{data}, {page}"])
 
 
-def _plan(views: list[View], every: bool, fingers: int, friction: float, top: int, hand: Hand) -> list[Planned]:
+def _plan_grasps(views: list[View], every: bool, fingers: int, friction: float, top: int, hand: Hand) -> list[Planned]:
     """Grasps on the first outline, or on each; all others are in the way."""
     from grasptrack import kernels
     from grasptrack.grasp.synthesis import synthesize
@@ -153,7 +153,7 @@ def _plan(views: list[View], every: bool, fingers: int, friction: float, top: in
     return planned
 
 
-def _seen(found: Planned, lens: Undistortion) -> Planned:
+def _map_to_original(found: Planned, lens: Undistortion) -> Planned:
     """What was planned in a straight image, in px of the image as it is."""
     from grasptrack.grasp.synthesis import GraspList
 
@@ -167,7 +167,7 @@ def _why_none(planned: Sequence[Planned]) -> str:
     return f"no grasp: {reason}" if len(planned) == 1 else f"no grasp on any of {len(planned)} objects: {reason}"
 
 
-def _show(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> None:
+def _show_results(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> None:
     from grasptrack.cli.report import show_rows
 
     several = len(planned) > 1
@@ -178,7 +178,7 @@ def _show(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> 
     for i, found in enumerate(planned):
         of = f"object {i + 1}: " if several else ""
         for rank, grasp in enumerate(found.grasps):
-            rows.append([*([str(i + 1)] if several else []), *_cells(rank + 1, grasp, scale)])
+            rows.append([*([str(i + 1)] if several else []), *_row_cells(rank + 1, grasp, scale)])
         if not found.grasps:
             told.append(f"{of}no grasp: {found.grasps.reason}")
         elif found.outline.is_clipped:
@@ -189,18 +189,18 @@ def _show(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> 
     show_rows("Grasps, the best first", heads, rows, [*told, *notes], optional=5)
 
 
-def _cells(rank: int, grasp: RankedGrasp, scale: float | None) -> list[str]:
-    from grasptrack.view.fingers import opening
-    from grasptrack.view.grasp_text import rated
+def _row_cells(rank: int, grasp: RankedGrasp, scale: float | None) -> list[str]:
+    from grasptrack.view.fingers import grasp_opening
+    from grasptrack.view.grasp_text import format_quality
 
     return [
         str(rank),
         " ".join(f"{x:.0f},{y:.0f}" for x, y in grasp.contacts.tolist()),
         "spread" if grasp.spread else "squeeze",
-        f"{opening(grasp):.1f}",
-        *([] if scale is None else [f"{opening(grasp) / scale:.1f}"]),
+        f"{grasp_opening(grasp):.1f}",
+        *([] if scale is None else [f"{grasp_opening(grasp) / scale:.1f}"]),
         f"{math.degrees(grasp.margin):.1f}°",
         f"{grasp.regions.min():.1f}",
-        rated(grasp.quality),
+        format_quality(grasp.quality),
         *(f"{value:.2f}" for value in grasp.terms),
     ]

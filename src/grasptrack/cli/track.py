@@ -106,11 +106,11 @@ def track(
         "video": not no_video,
     }
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    place, frame = options.point(object_, "--object"), options.rectangle(box, "--box")
+    place, frame = options.parse_point(object_, "--object"), options.parse_rectangle(box, "--box")
     if place is not None and frame is not None:
         raise InputError("--object and --box both say which object is meant: give one of them")
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
-    calibration = options.calibration(camera)
+    calibration = options.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
 
     from grasptrack.cli.report import Progress, show_run
@@ -143,7 +143,7 @@ def track(
                 def tell(frame: Frame, result: TrackResult) -> None:
                     nonlocal done
                     if not done:
-                        notes.extend(options.scaled(calibration, frame.image.shape))
+                        notes.extend(options.scaling_notes(calibration, frame.image.shape))
                     done += 1
                     progress.tell("tracking", done, images.count)
                     interruption.check()

@@ -74,20 +74,20 @@ def transfer(
     options.positive_friction(friction)
     options.risk_rate(risk)
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    place_a, place_b = options.point(object_, "--object"), options.point(object_b, "--object-b")
-    hidden, calibration = options.ignore_mask(ignore), options.calibration(camera)
+    place_a, place_b = options.parse_point(object_, "--object"), options.parse_point(object_b, "--object-b")
+    hidden, calibration = options.ignore_mask(ignore), options.load_calibration(camera)
     first, second = (only_image(name, "transfer takes two images").image for name in (image_a, image_b))
     _check_folder(output)
 
     from grasptrack.grasp.contacts import Grasp
     from grasptrack.segmentation.undistortion import Told
-    from grasptrack.tracking.image_pair import carry_to
+    from grasptrack.tracking.image_pair import transfer_between_images
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.tracking.plane import Beforehand
     from grasptrack.tracking.tracker import GraspTracker
 
-    lens, one, told = _straight(calibration, first, Told(contacts, place_a, None, hidden))
-    lens_b, other, told_b = _straight(calibration, second, Told(None, place_b, None, hidden))
+    lens, one, told = _undistort_input(calibration, first, Told(contacts, place_a, None, hidden))
+    lens_b, other, told_b = _undistort_input(calibration, second, Told(None, place_b, None, hidden))
     # The first step of a sequence, so that object and grasp are chosen here as they are there.
     begun = GraspTracker(
         fingers=count, friction=friction, grasp=told.contacts, object_at=told.object_at, ignore=told.ignore
@@ -98,7 +98,7 @@ def transfer(
     pair, refusal = None, ""
     focal = None if lens is None else Beforehand.by_calibration(lens.focal, NUMBERS)
     try:
-        pair = carry_to(
+        pair = transfer_between_images(
             Grasp(chosen.contacts), chosen.view, one, other, friction, told_b.object_at, told_b.ignore, risk, focal
         )
     except TransferError as error:
@@ -120,11 +120,11 @@ def transfer(
         "ignore": ignore,
         "camera": camera,
     }
-    files = _write(output, (image_a, image_b), (first, view, at), second, found, asked)
+    files = _write_files(output, (image_a, image_b), (first, view, at), second, found, asked)
     if json_ and not quiet:
         typer.echo(files[0].read_text(encoding="utf-8").rstrip())
     elif not quiet:
-        _show(chosen.analysis, at, found, options.scaled(calibration, first.shape), files)
+        _show_results(chosen.analysis, at, found, options.scaling_notes(calibration, first.shape), files)
     if all(o.reason for o in found.outcomes):
         tell_error(f'"{image_b}": every strategy refuses: {found.outcomes[0].reason}')
         raise typer.Exit(REFUSED)
@@ -166,7 +166,7 @@ class _Found(NamedTuple):
         return cls(lens.view(pair.current), outcomes, places, ambiguous)
 
 
-def _write(
+def _write_files(
     output: Path,
     names: tuple[str, str],
     reference: tuple[NDArray[Any], View, NDArray[Any]],
@@ -176,11 +176,11 @@ def _write(
 ) -> list[Path]:
     """transfer.json, and transfer.png where the object was found; an older picture goes."""
     from grasptrack.io.results import write_json
-    from grasptrack.io.transferred import transferred
+    from grasptrack.io.transferred import transfer_to_dict
     from grasptrack.view.pair import write_pair
 
     data, picture = output / "transfer.json", output / "transfer.png"
-    write_json(data, transferred(names, reference[2], found.outcomes, found.places, found.ambiguous, asked))
+    write_json(data, transfer_to_dict(names, reference[2], found.outcomes, found.places, found.ambiguous, asked))
     if found.current is None:
         picture.unlink(missing_ok=True)
         return [data]
@@ -191,27 +191,29 @@ def _write(
     return [data, picture]
 
 
-def _show(analysis: Any, at: NDArray[Any], found: _Found, notes: list[str], files: list[Path]) -> None:
+def _show_results(analysis: Any, at: NDArray[Any], found: _Found, notes: list[str], files: list[Path]) -> None:
     """The table."""
     from grasptrack.cli.report import show_rows
 
-    rows, notes = [["(reference)", _written(at), "", "", *_stable(analysis)]], notes[:]
+    rows, notes = [["(reference)", _format_contacts(at), "", "", *_stability_cells(analysis)]], notes[:]
     for o in found.outcomes:
-        cells = [_sure(o.confidence), _number(o.off)]
+        cells = [_format_confidence(o.confidence), _format_number(o.off)]
         if o.reason:
             rows.append([o.strategy, "refused", *cells, "", ""])
             notes.append(f"{o.strategy} refused: {o.reason}")
         else:
-            rows.append([o.strategy, _written(o.contacts), *cells, *_stable(o.analysis)])
+            rows.append([o.strategy, _format_contacts(o.contacts), *cells, *_stability_cells(o.analysis)])
     if found.ambiguous:
         notes.append(f"ambiguous: {found.ambiguous}")
     for i, place in enumerate(found.places):
         turned = f", turned by {place.turn:+.0f}°" if i else ""
-        notes.append(f"{'or' if i else 'either'} {_written(place.contacts)}{turned}: {100.0 * place.share:.3g} %")
+        notes.append(
+            f"{'or' if i else 'either'} {_format_contacts(place.contacts)}{turned}: {100.0 * place.share:.3g} %"
+        )
     show_rows("The grasp in both views", _HEADS, rows, [*notes, ", ".join(map(str, files))])
 
 
-def _straight(
+def _undistort_input(
     calibration: Camera | None, image: NDArray[Any], told: Told
 ) -> tuple[Undistortion | None, NDArray[Any], Told]:
     """An image and what was said of it, without the lens's distortion where the camera is known."""
@@ -223,24 +225,24 @@ def _straight(
     return lens, lens.image(image), told.straight(lens)
 
 
-def _stable(analysis: Any) -> list[str]:
+def _stability_cells(analysis: Any) -> list[str]:
     """Cells: stable or not, and the margin."""
     if analysis is None:
         return ["", ""]
     return ["yes" if analysis.stable else "no", f"{math.degrees(analysis.margin):+.1f}°"]
 
 
-def _written(contacts: Any) -> str:
+def _format_contacts(contacts: Any) -> str:
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in contacts.tolist())
 
 
-def _sure(confidence: float) -> str:
+def _format_confidence(confidence: float) -> str:
     """A confidence with as many digits as tell how far from 1 it is."""
     off = 1.0 - confidence
     return f"{confidence:.{min(9, max(3, 1 - math.floor(math.log10(off))))}f}" if off > 0.0 else "1"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "-"
 
 

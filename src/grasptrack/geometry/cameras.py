@@ -46,7 +46,7 @@ class Camera:
     def __init__(
         self, matrix: ArrayLike, distortion: ArrayLike = (), model: Model = "brown", size: tuple[int, int] | None = None
     ) -> None:
-        K, d = _numbers(matrix, "matrix"), _numbers(distortion, "distortion").ravel()
+        K, d = _finite_array(matrix, "matrix"), _finite_array(distortion, "distortion").ravel()
         if K.shape != (3, 3) or K[0, 0] <= 0.0 or K[1, 1] <= 0.0 or K[1, 0] != 0.0 or (K[2] != (0.0, 0.0, 1.0)).any():
             raise InputError("a camera's matrix is 3x3 with focal lengths above 0 and 0 0 1 as its last row")
         if model not in COUNTS:
@@ -61,11 +61,11 @@ class Camera:
         self.matrix, self.distortion, self.model, self.size = K, d, model, size
         width, height = size or (2.0 * K[0, 2] + 1.0, 2.0 * K[1, 2] + 1.0)
         corners = np.array([(x, y) for x in (-0.5, width - 0.5) for y in (-0.5, height - 0.5)])
-        self._corner = float(np.hypot(*self._rays(corners).T).max())
+        self._corner = float(np.hypot(*self._pixels_to_rays(corners).T).max())
         least = 0.5 * min(width / K[0, 0], height / K[1, 1])
-        if self.holds < least and self._at(self.holds) < least:
+        if self.holds < least and self._least_distorted_radius(self.holds) < least:
             raise InputError(
-                f"the calibration folds the image {self._at(self.holds) * K[0, 0]:.0f} px from its middle: "
+                f"the calibration folds the image {self._least_distorted_radius(self.holds) * K[0, 0]:.0f} px from its middle: "
                 "its distortion is not that of these images",
                 radius=self.holds,
             )
@@ -99,41 +99,45 @@ class Camera:
     def distort(self, points: ArrayLike) -> Floats:
         """(N, 2) px seen, of points (N, 2) in ideal px."""
         p = np.asarray(points, dtype=np.float64)
-        return self._pixels(self._seen(self._rays(p))) if self.distorted else p.copy()
+        return self._rays_to_pixels(self._seen(self._pixels_to_rays(p))) if self.distorted else p.copy()
 
     def undistort(self, points: ArrayLike) -> Floats:
         """(N, 2) ideal px, of points (N, 2) in px seen: the inverse of `distort`, by Newton's method, to rounding."""
         p = np.asarray(points, dtype=np.float64)
         if not self.distorted:
             return p.copy()
-        seen = self._rays(p)
+        seen = self._pixels_to_rays(p)
         rays = seen.copy()
         for _ in range(60):
-            step = np.linalg.solve(self._slopes(rays), (self._seen(rays) - seen)[..., None])[..., 0]
+            step = np.linalg.solve(self._distortion_jacobian(rays), (self._seen(rays) - seen)[..., None])[..., 0]
             rays -= step
             if np.abs(step).max(initial=0.0) < 1e-14:
                 break
-        return self._pixels(rays)
+        return self._rays_to_pixels(rays)
 
     def jacobian(self, points: ArrayLike) -> Floats:
         """(N, 2, 2) derivatives of the px seen by the ideal px, at points (N, 2) in ideal px."""
         p = np.asarray(points, dtype=np.float64)
         A = self.matrix[:2, :2]
-        slopes = self._slopes(self._rays(p)) if self.distorted else np.broadcast_to(np.eye(2), (*p.shape, 2))
+        slopes = (
+            self._distortion_jacobian(self._pixels_to_rays(p))
+            if self.distorted
+            else np.broadcast_to(np.eye(2), (*p.shape, 2))
+        )
         return np.asarray(A @ slopes @ np.linalg.inv(A), dtype=np.float64)
 
     def within(self, points: ArrayLike) -> NDArray[np.bool_]:
         """(N,) whether the calibration itself holds at points (N, 2) in ideal px, and not its tangent."""
-        return np.asarray(np.hypot(*np.moveaxis(self._rays(np.asarray(points)), -1, 0)) <= self.holds)
+        return np.asarray(np.hypot(*np.moveaxis(self._pixels_to_rays(np.asarray(points)), -1, 0)) <= self.holds)
 
     # --- in units of the focal length ------------------------------------------------------------
 
-    def _rays(self, points: Floats) -> Floats:
+    def _pixels_to_rays(self, points: Floats) -> Floats:
         K = self.matrix
         y = (points[..., 1] - K[1, 2]) / K[1, 1]
         return np.stack([(points[..., 0] - K[0, 2] - K[0, 1] * y) / K[0, 0], y], axis=-1)
 
-    def _pixels(self, rays: Floats) -> Floats:
+    def _rays_to_pixels(self, rays: Floats) -> Floats:
         return np.asarray(rays @ self.matrix[:2, :2].T + self.matrix[:2, 2], dtype=np.float64)
 
     @cached_property
@@ -152,31 +156,33 @@ class Camera:
         bad = ~good.all(axis=1)
         return HOLDS * float(radii[bad.argmax()]) if bad.any() else far
 
-    def _at(self, radius: float) -> float:
+    def _least_distorted_radius(self, radius: float) -> float:
         """The least radius at which points at a radius are seen."""
         angles = 2.0 * math.pi * np.arange(24) / 24
-        return float(np.hypot(*self._bent(radius * np.column_stack([np.cos(angles), np.sin(angles)])).T).min())
+        return float(
+            np.hypot(*self._apply_lens_model(radius * np.column_stack([np.cos(angles), np.sin(angles)])).T).min()
+        )
 
-    def _split(self, rays: Floats) -> Floats:
+    def _clamp_rays(self, rays: Floats) -> Floats:
         """The rays, drawn in to where the polynomials hold."""
         r = np.hypot(rays[..., 0], rays[..., 1])
         return np.asarray(rays * np.minimum(1.0, self.holds / np.maximum(r, 1e-300))[..., None])
 
     def _seen(self, rays: Floats) -> Floats:
-        inner = self._split(rays)
+        inner = self._clamp_rays(rays)
         beyond = rays - inner
-        out = self._bent(inner)
+        out = self._apply_lens_model(inner)
         if beyond.any():
             out = out + (self._bare_slopes(inner) @ beyond[..., None])[..., 0]
         return out
 
-    def _slopes(self, rays: Floats) -> Floats:
-        return _differences(self._seen, rays)
+    def _distortion_jacobian(self, rays: Floats) -> Floats:
+        return _central_differences(self._seen, rays)
 
     def _bare_slopes(self, rays: Floats) -> Floats:
-        return _differences(self._bent, rays)
+        return _central_differences(self._apply_lens_model, rays)
 
-    def _bent(self, rays: Floats) -> Floats:
+    def _apply_lens_model(self, rays: Floats) -> Floats:
         x, y = rays[..., 0], rays[..., 1]
         q = x * x + y * y
         d = np.zeros(12)
@@ -195,13 +201,13 @@ class Camera:
         return np.stack([u, v], axis=-1)
 
 
-def _differences(function: Callable[[Floats], Floats], rays: Floats) -> Floats:
+def _central_differences(function: Callable[[Floats], Floats], rays: Floats) -> Floats:
     """(N, 2, 2) derivatives by central differences."""
     columns = [(function(rays + e) - function(rays - e)) / (2.0 * _STEP) for e in _STEP * np.eye(2)]
     return np.stack(columns, axis=-1)
 
 
-def _numbers(values: ArrayLike, what: str) -> Floats:
+def _finite_array(values: ArrayLike, what: str) -> Floats:
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):

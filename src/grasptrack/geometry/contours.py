@@ -211,14 +211,14 @@ class View:
     @property
     def points(self) -> Floats:
         """(N, 2) px of all contours."""
-        return self._together()[0]
+        return self._joined_contours()[0]
 
     @property
     def offsets(self) -> NDArray[np.int64]:
         """(C + 1,): contour c is ``points[offsets[c]:offsets[c + 1]]``."""
-        return self._together()[1]
+        return self._joined_contours()[1]
 
-    def _together(self) -> tuple[Floats, NDArray[np.int64]]:
+    def _joined_contours(self) -> tuple[Floats, NDArray[np.int64]]:
         if self._joined is None:
             listed = self.contours
             if len(listed) == 1:

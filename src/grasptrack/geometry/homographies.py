@@ -34,12 +34,12 @@ def apply_homography(H: ArrayLike, points: ArrayLike) -> Floats:
         return few
     w = p @ h[2, :2] + h[2, 2]  # lambda_i of eq. (2)
     if not (w > HORIZON).all() and not (w < -HORIZON).all():
-        raise behind(h)
+        raise behind_camera_error(h)
     out: Floats = (p @ h[:2, :2].T + h[:2, 2]) / w[..., None]
     return out
 
 
-def jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]:
+def homography_jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]:
     """The four derivatives dx'/dx, dx'/dy, dy'/dx, dy'/dy of eq. (2) at one point."""
     (a, b, c), (d, e, f), (g, h, i) = H.tolist()
     w = g * x + h * y + i
@@ -47,7 +47,9 @@ def jacobian(H: Floats, x: float, y: float) -> tuple[float, float, float, float]
     return (a - g * u) / w, (b - h * u) / w, (d - g * v) / w, (e - h * v) / w
 
 
-def similarity(scale: float, angle: float, source: tuple[float, float], target: tuple[float, float]) -> Floats:
+def similarity_transform(
+    scale: float, angle: float, source: tuple[float, float], target: tuple[float, float]
+) -> Floats:
     """The similarity (3, 3) that turns by `angle` rad, scales, and takes the point `source` to `target`."""
     c, s = scale * math.cos(angle), scale * math.sin(angle)
     return np.array(
@@ -96,15 +98,15 @@ def check_in_front(H: Floats, in_front: float) -> None:
         ConditioningError: it is not above 0.
     """
     if not in_front > HORIZON:
-        raise behind(H)
+        raise behind_camera_error(H)
 
 
-def behind(H: Floats) -> ConditioningError:
+def behind_camera_error(H: Floats) -> ConditioningError:
     """The error of a homography (3, 3) that carries points to infinity or behind the camera."""
     return ConditioningError("the homography sends part of the object to infinity", homography=H.tolist())
 
 
-def normalised(H: Floats) -> Floats:
+def normalize_homography(H: Floats) -> Floats:
     """H with its last entry 1, the form in which homographies are given out."""
     out: Floats = H / H[2, 2]
     return out

@@ -142,7 +142,7 @@ class Analyzer:
             normals,
             friction,
             self._judged_in,
-            "" if stable else _refusal(len(contacts), needed, friction),
+            "" if stable else _refusal_reason(len(contacts), needed, friction),
         )
 
 
@@ -157,7 +157,7 @@ def _centroid_distance(contacts: Floats, cx: float, cy: float) -> float:
     return float(abs((cx - x1) * (y2 - y1) - (cy - y1) * (x2 - x1)) / opening)
 
 
-def _refusal(fingers: int, needed: float, friction: float) -> str:
+def _refusal_reason(fingers: int, needed: float, friction: float) -> str:
     if needed > math.radians(89.9):
         return "the fingers do not oppose each other: no friction closes this grasp"
     what = (

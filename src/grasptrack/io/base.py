@@ -82,7 +82,8 @@ class Source(ABC):
                     size = image.shape[:2]
                 elif image.shape[:2] != size:
                     raise SourceError(
-                        f"frame {index} ({name}) is {_size(image.shape)} px, but those before it are {_size(size)}: "
+                        f"frame {index} ({name}) is {_format_size(image.shape)} px, "
+                        f"but those before it are {_format_size(size)}: "
                         "all frames must have one size",
                         frame=index,
                         shape=image.shape[:2],
@@ -107,5 +108,5 @@ class Source(ABC):
         self.close()
 
 
-def _size(shape: tuple[int, ...]) -> str:
+def _format_size(shape: tuple[int, ...]) -> str:
     return f"{shape[1]}x{shape[0]}"

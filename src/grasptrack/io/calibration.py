@@ -38,7 +38,7 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     """
     file = Path(path)
     try:
-        return _camera(_content(file))
+        return _camera_from_content(_read_content(file))
     except InputError as error:
         raise InputError(f'camera "{file}": {error}', **error.values, path=str(file)) from None
 
@@ -46,7 +46,7 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
 # --- files ---------------------------------------------------------------------------------------
 
 
-def _content(file: Path) -> dict[str, Any]:
+def _read_content(file: Path) -> dict[str, Any]:
     try:
         text = file.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -61,32 +61,32 @@ def _content(file: Path) -> dict[str, Any]:
         except (ValueError, RecursionError) as error:
             raise InputError(f"is no JSON that can be read: {error}") from None
     elif text.lstrip().startswith("<"):
-        found = _stored(text)
+        found = _read_opencv_xml(text)
     else:
         found = read_yaml(text)
     return found if isinstance(found, dict) else {}
 
 
-def _stored(text: str) -> Any:
+def _read_opencv_xml(text: str) -> Any:
     """What OpenCV's own reader finds in XML."""
     import cv2
 
     storage = cv2.FileStorage()
     try:
         storage.open(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        return _plain(storage.root())
+        return _node_to_python(storage.root())
     except (cv2.error, UnicodeDecodeError, SystemError):
         raise InputError("is no XML that can be read") from None
     finally:
         storage.release()
 
 
-def _plain(node: Any) -> Any:
+def _node_to_python(node: Any) -> Any:
     """A node and all below it as Python's own dictionaries, lists, numbers and words."""
     if node.isMap():
-        return {key: _plain(node.getNode(key)) for key in node.keys()}  # noqa: SIM118
+        return {key: _node_to_python(node.getNode(key)) for key in node.keys()}  # noqa: SIM118
     if node.isSeq():
-        return [_plain(node.at(i)) for i in range(node.size())]
+        return [_node_to_python(node.at(i)) for i in range(node.size())]
     if node.isInt() or node.isReal():
         return node.real()
     return node.string() if node.isString() else None
@@ -95,53 +95,53 @@ def _plain(node: Any) -> Any:
 # --- what they mean ------------------------------------------------------------------------------
 
 
-def _camera(content: dict[str, Any]) -> Camera:
-    known = {_key(name): value for name, value in content.items()}
+def _camera_from_content(content: dict[str, Any]) -> Camera:
+    known = {_normalized_key(name): value for name, value in content.items()}
     first = known.get("cam0")
     if isinstance(first, dict):  # Kalibr
-        known = {_key(name): value for name, value in first.items()}
-    size = _size(known)
-    matrix = _matrix(known, size)
-    name = _find(known, _MODEL[:1])
-    name = _find(known, _MODEL[1:]) if name is None else name
-    model = _MODELS.get(_key(str(name or "")))
+        known = {_normalized_key(name): value for name, value in first.items()}
+    size = _image_size(known)
+    matrix = _camera_matrix(known, size)
+    name = _find_value(known, _MODEL[:1])
+    name = _find_value(known, _MODEL[1:]) if name is None else name
+    model = _MODELS.get(_normalized_key(str(name or "")))
     if model is None:
         told = "plumb_bob, rational_polynomial or equidistant"
         raise InputError(f'its distortion_model is {told}, not "{name}"', model=name)
-    return Camera(matrix, _coefficients(known), model, size)
+    return Camera(matrix, _distortion_coefficients(known), model, size)
 
 
-def _key(name: str) -> str:
+def _normalized_key(name: str) -> str:
     return re.sub(r"[\W_]", "", name).lower()
 
 
-def _find(known: dict[str, Any], names: tuple[str, ...]) -> Any:
-    return next((known[_key(name)] for name in names if known.get(_key(name)) is not None), None)
+def _find_value(known: dict[str, Any], names: tuple[str, ...]) -> Any:
+    return next((known[_normalized_key(name)] for name in names if known.get(_normalized_key(name)) is not None), None)
 
 
-def _size(known: dict[str, Any]) -> tuple[int, int] | None:
-    width, height = _find(known, _WIDTH), _find(known, _HEIGHT)
-    both = _find(known, _SIZE)
+def _image_size(known: dict[str, Any]) -> tuple[int, int] | None:
+    width, height = _find_value(known, _WIDTH), _find_value(known, _HEIGHT)
+    both = _find_value(known, _SIZE)
     if width is None and height is None and isinstance(both, list) and len(both) == 2:
         width, height = both
     if width is None and height is None:
         return None
-    sides = [_number(side) for side in (width, height)]
+    sides = [_float_or_none(side) for side in (width, height)]
     if any(side is None or side < 1 or side != int(side) for side in sides):
         raise InputError("its image_width and image_height are whole numbers of px, both of them")
     return int(sides[0] or 0), int(sides[1] or 0)
 
 
-def _matrix(known: dict[str, Any], size: tuple[int, int] | None) -> list[list[float]]:
-    focal = _number(known.get("focal"))
-    found = _find(known, _MATRIX)
+def _camera_matrix(known: dict[str, Any], size: tuple[int, int] | None) -> list[list[float]]:
+    focal = _float_or_none(known.get("focal"))
+    found = _find_value(known, _MATRIX)
     if found is None and focal is not None:
         if size is None:
             raise InputError("a focal length alone needs width and height, too")
         return [[focal, 0.0, (size[0] - 1) / 2.0], [0.0, focal, (size[1] - 1) / 2.0], [0.0, 0.0, 1.0]]
     if found is None:
         raise InputError("it has no camera_matrix (nor K)")
-    values = _values(found, "camera_matrix")
+    values = _flat_numbers(found, "camera_matrix")
     if len(values) == 4:  # fx fy cx cy
         fx, fy, cx, cy = values
         return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
@@ -150,26 +150,26 @@ def _matrix(known: dict[str, Any], size: tuple[int, int] | None) -> list[list[fl
     return [values[0:3], values[3:6], values[6:9]]
 
 
-def _coefficients(known: dict[str, Any]) -> list[float]:
-    found = _find(known, _DISTORTION)
+def _distortion_coefficients(known: dict[str, Any]) -> list[float]:
+    found = _find_value(known, _DISTORTION)
     if found is not None:
-        return _values(found, "distortion_coefficients")
-    named = [_number(known.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2", "k3")]
+        return _flat_numbers(found, "distortion_coefficients")
+    named = [_float_or_none(known.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2", "k3")]
     if not any(key in known for key in ("k1", "k2", "p1", "p2", "k3")):
         raise InputError("it has no distortion_coefficients (nor D); without distortion they are five zeros")
     return [float("nan") if value is None else value for value in named]
 
 
-def _values(found: Any, what: str) -> list[float]:
+def _flat_numbers(found: Any, what: str) -> list[float]:
     """All numbers of a list, of a list of lists, or of the `data` of a matrix."""
     data = found.get("data") if isinstance(found, dict) else found
     rows = data if isinstance(data, list) else [data]
     flat = [value for row in rows for value in (row if isinstance(row, list) else [row])]
-    numbers = [_number(value) for value in flat]
+    numbers = [_float_or_none(value) for value in flat]
     if data is None or any(value is None for value in numbers):
         raise InputError(f"its {what} holds what is no number")
     return [value for value in numbers if value is not None]
 
 
-def _number(value: Any) -> float | None:
+def _float_or_none(value: Any) -> float | None:
     return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None

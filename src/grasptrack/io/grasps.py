@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.io.results import versions, write_json
-from grasptrack.view.fingers import opening
+from grasptrack.io.results import software_versions, write_json
+from grasptrack.view.fingers import grasp_opening
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
@@ -57,60 +57,60 @@ def write_grasps_json(
             "format": FORMAT,
             "image": {"name": name, "width": shape[1], "height": shape[0]},
             "options": options,
-            "versions": versions(),
+            "versions": software_versions(),
             "units": UNITS,
-            "objects": [_object(found, px_per_mm) for found in objects],
-            "neighbours": _neighbours(objects),
+            "objects": [_object_entry(found, px_per_mm) for found in objects],
+            "neighbours": _neighbour_outlines(objects),
         },
     )
 
 
-def _object(found: Planned, px_per_mm: float | None) -> dict[str, Any]:
+def _object_entry(found: Planned, px_per_mm: float | None) -> dict[str, Any]:
     area, x, y, *_ = kernels.inertia(found.outline.points, found.outline.offsets)
     return {
-        "outline": _outline(found.outline),
+        "outline": _outline_points(found.outline),
         "area_px2": round(area, 3),
         "centroid": [round(x, 3), round(y, 3)],
-        "hand_px": {key: _number(value) for key, value in found.hand._asdict().items()},
-        "grasps": [_grasp(grasp, i + 1, px_per_mm) for i, grasp in enumerate(found.grasps)],
+        "hand_px": {key: _rounded_or_none(value) for key, value in found.hand._asdict().items()},
+        "grasps": [_grasp_entry(grasp, i + 1, px_per_mm) for i, grasp in enumerate(found.grasps)],
         "reason": found.grasps.reason,
         "refused": found.grasps.refused,
     }
 
 
-def _neighbours(objects: Sequence[Planned]) -> list[Any]:
+def _neighbour_outlines(objects: Sequence[Planned]) -> list[Any]:
     """Outlines of what lies beside the objects and is none of them."""
     own = {id(found.outline) for found in objects}
     others = {id(view): view for found in objects for view in found.neighbours if id(view) not in own}
-    return [_outline(view) for view in others.values()]
+    return [_outline_points(view) for view in others.values()]
 
 
-def _outline(view: View) -> list[list[list[float]]]:
+def _outline_points(view: View) -> list[list[list[float]]]:
     """The outer contour, then its holes."""
-    return [_rounded(contour.points) for contour in view.contours]
+    return [_rounded_list(contour.points) for contour in view.contours]
 
 
-def _grasp(grasp: RankedGrasp, rank: int, px_per_mm: float | None) -> dict[str, Any]:
+def _grasp_entry(grasp: RankedGrasp, rank: int, px_per_mm: float | None) -> dict[str, Any]:
     return {
         "rank": rank,
         "spread": grasp.spread,
-        "contacts": _rounded(grasp.contacts),
-        "directions": _rounded(grasp.directions, 6),
-        "opening_px": _number(opening(grasp)),
-        "opening_mm": None if px_per_mm is None else _number(opening(grasp) / px_per_mm),
-        "quality": _number(grasp.quality, 4),
-        "terms": {key: _number(value, 4) for key, value in grasp.terms._asdict().items()},
-        "margin_deg": _number(math.degrees(grasp.margin)),
-        "regions_px": [_number(value) for value in grasp.regions.tolist()],
-        "fingers": _rounded(grasp.fingers),
-        "swept": _rounded(grasp.swept),
+        "contacts": _rounded_list(grasp.contacts),
+        "directions": _rounded_list(grasp.directions, 6),
+        "opening_px": _rounded_or_none(grasp_opening(grasp)),
+        "opening_mm": None if px_per_mm is None else _rounded_or_none(grasp_opening(grasp) / px_per_mm),
+        "quality": _rounded_or_none(grasp.quality, 4),
+        "terms": {key: _rounded_or_none(value, 4) for key, value in grasp.terms._asdict().items()},
+        "margin_deg": _rounded_or_none(math.degrees(grasp.margin)),
+        "regions_px": [_rounded_or_none(value) for value in grasp.regions.tolist()],
+        "fingers": _rounded_list(grasp.fingers),
+        "swept": _rounded_list(grasp.swept),
     }
 
 
-def _number(value: float, decimals: int = 3) -> float | None:
+def _rounded_or_none(value: float, decimals: int = 3) -> float | None:
     """JSON has no word for what is not finite."""
     return round(float(value), decimals) if math.isfinite(value) else None
 
 
-def _rounded(values: NDArray[np.float64], decimals: int = 3) -> Any:
+def _rounded_list(values: NDArray[np.float64], decimals: int = 3) -> Any:
     return np.round(values, decimals).tolist()

@@ -34,7 +34,7 @@ def read_yaml(text: str) -> Any:
     if not lines:
         return None
     try:
-        found, rest = _block(lines, 0, lines[0][1])
+        found, rest = _parse_block(lines, 0, lines[0][1])
     except RecursionError:
         raise InputError("line 1 begins what is nested too deeply") from None
     if rest < len(lines):
@@ -42,12 +42,12 @@ def read_yaml(text: str) -> Any:
     return found
 
 
-def _block(lines: _Lines, at: int, indent: int) -> tuple[Any, int]:
+def _parse_block(lines: _Lines, at: int, indent: int) -> tuple[Any, int]:
     """What is written at one indentation, and the line after it."""
-    if _dashed(lines[at][2]):
+    if _is_list_item(lines[at][2]):
         items = []
-        while at < len(lines) and lines[at][1] == indent and _dashed(lines[at][2]):
-            value, at = _value(lines, at, lines[at][2][1:].strip())
+        while at < len(lines) and lines[at][1] == indent and _is_list_item(lines[at][2]):
+            value, at = _parse_value(lines, at, lines[at][2][1:].strip())
             items.append(value)
         return items, at
     found: dict[str, Any] = {}
@@ -57,24 +57,24 @@ def _block(lines: _Lines, at: int, indent: int) -> tuple[Any, int]:
             break
         rest = re.sub(r"^!\S*\s*", "", key[2])
         if rest:
-            value, at = _value(lines, at, rest)
+            value, at = _parse_value(lines, at, rest)
         else:
             value, at = None, at + 1
-            if at < len(lines) and (lines[at][1] > indent or (lines[at][1] == indent and _dashed(lines[at][2]))):
-                value, at = _block(lines, at, lines[at][1])
+            if at < len(lines) and (lines[at][1] > indent or (lines[at][1] == indent and _is_list_item(lines[at][2]))):
+                value, at = _parse_block(lines, at, lines[at][1])
         found[key[1].strip("\"'")] = value
     return found, at
 
 
-def _dashed(line: str) -> bool:
+def _is_list_item(line: str) -> bool:
     return line == "-" or line.startswith("- ")
 
 
-def _value(lines: _Lines, at: int, rest: str) -> tuple[Any, int]:
+def _parse_value(lines: _Lines, at: int, rest: str) -> tuple[Any, int]:
     """A number, a word, or a list in brackets, which may go on over lines; and the line after it."""
     number, at = lines[at][0], at + 1
     if not rest.startswith("["):
-        return _scalar(rest), at
+        return _parse_scalar(rest), at
     while rest.count("[") > rest.count("]") and at < len(lines):
         rest, at = f"{rest} {lines[at][2]}", at + 1
     stack: list[list[Any]] = [[]]
@@ -84,13 +84,13 @@ def _value(lines: _Lines, at: int, rest: str) -> tuple[Any, int]:
         elif token == "]" and len(stack) > 1:
             stack[-2].append(stack.pop())
         elif token and token != ",":
-            stack[-1].append(_scalar(token))
+            stack[-1].append(_parse_scalar(token))
     if len(stack) != 1 or len(stack[0]) != 1:
         raise InputError(f"line {number} has a list that does not end")
     return stack[0][0], at
 
 
-def _scalar(text: str) -> Any:
+def _parse_scalar(text: str) -> Any:
     if not text:
         return None
     if text[0] in "\"'":

@@ -41,7 +41,7 @@ UNITS = {
 }
 
 
-def columns(fingers: int) -> list[str]:
+def csv_columns(fingers: int) -> list[str]:
     """Names of the columns of grasps.csv for a number of contacts."""
     numbers = range(1, fingers + 1)
     return [
@@ -66,7 +66,7 @@ class GraspsCsv:
         self._fingers = fingers
         self._file = path.open("w", newline="", encoding="utf-8", buffering=1)
         self._writer = csv.writer(self._file, lineterminator="\n")
-        self._writer.writerow(columns(fingers))
+        self._writer.writerow(csv_columns(fingers))
 
     def write(self, result: TrackResult, index: int, time: float | None) -> None:
         """Add the row of one frame.
@@ -82,22 +82,22 @@ class GraspsCsv:
         self._writer.writerow(
             [
                 index,
-                _cell(time, 6),
+                _format_cell(time, 6),
                 result.status,
                 result.strategy,
                 "" if result.grasp_id is None else result.grasp_id,
-                *_cells(contacts, 2 * self._fingers, 4),
-                *_cells(seen, self._fingers, 3),
-                _cell(margin, 4),
-                _cell(result.confidence, 9),
-                _cell(result.chance, 4),
-                _cell(result.latency_ms, 4),
+                *_format_cells(contacts, 2 * self._fingers, 4),
+                *_format_cells(seen, self._fingers, 3),
+                _format_cell(margin, 4),
+                _format_cell(result.confidence, 9),
+                _format_cell(result.chance, 4),
+                _format_cell(result.latency_ms, 4),
                 " ".join(result.reason.split()),
                 result.reason_code,
-                *(_cell(math.degrees(v), 4) for v in (result.tilt, result.tilt_sd)),
-                *(_cell(math.degrees(v), 4) for v in (result.margin_sd, result.margin_image)),
+                *(_format_cell(math.degrees(v), 4) for v in (result.tilt, result.tilt_sd)),
+                *(_format_cell(math.degrees(v), 4) for v in (result.margin_sd, result.margin_image)),
                 *("" if not math.isfinite(v) else f"{v:.6g}" for v in (result.distance, result.distance_sd)),
-                _cell(result.mended or None, 4),
+                _format_cell(result.mended or None, 4),
                 result.notice,
             ]
         )
@@ -107,24 +107,28 @@ class GraspsCsv:
         self._file.close()
 
 
-def _cell(value: float | None, decimals: int) -> str:
+def _format_cell(value: float | None, decimals: int) -> str:
     return "" if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
 
 
-def _cells(values: list[float], count: int, decimals: int) -> list[str]:
-    cells = [_cell(v, decimals) for v in values[:count]]
+def _format_cells(values: list[float], count: int, decimals: int) -> list[str]:
+    cells = [_format_cell(v, decimals) for v in values[:count]]
     return cells + [""] * (count - len(cells))
 
 
-def versions() -> dict[str, str]:
+def software_versions() -> dict[str, str]:
     """Versions of this package and of what computes, decodes and encodes for it."""
-    found = {"grasptrack": _version("grasptrack"), "python": platform.python_version(), "numpy": _version("numpy")}
+    found = {
+        "grasptrack": _package_version("grasptrack"),
+        "python": platform.python_version(),
+        "numpy": _package_version("numpy"),
+    }
     import cv2
 
-    return {**found, "opencv": cv2.__version__, "av": _version("av"), "platform": platform.platform()}
+    return {**found, "opencv": cv2.__version__, "av": _package_version("av"), "platform": platform.platform()}
 
 
-def machine() -> str:
+def describe_machine() -> str:
     """Processor, its cores and the operating system, in one line."""
     name = platform.processor() or platform.machine()
     with contextlib.suppress(OSError):
@@ -136,28 +140,28 @@ def machine() -> str:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write strict JSON: what is not finite becomes null. The file is complete at any moment or absent."""
     partial = path.with_name(path.name + ".part")
-    text = json.dumps(_strict(content), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(_to_strict_json(content), indent=2, ensure_ascii=False, allow_nan=False)
     # A point on one line. Within a string no line ends, so that nothing else can match.
     text = re.sub(r"\[\n\s+([-+.,eE\d\s]+?)\n\s+\]", lambda m: f"[{' '.join(m[1].split())}]", text)
     partial.write_text(text + "\n", encoding="utf-8")
     partial.replace(path)
 
 
-def _strict(value: Any) -> Any:
+def _to_strict_json(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {str(k): _strict(v) for k, v in value.items()}
+        return {str(k): _to_strict_json(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_strict(v) for v in value]
+        return [_to_strict_json(v) for v in value]
     if isinstance(value, Path):
         return str(value)
     if hasattr(value, "tolist"):
-        return _strict(value.tolist())
+        return _to_strict_json(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
 
 
-def _version(name: str) -> str:
+def _package_version(name: str) -> str:
     try:
         return version(name)
     except PackageNotFoundError:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from grasptrack.errors import InputError
 from grasptrack.io.base import Frame, Source
-from grasptrack.io.results import UNITS, GraspsCsv, versions, write_json
+from grasptrack.io.results import UNITS, GraspsCsv, software_versions, write_json
 from grasptrack.io.tally import RunSummary, Tally
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ class _Run:
         self._output = output
         self._head = {
             "options": options,
-            "versions": versions(),
+            "versions": software_versions(),
             "backend": kernels.BACKEND,
             "source": {"name": source.spec, "kind": source.kind, "frames": source.count, "fps": source.fps},
             "units": UNITS,

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from grasptrack.io.results import versions
+from grasptrack.io.results import software_versions
 
 if TYPE_CHECKING:
     from grasptrack.tracking.image_pair import Outcome, Place
@@ -17,7 +17,7 @@ FORMAT = 1
 """Raised when a key changes its meaning or goes away; new keys alone do not raise it."""
 
 
-def transferred(
+def transfer_to_dict(
     images: tuple[str, str],
     contacts: Floats,
     outcomes: Sequence[Outcome],
@@ -39,16 +39,16 @@ def transferred(
         "format": FORMAT,
         "images": list(images),
         "options": dict(options),
-        "versions": versions(),
+        "versions": software_versions(),
         "contacts": contacts.tolist(),
         "believed": any(not o.reason for o in outcomes),
-        "outcomes": [_outcome(o) for o in outcomes],
+        "outcomes": [_outcome_entry(o) for o in outcomes],
         "ambiguous": ambiguous,
         "places": [{"contacts": p.contacts.tolist(), "share": p.share, "turn_deg": p.turn} for p in places],
     }
 
 
-def _outcome(outcome: Outcome) -> dict[str, Any]:
+def _outcome_entry(outcome: Outcome) -> dict[str, Any]:
     """Of one strategy: contacts only where they are believed, as everywhere."""
     believed, analysis = not outcome.reason, outcome.analysis
     shown = believed and analysis is not None

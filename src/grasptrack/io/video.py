@@ -48,7 +48,7 @@ class VideoWriter:
         if height % 2 or width % 2:
             image = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
         if self._container is None:
-            self._begin(image.shape[1], image.shape[0])
+            self._open_container(image.shape[1], image.shape[0])
         # OpenCV's conversion keeps grey grey; FFmpeg's fast one tints it green.
         planes: Any = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2YUV_I420)
         frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
@@ -57,7 +57,7 @@ class VideoWriter:
         self._count += 1
         self._container.mux(self._stream.encode(frame))
 
-    def _begin(self, width: int, height: int) -> None:
+    def _open_container(self, width: int, height: int) -> None:
         import av
 
         if "libx264" not in av.codecs_available:

@@ -31,14 +31,14 @@ class VideoSource(Source):
         self._path = path
         if path.stat().st_size == 0:
             raise SourceError(f'video "{path}" is empty', path=str(path))
-        with self._open() as container:
+        with self._open_container() as container:
             stream = container.streams.video[0]
             rate = float(stream.average_rate or 0)
             self.fps = fps or (rate if rate > 0 else None)
             self.exact = stream.frames > 0
-            self.count = stream.frames or _estimate(container, rate)
+            self.count = stream.frames or _estimate_frame_count(container, rate)
 
-    def _open(self) -> Any:
+    def _open_container(self) -> Any:
         import av
 
         try:
@@ -62,12 +62,12 @@ class VideoSource(Source):
         import av
 
         index = 0
-        with self._open() as container:
+        with self._open_container() as container:
             try:
                 base = container.streams.video[0].time_base
-                for frame in _decode(container):
+                for frame in _decode_frames(container):
                     time = None if frame.pts is None else float(frame.pts * (frame.time_base or base))
-                    yield _upright(frame), time, f"frame {index} of {self._path.name}"
+                    yield _upright_image(frame), time, f"frame {index} of {self._path.name}"
                     index += 1
             except av.FFmpegError:
                 kind = "damaged" if is_whole_video(self._path) else "truncated"
@@ -84,7 +84,7 @@ class VideoSource(Source):
             raise SourceError(f'video "{self._path}" holds no frame that can be read', path=str(self._path))
 
 
-def _decode(container: Any) -> Iterator[Any]:
+def _decode_frames(container: Any) -> Iterator[Any]:
     """All frames; before a decoding error is raised, those that the decoder still holds."""
     import av
 
@@ -104,7 +104,7 @@ def _decode(container: Any) -> Iterator[Any]:
         raise
 
 
-def _upright(frame: Any) -> Image:
+def _upright_image(frame: Any) -> Image:
     """The picture as (H, W) or (H, W, 3) uint8, turned by the rotation that the file's header gives."""
     grey = frame.format.name.startswith(("gray", "mono"))
     image: Image = frame.to_ndarray(format="gray" if grey else "bgr24")
@@ -112,7 +112,7 @@ def _upright(frame: Any) -> Image:
     return np.ascontiguousarray(np.rot90(image, quarters)) if quarters else image
 
 
-def _estimate(container: Any, rate: float) -> int | None:
+def _estimate_frame_count(container: Any, rate: float) -> int | None:
     """Number of frames from the duration in microseconds, where the header gives one."""
     count = round((container.duration or 0) * 1e-6 * rate)
     return count if count > 0 else None

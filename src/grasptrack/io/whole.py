@@ -60,14 +60,14 @@ def _boxes_end(file: BinaryIO, size: int) -> int:
 def _segment_end(file: BinaryIO) -> int:
     """Where the segment of a Matroska file ends; 0 for one of unknown size, as a live recording has."""
     file.seek(len(_MATROSKA))
-    file.seek(_varying(file)[0], 1)
+    file.seek(_read_ebml_number(file)[0], 1)
     if file.read(len(_SEGMENT)) != _SEGMENT:
         return 0
-    length, unknown = _varying(file)
+    length, unknown = _read_ebml_number(file)
     return 0 if unknown else file.tell() + length
 
 
-def _varying(file: BinaryIO) -> tuple[int, bool]:
+def _read_ebml_number(file: BinaryIO) -> tuple[int, bool]:
     """An EBML number, whose leading zeros count its bytes; all ones mean that the size is unknown."""
     first = file.read(1)
     if not first or first[0] == 0:

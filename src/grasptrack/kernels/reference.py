@@ -13,11 +13,11 @@ from grasptrack.kernels.reference_curve import arc_length, blend_normals, curvat
 from grasptrack.kernels.reference_edges import edge_search
 from grasptrack.kernels.reference_evidence import carry_normals, settle_edges
 from grasptrack.kernels.reference_filtering import advance_state, filter_sighting
-from grasptrack.kernels.reference_fingers import finger_rooms
+from grasptrack.kernels.reference_fingers import finger_clearance
 from grasptrack.kernels.reference_grasp_line import carry_grasp_line, grasp_line
 from grasptrack.kernels.reference_homography import carry_points, distortion, fit_homography, homography_4
 from grasptrack.kernels.reference_inertia import inertia
-from grasptrack.kernels.reference_laying import lay_outlines, outline_gaps
+from grasptrack.kernels.reference_laying import align_projective, outline_gaps
 from grasptrack.kernels.reference_lines import crossings, nearest_crossings
 from grasptrack.kernels.reference_links import edge_links
 from grasptrack.kernels.reference_matching import match_curvature
@@ -29,10 +29,10 @@ from grasptrack.kernels.reference_pose import PoseTarget, strongest_edges
 from grasptrack.kernels.reference_pose_estimate import seen_area, surface_evidence
 from grasptrack.kernels.reference_ranking import rank_grasps
 from grasptrack.kernels.reference_refine import refine_contacts
-from grasptrack.kernels.reference_searching import search_sightings
-from grasptrack.kernels.reference_sightings import expected_sightings, step_state
-from grasptrack.kernels.reference_starts import outline_starts
-from grasptrack.kernels.reference_threshold import soft_threshold
+from grasptrack.kernels.reference_searching import calibrate_batch
+from grasptrack.kernels.reference_sightings import expected_sightings, retract_state
+from grasptrack.kernels.reference_starts import initial_alignments
+from grasptrack.kernels.reference_threshold import blur_threshold
 from grasptrack.kernels.reference_triples import closing_triples
 from grasptrack.kernels.reference_wrench import force_closure
 
@@ -40,9 +40,12 @@ __all__ = [
     "PoseTarget",
     "advance_state",
     "align_outlines",
+    "align_projective",
     "arc_length",
     "best_quadrilateral",
     "blend_normals",
+    "blur_threshold",
+    "calibrate_batch",
     "carry_grasp_line",
     "carry_normals",
     "carry_places",
@@ -58,30 +61,27 @@ __all__ = [
     "edge_search",
     "expected_sightings",
     "filter_sighting",
-    "finger_rooms",
+    "finger_clearance",
     "fit_homography",
     "fixed_places",
     "force_closure",
     "grasp_line",
     "homography_4",
     "inertia",
-    "lay_outlines",
+    "initial_alignments",
     "locate",
     "match_curvature",
     "nearest_crossings",
     "opposed_pairs",
     "outline_gaps",
-    "outline_starts",
     "point_at",
     "rank_grasps",
     "refine_contacts",
     "resample",
-    "search_sightings",
+    "retract_state",
     "seen_area",
     "select_points",
     "settle_edges",
-    "soft_threshold",
-    "step_state",
     "strongest_edges",
     "surface_evidence",
     "trace_edges",

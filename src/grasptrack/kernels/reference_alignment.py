@@ -32,7 +32,7 @@ def align_outlines(
     """
     if count < 4 or count & (count - 1):
         raise ValueError(f"count must be a power of 2, at least 4, not {count}")
-    a, b = _centred(points1, arc1, count), _centred(points2, arc2, count)
+    a, b = _normalized_samples(points1, arc1, count), _normalized_samples(points2, arc2, count)
     c = np.fft.ifft(np.fft.fft(b) * np.conj(np.fft.fft(a)))
     square = c.real**2 + c.imag**2
     left = np.sqrt(np.maximum(1.0 - square, 0.0))
@@ -41,7 +41,7 @@ def align_outlines(
     return sorted(found, key=lambda fit: fit[2])
 
 
-def _centred(points: Floats, arc: Floats, count: int) -> NDArray[np.complex128]:
+def _normalized_samples(points: Floats, arc: Floats, count: int) -> NDArray[np.complex128]:
     if len(arc) != len(points) + 1:
         raise ValueError("arc needs one entry more than the contour has points")
     closed = np.append(points, points[:1], axis=0) - points[0]

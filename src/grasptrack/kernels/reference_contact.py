@@ -15,7 +15,7 @@ from grasptrack.typing import Floats
 ROUND = 1e-12
 
 
-def _pieces(contour: Floats, i: int, f: float, half: float) -> tuple[list[tuple[Floats, Floats]], float]:
+def _segments_around_place(contour: Floats, i: int, f: float, half: float) -> tuple[list[tuple[Floats, Floats]], float]:
     """Directed pieces of segments within `half` px of arc length on either side of a place, and their length."""
     n = len(contour)
     pieces: list[tuple[Floats, Floats]] = []
@@ -67,7 +67,7 @@ def contact_frames(points: Floats, offsets: NDArray[np.int64], places: Floats, w
         if first not in lengths:
             lengths[first] = sum(math.dist(contour[j], contour[(j + 1) % n]) for j in range(n))
         length = lengths[first]
-        pieces, used = _pieces(contour, i, f, min(width, length) / 2)
+        pieces, used = _segments_around_place(contour, i, f, min(width, length) / 2)
         # Coordinates about the place, x along its segment: a straight stretch then has exactly no variance across.
         side = contour[(i + 1) % n] - contour[i]
         reach = math.hypot(*side)

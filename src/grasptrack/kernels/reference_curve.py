@@ -32,20 +32,20 @@ class _Integral:
         self.prefix = np.zeros((len(points) + 1, 2))
         np.cumsum(self.span[:, None] * (self.start + 0.5 * self.side), axis=0, out=self.prefix[1:])
 
-    def _find(self, s: Floats) -> tuple[Floats, NDArray[np.intp], Floats]:
+    def _locate_segments(self, s: Floats) -> tuple[Floats, NDArray[np.intp], Floats]:
         laps = np.floor(s / self.length)
         rest = s - laps * self.length
         i = np.clip(np.searchsorted(self.arc, rest, side="right") - 1, 0, len(self.start) - 1)
         return laps, i, rest - self.arc[i]
 
     def __call__(self, s: Floats) -> Floats:
-        laps, i, d = self._find(s)
+        laps, i, d = self._locate_segments(s)
         slope = self.side[i] / np.where(self.span[i] > 0, self.span[i], 1.0)[:, None]
         part = d[:, None] * (self.start[i] + 0.5 * d[:, None] * slope)
         return np.asarray(laps[:, None] * self.prefix[-1] + self.prefix[i] + part)
 
     def point(self, s: Floats) -> Floats:
-        _, i, d = self._find(s)
+        _, i, d = self._locate_segments(s)
         fraction = d / np.where(self.span[i] > 0, self.span[i], 1.0)
         return np.asarray(self.origin + self.start[i] + fraction[:, None] * self.side[i])
 

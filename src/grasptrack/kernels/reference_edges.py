@@ -18,7 +18,7 @@ MIN_SAMPLES = 7
 MARGIN = int((WINDOW + 1) / SPACING) + 1  # samples that the window of an edge may need beyond it
 
 
-def _profile(image: Image, x: float, y: float, nx: float, ny: float, half: int) -> Floats:
+def _sample_profile(image: Image, x: float, y: float, nx: float, ny: float, half: int) -> Floats:
     """Bilinear samples at SPACING * (-half..half) along (nx, ny); NaN outside the image."""
     height, width = image.shape
     along = SPACING * np.arange(-half, half + 1)
@@ -35,7 +35,7 @@ def _profile(image: Image, x: float, y: float, nx: float, ny: float, half: int) 
     return out
 
 
-def _centre(profile: Floats, start: float, sign: float, peak: float) -> float:
+def _gradient_centroid(profile: Floats, start: float, sign: float, peak: float) -> float:
     """Where gradients of one sign balance under the weight u (1 - u^2), u = (x - centre) / WINDOW, near `peak`.
 
     By Newton's steps. A weight that fades out does not feel where the samples lie.
@@ -83,7 +83,7 @@ def edge_search(image: Image, points: Floats, normals: Floats, reach: float, pol
     out = np.tile([np.nan, 0.0, np.nan, np.nan], (len(points), 1))
     for row, (x, y), (nx, ny) in zip(out, points, normals, strict=True):
         # Beyond its reach an edge is not looked for, but the window of one found near the end needs its samples.
-        samples = _profile(image, x, y, nx, ny, half + MARGIN)
+        samples = _sample_profile(image, x, y, nx, ny, half + MARGIN)
         valid = np.flatnonzero(np.isfinite(samples))
         within = valid[(valid >= MARGIN) & (valid <= 2 * half + MARGIN)]
         if len(within) < MIN_SAMPLES:
@@ -97,7 +97,9 @@ def edge_search(image: Image, points: Floats, normals: Floats, reach: float, pol
         at = int(within[peak + 1])
         wide = valid[(valid >= at - MARGIN) & (valid <= at + MARGIN)]
         sign = 1.0 if slope[peak] > 0 else -1.0
-        offset = _centre(samples[wide], SPACING * (int(wide[0]) - half - MARGIN), sign, float(along[peak + 1]))
+        offset = _gradient_centroid(
+            samples[wide], SPACING * (int(wide[0]) - half - MARGIN), sign, float(along[peak + 1])
+        )
         inside, outside = profile[along <= offset - AWAY], profile[along >= offset + AWAY]
         row[:] = (
             offset,

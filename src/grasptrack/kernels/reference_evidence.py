@@ -102,7 +102,7 @@ def near_identity(x: Floats, centre: Floats, radius: float) -> Floats:
     return np.asarray(back @ M @ N, dtype=np.float64)
 
 
-def whitening(fields: Floats) -> Floats:
+def whitening_matrix(fields: Floats) -> Floats:
     """(n, n) parameters of as many motions that each displace points by 1 px rms, the least of them bounded."""
     if not len(fields):
         return np.eye(fields.shape[2])

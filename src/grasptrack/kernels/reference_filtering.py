@@ -18,7 +18,7 @@ from grasptrack.kernels.reference_sightings import (
     check_size,
     count_points,
     expected_sightings,
-    step_state,
+    retract_state,
 )
 from grasptrack.typing import Floats
 
@@ -90,4 +90,4 @@ def filter_sighting(
     size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
     gain = np.linalg.solve(H @ PH + R * (1.0 + (size / robust) ** 2) ** 2, PH.T).T
     P = covariance - gain @ PH.T
-    return step_state(state, gain @ off), np.asarray(0.5 * (P + P.T)), off, size
+    return retract_state(state, gain @ off), np.asarray(0.5 * (P + P.T)), off, size

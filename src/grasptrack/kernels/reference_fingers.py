@@ -15,7 +15,7 @@ from grasptrack.typing import Floats, Ints
 WITHIN_PAD = 1 - 1e-9
 
 
-def finger_rooms(
+def finger_clearance(
     points: Floats,
     offsets: Ints,
     contacts: Floats,
@@ -53,24 +53,24 @@ def finger_rooms(
         raise ValueError("each contact needs its direction and its place")
     if not (width > 0 and math.isfinite(width)) or not 0 <= depth < math.inf or not 0 <= reach < math.inf:
         raise ValueError(f"width must be above 0, depth and reach at least 0, not {width:g}, {depth:g} and {reach:g}")
-    ends = points[_following(offsets)]
+    ends = points[_segment_end_indices(offsets)]
     out = np.empty((count, 2))
     for k, (row, contact, direction) in enumerate(zip(out, contacts, directions, strict=True)):
         under = np.zeros(len(points), dtype=np.bool_)
         if places is not None:
-            under = _under(points, offsets, places[k], reach)
-        row[:] = _room(points, ends, contact, direction, under, width, depth)
+            under = _segments_under_pad(points, offsets, places[k], reach)
+        row[:] = _finger_clearance(points, ends, contact, direction, under, width, depth)
     return out
 
 
-def _following(offsets: Ints) -> Ints:
+def _segment_end_indices(offsets: Ints) -> Ints:
     """(N,) index of the point that ends each segment."""
     index: Ints = np.arange(1, offsets[-1] + 1)
     index[offsets[1:] - 1] = offsets[:-1]
     return index
 
 
-def _under(points: Floats, offsets: Ints, place: Floats, reach: float) -> NDArray[np.bool_]:
+def _segments_under_pad(points: Floats, offsets: Ints, place: Floats, reach: float) -> NDArray[np.bool_]:
     """(N,) which segments begin within `reach` px of arc length of a place, the place's own among them."""
     first, n, i, f = find_place(offsets, place)
     contour = points[first : first + n]
@@ -91,7 +91,7 @@ def _under(points: Floats, offsets: Ints, place: Floats, reach: float) -> NDArra
     return under
 
 
-def _room(
+def _finger_clearance(
     points: Floats,
     ends: Floats,
     contact: Floats,
@@ -118,12 +118,12 @@ def _room(
     there = ~beside & (high > least) & (low < depth)
     protrusion = float(high[there & under].max(initial=0.0))
     nearest = float(np.maximum(low[there & ~under], 0.0).min(initial=math.inf))
-    if nearest == math.inf and _holds(points, ends, contact - depth * direction):
+    if nearest == math.inf and _contains_point(points, ends, contact - depth * direction):
         nearest = 0.0
     return protrusion, nearest
 
 
-def _holds(points: Floats, ends: Floats, at: Floats) -> bool:
+def _contains_point(points: Floats, ends: Floats, at: Floats) -> bool:
     """Even-odd, so that holes are outside."""
     astride = (points[:, 1] > at[1]) != (ends[:, 1] > at[1])
     p, q = points[astride], ends[astride]

@@ -13,7 +13,7 @@ from grasptrack.typing import Floats
 IN_A_ROW = 1e-10
 
 
-def _normalised(points: Floats) -> tuple[Floats, Floats]:
+def _normalize_points(points: Floats) -> tuple[Floats, Floats]:
     """(4, 3) points about their mean at rms distance 1, and the (3, 3) transform that made them."""
     mean = points.mean(axis=0)
     centred = points - mean
@@ -24,7 +24,7 @@ def _normalised(points: Floats) -> tuple[Floats, Floats]:
     return np.column_stack([centred / size, np.ones(4)]), transform
 
 
-def _weights(p: Floats) -> Floats:
+def _projective_weights(p: Floats) -> Floats:
     """lambda with lambda_0 p_0 + lambda_1 p_1 + lambda_2 p_2 proportional to p_3."""
     crosses = [np.cross(p[1], p[2]), np.cross(p[2], p[0]), np.cross(p[0], p[1])]
     weights = np.array([float(c @ p[3]) for c in crosses])
@@ -49,9 +49,9 @@ def homography_4(source: Floats, target: Floats) -> Floats:
     Raises:
         ValueError: three points in a row in either set, or points that are not finite.
     """
-    p, S = _normalised(source)
-    q, T = _normalised(target)
-    ratio = _weights(q) / _weights(p)
+    p, S = _normalize_points(source)
+    q, T = _normalize_points(target)
+    ratio = _projective_weights(q) / _projective_weights(p)
     H = np.zeros((3, 3))
     for i in range(3):
         H += ratio[i] * np.outer(q[i], np.cross(p[(i + 1) % 3], p[(i + 2) % 3]))

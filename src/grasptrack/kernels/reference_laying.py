@@ -38,11 +38,11 @@ def outline_gaps(
     Raises:
         ValueError: normals or offsets of other points, or no reach, or targets that are not finite.
     """
-    _check(points, normals, targets, target_normals, offsets, reach)
-    return _gaps(points, normals, targets, target_normals, _half_spacing(targets, offsets), reach)[0]
+    _check_arguments(points, normals, targets, target_normals, offsets, reach)
+    return _nearest_target_gaps(points, normals, targets, target_normals, _half_spacing(targets, offsets), reach)[0]
 
 
-def lay_outlines(
+def align_projective(
     starts: Floats,
     points: Floats,
     normals: Floats,
@@ -80,7 +80,7 @@ def lay_outlines(
     if not len(reaches) or len(damping) != len(reaches) or len(strides) != len(reaches):
         raise ValueError("each step needs its reach, damping and stride")
     for reach, stride in zip(reaches.tolist(), strides.tolist(), strict=True):
-        _check(points, normals, targets, target_normals, offsets, reach)
+        _check_arguments(points, normals, targets, target_normals, offsets, reach)
         if stride < 1:
             raise ValueError(f"a stride is 1 or more, not {stride}")
     if starts.ndim != 2 or starts.shape[1] != 9:
@@ -92,19 +92,21 @@ def lay_outlines(
         for reach, share, stride in zip(reaches.tolist(), damping.tolist(), strides.tolist(), strict=True):
             if H is None:
                 break
-            H = _step(H, points[::stride], normals[::stride], targets, target_normals, half, reach, share, least_noise)
+            H = _gauss_newton_step(
+                H, points[::stride], normals[::stride], targets, target_normals, half, reach, share, least_noise
+            )
         if H is None:
             continue
         stride = int(strides[-1])
         moved = carry_normals(H, points[::stride], normals[::stride])
         if not (moved[:, 4] > 0.0).all():
             continue
-        gaps = _gaps(moved[:, :2], moved[:, 2:4], targets, target_normals, half, float(reaches[-1]))[0]
+        gaps = _nearest_target_gaps(moved[:, :2], moved[:, 2:4], targets, target_normals, half, float(reaches[-1]))[0]
         row[:9], row[9] = H.ravel(), math.sqrt(float(gaps @ gaps) / len(gaps))
     return out
 
 
-def _step(
+def _gauss_newton_step(
     H: Floats,
     points: Floats,
     normals: Floats,
@@ -121,7 +123,7 @@ def _step(
     at = moved[:, :2]
     centre = at.mean(axis=0)
     radius = math.sqrt(float(((at - centre) ** 2).sum()) / len(at))
-    index = _gaps(at, moved[:, 2:4], targets, target_normals, half, reach)[1]
+    index = _nearest_target_gaps(at, moved[:, 2:4], targets, target_normals, half, reach)[1]
     use = index >= 0
     if np.count_nonzero(use) < ENOUGH:
         return None
@@ -143,7 +145,7 @@ def _step(
     return np.asarray(out / out[2, 2]) if abs(out[2, 2]) > 1e-12 else None
 
 
-def _gaps(
+def _nearest_target_gaps(
     points: Floats, normals: Floats, targets: Floats, target_normals: Floats, half: Floats, reach: float
 ) -> tuple[Floats, NDArray[np.int64]]:
     """(m,) px and (m,) the index of the target that is nearest, -1 where none is within reach."""
@@ -169,7 +171,7 @@ def _half_spacing(targets: Floats, offsets: NDArray[np.int64]) -> Floats:
     return half
 
 
-def _check(
+def _check_arguments(
     points: Floats,
     normals: Floats,
     targets: Floats,

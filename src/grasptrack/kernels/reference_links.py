@@ -31,15 +31,15 @@ def edge_links(edges: NDArray[np.uint8], reach: float, bend: float, loose: float
     Returns:
         (n, 4) x and y of both ends of each link, in the order of the image's rows.
     """
-    ends, ways, sizes = _ends(edges)
+    ends, ways, sizes = _edge_ends(edges)
     if len(ends) < 2:
         return np.zeros((0, 4), np.int64)
-    best = [_best(i, ends, ways, sizes, reach, bend, loose) for i in range(len(ends))]
+    best = [_best_partner(i, ends, ways, sizes, reach, bend, loose) for i in range(len(ends))]
     links = [[*ends[i], *ends[j]] for i, j in enumerate(best) if i < j and best[j] == i]
     return np.array(links, dtype=np.int64).reshape(-1, 4)
 
 
-def _ends(edges: NDArray[np.uint8]) -> tuple[list[tuple[int, int]], list[tuple[float, float]], list[int]]:
+def _edge_ends(edges: NDArray[np.uint8]) -> tuple[list[tuple[int, int]], list[tuple[float, float]], list[int]]:
     """Ends of edges, the direction in which each would go on, and the number of pixels of its edge."""
     on = edges != 0
     height, width = on.shape
@@ -51,18 +51,18 @@ def _ends(edges: NDArray[np.uint8]) -> tuple[list[tuple[int, int]], list[tuple[f
     for y, x in zip(*np.nonzero(on & (beside <= 1)), strict=True):
         if not (MARGIN <= x < width - MARGIN and MARGIN <= y < height - MARGIN):
             continue
-        path = _walk(on, int(x), int(y))
+        path = _trace_from_end(on, int(x), int(y))
         if len(path) < LEAST:
             continue
         dx, dy = path[0][0] - path[-1][0], path[0][1] - path[-1][1]
         norm = math.sqrt(float(dx * dx + dy * dy))
         ends.append((int(x), int(y)))
         ways.append((dx / norm, dy / norm) if norm > 0.0 else (0.0, 0.0))
-        sizes.append(_size(on, int(x), int(y)))
+        sizes.append(_component_size(on, int(x), int(y)))
     return ends, ways, sizes
 
 
-def _walk(on: NDArray[np.bool_], x: int, y: int) -> list[tuple[int, int]]:
+def _trace_from_end(on: NDArray[np.bool_], x: int, y: int) -> list[tuple[int, int]]:
     """The first pixels of an edge from its end."""
     height, width = on.shape
     path, seen = [(x, y)], {(x, y)}
@@ -77,7 +77,7 @@ def _walk(on: NDArray[np.bool_], x: int, y: int) -> list[tuple[int, int]]:
     return path
 
 
-def _size(on: NDArray[np.bool_], x: int, y: int) -> int:
+def _component_size(on: NDArray[np.bool_], x: int, y: int) -> int:
     """Pixels of the edge that holds one."""
     height, width = on.shape
     stack, seen = [(x, y)], {(x, y)}
@@ -90,7 +90,7 @@ def _size(on: NDArray[np.bool_], x: int, y: int) -> int:
     return len(seen)
 
 
-def _best(
+def _best_partner(
     i: int,
     ends: list[tuple[int, int]],
     ways: list[tuple[float, float]],

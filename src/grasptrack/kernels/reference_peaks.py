@@ -34,7 +34,7 @@ def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominenc
         for way in (1, -1):
             low, j = v[i], i
             # the sample that lies beyond the reach is still looked at
-            while abs(j - i) < n and abs(_place(arc, j) - arc[i]) <= 3.0 * separation:
+            while abs(j - i) < n and abs(_unwrapped_arc_length(arc, j) - arc[i]) <= 3.0 * separation:
                 j += way
                 low = np.fmin(low, v[j % n])
             rises.append(v[i] - low)
@@ -45,7 +45,7 @@ def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominenc
     return np.array(peaks, dtype=np.int64)
 
 
-def _place(arc: Floats, i: int) -> float:
+def _unwrapped_arc_length(arc: Floats, i: int) -> float:
     """Arc length of a sample whose index may run on beyond either end."""
     lap, j = divmod(i, len(arc) - 1)
     return float(arc[j] + lap * arc[-1])
@@ -59,14 +59,14 @@ def best_quadrilateral(points: Floats, weights: Floats) -> tuple[int, int, int, 
     """
     best, score, area = (-1, -1, -1, -1), -1.0, 0.0
     for a, b, c, d in combinations(range(len(points)), 4):
-        least = min(_triangle(points[[i, j, k]]) for i, j, k in ((a, b, c), (a, b, d), (a, c, d), (b, c, d)))
+        least = min(_triangle_area(points[[i, j, k]]) for i, j, k in ((a, b, c), (a, b, d), (a, c, d), (b, c, d)))
         value = least * np.sqrt(weights[[a, b, c, d]].min())
         if value > score * (1.0 + 1e-9):
             best, score, area = (a, b, c, d), value, least
     return (*best, area)
 
 
-def _triangle(p: Floats) -> float:
+def _triangle_area(p: Floats) -> float:
     u, w = p[1] - p[0], p[2] - p[0]
     return 0.5 * abs(float(u[0] * w[1] - u[1] * w[0]))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from grasptrack.typing import Floats
 
 
-def _following(offsets: NDArray[np.int64], count: int) -> NDArray[np.intp]:
+def _segment_end_indices(offsets: NDArray[np.int64], count: int) -> NDArray[np.intp]:
     following = np.arange(1, count + 1)
     following[offsets[1:] - 1] = offsets[:-1]
     return following
@@ -26,7 +26,7 @@ def locate(points: Floats, offsets: NDArray[np.int64], queries: Floats) -> Float
     Returns:
         (k, 3) contour, position, distance in px. Of equally near places, the first.
     """
-    side = points[_following(offsets, len(points))] - points
+    side = points[_segment_end_indices(offsets, len(points))] - points
     square = np.einsum("ij,ij->i", side, side)
     square[square == 0] = 1.0
     out = np.empty((len(queries), 3))

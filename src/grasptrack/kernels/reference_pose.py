@@ -16,9 +16,9 @@ from grasptrack.kernels.reference_pose_edges import (
     Light,
     edge_width,
     find_candidates,
-    profiles,
+    sample_profiles,
 )
-from grasptrack.kernels.reference_pose_estimate import joined, placed
+from grasptrack.kernels.reference_pose_estimate import fuse_predictions, project_contacts
 from grasptrack.kernels.reference_pose_image import Level, Pyramid, level_through
 from grasptrack.kernels.reference_pose_solver import FARTHEST, Solver
 from grasptrack.kernels.reference_pose_system import Start
@@ -113,26 +113,26 @@ class PoseTarget:
         if not 0 < radius < np.inf:
             raise ValueError("the radius is above 0")
         self.numbers = {name: np.float64(numbers[name]) for name in NAMES}
-        points, surface = _places(points, "points"), _places(surface, "surface samples")
+        points, surface = _point_array(points, "points"), _point_array(surface, "surface samples")
         n = len(points)
         with np.errstate(all="ignore"):
             self.target = Target(
-                _fixed(A, "A", 3, 3),
-                _fixed(centre, "the centre", 2),
+                _array_of_shape(A, "A", 3, 3),
+                _array_of_shape(centre, "the centre", 2),
                 np.float64(radius),
                 np.float64(noise),
                 np.float64(half),
                 np.float64(normal_noise),
                 points,
-                _fixed(_places(normals, "normals"), "normals", n, 2),
-                _fixed(contrast, "contrast", n),
-                _fixed(inner, "inner sides", n, INNER),
+                _array_of_shape(_point_array(normals, "normals"), "normals", n, 2),
+                _array_of_shape(contrast, "contrast", n),
+                _array_of_shape(inner, "inner sides", n, INNER),
                 surface,
-                _fixed(surface_value, "surface values", len(surface)),
-                _places(contacts, "contacts"),
-                _fixed(depth, "depth", CELLS),
-                _fixed(inside, "inside", n, CELLS),
-                _fixed(outside, "outside", n, CELLS),
+                _array_of_shape(surface_value, "surface values", len(surface)),
+                _point_array(contacts, "contacts"),
+                _array_of_shape(depth, "depth", CELLS),
+                _array_of_shape(inside, "inside", n, CELLS),
+                _array_of_shape(outside, "outside", n, CELLS),
             )
         self.hidden: list[Grey] = []
 
@@ -155,7 +155,9 @@ class PoseTarget:
             ValueError: the stride is not above 0, or what is hidden is of another size.
         """
         self.target.texture.append(
-            _cut(self.target, self._seen(levels), self.target.A, _places(centres, "centres"), stride)
+            _cut_target_patches(
+                self.target, self._seen(levels), self.target.A, _point_array(centres, "centres"), stride
+            )
         )
         return len(self.target.texture[-1])
 
@@ -222,13 +224,13 @@ class PoseTarget:
             ValueError: a length is none, or what is hidden is of another size.
         """
         start = Start(
-            _fixed(G, "G", 3, 3),
-            _fixed(P, "P", 8, 8),
-            _fixed(last, "last", 3, 3),
-            _fixed(bend, "the bend", 3, 8),
+            _array_of_shape(G, "G", 3, 3),
+            _array_of_shape(P, "P", 8, 8),
+            _array_of_shape(last, "last", 3, 3),
+            _array_of_shape(bend, "the bend", 3, 8),
             float(readout),
-            _fixed(nuisance, "nuisance", 4),
-            _fixed(nuisance_covariance, "nuisance_covariance", 4, 4),
+            _array_of_shape(nuisance, "nuisance", 4),
+            _array_of_shape(nuisance_covariance, "nuisance_covariance", 4, 4),
             float(sides),
             np.float64(inner_spread),
             Light(gain, bias),
@@ -296,12 +298,12 @@ class PoseTarget:
         Raises:
             ValueError: as of `add_texture` and `solve`.
         """
-        old, now, at = self._seen(before), self._seen(levels), _places(centres, "centres")
-        G, covariance = _fixed(start, "start", 3, 3), _fixed(P, "P", 8, 8)
+        old, now, at = self._seen(before), self._seen(levels), _point_array(centres, "centres")
+        G, covariance = _array_of_shape(start, "start", 3, 3), _array_of_shape(P, "P", 8, 8)
         numbers = TextureNumbers(*(self.numbers[f"texture_{name}"] for name in TextureNumbers._fields))
         looks = []
         for stride in np.ravel(strides):
-            looks.append(_cut(self.target, old, _fixed(last, "last", 3, 3), at, stride))
+            looks.append(_cut_target_patches(self.target, old, _array_of_shape(last, "last", 3, 3), at, stride))
             at = at[: max(FEWEST_PLACES, len(at) // 2)]
         with np.errstate(all="ignore"):
             fit = follow_look(self.target, looks, now, G, covariance, numbers)
@@ -317,18 +319,20 @@ class PoseTarget:
     def moved(self, G: Floats, d: Floats) -> Floats:
         """The pose (3, 3) that G (3, 3) is once its error d (8,), work px, is made good."""
         with np.errstate(all="ignore"):
-            return self.target.moved(_fixed(G, "G", 3, 3), _fixed(d, "d", 8))
+            return self.target.moved(_array_of_shape(G, "G", 3, 3), _array_of_shape(d, "d", 8))
 
     def difference(self, first: Floats, second: Floats) -> Floats:
         """The error d (8,), work px, that leads from one pose (3, 3) to another; NaN where none does."""
         with np.errstate(all="ignore"):
-            d = self.target.difference(_fixed(first, "the first pose", 3, 3), _fixed(second, "the second pose", 3, 3))
+            d = self.target.difference(
+                _array_of_shape(first, "the first pose", 3, 3), _array_of_shape(second, "the second pose", 3, 3)
+            )
         return np.full(8, np.nan) if d is None else d
 
     def placed(self, G: Floats, P: Floats) -> tuple[Floats, Floats, tuple[float, float]]:
         """The contacts at a pose (3, 3): (k, 2) px, (k, 2, 2) px^2 by the covariance (8, 8) of its error, (x, y) the middle."""
         with np.errstate(all="ignore"):
-            return placed(self.target, _fixed(G, "G", 3, 3), _fixed(P, "P", 8, 8))
+            return project_contacts(self.target, _array_of_shape(G, "G", 3, 3), _array_of_shape(P, "P", 8, 8))
 
     def joined(self, G: Floats, P: Floats, other: Floats, Q: Floats) -> tuple[float, Floats, Floats]:
         """Two independent predictions of a pose, (3, 3) and (8, 8) each, as one.
@@ -337,12 +341,12 @@ class PoseTarget:
             Their squared Mahalanobis distance, infinite where they have none; pose and covariance, the first ones then.
         """
         with np.errstate(all="ignore"):
-            return joined(
+            return fuse_predictions(
                 self.target,
-                _fixed(G, "the first pose", 3, 3),
-                _fixed(P, "the first covariance", 8, 8),
-                _fixed(other, "the second pose", 3, 3),
-                _fixed(Q, "the second covariance", 8, 8),
+                _array_of_shape(G, "the first pose", 3, 3),
+                _array_of_shape(P, "the first covariance", 8, 8),
+                _array_of_shape(other, "the second pose", 3, 3),
+                _array_of_shape(Q, "the second covariance", 8, 8),
             )
 
     def pinhole(self, G: Floats, theta: Floats, width: float, height: float) -> tuple[Floats, Floats, Floats]:
@@ -359,12 +363,16 @@ class PoseTarget:
         """
         with np.errstate(all="ignore"):
             rows = pinhole_rows(
-                self.target, _fixed(G, "G", 3, 3), _fixed(theta, "theta", 3), np.float64(width), np.float64(height)
+                self.target,
+                _array_of_shape(G, "G", 3, 3),
+                _array_of_shape(theta, "theta", 3),
+                np.float64(width),
+                np.float64(height),
             )
         return rows.misfit, rows.by_pose, rows.by_camera
 
     def _seen(self, levels: Sequence[Grey]) -> Pyramid:
-        pyramid = _pyramid(levels)
+        pyramid = _make_pyramid(levels)
         for k, (level, hidden) in enumerate(zip(pyramid, self.hidden, strict=False)):
             if hidden.shape != level.grey.shape:
                 raise ValueError("images and the mask of what is hidden need the same size")
@@ -393,10 +401,10 @@ def strongest_edges(
     Raises:
         ValueError: a length, the reach or `half` is none.
     """
-    pyramid, H = _pyramid(levels), _fixed(A, "A", 3, 3)
-    points = _places(points, "points")
+    pyramid, H = _make_pyramid(levels), _array_of_shape(A, "A", 3, 3)
+    points = _point_array(points, "points")
     n = len(points)
-    normals = _fixed(_places(normals, "normals"), "normals", n, 2)
+    normals = _array_of_shape(_point_array(normals, "normals"), "normals", n, 2)
     if not 0 <= reach <= FARTHEST:
         raise ValueError("the reach is from 0 to 1000")
     if not LEAST_HALF <= half <= MOST_HALF:
@@ -407,7 +415,7 @@ def strongest_edges(
     span = reach + 2 * MOST_HALF
     with np.errstate(all="ignore"):
         level, H = level_through(pyramid, H, points.mean(axis=0), 1.0)
-        values, inside = profiles(level, H, points, normals, span)
+        values, inside = sample_profiles(level, H, points, normals, span)
         counts, offsets, steps = find_candidates(values, span, reach, noise, np.full(n, half))
     for i in np.flatnonzero(inside):
         near, strong = offsets[i, : counts[i]], steps[i, : counts[i]]
@@ -420,21 +428,21 @@ def strongest_edges(
     return offset, step, inner, np.where(inside, edge_width(values, np.full(n, half)), np.nan)
 
 
-def _fixed(values: ArrayLike, name: str, *shape: int) -> Floats:
+def _array_of_shape(values: ArrayLike, name: str, *shape: int) -> Floats:
     array = np.array(values, dtype=np.float64)
     if array.size != int(np.prod(shape)):
         raise ValueError(f"{name} needs {int(np.prod(shape))} numbers")
     return array.reshape(shape)
 
 
-def _places(values: ArrayLike, name: str) -> Floats:
+def _point_array(values: ArrayLike, name: str) -> Floats:
     array = np.array(values, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(f"{name} are of shape (N, 2)")
     return array
 
 
-def _pyramid(levels: Sequence[Grey]) -> Pyramid:
+def _make_pyramid(levels: Sequence[Grey]) -> Pyramid:
     if not len(levels):
         raise ValueError("a pyramid has at least one level")
     if any(np.ndim(level) != 2 for level in levels):
@@ -442,7 +450,7 @@ def _pyramid(levels: Sequence[Grey]) -> Pyramid:
     return [Level(np.asarray(level, dtype=np.uint8)) for level in levels]
 
 
-def _cut(target: Target, pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
+def _cut_target_patches(target: Target, pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
     if not 0 < stride < np.inf:
         raise ValueError("the stride is above 0")
     with np.errstate(all="ignore"):

@@ -48,8 +48,8 @@ class Pinhole:
         f = width * np.exp(theta[0])
         self.K = np.array([[f, 0.0, width / 2], [0.0, f, height / 2], [0.0, 0.0, 1.0]])
         self.back = np.array([[1 / f, 0.0, -width / (2 * f)], [0.0, 1 / f, -height / (2 * f)], [0.0, 0.0, 1.0]])
-        normal = _unit(np.array([theta[1], theta[2], 1.0]))
-        first = _unit(np.array([normal[2], 0.0, -normal[0]]))
+        normal = _unit_vector(np.array([theta[1], theta[2], 1.0]))
+        first = _unit_vector(np.array([normal[2], 0.0, -normal[0]]))
         ray = self.back @ (target.A @ np.array([*target.centre, 1.0]))
         depth = 1.0 / (normal @ ray)
         plane = np.column_stack([first, np.cross(normal, first), ray * depth])
@@ -78,7 +78,7 @@ class Pinhole:
         B = self.posed(G)
         length = 0.5 * (np.sqrt(B[:, 0] @ B[:, 0]) + np.sqrt(B[:, 1] @ B[:, 1]))
         B = B * ((-1.0 if B[2, 2] < 0 else 1.0) / length)
-        down = _unit(np.cross(B[:, 0], B[:, 1]))
+        down = _unit_vector(np.cross(B[:, 0], B[:, 1]))
         if down @ B[:, 2] < 0:
             down = -down
         at = np.column_stack([target.points, np.ones(len(out))]) @ self.from_work.T
@@ -105,5 +105,5 @@ def pinhole_rows(target: Target, G: Floats, theta: Floats, width: float, height:
     )
 
 
-def _unit(a: Floats) -> Floats:
+def _unit_vector(a: Floats) -> Floats:
     return np.asarray(a * (1.0 / np.sqrt(a @ a)))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels.reference_pose_image import Level, Pyramid, carried, level_through, middle
+from grasptrack.kernels.reference_pose_image import Level, Pyramid, level_through, transform_points, upper_median
 from grasptrack.kernels.reference_pose_target import INNER, INNER_FIRST, Target
 from grasptrack.typing import Bools, Floats, Ints
 
@@ -68,7 +68,7 @@ class Candidates:
         return np.asarray(np.arange(MOST) < self.count[:, None])
 
 
-def profiles(level: Level, H: Floats, points: Floats, normals: Floats, span: int) -> tuple[Floats, Bools]:
+def sample_profiles(level: Level, H: Floats, points: Floats, normals: Floats, span: int) -> tuple[Floats, Bools]:
     """Grey levels along p + k n, k = -span..span, and whether the points themselves lie well inside.
 
     Args:
@@ -170,7 +170,7 @@ def edge_width(values: Floats, half: Ints) -> Floats:
 def edge_widths(target: Target, pyramid: Pyramid, G: Floats, places: Floats, half: Ints) -> Floats:
     """(n,) work px, standard deviation of each sample's edge at its place (n, 2), seen through G (3, 3), see `edge_width`."""
     level, H = level_through(pyramid, G, target.centre, 1.0)
-    values, _ = profiles(level, H, places, target.normals, MOST_HALF + 2)
+    values, _ = sample_profiles(level, H, places, target.normals, MOST_HALF + 2)
     return edge_width(values, half)
 
 
@@ -191,11 +191,11 @@ def measure_edges(
     """
     span = min(most_span, reach + BEYOND)
     level, H = level_through(pyramid, G, target.centre, 1.0)
-    values, inside = profiles(level, H, places, target.normals, span)
+    values, inside = sample_profiles(level, H, places, target.normals, span)
     counts, offsets, steps = find_candidates(values, span, reach, target.noise, half)
     counts[~inside] = 0
     # the inner side of each candidate, farther in where the edge is wide
-    at = _rounded(offsets)[:, :, None] + (INNER_FIRST + np.arange(INNER) + span) - (half - 2)[:, None, None]
+    at = _round_half_away(offsets)[:, :, None] + (INNER_FIRST + np.arange(INNER) + span) - (half - 2)[:, None, None]
     at = np.clip(at, 0, 2 * span)
     seen = np.take_along_axis(values, at.reshape(len(at), -1), axis=1).reshape(at.shape)
     off = seen - (light.gain * target.inner + light.bias)[:, None]
@@ -204,7 +204,7 @@ def measure_edges(
     return Candidates(reach, density, half, inside, counts, offsets, steps, difference)
 
 
-def _rounded(x: Floats) -> Ints:
+def _round_half_away(x: Floats) -> Ints:
     """To the nearest whole number, halves away from 0."""
     down = np.trunc(x)
     return np.asarray((down + np.sign(x) * (np.abs(x - down) >= 0.5)).astype(np.int64))
@@ -216,20 +216,20 @@ def surface_light(target: Target, pyramid: Pyramid, G: Floats, before: Light) ->
     Where much is covered, the cover is what fits most: the light of before, as far as it still explains some of the surface,
     is believed rather than a jump of the light.
     """
-    y = pyramid[0].at(*carried(G, target.surface[:, 0], target.surface[:, 1]), margin=1.0)
+    y = pyramid[0].at(*transform_points(G, target.surface[:, 0], target.surface[:, 1]), margin=1.0)
     held = ~np.isnan(y)
     x, y = target.surface_value[held], y[held]
     if len(x) < FEW:
         return before
     spread = x.std()
     gain = float(np.clip(y.std() / spread, 0.4, 2.5)) if spread > FLAT else 1.0
-    fresh = _refined(Light(gain, float(middle(y - gain * x))), x, y, spread > FLAT)
-    same = _refined(before, x, y, spread > FLAT)
+    fresh = _refine_light(Light(gain, float(upper_median(y - gain * x))), x, y, spread > FLAT)
+    same = _refine_light(before, x, y, spread > FLAT)
     explained = [(np.abs(y - light.gain * x - light.bias) < 0.5 * SOFT).sum() for light in (fresh, same)]
     return fresh if JUMP * explained[0] > explained[1] else same
 
 
-def _refined(light: Light, x: Floats, y: Floats, varied: bool) -> Light:
+def _refine_light(light: Light, x: Floats, y: Floats, varied: bool) -> Light:
     """The light that explains grey levels y by x, each counting the less the worse it fits."""
     for _ in range(3):
         weight = 1.0 / (1.0 + (y - light.gain * x - light.bias) ** 2 / SOFT**2) ** 2
@@ -302,10 +302,14 @@ def edge_likelihoods(
     own = shake**2 * (target.half**2 + view.half**2)
     variance = numbers.floor**2 + own + ((target.rows @ P) * target.rows).sum(axis=1)
     two = np.abs(low) + np.sqrt(low_variance) > 0.05
-    A, there = _own(target, view, numbers), view.there()
+    A, there = _object_edge_likelihood(target, view, numbers), view.there()
     off = view.offset - shift[:, None]
-    upper = np.where(there, _bell(off, variance[:, None]) * np.where(two, 1.0 - numbers.sides, 1.0)[:, None] * A, 0.0)
-    lower = np.where(there, numbers.sides * _bell(off - low[:, None], (variance + low_variance)[:, None]) * A, 0.0)
+    upper = np.where(
+        there, _gaussian_density(off, variance[:, None]) * np.where(two, 1.0 - numbers.sides, 1.0)[:, None] * A, 0.0
+    )
+    lower = np.where(
+        there, numbers.sides * _gaussian_density(off - low[:, None], (variance + low_variance)[:, None]) * A, 0.0
+    )
     lower = np.where(two[:, None], lower, 0.0)
     up, down = upper.sum(axis=1), lower.sum(axis=1)
     anywhere = (A / (2 * view.reach + 1)).sum(axis=1)
@@ -321,7 +325,7 @@ def edge_likelihoods(
     )
 
 
-def astray(target: Target, view: Candidates, numbers: EdgeNumbers, sigma: float) -> Floats:
+def misplaced_edge_log_ratio(target: Target, view: Candidates, numbers: EdgeNumbers, sigma: float) -> Floats:
     """(n,) log-likelihood ratio of something else, whose edge lies anywhere, against the object in a pose that is a little off.
 
     Of that the edge is there or hidden by light, neither more probable; 0 outside the image.
@@ -330,13 +334,13 @@ def astray(target: Target, view: Candidates, numbers: EdgeNumbers, sigma: float)
         target, view, numbers: the outline, its candidates, what is believed of them.
         sigma: work px, by which the pose is off.
     """
-    own = _own(target, view, numbers)
+    own = _object_edge_likelihood(target, view, numbers)
     other = numbers.miss + (1.0 - numbers.miss) * own.sum(axis=1) / (2 * view.reach + 1)
-    here = np.where(view.there(), own * _bell(view.offset, sigma * sigma), 0.0).sum(axis=1)
+    here = np.where(view.there(), own * _gaussian_density(view.offset, sigma * sigma), 0.0).sum(axis=1)
     return np.where(view.inside, np.log(other / (0.5 + 0.5 * here)), 0.0)
 
 
-def _own(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:
+def _object_edge_likelihood(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:
     """(n, candidates) likelihood ratio of each being an edge of the object, against clutter; 0 of those that are none."""
     s, sc = numbers.inner_spread, numbers.other_spread
     looks = 1.5 * np.log(sc / s) - 0.75 * view.difference * (1.0 / (s * s) - 1.0 / (sc * sc))
@@ -345,5 +349,5 @@ def _own(target: Target, view: Candidates, numbers: EdgeNumbers) -> Floats:
     return np.where(view.there(), 2.0 * np.exp(np.clip(looks, -8.0, 8.0)) * sign / view.density, 0.0)
 
 
-def _bell(x: Floats, variance: Floats | float) -> Floats:
+def _gaussian_density(x: Floats, variance: Floats | float) -> Floats:
     return np.asarray(np.exp(-0.5 * x * x / variance) / np.sqrt(2.0 * np.pi * variance))

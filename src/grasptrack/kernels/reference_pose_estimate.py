@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from grasptrack.kernels.reference_pose_image import carried, derivatives, inverse_definite
+from grasptrack.kernels.reference_pose_image import homography_derivatives, inverse_definite, transform_points
 from grasptrack.kernels.reference_pose_target import Target
 from grasptrack.typing import Floats
 
@@ -31,7 +31,7 @@ def seen_area(G: Floats, points: Floats) -> float:
         return float("nan")
     if not len(points):
         return 0.0
-    x, y = carried(G, *points.T)
+    x, y = transform_points(G, *points.T)
     x, y = x - x[0], y - y[0]
     return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
 
@@ -85,17 +85,17 @@ def _level_evidence(r: Floats, usual: Floats, shares: Floats, match_spread: floa
     return np.asarray(np.log((1.0 - shares[:, None]) * ratio + shares[:, None]).sum(axis=1))
 
 
-def placed(target: Target, G: Floats, P: Floats) -> tuple[Floats, Floats, tuple[float, float]]:
+def project_contacts(target: Target, G: Floats, P: Floats) -> tuple[Floats, Floats, tuple[float, float]]:
     """(k, 2) px, the contacts seen through G (3, 3), (k, 2, 2) px^2 by its error's covariance P (8, 8), and their middle."""
     x, y = target.contacts.T
-    D = np.stack(derivatives(G, x, y), axis=1).reshape(-1, 2, 2)
+    D = np.stack(homography_derivatives(G, x, y), axis=1).reshape(-1, 2, 2)
     K = D @ target.jacobian(target.contacts)
-    at = np.column_stack(carried(G, x, y))
+    at = np.column_stack(transform_points(G, x, y))
     u, v = at.mean(axis=0).tolist()
     return at, K @ P @ K.transpose(0, 2, 1), (u, v)
 
 
-def joined(target: Target, G: Floats, P: Floats, other: Floats, Q: Floats) -> tuple[float, Floats, Floats]:
+def fuse_predictions(target: Target, G: Floats, P: Floats, other: Floats, Q: Floats) -> tuple[float, Floats, Floats]:
     """Two independent predictions of a pose, (3, 3) and (8, 8) each, as one.
 
     Returns:

@@ -59,16 +59,16 @@ class Level:
 Pyramid = list[Level]
 
 
-def carried(H: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def transform_points(H: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Eq. (2): where H (3, 3) carries points x, y."""
     w = 1.0 / (H[2, 0] * x + H[2, 1] * y + H[2, 2])
     return (H[0, 0] * x + H[0, 1] * y + H[0, 2]) * w, (H[1, 0] * x + H[1, 1] * y + H[1, 2]) * w
 
 
-def derivatives(H: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def homography_derivatives(H: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """The derivatives dx'/dx, dx'/dy, dy'/dx, dy'/dy of eq. (2) at points x, y."""
     w = 1.0 / (H[2, 0] * x + H[2, 1] * y + H[2, 2])
-    u, v = carried(H, x, y)
+    u, v = transform_points(H, x, y)
     return (
         (H[0, 0] - H[2, 0] * u) * w,
         (H[0, 1] - H[2, 1] * u) * w,
@@ -82,7 +82,7 @@ def levels_through(pyramid: Pyramid, H: Floats, x: Floats, y: Floats, stride: fl
 
     The one on which their steps are nearest to a pixel and never much more: pixels are averaged over, not skipped.
     """
-    a, b, c, d = derivatives(H, x, y)
+    a, b, c, d = homography_derivatives(H, x, y)
     step = stride * np.sqrt(np.abs(a * d - b * c))
     which = np.zeros(np.shape(step), dtype=np.int64)
     for _ in pyramid[1:]:
@@ -121,11 +121,11 @@ def inverse_definite(A: Floats) -> Floats | None:
     return np.asarray(inverse.T @ inverse)
 
 
-def middle(values: Floats) -> np.float64:
+def upper_median(values: Floats) -> np.float64:
     """The value of rank n // 2, the upper median of an even count. NaN counts as larger than any number."""
     return np.float64(np.sort(values)[len(values) // 2])
 
 
-def whole(value: float, low: int, high: int) -> int:
+def clamp_to_int(value: float, low: int, high: int) -> int:
     """A number without its fraction, within bounds; the lower one where it is none."""
     return int(min(max(value, low), high)) if value == value else low

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.kernels.reference_pose_edges import Candidates, Light
-from grasptrack.kernels.reference_pose_image import Pyramid, carried, level_through, middle, whole
+from grasptrack.kernels.reference_pose_image import Pyramid, clamp_to_int, level_through, transform_points, upper_median
 from grasptrack.kernels.reference_pose_target import CELLS, Target
 from grasptrack.typing import Bools, Floats
 
@@ -73,7 +73,9 @@ class Chain(NamedTuple):
     log_likelihood: np.float64
 
 
-def stretches(object_: Floats, other: Floats, power: float, share: Floats, stay: float, mixed: float = 1.0) -> Chain:
+def forward_backward(
+    object_: Floats, other: Floats, power: float, share: Floats, stay: float, mixed: float = 1.0
+) -> Chain:
     """Forward and backward along the outline.
 
     Args:
@@ -103,7 +105,7 @@ def stretches(object_: Floats, other: Floats, power: float, share: Floats, stay:
     return Chain(states, log_likelihood)
 
 
-def bounded(view: Candidates, contrast: Floats) -> Bools:
+def has_boundary(view: Candidates, contrast: Floats) -> Bools:
     """(n,) whether a sample shows a boundary where its edge is expected, of whatever sign: what lies there ends there.
 
     Args:
@@ -134,11 +136,11 @@ def other_shape(
         target, pyramid, G: an image seen through a pose (3, 3).
         places: (n, 2) work px, of the samples' edges.
         visible: (n,) probability that each sample's edge was seen; 0 where one was seen, but too faint to bound anything.
-        ends: (n,) of `bounded`.
+        ends: (n,) of `has_boundary`.
         blur: (n,) work px, half of what moves across each sample while it is exposed: so far both sides are mixed.
         light: of the surface.
         numbers: see there.
-        share, stay, power: of `stretches`.
+        share, stay, power: of `forward_backward`.
 
     Returns:
         The ratio, -1 where no sample tells, 0 of no samples; and (n,) probability of another shape at each.
@@ -148,7 +150,9 @@ def other_shape(
         return 0.0, np.zeros(0)
     level, H = level_through(pyramid, G, target.centre, 1.0)
     inner, outer = (
-        level.at(*carried(H, *np.moveaxis(places[:, None] + d[:, None] * target.normals[:, None], 2, 0)), margin=1.0)
+        level.at(
+            *transform_points(H, *np.moveaxis(places[:, None] + d[:, None] * target.normals[:, None], 2, 0)), margin=1.0
+        )
         for d in (-target.depth, target.depth)
     )
     mixed = target.depth[None] < blur[:, None]
@@ -160,7 +164,7 @@ def other_shape(
     changed = inner - expected
     gaps = np.hypot(*(target.points - np.roll(target.points, -1, axis=0)).T)
     length = np.minimum(gaps, target.radius).sum()
-    far = whole(numbers.far * 2.0 * target.radius * n / length, 8, n)
+    far = clamp_to_int(numbers.far * 2.0 * target.radius * n / length, 8, n)
     same, differs = np.where(visible > 0.5, SEEN_ODDS, 1.0), np.where(~(visible > 0.5) & ends, BOUNDED_ODDS, 1.0)
     opened = np.vstack([differs, differs])
     told, least = False, float(np.log(numbers.unlikely))
@@ -176,10 +180,13 @@ def other_shape(
         back_in = _log_cells(material[i], back.level, back.spread, numbers)
         own_out = _log_cells(beyond[i], own, varied, numbers)
         back_out = _log_cells(beyond[i], back.level, back.spread, numbers)
-        as_inside, as_outside = _mean(own_in[:FIRST], 0.0), _mean(back_out[:FIRST], 0.0)
-        notch = min(_closed(back_in, own_in, shallow, least), as_outside)
-        tab = min(_closed(own_out, back_out, shallow, least), as_inside)
-        ground, more = min(_mean(back_in[:FIRST], least), as_outside), min(_mean(own_out[:FIRST], least), as_inside)
+        as_inside, as_outside = _known_mean(own_in[:FIRST], 0.0), _known_mean(back_out[:FIRST], 0.0)
+        notch = min(_best_depth_score(back_in, own_in, shallow, least), as_outside)
+        tab = min(_best_depth_score(own_out, back_out, shallow, least), as_inside)
+        ground, more = (
+            min(_known_mean(back_in[:FIRST], least), as_outside),
+            min(_known_mean(own_out[:FIRST], least), as_inside),
+        )
         agreement = np.array([min(as_inside, as_outside), max(notch, tab), ground, more])
         ratio = np.exp(np.clip(numbers.power * agreement, -MOST_LOG, MOST_LOG))
         same[i], ratio = ratio[0], AMISS + (1.0 - AMISS) * ratio
@@ -189,11 +196,11 @@ def other_shape(
         told = True
     if not told:
         return -1.0, np.zeros(n)
-    chain = stretches(same, differs, power, share, stay, BESIDE)
+    chain = forward_backward(same, differs, power, share, stay, BESIDE)
     without = np.array([share[0] + share[2], share[1], NEVER])
-    simply = stretches(same, differs, power, without, stay, BESIDE)
+    simply = forward_backward(same, differs, power, without, stay, BESIDE)
     # ground where the object should be and the object where it should end, without an end of their own: one alone may be cover
-    either = (stretches(same, side, power, share, stay, BESIDE).log_likelihood for side in opened)
+    either = (forward_backward(same, side, power, share, stay, BESIDE).log_likelihood for side in opened)
     open_ = sum(min(max(float(each - simply.log_likelihood), 0.0), -math.log(IMITATED)) for each in either)
     closing = float(chain.log_likelihood - simply.log_likelihood)
     return max(closing, open_) if open_ > 0.0 else closing, chain.states[:, 2]
@@ -228,8 +235,8 @@ def _levels_near(i: int, visible: Floats, cells: Floats, far: int) -> _Levels | 
     levels = levels[~np.isnan(levels)]
     if not sides or len(levels) < 3 * FIRST:
         return None
-    level = middle(levels)
-    return _Levels(level, 1.4826 * middle(np.abs(levels - level)) + LEAST_SPREAD, sides == 2)
+    level = upper_median(levels)
+    return _Levels(level, 1.4826 * upper_median(np.abs(levels - level)) + LEAST_SPREAD, sides == 2)
 
 
 def _log_cells(values: Floats, level: Floats | np.float64, spread: np.float64, numbers: RegionNumbers) -> Floats:
@@ -240,13 +247,13 @@ def _log_cells(values: Floats, level: Floats | np.float64, spread: np.float64, n
     return np.asarray(np.log((1.0 - numbers.unlikely) * ratio + numbers.unlikely))
 
 
-def _mean(cells: Floats, none: float) -> float:
+def _known_mean(cells: Floats, none: float) -> float:
     """Mean of the cells that count; `none` of none."""
     known = cells[~np.isnan(cells)]
     return float(known.sum() / len(known)) if len(known) else none
 
 
-def _closed(strange: Floats, usual: Floats, shallow: int, least: float) -> float:
+def _best_depth_score(strange: Floats, usual: Floats, shallow: int, least: float) -> float:
     """How well a notch or tab of the best depth explains one side, nats a cell.
 
     Something else lies from the outline on, up to a boundary of its own, and beyond that what should be there. What lies in
@@ -258,7 +265,7 @@ def _closed(strange: Floats, usual: Floats, shallow: int, least: float) -> float
         least: of a side without cells.
     """
     ways = (
-        min(_mean(strange[:d], least), _mean(usual[d + EDGE : d + EDGE + BEHIND], 0.0))
+        min(_known_mean(strange[:d], least), _known_mean(usual[d + EDGE : d + EDGE + BEHIND], 0.0))
         for d in range(shallow, CELLS - BEHIND)
     )
     return max(ways, default=-math.inf)

@@ -17,21 +17,21 @@ from grasptrack.kernels.reference_pose_edges import (
     Candidates,
     EdgeNumbers,
     Light,
-    astray,
     edge_likelihoods,
     edge_widths,
     measure_edges,
+    misplaced_edge_log_ratio,
     surface_light,
 )
 from grasptrack.kernels.reference_pose_image import (
     Pyramid,
-    carried,
+    clamp_to_int,
     inverse_definite,
     inverse_homography,
-    middle,
-    whole,
+    transform_points,
+    upper_median,
 )
-from grasptrack.kernels.reference_pose_regions import NEVER, RegionNumbers, bounded, other_shape, stretches
+from grasptrack.kernels.reference_pose_regions import NEVER, RegionNumbers, forward_backward, has_boundary, other_shape
 from grasptrack.kernels.reference_pose_system import (
     NUISANCES,
     Beliefs,
@@ -49,10 +49,10 @@ from grasptrack.kernels.reference_pose_texture import (
     Matches,
     TextureFit,
     TextureNumbers,
+    empty_fit,
     fit_patches,
-    joined,
+    join_matches,
     match_patches,
-    nothing,
 )
 from grasptrack.typing import Floats, Ints
 
@@ -145,7 +145,7 @@ class Solver:
         n = len(target.points)
         self.stay = float(np.exp(-1.0 / (numbers["stretch"] * n)))
         gaps = np.hypot(*(target.points - np.roll(target.points, -1, axis=0)).T)
-        spacing = middle(gaps) if n > 1 else np.float64(1.0)
+        spacing = upper_median(gaps) if n > 1 else np.float64(1.0)
         self.power = min(1.0, float(spacing / numbers["sample_distance"]))
         J = target.jacobian(target.points)
         self.places = self._seen_at(target.points, J)
@@ -166,14 +166,14 @@ class Solver:
             return out
         G, P, nuisance, spread = found, start.P, start.nuisance, start.nuisance_covariance
         edges = len(target.points) >= ENOUGH_EDGES
-        first = whole(start.reach, 0, FARTHEST)
+        first = clamp_to_int(start.reach, 0, FARTHEST)
         reach, settled, d = first, False, np.zeros(8)
         for round_ in range(ROUNDS):
-            system = self._about(G, nuisance)
+            system = self._linearize_about(G, nuisance)
             if system is None:
                 return out
             A, b = system.reduced(8)
-            texture = self._texture(G, A, b, out)
+            texture = self._fit_texture(G, A, b, out)
             system.add(texture.information, texture.gradient)
             A, b = A + texture.information, b + texture.gradient
             inverse = inverse_definite(A)
@@ -185,7 +185,7 @@ class Solver:
                 if round_ == 0 and start.reach > 0:
                     reach = first
                 elif round_ == 0 or reach == 0:
-                    reach = self._reach(P, 2.5)
+                    reach = self._search_reach(P, 2.5)
                 view = measure_edges(
                     target, self.pyramid, G, self.places, reach, self._half_widths(G), out.light, MOST_SPAN
                 )
@@ -212,7 +212,7 @@ class Solver:
             if not np.isfinite(G).all():
                 return out
             if edges:
-                reach = whole(self._reach(P, 3.0) + moved, LEAST_REACH, MOST_REACH)
+                reach = clamp_to_int(self._search_reach(P, 3.0) + moved, LEAST_REACH, MOST_REACH)
             settled = moved < SETTLED and round_ > 0
             # after the first few, what moves by less than half its own standard deviation is not worth another
             if settled or (round_ + 1 >= DIRECT and moved < 0.5 * self._contacts_deviation(P)):
@@ -220,9 +220,9 @@ class Solver:
         self._tell_readout(unknowns, x, texture, out)
         P = P + np.outer(d, d)  # an answer that still moves is not known better than by its last step
         if not settled:  # else the last step moved none of them
-            self.matches = self._match(0, FINE, G)
+            self.matches = self._match_levels(0, FINE, G)
         out.G, out.P, out.valid = G, P, True
-        self._judge(out, edges, nuisance[0], spread[0, 0])
+        self._evaluate_evidence(out, edges, nuisance[0], spread[0, 0])
         return out
 
     def _seen_at(self, points: Floats, J: Floats) -> Floats:
@@ -233,23 +233,23 @@ class Solver:
     def _contacts_deviation(self, P: Floats) -> float:
         """Work px, standard deviation of a contact along an axis at most, by the covariance P (8, 8) of the pose's error."""
         J = self.target.jacobian(self.target.contacts)
-        return float(np.sqrt(_largest(((J @ P) * J).sum(axis=2))))
+        return float(np.sqrt(_max_ignoring_nan(((J @ P) * J).sum(axis=2))))
 
     def _contacts_moved(self, d: Floats) -> float:
         """Work px by which the pose's error d (8,) moves a contact at most, along an axis."""
-        return _largest(np.abs(self.target.jacobian(self.target.contacts) @ d))
+        return _max_ignoring_nan(np.abs(self.target.jacobian(self.target.contacts) @ d))
 
-    def _about(self, G: Floats, nuisance: Floats) -> System | None:
+    def _linearize_about(self, G: Floats, nuisance: Floats) -> System | None:
         size = self.width, self.height
         return system_about(self.target, self.start, self.numbers, self.beliefs, size, G, nuisance)
 
     # --- texture --------------------------------------------------------------------------------
 
-    def _match(self, first: int, end: int, G: Floats) -> Matches:
+    def _match_levels(self, first: int, end: int, G: Floats) -> Matches:
         """All patches of the levels from `first` to `end`."""
         floor, noise = self.numbers["texture_floor"], self.target.noise
         sets = self.target.texture[first:end]
-        return joined(
+        return join_matches(
             [match_patches(self.pyramid, G, s, self._seen_at(s.places, s.rows), noise, floor * s.stride) for s in sets]
         )
 
@@ -257,17 +257,17 @@ class Solver:
         """The pose by texture, coarse to fine, before edges are looked at: their candidates are many, its valley is wide."""
         target = self.target
         J = target.jacobian(target.contacts)
-        far = _largest(np.sqrt(((J @ self.start.P) * J).sum(axis=2)))  # work px within which the pose is known
+        far = _max_ignoring_nan(np.sqrt(((J @ self.start.P) * J).sum(axis=2)))  # work px within which the pose is known
         for level, patches in reversed(list(enumerate(target.texture))):
             if len(patches) < 4 or (level > 0 and far < patches.stride):
                 continue
             for _ in range(TEXTURE_ROUNDS):
-                system = self._about(G, self.start.nuisance)
+                system = self._linearize_about(G, self.start.nuisance)
                 if system is None:
                     break
                 A, b = system.reduced(8)
-                fit = fit_patches(self._match(level, level + 1, G), A, b, self.texture_numbers)
-                if not _tells(fit, len(patches)):
+                fit = fit_patches(self._match_levels(level, level + 1, G), A, b, self.texture_numbers)
+                if not _is_informative(fit, len(patches)):
                     break
                 P = inverse_definite(A + fit.information)
                 if P is None:
@@ -280,21 +280,21 @@ class Solver:
                     break
         return G
 
-    def _texture(self, G: Floats, A: Floats, b: Floats, out: Solution) -> TextureFit:
+    def _fit_texture(self, G: Floats, A: Floats, b: Floats, out: Solution) -> TextureFit:
         """The finest levels; coarser ones tell where blur has taken the finest one."""
-        matches = self.matches = self._match(0, FINE, G)
+        matches = self.matches = self._match_levels(0, FINE, G)
         if len(matches.inside) < 4:
-            return nothing()
+            return empty_fit()
         fit = fit_patches(matches, A, b, self.texture_numbers)
         out.texture_used, out.texture_agreeing, out.texture_spread = fit.used, fit.agreeing, fit.spread
-        return fit if _tells(fit, len(matches.inside)) else nothing()
+        return fit if _is_informative(fit, len(matches.inside)) else empty_fit()
 
     # --- edges ----------------------------------------------------------------------------------
 
-    def _reach(self, P: Floats, deviations: float) -> int:
+    def _search_reach(self, P: Floats, deviations: float) -> int:
         """Work px within which edges are looked for, by the pose's covariance."""
         variance = ((self.target.rows @ P) * self.target.rows).sum(axis=1)
-        return whole(deviations * np.sqrt(_largest(variance)) + 3.0, LEAST_REACH, MOST_REACH)
+        return clamp_to_int(deviations * np.sqrt(_max_ignoring_nan(variance)) + 3.0, LEAST_REACH, MOST_REACH)
 
     def _moved_across(self, G: Floats) -> Floats:
         """(n,) work px that moved across each sample's edge since the image before."""
@@ -302,7 +302,7 @@ class Solver:
         if inverse is None:
             return np.zeros(len(self.target.points))
         x, y = self.target.points.T
-        u, v = carried(inverse @ self.start.last, x, y)
+        u, v = transform_points(inverse @ self.start.last, x, y)
         speed = np.abs((u - x) * self.target.normals[:, 0] + (v - y) * self.target.normals[:, 1])
         return np.where(np.isnan(speed), 0.0, speed)
 
@@ -312,7 +312,7 @@ class Solver:
 
     def _half_widths(self, G: Floats) -> Ints:
         """(n,) of the edge filter: two standard deviations of an edge at rest, and the way that it moves."""
-        rest = whole(2.0 * self.start.edge_width, LEAST_HALF, MOST_HALF)
+        rest = clamp_to_int(2.0 * self.start.edge_width, LEAST_HALF, MOST_HALF)
         wide = np.clip(rest + self._motion_blur(G), LEAST_HALF, MOST_HALF)
         return np.where(np.isnan(wide), LEAST_HALF, wide).astype(np.int64)
 
@@ -328,16 +328,16 @@ class Solver:
         rest, fast = told & (moved < STILL), told & (moved > STILL) & (moved > FAST * own)
         length = np.sqrt(np.where(width**2 - own**2 > 0.0, width**2 - own**2, 0.0)) / RAMP
         if known and rest.sum() > FEW_EDGES:
-            out.edge_width = float(middle(width[rest]))
+            out.edge_width = float(upper_median(width[rest]))
         if fast.sum() > FEW_EDGES:
-            out.blur_share = min(1.0, float(middle(length[fast] / moved[fast])))
+            out.blur_share = min(1.0, float(upper_median(length[fast] / moved[fast])))
         if told.sum() > FEW_EDGES:
             out.blur = float(np.sort(length[told])[told.sum() * 3 // 4])
             if not known:
                 return np.full(len(width), out.blur)
         return self._motion_blur(G)
 
-    def _parallax(self, G: Floats) -> Floats:
+    def _lower_face_parallax(self, G: Floats) -> Floats:
         """(n,) of the lower face, less what the first view showed, which counts the other way."""
         return self.camera.lower_face(self.target, G) - self.first_sides
 
@@ -366,7 +366,7 @@ class Solver:
             (9, 9) scatter of their scores by pose and thickness; None where the pose is not determined.
         """
         rows, numbers = self.target.rows, self.numbers
-        parallax = self._parallax(G)
+        parallax = self._lower_face_parallax(G)
         A, b = system.reduced(9)
         last = d
         for round_ in range(rounds):
@@ -374,14 +374,14 @@ class Solver:
                 break
             last, shift, low = d, rows @ d, parallax * h
             found = edge_likelihoods(self.target, view, shift, low, parallax**2 * vh, P, self.edge_numbers)
-            own = stretches(found.object, found.other, self.power, self.shares, self.stay).states[:, 0]
+            own = forward_backward(found.object, found.other, self.power, self.shares, self.stay).states[:, 0]
             seen_up, seen_low = found.upper * own, found.lower * own
             up, down = found.upper_offset - shift, found.lower_offset - shift - low
             rest = np.where(seen_up > seen_low, up, down)
             seen = np.abs(rest[seen_up + seen_low > 0.5])
             variance = np.float64(4.0)
             if len(seen) > 10:
-                variance = numbers["edge_noise"] ** 2 + (1.4826 * middle(seen)) ** 2
+                variance = numbers["edge_noise"] ** 2 + (1.4826 * upper_median(seen)) ** 2
             weight_up = seen_up / variance * self.power / (1.0 + up**2 / (9.0 * variance))
             weight_low = seen_low / variance * self.power / (1.0 + down**2 / (9.0 * variance))
             weight = weight_up + weight_low
@@ -404,7 +404,7 @@ class Solver:
         system.add(telling @ own_A @ telling.T, telling @ own_b)
         out.edge_share = float((seen_up + seen_low).sum()) / len(rows)
         least = np.where(view.there(), view.difference, 1e9).min(axis=1)[seen_up + seen_low > 0.5]
-        out.look = float(middle(np.sqrt(least))) if len(least) > 20 else 0.0
+        out.look = float(upper_median(np.sqrt(least))) if len(least) > 20 else 0.0
         low_seen = seen_low >= seen_up
         residual = np.where(low_seen, found.lower_offset - parallax * h, found.upper_offset) - rows @ d
         self.rows, self.weight = np.where(low_seen[:, None], lower, upper) @ telling.T, weight
@@ -443,21 +443,21 @@ class Solver:
 
     # --- evidence -------------------------------------------------------------------------------
 
-    def _judge(self, out: Solution, edges: bool, h: np.float64, vh: np.float64) -> None:
+    def _evaluate_evidence(self, out: Solution, edges: bool, h: np.float64, vh: np.float64) -> None:
         """The evidence at the answer, edges looked for much farther away than the answer's own uncertainty."""
         target, numbers = self.target, self.numbers
         n = len(target.points)
         out.visible, out.occluded, out.other = np.zeros(n), np.zeros(n), np.zeros(n)
         if edges:
-            reach = whole(numbers["wide"] * 2.0 * target.radius, 0, FARTHEST)
+            reach = clamp_to_int(numbers["wide"] * 2.0 * target.radius, 0, FARTHEST)
             half = self._half_widths(out.G)
             view = measure_edges(target, self.pyramid, out.G, self.places, reach, half, out.light, MOST_SPAN)
-            parallax = self._parallax(out.G)
+            parallax = self._lower_face_parallax(out.G)
             low, variance = parallax * h, parallax**2 * vh
             found = edge_likelihoods(target, view, np.zeros(n), low, variance, out.P, self.edge_numbers)
-            here = stretches(found.object, found.other, self.power, self.shares, self.stay)
+            here = forward_backward(found.object, found.other, self.power, self.shares, self.stay)
             share = np.array([NEVER, self.shares[1], self.shares[2] + self.shares[0]])
-            without = stretches(np.ones(n), found.other, self.power, share / share.sum(), self.stay)
+            without = forward_backward(np.ones(n), found.other, self.power, share / share.sum(), self.stay)
             out.log_odds = float(here.log_likelihood - without.log_likelihood)
             out.visible = here.states[:, 0] * (found.upper + found.lower)
             out.occluded, out.other = here.states[:, 1], here.states[:, 2]
@@ -468,7 +468,9 @@ class Solver:
                 out.sides = float(tells @ found.lower) / either
             allowed = max(float(numbers["tolerance_px"]), float(numbers["tolerance"]) * 2.0 * target.radius)
             sigma = allowed / 2.0  # two standard deviations are as much as a contact may be off
-            out.astray = float(out.other @ astray(target, view, self.edge_numbers, sigma)) * self.power
+            out.astray = (
+                float(out.other @ misplaced_edge_log_ratio(target, view, self.edge_numbers, sigma)) * self.power
+            )
             blur = self._learn_widths(out.G, half, here.states[:, 0] * found.upper, out)
             regions = RegionNumbers(
                 numbers["cell_unlikely"],
@@ -477,7 +479,7 @@ class Solver:
                 numbers["cell_cover"],
                 allowed,
             )
-            ends = bounded(view, target.contrast)
+            ends = has_boundary(view, target.contrast)
             # what is faint beside its own edge may be a mark of its surface, on which a tab goes on
             seen = np.where(ends, out.visible, 0.0)
             out.other_shape, out.differs = other_shape(
@@ -503,11 +505,11 @@ LEAST, CHANCE = 4, 0.12
 """Patches that texture must rest on, and the share of all that may agree by chance."""
 
 
-def _tells(fit: TextureFit, count: int) -> bool:
+def _is_informative(fit: TextureFit, count: int) -> bool:
     # noise alone agrees here and there
     return fit.used >= LEAST and fit.agreeing * count >= LEAST + CHANCE * count
 
 
-def _largest(values: Floats) -> float:
+def _max_ignoring_nan(values: Floats) -> float:
     """The largest of some values, 0 at least; what is no number does not count."""
     return float(np.max(np.where(np.isnan(values), 0.0, values), initial=0.0))

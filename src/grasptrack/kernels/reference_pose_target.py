@@ -121,7 +121,7 @@ class Target:
         y = np.stack([zero, one, zero, zero, u, v, u * v, v * v], axis=1)
         return np.stack([x, y], axis=1)
 
-    def _frames(self) -> tuple[Floats, Floats]:
+    def _normalizing_transforms(self) -> tuple[Floats, Floats]:
         """Work px to units of the radius about the centre, and back, (3, 3) each."""
         r, (cx, cy) = self.radius, self.centre
         there = np.array([[1.0 / r, 0.0, -cx / r], [0.0, 1.0 / r, -cy / r], [0.0, 0.0, 1.0]])
@@ -129,7 +129,7 @@ class Target:
 
     def moved(self, G: Floats, d: Floats) -> Floats:
         """The pose (3, 3) that G is once its error d (8,) is made good."""
-        there, back = self._frames()
+        there, back = self._normalizing_transforms()
         e = d / self.radius
         D = np.array([[1.0 + e[2], e[3], e[0]], [e[4], 1.0 + e[5], e[1]], [-e[6], -e[7], 1.0]])
         H = (G @ back) @ (D @ there)
@@ -140,7 +140,7 @@ class Target:
         inverse = inverse_homography(G0)
         if inverse is None:
             return None
-        there, back = self._frames()
+        there, back = self._normalizing_transforms()
         D = (there @ (inverse @ G)) @ back
         if not abs(D[2, 2]) > 1e-12:
             return None

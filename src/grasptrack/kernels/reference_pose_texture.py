@@ -11,11 +11,11 @@ import numpy as np
 
 from grasptrack.kernels.reference_pose_image import (
     Pyramid,
-    carried,
-    derivatives,
+    homography_derivatives,
     inverse_definite,
     levels_through,
-    middle,
+    transform_points,
+    upper_median,
 )
 from grasptrack.kernels.reference_pose_target import Patches, Target
 from grasptrack.typing import Bools, Floats
@@ -79,12 +79,12 @@ class TextureFit:
     weight: Floats = field(default_factory=lambda: np.zeros(0))
 
 
-def nothing() -> TextureFit:
+def empty_fit() -> TextureFit:
     """A fit that tells nothing."""
     return TextureFit(np.zeros((8, 8)), np.zeros(8))
 
 
-def _lattice(pyramid: Pyramid, G: Floats, places: Floats, stride: float, half: int) -> tuple[Bools, Floats]:
+def _sample_lattice(pyramid: Pyramid, G: Floats, places: Floats, stride: float, half: int) -> tuple[Bools, Floats]:
     """Grey levels round places (m, 2), `stride` work px apart, on the level on which that is nearest to a pixel.
 
     Returns:
@@ -94,8 +94,8 @@ def _lattice(pyramid: Pyramid, G: Floats, places: Floats, stride: float, half: i
     x, y = places.T
     which = levels_through(pyramid, G, x, y, stride)
     reduced = 0.5**which
-    cx, cy = (c * reduced for c in carried(G, x, y))
-    ux, vx, uy, vy = (d * reduced * stride for d in derivatives(G, x, y))
+    cx, cy = (c * reduced for c in transform_points(G, x, y))
+    ux, vx, uy, vy = (d * reduced * stride for d in homography_derivatives(G, x, y))
     j, i = np.mgrid[-half : half + 1, -half : half + 1]
     u, v = (c[:, None, None] + i * a[:, None, None] + j * b[:, None, None] for c, a, b in ((cx, ux, vx), (cy, uy, vy)))
     inside, values = np.zeros(len(places), dtype=bool), np.full(u.shape, np.nan)
@@ -110,7 +110,7 @@ def _lattice(pyramid: Pyramid, G: Floats, places: Floats, stride: float, half: i
 
 def cut_patches(target: Target, pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
     """Patches of an image seen through G (3, 3) round places (m, 2), `stride` work px a pixel; those whole in view."""
-    inside, values = _lattice(pyramid, G, places, stride, SIDE // 2 + 1)
+    inside, values = _sample_lattice(pyramid, G, places, stride, SIDE // 2 + 1)
     values = values[inside]
     m = len(values)
     raw = values[:, 1:-1, 1:-1].reshape(m, PIXELS)
@@ -124,7 +124,7 @@ def cut_patches(target: Target, pyramid: Pyramid, G: Floats, places: Floats, str
     # the same tail with another gain.)
     gx, gy = (
         single - g.mean(axis=1, keepdims=True) - s * (v * single).sum(axis=1, keepdims=True) * v
-        for g, single in ((gx, _single(gx)), (gy, _single(gy)))
+        for g, single in ((gx, _round_to_float32(gx)), (gy, _round_to_float32(gy)))
     )
     patches = Patches(
         stride,
@@ -138,14 +138,14 @@ def cut_patches(target: Target, pyramid: Pyramid, G: Floats, places: Floats, str
         variance,
         np.zeros((m, 2, 8)),
     )
-    return replace(patches, rows=_rows(target, patches, np.stack([gx, gy], axis=1), values))
+    return replace(patches, rows=_shift_derivatives(target, patches, np.stack([gx, gy], axis=1), values))
 
 
 SHARED = 0.5 * 10.0 / 16.0
 """Of what noise alone gives of gradients, twice its mean, that which Scharr's have in common with plain differences."""
 
 
-def _rows(target: Target, patches: Patches, own: Floats, values: Floats) -> Floats:
+def _shift_derivatives(target: Target, patches: Patches, own: Floats, values: Floats) -> Floats:
     """(m, 2, 8) derivatives by the pose's error of the shifts that patches tell.
 
     A turn of the pose turns a patch as well, which its gradients take for a shift: the arc of a disc, that comes to lie on
@@ -161,9 +161,9 @@ def _rows(target: Target, patches: Patches, own: Floats, values: Floats) -> Floa
     j, i = np.mgrid[-half : half + 1, -half : half + 1]
     pixels = patches.places[:, None] + patches.stride * np.column_stack([i.ravel(), j.ravel()])
     J = target.jacobian(pixels.reshape(-1, 2)).reshape(m, PIXELS, 2, 8)
-    changes = own @ np.einsum("npk,nkpa->nka", _directed(values) / patches.stride, J)
-    axes, power = _axes(patches)
-    alone = _alone(noise_of(target.noise, patches.stride), patches.stride)
+    changes = own @ np.einsum("npk,nkpa->nka", _scharr_gradients(values) / patches.stride, J)
+    axes, power = _gradient_axes(patches)
+    alone = _noise_gradient_energy(noise_of(target.noise, patches.stride), patches.stride)
     moved = np.einsum("snp,npa->sna", axes, changes - SHARED * alone * target.jacobian(patches.places))
     shift = (axes * moved[..., :2]).sum(axis=2)  # a shift along the axis
     tells = ((power > alone) & (shift > 0))[..., None]
@@ -171,7 +171,7 @@ def _rows(target: Target, patches: Patches, own: Floats, values: Floats) -> Floa
     return np.asarray(np.einsum("snp,sna->npa", axes, rows))
 
 
-def _directed(values: Floats) -> Floats:
+def _scharr_gradients(values: Floats) -> Floats:
     """(m, 2, 49) gradients a pixel of grey levels (m, 9, 9), by Scharr, for their directions.
 
     Plain differences turn those of a sharp edge by some degrees.
@@ -182,7 +182,7 @@ def _directed(values: Floats) -> Floats:
     return np.stack([gx, gy], axis=1).reshape(len(values), 2, PIXELS) / 32.0
 
 
-def _axes(patches: Patches) -> tuple[Floats, Floats]:
+def _gradient_axes(patches: Patches) -> tuple[Floats, Floats]:
     """(2, m, 2) unit axes of the patches' gradients, along and across the largest; (2, m) sums of their squares on each."""
     mean = 0.5 * (patches.axx + patches.ayy)
     root = np.hypot(0.5 * (patches.axx - patches.ayy), patches.axy)
@@ -192,12 +192,12 @@ def _axes(patches: Patches) -> tuple[Floats, Floats]:
     return axes, np.stack([mean + root, mean - root])
 
 
-def _alone(noise: float, stride: float) -> float:
+def _noise_gradient_energy(noise: float, stride: float) -> float:
     """Of the sum of squares of gradients `stride` apart along an axis, what noise alone gives twice."""
     return PIXELS * noise * noise / stride**2
 
 
-def _single(values: Floats) -> Floats:
+def _round_to_float32(values: Floats) -> Floats:
     return values.astype(np.float32).astype(np.float64)
 
 
@@ -221,7 +221,7 @@ def match_patches(
         floor: work px, error that the model does not explain.
     """
     m, stride = len(patches), patches.stride
-    inside, values = _lattice(pyramid, G, places, stride, SIDE // 2)
+    inside, values = _sample_lattice(pyramid, G, places, stride, SIDE // 2)
     value = values.reshape(m, PIXELS)
     value = value - value.mean(axis=1, keepdims=True)
     noise = noise_of(camera, patches.stride)
@@ -232,9 +232,9 @@ def match_patches(
     gain = np.sqrt(np.maximum(own - grain, 0.0) / np.maximum(patches.variance, 1e-9))
     gain = np.clip(gain, 0.2, 5.0)
     # along each of the two axes of the patch's gradients; what noise alone gives of them tells nothing
-    axes, power = _axes(patches)
+    axes, power = _gradient_axes(patches)
     cosine, sine = axes[0].T
-    signal = power - _alone(noise, stride)
+    signal = power - _noise_gradient_energy(noise, stride)
     tells = signal > 0
     e = axes[..., 0] * ex + axes[..., 1] * ey
     # noise in the gradients shortens a shift measured with them
@@ -262,7 +262,7 @@ def match_patches(
     )
 
 
-def joined(parts: list[Matches]) -> Matches:
+def join_matches(parts: list[Matches]) -> Matches:
     """Those of several levels."""
     if not parts:
         return Matches(np.zeros((0, 2, 8)), np.zeros(0, dtype=bool), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)))
@@ -277,7 +277,7 @@ def fit_patches(matches: Matches, prior: Floats, gradient: Floats, numbers: Text
         prior, gradient: (8, 8) information about the pose's error, and (8,) that times what it is thought to be.
         numbers: see there.
     """
-    fit = nothing()
+    fit = empty_fit()
     inside = matches.inside
     fit.used = int(inside.sum())
     if fit.used < 4:
@@ -299,10 +299,10 @@ def fit_patches(matches: Matches, prior: Floats, gradient: Floats, numbers: Text
             break
         P = inverse_definite(fit.information + prior)
         if P is None:
-            return nothing()
+            return empty_fit()
         off = shift - J @ (P @ (fit.gradient + gradient))
         distance = xx * off[:, 0] ** 2 + 2.0 * xy * off[:, 0] * off[:, 1] + yy * off[:, 1] ** 2
-        scale = max(1.0, float(middle(distance)) / MEDIAN)
+        scale = max(1.0, float(upper_median(distance)) / MEDIAN)
         weight = (numbers.freedom + 2.0) / (numbers.freedom + distance / scale)
         agree = (distance / scale < 9.0) & (matches.correlation[inside] > 0.5)
         fit.agreeing = float(agree.sum()) / len(inside)

@@ -80,7 +80,7 @@ class Along:
         k = 0
         distance = math.dist(self.contacts[a], self.contacts[b])
         slant = slip * (1 + self.friction**2)
-        if self._close([a], [b], sense, slant, 0.0):
+        if self._all_pairs_close([a], [b], sense, slant, 0.0):
             for k in range(1, limit + 2):
                 if k > limit:
                     break
@@ -90,8 +90,8 @@ class Along:
                 at_a = [self.moved(a, e) for e in around]
                 at_b = [self.moved(b, e) for e in around]
                 if not (
-                    self._close([at_a[0], at_a[-1]], at_b, sense, slant, lean)
-                    and self._close(at_a, [at_b[0], at_b[-1]], sense, slant, lean)
+                    self._all_pairs_close([at_a[0], at_a[-1]], at_b, sense, slant, lean)
+                    and self._all_pairs_close(at_a, [at_b[0], at_b[-1]], sense, slant, lean)
                 ):
                     break
             k -= 1
@@ -101,7 +101,7 @@ class Along:
         change = max(float(self.turn[a]), float(self.turn[b])) + 2 * slip / distance
         return min(step, most, step * spare / (2 * change))
 
-    def _close(self, first: list[int], second: list[int], sense: float, slant: float, lean: float) -> bool:
+    def _all_pairs_close(self, first: list[int], second: list[int], sense: float, slant: float, lean: float) -> bool:
         """Whether every pair of one of `first` and one of `second` closes with room to spare.
 
         The line's slant by half a step at either end adds `lean` to the friction needed, slant / distance where it is 0.
@@ -131,10 +131,10 @@ class Along:
             good = True
             for way in (-1, 1):
                 here, before = self.moved(i, way * far), self.moved(i, way * (far - 1))
-                between = self._apart(here, before)
+                between = self._cone_edge_distance(here, before)
                 if far == 1:
                     first = max(first, between)
-                good &= bool(self.usable[here]) and self._apart(here, i) + between < epsilon
+                good &= bool(self.usable[here]) and self._cone_edge_distance(here, i) + between < epsilon
             if not good:
                 break
             k = far
@@ -142,6 +142,6 @@ class Along:
             return min(k * step, most)
         return min(step, most, step * epsilon / (2 * max(first, 1e-12)))
 
-    def _apart(self, i: int, j: int) -> float:
+    def _cone_edge_distance(self, i: int, j: int) -> float:
         """The larger distance between corresponding edges of two candidates' cones, in wrenches."""
         return float(np.sqrt(((self.edges[i] - self.edges[j]) ** 2).sum(axis=1).max()))

@@ -10,9 +10,9 @@ from grasptrack.kernels.reference_sightings import (
     TURN,
     check_size,
     count_points,
-    difference,
     expected_sightings,
-    step_state,
+    retract_state,
+    state_difference,
 )
 from grasptrack.typing import Floats
 
@@ -21,7 +21,7 @@ FARTHEST = 0.5
 as much, and no small step leads back."""
 
 
-def search_sightings(
+def calibrate_batch(
     origin: Floats,
     known: Floats,
     hands: Floats,
@@ -81,7 +81,7 @@ def search_sightings(
         step = np.asarray(np.linalg.solve(A + damping * np.diag(np.diag(A)), b))
         found = np.inf
         if max(np.linalg.norm(step[TURN]), np.linalg.norm(step[POSE])) <= FARTHEST:
-            tried = step_state(now, step)
+            tried = retract_state(now, step)
             evidence.look(tried)
             found = evidence.cost(scale)
         if found <= cost:
@@ -117,7 +117,7 @@ class _Evidence:
         self._slopes = slopes.reshape(*shape, -1)
         size2 = (self._off * self._off).mean(axis=1)
         self._size2 = np.where(np.isnan(size2), np.inf, size2)
-        self._d = difference(self._origin, state)
+        self._d = state_difference(self._origin, state)
 
     def cost(self, scale: float) -> float:
         """In squared standard deviations."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from grasptrack.kernels.reference_rigid import rotation, rotation_vector, skews
+from grasptrack.kernels.reference_rigid import rotation_matrix, rotation_vector, skew_matrices
 from grasptrack.typing import Floats
 
 CENTRE, CAMERA, CAMERA_AT, OBJECT = slice(1, 3), slice(3, 12), slice(12, 15), slice(15, 24)
@@ -27,7 +27,7 @@ STRETCH = 0.5
 """Most by which a step changes the log of the focal length."""
 
 
-def step_state(state: Floats, step: Floats) -> Floats:
+def retract_state(state: Floats, step: Floats) -> Floats:
     """The state (39 + 2n,) after a step (16 + 2n,); the log focal length changes by at most 0.5.
 
     Raises:
@@ -38,8 +38,8 @@ def step_state(state: Floats, step: Floats) -> Floats:
         raise ValueError("a step has a number for each unknown")
     out = state.copy()
     out[0] *= np.exp(np.clip(step[FOCAL], -STRETCH, STRETCH))
-    out[CAMERA] = (state[CAMERA].reshape(3, 3) @ rotation(step[TURN])).ravel()
-    out[OBJECT] = (state[OBJECT].reshape(3, 3) @ rotation(step[POSE])).ravel()
+    out[CAMERA] = (state[CAMERA].reshape(3, 3) @ rotation_matrix(step[TURN])).ravel()
+    out[OBJECT] = (state[OBJECT].reshape(3, 3) @ rotation_matrix(step[POSE])).ravel()
     out[CAMERA_AT] += step[OFFSET]
     out[OBJECT_AT] += step[PLACE]
     out[GOING] += step[SPEED]
@@ -47,7 +47,7 @@ def step_state(state: Floats, step: Floats) -> Floats:
     return out
 
 
-def difference(first: Floats, second: Floats) -> Floats:
+def state_difference(first: Floats, second: Floats) -> Floats:
     """The step (16 + 2n,) that takes one state to another."""
     d = np.zeros(len(first) - POINTS + SHAPE)
     d[FOCAL] = np.log(second[0] / first[0])
@@ -88,12 +88,12 @@ def expected_sightings(state: Floats, hands: Floats, later: Floats) -> tuple[Flo
         A[:, 0, 0] = A[:, 1, 1] = focal / P[:, 2]
         A[:, :, 2] = -focal * P[:, :2] / P[:, 2:] ** 2
         out[..., FOCAL] = (pixels - state[CENTRE]).reshape(N, n, 2)
-        out[..., TURN] = (A @ skews(P)).reshape(N, n, 2, 3)
+        out[..., TURN] = (A @ skew_matrices(P)).reshape(N, n, 2, 3)
         out[..., OFFSET] = (-A @ turn.T).reshape(N, n, 2, 3)
         to_camera = turn.T @ np.swapaxes(hands[:, :3, :3], 1, 2)
         by_place = A.reshape(N, n, 2, 3) @ to_camera[:, None]
         out[..., PLACE] = by_place
-        out[..., POSE] = -by_place @ (pose @ skews(np.column_stack([points, np.zeros(n)])))
+        out[..., POSE] = -by_place @ (pose @ skew_matrices(np.column_stack([points, np.zeros(n)])))
         out[..., SPEED] = by_place @ axes * later[:, None, None, None]
         by_shape = by_place @ pose[:, :2]
         for i in range(n):

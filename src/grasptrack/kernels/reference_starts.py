@@ -16,7 +16,7 @@ IN_FRONT = 0.25
 """A bend that magnifies a part of the outline by more than the inverse of this is not tried."""
 
 
-def outline_starts(first: Floats, second: Floats, bends: Floats, count: int, apart: float, most: int) -> Floats:
+def initial_alignments(first: Floats, second: Floats, bends: Floats, count: int, apart: float, most: int) -> Floats:
     """Homographies that may lay one closed contour on another, without a prior.
 
     The first contour is whitened: its area gets its mean at 0 and unit second moments. There it is bent by
@@ -40,9 +40,9 @@ def outline_starts(first: Floats, second: Floats, bends: Floats, count: int, apa
     """
     if count < 4 or count & (count - 1):
         raise ValueError(f"count must be a power of 2, at least 4, not {count}")
-    to_first, to_second = _whitening(first), _whitening(second)
+    to_first, to_second = _whitening_transform(first), _whitening_transform(second)
     white = first @ to_first[:2, :2].T + to_first[:2, 2]
-    b = np.fft.fft(_samples(second @ to_second[:2, :2].T + to_second[:2, 2], count))
+    b = np.fft.fft(_normalized_samples(second @ to_second[:2, :2].T + to_second[:2, 2], count))
     back = np.linalg.inv(to_second)
     rows = []
     for bend in bends:
@@ -50,8 +50,8 @@ def outline_starts(first: Floats, second: Floats, bends: Floats, count: int, apa
         if w.min() < IN_FRONT:
             continue
         bent = np.ascontiguousarray(white / w[:, None])
-        again = _whitening(bent)
-        c = np.fft.ifft(b * np.conj(np.fft.fft(_samples(bent @ again[:2, :2].T + again[:2, 2], count))))
+        again = _whitening_transform(bent)
+        c = np.fft.ifft(b * np.conj(np.fft.fft(_normalized_samples(bent @ again[:2, :2].T + again[:2, 2], count))))
         square = c.real**2 + c.imag**2
         projective = np.eye(3)
         projective[2, :2] = bend
@@ -68,7 +68,7 @@ def outline_starts(first: Floats, second: Floats, bends: Floats, count: int, apa
     return np.array(kept, dtype=np.float64).reshape(-1, 11)
 
 
-def _whitening(points: Floats) -> Floats:
+def _whitening_transform(points: Floats) -> Floats:
     """(3, 3) the affine map after which the area within has mean 0 and unit second moments, without a turn."""
     _, x, y, theta, major, minor, *_ = inertia(points, np.array([0, len(points)], dtype=np.int64))
     if not minor > 0.0:
@@ -79,7 +79,7 @@ def _whitening(points: Floats) -> Floats:
     return np.array([[xx, xy, -xx * x - xy * y], [xy, yy, -xy * x - yy * y], [0.0, 0.0, 1.0]])
 
 
-def _samples(points: Floats, count: int) -> NDArray[np.complex128]:
+def _normalized_samples(points: Floats, count: int) -> NDArray[np.complex128]:
     at = resample(np.ascontiguousarray(points), count, 0.0)
     z = at[:, 0] + 1j * at[:, 1]
     z -= z.mean()

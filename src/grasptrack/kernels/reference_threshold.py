@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def soft_threshold(
+def blur_threshold(
     image: NDArray[np.uint8], left: int, top: int, right: int, bottom: int, level: float, polarity: int
 ) -> NDArray[np.uint8]:
     """Where a window of an image, softened by the binomial (1 2 1) both ways, is dark or light.

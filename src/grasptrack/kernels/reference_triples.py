@@ -51,12 +51,14 @@ def closing_triples(
     epsilon = np.empty(len(every))
     for start in range(0, len(every), CHUNK):
         part = every[start : start + CHUNK]
-        epsilon[start : start + CHUNK] = _depths(_edges((contacts - (cx, cy)) / rho, normals, friction)[part])
+        epsilon[start : start + CHUNK] = _epsilon_qualities(
+            _cone_edge_wrenches((contacts - (cx, cy)) / rho, normals, friction)[part]
+        )
     closed = epsilon > LEAST_EPSILON
     return every[closed], sense[closed], epsilon[closed]
 
 
-def _edges(arms: Floats, normals: Floats, friction: float) -> Floats:
+def _cone_edge_wrenches(arms: Floats, normals: Floats, friction: float) -> Floats:
     """(n, 2, 3) wrenches of the edges of each contact's friction cone."""
     tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
     forces = np.stack([normals + friction * tangents, normals - friction * tangents], axis=1)
@@ -64,7 +66,7 @@ def _edges(arms: Floats, normals: Floats, friction: float) -> Floats:
     return np.concatenate([forces, torque[..., None]], axis=2)
 
 
-def _depths(edges: Floats) -> Floats:
+def _epsilon_qualities(edges: Floats) -> Floats:
     """(t,) what `force_closure` calls epsilon, of grasps given as (t, 3, 2, 3) cone edges."""
     w = edges.transpose(0, 2, 1, 3).reshape(-1, 6, 3)
     scale = np.abs(w).max(axis=(1, 2), initial=0.0)

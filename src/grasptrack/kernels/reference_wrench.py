@@ -16,7 +16,7 @@ NO_PLANE = 1e-9
 MAX_CONTACTS = 8
 
 
-def _wrenches(arms: Floats, normals: Floats, along: float, across: float) -> Floats:
+def _cone_edge_wrenches(arms: Floats, normals: Floats, along: float, across: float) -> Floats:
     """(2k, 3) edges of the friction cones, force n * along +- t * across, and torque / rho."""
     tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
     forces = np.concatenate([along * normals + across * tangents, along * normals - across * tangents])
@@ -24,7 +24,7 @@ def _wrenches(arms: Floats, normals: Floats, along: float, across: float) -> Flo
     return np.column_stack([forces, both[:, 0] * forces[:, 1] - both[:, 1] * forces[:, 0]])
 
 
-def _depth(w: Floats) -> float:
+def _epsilon_quality(w: Floats) -> float:
     """Signed distance of the origin from the nearest facet of the hull of w, positive inside; 0 where it is flat."""
     scale = float(np.abs(w).max())
     if scale == 0:
@@ -48,7 +48,7 @@ def _depth(w: Floats) -> float:
     return depth if math.isfinite(depth) else 0.0
 
 
-def _angle(a: Floats, b: Floats) -> float:
+def _angle_between(a: Floats, b: Floats) -> float:
     return abs(math.atan2(a[0] * b[1] - a[1] * b[0], a @ b))
 
 
@@ -57,12 +57,12 @@ def _friction_angle(contacts: Floats, normals: Floats, arms: Floats) -> float:
         d = contacts[1] - contacts[0]
         if not d.any():
             return math.pi / 2
-        squeeze = max(_angle(normals[0], d), _angle(normals[1], -d))
-        spread = max(_angle(normals[0], -d), _angle(normals[1], d))
+        squeeze = max(_angle_between(normals[0], d), _angle_between(normals[1], -d))
+        spread = max(_angle_between(normals[0], -d), _angle_between(normals[1], d))
         return min(squeeze, spread, math.pi / 2)
 
     def closes(angle: float) -> bool:
-        return _depth(_wrenches(arms, normals, math.cos(angle), math.sin(angle))) > ON_PLANE
+        return _epsilon_quality(_cone_edge_wrenches(arms, normals, math.cos(angle), math.sin(angle))) > ON_PLANE
 
     low, high = 0.0, math.pi / 2 - 1e-9
     if closes(low):
@@ -105,4 +105,4 @@ def force_closure(
     if not rho > 0 or not friction >= 0:
         raise ValueError(f"rho must be above 0 and friction at least 0, not {rho:g} and {friction:g}")
     arms = (contacts - (cx, cy)) / rho
-    return _depth(_wrenches(arms, normals, 1.0, friction)), _friction_angle(contacts, normals, arms)
+    return _epsilon_quality(_cone_edge_wrenches(arms, normals, 1.0, friction)), _friction_angle(contacts, normals, arms)

@@ -8,8 +8,8 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline
 from grasptrack.matching import starts
-from grasptrack.matching.rating import Match, rated, slack
-from grasptrack.matching.samples import Sampled, sampled
+from grasptrack.matching.rating import Match, measure_observability, rate_homography
+from grasptrack.matching.samples import Sampled, as_sampled
 from grasptrack.typing import Floats
 
 Steps = tuple[Floats, Floats]
@@ -43,7 +43,9 @@ SAME = 0.03
 """Hypotheses that put all points within this share of sqrt(area) of each other are one."""
 
 
-def match(first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *, thorough: bool = True) -> list[Match]:
+def match_outlines(
+    first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *, thorough: bool = True
+) -> list[Match]:
     """The homographies that may lay one outline on another, the best first.
 
     Args:
@@ -56,17 +58,17 @@ def match(first: Outline | Sampled, second: Outline | Sampled, most: int = 4, *,
         Distinct hypotheses, never a mirror image, none that asks for more tilt than `MAX_STRETCH` and `MAX_DEPTH` allow,
         the least cost first. Empty where nothing fits at all. `judge` says what they amount to.
     """
-    a, b = sampled(first), sampled(second)
-    found = _refined(starts.of_wholes(a, b), a, b)
+    a, b = as_sampled(first), as_sampled(second)
+    found = _refine_starts(starts.of_wholes(a, b), a, b)
     if thorough and not (found and found[0].share >= FITS):
         again = np.concatenate([starts.of_wholes(a, b, more=True), starts.of_parts(a, b)])
-        found = _merged(found + _refined(again, a, b), a)
+        found = _merge_duplicates(found + _refine_starts(again, a, b), a)
     if found:
-        found[0] = found[0]._replace(slack=slack(found[0], a, b))
-    return [_placed(m, a, b) for m in found[:most]]
+        found[0] = found[0]._replace(slack=measure_observability(found[0], a, b))
+    return [_to_image_coordinates(m, a, b) for m in found[:most]]
 
 
-def _placed(m: Match, a: Sampled, b: Sampled) -> Match:
+def _to_image_coordinates(m: Match, a: Sampled, b: Sampled) -> Match:
     """The same between the images; so far it was between the centres."""
     to, back = np.eye(3), np.eye(3)
     to[:2, 2], back[:2, 2] = -a.centre, b.centre
@@ -74,68 +76,68 @@ def _placed(m: Match, a: Sampled, b: Sampled) -> Match:
     return m._replace(homography=H / H[2, 2] if abs(H[2, 2]) > 1e-9 else H)
 
 
-def _refined(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
+def _refine_starts(begun: Floats, a: Sampled, b: Sampled) -> list[Match]:
     """Distinct hypotheses that starts (k, 9) lead to, the least misfit first."""
-    found = _fine(_coarse(begun, a, b), a, b)
+    found = _refine_fine(_refine_coarse(begun, a, b), a, b)
     if found and len(a.twins):  # what nearly lies on itself must lie there in the best of its ways
         best = found[0].homography
         ways = (best @ a.twins.reshape(-1, 3, 3)).reshape(-1, 9)
-        found = _merged(found + _fine(_coarse(ways / ways[:, 8:], a, b), a, b, len(ways)), a)
-    return found if len(found) < 2 else _settled(found, a, b)
+        found = _merge_duplicates(found + _refine_fine(_refine_coarse(ways / ways[:, 8:], a, b), a, b, len(ways)), a)
+    return found if len(found) < 2 else _refine_to_convergence(found, a, b)
 
 
-def _settled(found: list[Match], a: Sampled, b: Sampled) -> list[Match]:
+def _refine_to_convergence(found: list[Match], a: Sampled, b: Sampled) -> list[Match]:
     """Those that are left when all that come near the best one are refined to the end: slow ones join it."""
     limit = max(SETTLED * found[0].misfit, found[0].misfit + SETTLED_SHARE * b.size)
     near = [m for m in found if m.misfit <= limit]
     reaches, damping = FINE
     rows = np.array([m.homography.ravel() for m in near])
     for _ in range(2):
-        rows = _laid(np.ascontiguousarray(rows[:, :9]), a, b, (reaches[-3:], damping[-3:]), [1, 1, 1])
-        if len(rows) < 2 or len(_distinct(rows, a, b.size)) == 1:
+        rows = _align_starts(np.ascontiguousarray(rows[:, :9]), a, b, (reaches[-3:], damping[-3:]), [1, 1, 1])
+        if len(rows) < 2 or len(_distinct_indices(rows, a, b.size)) == 1:
             break
-    again = [m for row in rows if (m := rated(row[:9].reshape(3, 3), a, b)) is not None]
-    return _merged(again + [m for m in found if m.misfit > limit], a)
+    again = [m for row in rows if (m := rate_homography(row[:9].reshape(3, 3), a, b)) is not None]
+    return _merge_duplicates(again + [m for m in found if m.misfit > limit], a)
 
 
-def _coarse(begun: Floats, a: Sampled, b: Sampled) -> Floats:
+def _refine_coarse(begun: Floats, a: Sampled, b: Sampled) -> Floats:
     """(k, 10) distinct homographies, on few samples, the least misfit first."""
     stride = max(1, len(a.points) // COARSE_SAMPLES)
     found, noise = begun, max(COARSE_NOISE * b.size, LEAST_NOISE)
     for steps in COARSE:
-        found = _laid(np.ascontiguousarray(found[:, :9]), a, b, steps, [stride] * len(steps[0]), noise)
+        found = _align_starts(np.ascontiguousarray(found[:, :9]), a, b, steps, [stride] * len(steps[0]), noise)
         if len(found):
             least = float(found[:, 9].min())
             found = found[found[:, 9] <= max(HOPELESS * least, least + HOPELESS_SHARE * b.size)]
     found = found[np.argsort(found[:, 9], kind="stable")]
-    return found[_distinct(found, a, b.size)] if len(found) else found
+    return found[_distinct_indices(found, a, b.size)] if len(found) else found
 
 
-def _fine(coarse: Floats, a: Sampled, b: Sampled, most: int = FINAL) -> list[Match]:
+def _refine_fine(coarse: Floats, a: Sampled, b: Sampled, most: int = FINAL) -> list[Match]:
     """Those that promise something, on all samples."""
     if not len(coarse):
         return []
     limit = max(PROMISING * coarse[0, 9], coarse[0, 9] + PROMISING_SHARE * b.size)
     promising = coarse[coarse[:, 9] <= limit][:most]
-    fine = _laid(np.ascontiguousarray(promising[:, :9]), a, b, FINE, [2] * (len(FINE[0]) - 1) + [1])
-    return _merged([m for row in fine if (m := rated(row[:9].reshape(3, 3), a, b)) is not None], a)
+    fine = _align_starts(np.ascontiguousarray(promising[:, :9]), a, b, FINE, [2] * (len(FINE[0]) - 1) + [1])
+    return _merge_duplicates([m for row in fine if (m := rate_homography(row[:9].reshape(3, 3), a, b)) is not None], a)
 
 
-def _merged(found: list[Match], a: Sampled) -> list[Match]:
+def _merge_duplicates(found: list[Match], a: Sampled) -> list[Match]:
     """The distinct ones, the least cost first."""
     if not found:
         return []
     ordered = sorted(found, key=lambda m: m.cost)
-    kept = _distinct(np.array([m.homography.ravel() for m in ordered]), a, ordered[0].size)
+    kept = _distinct_indices(np.array([m.homography.ravel() for m in ordered]), a, ordered[0].size)
     return [ordered[i] for i in kept]
 
 
-def _laid(
+def _align_starts(
     begun: Floats, a: Sampled, b: Sampled, steps: Steps, strides: list[int], noise: float = LEAST_NOISE
 ) -> Floats:
     """(k, 10) those starts that come to anything, refined."""
     reaches, damping = steps
-    found = kernels.lay_outlines(
+    found = kernels.align_projective(
         begun,
         a.points,
         a.normals,
@@ -150,7 +152,7 @@ def _laid(
     return found[np.isfinite(found[:, 9])]
 
 
-def _distinct(rows: Floats, a: Sampled, size: float) -> list[int]:
+def _distinct_indices(rows: Floats, a: Sampled, size: float) -> list[int]:
     """Of homographies (k, 9 or more) that put the outline in the same place the first."""
     points = a.points[:: max(1, len(a.points) // 16)]
     h = rows[:, :9].reshape(-1, 1, 3, 3)

@@ -29,7 +29,7 @@ ROUGH, ROUGH_PX = 0.0025, 0.3
 """... and where the rest does not fit to this share of sqrt(area), or so many px, nothing is sure."""
 
 
-class Judgement(NamedTuple):
+class MatchOutcome(NamedTuple):
     """What hypotheses amount to.
 
     Attributes:
@@ -46,25 +46,25 @@ class Judgement(NamedTuple):
     reason: str
 
 
-def judge(found: list[Match]) -> Judgement:
+def judge_hypotheses(found: list[Match]) -> MatchOutcome:
     """What the hypotheses of one match amount to."""
     if not found:
-        return Judgement("none", None, [], "no view of the outline looks like this")
+        return MatchOutcome("none", None, [], "no view of the outline looks like this")
     least = min(found, key=lambda m: m.cost)
     if least.share < LEAST_SHARE:
-        return Judgement("none", None, [], f"only {100 * least.share:.0f} % of the outlines lie on each other")
+        return MatchOutcome("none", None, [], f"only {100 * least.share:.0f} % of the outlines lie on each other")
     if least.misfit > PARTIAL * least.size and least.residual > max(ROUGH * least.size, ROUGH_PX):
         reason = f"a piece of the outline does not fit, and the rest only to {least.residual:.1f} px"
-        return Judgement("ambiguous", least, [m for m in found if m is not least and fits_alike(m, least)], reason)
+        return MatchOutcome("ambiguous", least, [m for m in found if m is not least and fits_alike(m, least)], reason)
     alike = sorted((m for m in found if fits_alike(m, least)), key=lambda m: m.stretch)
     if len(alike) == 1 and least.slack <= max(SLIDES * least.size, SLIDES_NOISE * least.residual):
-        return Judgement(
+        return MatchOutcome(
             "ambiguous", least, [], "the outline slides along itself: nothing tells how far it turned or tilted"
         )
     if len(alike) == 1:
-        return Judgement("matched", least, [], "")
+        return MatchOutcome("matched", least, [], "")
     ways = len(alike)
-    return Judgement("ambiguous", alike[0], alike[1:], f"the outline fits in {ways} ways that cannot be told apart")
+    return MatchOutcome("ambiguous", alike[0], alike[1:], f"the outline fits in {ways} ways that cannot be told apart")
 
 
 def fits_alike(one: Match, least: Match) -> bool:

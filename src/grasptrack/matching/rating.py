@@ -56,7 +56,7 @@ class Match(NamedTuple):
     slack: float = math.nan
 
 
-def rated(H: Floats, a: Sampled, b: Sampled) -> Match | None:
+def rate_homography(H: Floats, a: Sampled, b: Sampled) -> Match | None:
     """How well a homography (3, 3) lays one outline on another; None when no camera could have seen it so."""
     in_front, determinant, ratio = kernels.distortion(H, a.points)
     if not (in_front > 1e-9 and determinant > 0.0 and ratio <= MAX_STRETCH):
@@ -87,8 +87,11 @@ def rated(H: Floats, a: Sampled, b: Sampled) -> Match | None:
     )
 
 
-def slack(found: Match, a: Sampled, b: Sampled) -> float:
+def measure_observability(found: Match, a: Sampled, b: Sampled) -> float:
     """px rms by which the outlines part when they are moved a little along what fixes them least; between centres."""
-    nearby = [rated(row.reshape(3, 3), a, b) for row in starts.nudged(found.homography, a, (-TELLING, TELLING))]
+    nearby = [
+        rate_homography(row.reshape(3, 3), a, b)
+        for row in starts.perturb_homography(found.homography, a, (-TELLING, TELLING))
+    ]
     apart = [math.sqrt(max(m.misfit**2 - found.misfit**2, 0.0)) for m in nearby if m is not None]
     return min(apart, default=math.inf)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline, as_view
-from grasptrack.kernels.reference_evidence import displacement_fields, whitening
+from grasptrack.kernels.reference_evidence import displacement_fields, whitening_matrix
 from grasptrack.typing import Floats
 
 MOST = 400
@@ -67,7 +67,7 @@ class Sampled:
         centre = self.points.mean(axis=0)
         radius = math.sqrt(float(((self.points - centre) ** 2).sum()) / len(self.points))
         fields = displacement_fields((self.points - centre) / radius)
-        own = whitening(fields)
+        own = whitening_matrix(fields)
         seen = np.einsum("mi,mij->mj", self.normals, fields) @ own
         mode = own @ np.linalg.eigh(seen.T @ seen)[1][:, 0]
         return centre, radius, mode / (radius * math.sqrt(float(((fields @ mode) ** 2).sum(axis=1).max())))
@@ -75,11 +75,11 @@ class Sampled:
     @cached_property
     def twins(self) -> Floats:
         """(k, 9) affine maps after which the outer contour lies on itself or nearly, without the identity."""
-        found = kernels.outline_starts(self.outer, self.outer, np.zeros((1, 2)), TWIN_COUNT, TWIN_APART, TWINS + 1)
+        found = kernels.initial_alignments(self.outer, self.outer, np.zeros((1, 2)), TWIN_COUNT, TWIN_APART, TWINS + 1)
         own = np.abs(np.mod(found[:, 1] + 0.5, 1.0) - 0.5) < TWIN_APART
         return np.ascontiguousarray(found[(found[:, 0] <= TWIN) & ~own, 2:])
 
 
-def sampled(outline: Outline | Sampled) -> Sampled:
+def as_sampled(outline: Outline | Sampled) -> Sampled:
     """The samples of an outline; samples come back as they are."""
     return outline if isinstance(outline, Sampled) else Sampled(outline)

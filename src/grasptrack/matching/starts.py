@@ -13,7 +13,7 @@ from grasptrack.matching.samples import Sampled
 from grasptrack.typing import Floats
 
 
-def _bends(*rings: tuple[float, int]) -> Floats:
+def _perspective_bends(*rings: tuple[float, int]) -> Floats:
     turns = [(0.0, 0.0)]
     for radius, count in rings:
         step = 2.0 * math.pi / count
@@ -21,10 +21,10 @@ def _bends(*rings: tuple[float, int]) -> Floats:
     return np.array(turns)
 
 
-BENDS = _bends((0.1, 6))
+BENDS = _perspective_bends((0.1, 6))
 """Perspective that is tried, in units of the whitened outline: up to 0.18 arises when an object that fills 60 % of a view
 of 60 degrees is tilted by 60; nine of ten such views are below 0.11."""
-MORE_BENDS = _bends((0.08, 6), (0.15, 6))
+MORE_BENDS = _perspective_bends((0.08, 6), (0.15, 6))
 """The same where a first look found nothing that fits."""
 COUNT = 128
 """Samples of the whitened alignment."""
@@ -43,9 +43,9 @@ STEPS = 16
 def of_wholes(a: Sampled, b: Sampled, *, more: bool = False) -> Floats:
     """(k, 9) homographies that lay the whole of one outer contour on the whole of the other."""
     if more:
-        found = kernels.outline_starts(a.outer, b.outer, MORE_BENDS, COUNT, APART_MORE, STARTS_MORE)
+        found = kernels.initial_alignments(a.outer, b.outer, MORE_BENDS, COUNT, APART_MORE, STARTS_MORE)
     else:
-        found = kernels.outline_starts(a.outer, b.outer, BENDS, COUNT, APART, STARTS)
+        found = kernels.initial_alignments(a.outer, b.outer, BENDS, COUNT, APART, STARTS)
     return np.ascontiguousarray(found[:, 2:])
 
 
@@ -58,12 +58,12 @@ def of_parts(a: Sampled, b: Sampled) -> Floats:
     for angle, share in CUTS:
         depth = a.outer @ np.array([math.cos(angle), math.sin(angle)])
         part = a.outer[depth <= np.quantile(depth, 1.0 - share)]
-        rows.append(kernels.outline_starts(np.ascontiguousarray(part), b.outer, BENDS[:1], COUNT, APART, 4))
+        rows.append(kernels.initial_alignments(np.ascontiguousarray(part), b.outer, BENDS[:1], COUNT, APART, 4))
     found = np.concatenate(rows)
     return np.ascontiguousarray(found[np.argsort(found[:, 0], kind="stable")][:STARTS_CUT, 2:])
 
 
-def nudged(H: Floats, a: Sampled, shares: tuple[float, ...]) -> Floats:
+def perturb_homography(H: Floats, a: Sampled, shares: tuple[float, ...]) -> Floats:
     """(k, 9) a homography (3, 3) after the motion of the first outline that its normals show least.
 
     It moves the farthest point by each of the `shares` of sqrt(area). What is free to slide, a disc, an ellipse, stays

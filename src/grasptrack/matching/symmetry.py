@@ -10,8 +10,8 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline
-from grasptrack.matching.rating import rated
-from grasptrack.matching.samples import Sampled, sampled
+from grasptrack.matching.rating import rate_homography
+from grasptrack.matching.samples import Sampled, as_sampled
 from grasptrack.typing import Floats
 
 TOLERANCE = 0.01
@@ -62,7 +62,7 @@ class Symmetries(NamedTuple):
         return 0 if self.continuous else 1 + len(self.turns)
 
 
-def symmetries(outline: Outline | Sampled) -> Symmetries:
+def find_symmetries(outline: Outline | Sampled) -> Symmetries:
     """The turns that map an outline, holes included, to itself within 1 % of sqrt(area), and those that nearly do.
 
     Mirror images are not looked for: no camera turns an object over.
@@ -70,15 +70,15 @@ def symmetries(outline: Outline | Sampled) -> Symmetries:
     Args:
         outline: as seen from the front; a tilted view shows other turns, or none.
     """
-    a = sampled(outline)
-    if all(_left(a, (k + 1) * GOLDEN) <= TOLERANCE * a.size for k in range(PROBES)):
+    a = as_sampled(outline)
+    if all(_rotation_residual(a, (k + 1) * GOLDEN) <= TOLERANCE * a.size for k in range(PROBES)):
         return Symmetries([], [], True)
     arc = kernels.arc_length(a.outer)
     found: list[Symmetry] = []
     for _, turn, _ in kernels.align_outlines(a.outer, arc, a.outer, arc, PEAKS, LOOSE):
         if abs(math.remainder(turn, 2.0 * math.pi)) <= BESIDE:
             continue
-        one = _settled(a, turn)
+        one = _refine_rotation(a, turn)
         if one is not None and all(abs(math.remainder(one.turn - s.turn, 2.0 * math.pi)) > BESIDE for s in found):
             found.append(one)
     exact = sorted((s for s in found if s.residual <= TOLERANCE * a.size), key=lambda s: abs(s.turn))
@@ -86,25 +86,28 @@ def symmetries(outline: Outline | Sampled) -> Symmetries:
     return Symmetries(exact, near, False)
 
 
-def _turned(turn: float) -> Floats:
+def _rotation_matrix(turn: float) -> Floats:
     c, s = math.cos(turn), math.sin(turn)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _left(a: Sampled, turn: float) -> float:
+def _rotation_residual(a: Sampled, turn: float) -> float:
     """px rms that a turn about the centroid leaves."""
-    found = rated(_turned(turn), a, a)
+    found = rate_homography(_rotation_matrix(turn), a, a)
     return math.inf if found is None else found.misfit
 
 
-def _settled(a: Sampled, turn: float) -> Symmetry | None:
+def _refine_rotation(a: Sampled, turn: float) -> Symmetry | None:
     """The turn nearby that leaves least; None on a slope, where turns still nearer to another one leave less."""
     low, high = turn - WITHIN, turn + WITHIN
     for _ in range(HALVINGS):
         one, other = low + (high - low) / 3.0, high - (high - low) / 3.0
-        low, high = (low, other) if _left(a, one) < _left(a, other) else (one, high)
+        low, high = (low, other) if _rotation_residual(a, one) < _rotation_residual(a, other) else (one, high)
     best = 0.5 * (low + high)
-    least = _left(a, best)
-    if least > NEAR_TOLERANCE * a.size or min(_left(a, best - BESIDE), _left(a, best + BESIDE)) <= least:
+    least = _rotation_residual(a, best)
+    if (
+        least > NEAR_TOLERANCE * a.size
+        or min(_rotation_residual(a, best - BESIDE), _rotation_residual(a, best + BESIDE)) <= least
+    ):
         return None
     return Symmetry(math.remainder(best, 2.0 * math.pi), least)

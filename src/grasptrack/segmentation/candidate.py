@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.errors import ContourError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.segmentation.color_projection import clearest
+from grasptrack.segmentation.color_projection import best_color_projection
 from grasptrack.segmentation.holes import MOST, ground_within, true_hole
 from grasptrack.segmentation.images import PLAIN, Channel, Grey
-from grasptrack.segmentation.localization import localise
+from grasptrack.segmentation.localization import localize_contour
 from grasptrack.segmentation.normalized_gradient import Planes
 from grasptrack.segmentation.rating import Rating
 from grasptrack.segmentation.silhouettes import Silhouette
@@ -61,7 +61,7 @@ class Candidate(NamedTuple):
     shaded: bool = False
 
 
-def plausible(shape: Silhouette, size: tuple[int, ...]) -> bool:
+def is_plausible_object(shape: Silhouette, size: tuple[int, ...]) -> bool:
     """Whether a silhouette is not the ground's: not nearly the whole image, nor along three of its sides."""
     x, y, w, h = shape.box
     touched = (x <= 0) + (y <= 0) + (x + w >= size[1]) + (y + h >= size[0])
@@ -77,10 +77,10 @@ def of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | No
         polarity: +1 darker than the ground, -1 lighter.
         hidden: (H, W) nonzero where nothing belongs to the scene.
     """
-    if not plausible(shape, grey.shape):
+    if not is_plausible_object(shape, grey.shape):
         return None
     try:
-        edge = localise(grey, shape.outer, hole=False, polarity=polarity, hidden=hidden)
+        edge = localize_contour(grey, shape.outer, hole=False, polarity=polarity, hidden=hidden)
     except ContourError:
         return None
     outer = edge.contour
@@ -106,18 +106,18 @@ def of_closed_edges(
         shape: the silhouette.
         hidden: (H, W) nonzero where nothing belongs to the scene.
     """
-    if not plausible(shape, image.shape):
+    if not is_plausible_object(shape, image.shape):
         return None
     grey = PLAIN.grey(image)
     try:
-        edge = localise(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
-        channel = clearest(image, edge.contour)
+        edge = localize_contour(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
+        channel = best_color_projection(image, edge.contour)
         if channel is not PLAIN:
             grey = channel.grey(image)
-            edge = localise(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
+            edge = localize_contour(grey, shape.outer, hole=False, polarity=0, hidden=hidden, reach=NEAR)
         polarity = sign_of(grey, edge.contour)
         if polarity:
-            edge = localise(grey, shape.outer, hole=False, polarity=polarity, hidden=hidden, reach=NEAR)
+            edge = localize_contour(grey, shape.outer, hole=False, polarity=polarity, hidden=hidden, reach=NEAR)
     except ContourError:
         return None
     if edge.contour.clipped is not None and edge.contour.clipped.mean() > 0.5:
@@ -138,6 +138,6 @@ def sign_of(grey: Grey, outline: Contour) -> int:
     return 1 if share >= ONE_SIGN else -1 if share <= 1.0 - ONE_SIGN else 0
 
 
-def holds(view: View, x: float, y: float) -> bool:
+def contains_pixel(view: View, x: float, y: float) -> bool:
     """Whether a pixel lies within the outer contour."""
     return cv2.pointPolygonTest(view.outer.points.astype(np.float32), (float(x), float(y)), False) >= 0

@@ -16,8 +16,8 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.normalized_gradient import EdgeField, Planes
-from grasptrack.segmentation.silhouettes import Silhouette, trace
+from grasptrack.segmentation.normalized_gradient import NormalizedGradient, Planes
+from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 
 WORKING_SIDE = 800
 """px; larger images are looked at from farther away, and outlines localised in the image itself afterwards."""
@@ -60,7 +60,7 @@ class Closure(NamedTuple):
     grain: float
 
 
-class Scenery:
+class ClosedEdgeSegmenter:
     """The edges of one image.
 
     Args:
@@ -73,11 +73,11 @@ class Scenery:
     """
 
     def __init__(self, image: Planes, hidden: Grey | None = None) -> None:
-        self.shrink = _shrink(image.shape)
+        self.shrink = _shrink_factor(image.shape)
         if self.shrink > 1:
-            image, hidden = _smaller(image, self.shrink), _fewer(hidden, self.shrink)
+            image, hidden = _downsample_planes(image, self.shrink), _downsample_mask(hidden, self.shrink)
         self._reach = REACH * max(image.shape[:2])
-        self.fields = tuple(EdgeField(image, softening, hidden) for softening in SOFTENING)
+        self.fields = tuple(NormalizedGradient(image, softening, hidden) for softening in SOFTENING)
 
     def closures(self, least: float, extent: float) -> list[Closure]:
         """What edges enclose by any recipe, of at least so many px^2 of the image and px across."""
@@ -86,9 +86,11 @@ class Scenery:
         edges: dict[tuple[int, float], Grey] = {}
         for recipe, (field, level, radius) in enumerate(RECIPES):
             if (field, level) not in edges:
-                edges[field, level] = linked(self.fields[field].thin(level), self._reach)
-            for shape in enclosed(edges[field, level], radius, least / px**2, extent / px):
-                found.append(Closure(_scaled(shape, px), 2.0 * radius * px, recipe, self.fields[field].unit))
+                edges[field, level] = link_edges(self.fields[field].thin(level), self._reach)
+            for shape in enclosed_silhouettes(edges[field, level], radius, least / px**2, extent / px):
+                found.append(
+                    Closure(_to_full_resolution(shape, px), 2.0 * radius * px, recipe, self.fields[field].unit)
+                )
         return found
 
 
@@ -103,7 +105,7 @@ class Closing:
 
     def __init__(self, recipe: int, grain: float, size: tuple[int, ...]) -> None:
         self._softening, self._level, self._radius = RECIPES[recipe]
-        self._grain, self._shrink = grain, _shrink(size)
+        self._grain, self._shrink = grain, _shrink_factor(size)
         self._reach = REACH * max(size[:2]) / self._shrink
 
     def shapes(self, image: Planes, hidden: Grey | None, least: float, origin: tuple[int, int]) -> list[Silhouette]:
@@ -117,20 +119,23 @@ class Closing:
         """
         px = self._shrink
         if px > 1:
-            image, hidden = _smaller(image, px), _fewer(hidden, px)
-        field = EdgeField(image, SOFTENING[self._softening], hidden, self._grain)
-        edges = linked(field.thin(self._level), self._reach)
-        return [_scaled(s, px, origin) for s in enclosed(edges, self._radius, least / px**2, math.sqrt(least) / px)]
+            image, hidden = _downsample_planes(image, px), _downsample_mask(hidden, px)
+        field = NormalizedGradient(image, SOFTENING[self._softening], hidden, self._grain)
+        edges = link_edges(field.thin(self._level), self._reach)
+        return [
+            _to_full_resolution(s, px, origin)
+            for s in enclosed_silhouettes(edges, self._radius, least / px**2, math.sqrt(least) / px)
+        ]
 
 
-def linked(edges: Grey, reach: float) -> Grey:
+def link_edges(edges: Grey, reach: float) -> Grey:
     """Thin edges (H, W) with their broken ends linked, in place, across gaps of at most so many px."""
     for x0, y0, x1, y1 in kernels.edge_links(edges, reach, BEND, LOOSE).tolist():
         cv2.line(edges, (x0, y0), (x1, y1), (255,), 1)
     return edges
 
 
-def enclosed(edges: Grey, radius: int, least: float, extent: float) -> list[Silhouette]:
+def enclosed_silhouettes(edges: Grey, radius: int, least: float, extent: float) -> list[Silhouette]:
     """Silhouettes of what thin edges enclose.
 
     Args:
@@ -141,28 +146,28 @@ def enclosed(edges: Grey, radius: int, least: float, extent: float) -> list[Silh
     """
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     found: list[Silhouette] = []
-    for shape in trace(np.asarray(cv2.dilate(edges, disc), dtype=np.uint8), least, holes=False):
+    for shape in trace_silhouettes(np.asarray(cv2.dilate(edges, disc), dtype=np.uint8), least, holes=False):
         x, y, w, h = shape.box
         if shape.area > MAX_SHARE * edges.size or max(w, h) < extent + 2 * radius:
             continue
         filled = np.zeros((h + 2, w + 2), np.uint8)
         cv2.drawContours(filled, [shape.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED, offset=(1 - x, 1 - y))
         shrunk = np.asarray(cv2.erode(filled, disc, borderValue=0), dtype=np.uint8)
-        found.extend(trace(shrunk, least, (x - 1, y - 1), holes=False))
+        found.extend(trace_silhouettes(shrunk, least, (x - 1, y - 1), holes=False))
     return found
 
 
-def _shrink(size: tuple[int, ...]) -> int:
+def _shrink_factor(size: tuple[int, ...]) -> int:
     return max(1, -(-max(size[:2]) // WORKING_SIDE))
 
 
-def _smaller(image: Planes, times: int) -> Planes:
+def _downsample_planes(image: Planes, times: int) -> Planes:
     height, width = image.shape[0] // times, image.shape[1] // times
     small = cv2.resize(image[: height * times, : width * times], (width, height), interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.float32).reshape(height, width, -1)
 
 
-def _fewer(hidden: Grey | None, times: int) -> Grey | None:
+def _downsample_mask(hidden: Grey | None, times: int) -> Grey | None:
     if hidden is None:
         return None
     height, width = hidden.shape[0] // times, hidden.shape[1] // times
@@ -170,7 +175,7 @@ def _fewer(hidden: Grey | None, times: int) -> Grey | None:
     return np.where((blocks != 0).any(axis=(1, 3)), np.uint8(255), np.uint8(0))
 
 
-def _scaled(shape: Silhouette, px: int, origin: tuple[int, int] = (0, 0)) -> Silhouette:
+def _to_full_resolution(shape: Silhouette, px: int, origin: tuple[int, int] = (0, 0)) -> Silhouette:
     """A silhouette of a smaller window in px of the image: centres of pixels go to centres of blocks."""
     if px == 1 and origin == (0, 0):
         return shape

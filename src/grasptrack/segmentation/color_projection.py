@@ -24,7 +24,7 @@ SAMPLES = 200
 """Points of the outline that are asked."""
 
 
-def clearest(image: NDArray[np.uint8], outline: Contour) -> Channel:
+def best_color_projection(image: NDArray[np.uint8], outline: Contour) -> Channel:
     """The mixture that shows an outline best, if it is much better than plain grey.
 
     The colours differ across the outline by d at each point. The mixture w maximises the sum of (w d)^2 over that of the
@@ -40,7 +40,7 @@ def clearest(image: NDArray[np.uint8], outline: Contour) -> Channel:
     points = outline.points[::step]
     ahead = np.roll(outline.points, -2, axis=0)[::step] - np.roll(outline.points, 2, axis=0)[::step]
     normals = np.column_stack([ahead[:, 1], -ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
-    within, beyond, farther = (_colours(image, points + k * BESIDE * normals) for k in (-1.0, 1.0, 2.0))
+    within, beyond, farther = (_sample_colors(image, points + k * BESIDE * normals) for k in (-1.0, 1.0, 2.0))
     across, grain = beyond - within, beyond - farther
     between = across.T @ across / len(across)
     noise = grain.T @ grain / len(grain) + np.eye(3)
@@ -51,7 +51,7 @@ def clearest(image: NDArray[np.uint8], outline: Contour) -> Channel:
     if values[-1] < BETTER**2 * float(plain @ between @ plain) / float(plain @ noise @ plain):
         return PLAIN
     # strong edges on a part of the outline do not make up for none on another part
-    if _shown(across, noise, best) < LESS * _shown(across, noise, plain):
+    if _distinct_share(across, noise, best) < LESS * _distinct_share(across, noise, plain):
         return PLAIN
     best /= np.abs(best).sum()
     best = best if best.sum() >= 0.0 else -best
@@ -59,14 +59,14 @@ def clearest(image: NDArray[np.uint8], outline: Contour) -> Channel:
     return Channel((b, g, r))
 
 
-def _shown(across: Floats, noise: Floats, weights: Floats) -> float:
+def _distinct_share(across: Floats, noise: Floats, weights: Floats) -> float:
     """Share of the outline's points across which a mixture differs clearly."""
     difference = np.abs(across @ weights)
     grain = float(np.sqrt(weights @ noise @ weights))
     return float((difference >= max(CLEARLY * grain, FAINT * float(np.median(difference)))).mean())
 
 
-def _colours(image: NDArray[np.uint8], points: Floats) -> Floats:
+def _sample_colors(image: NDArray[np.uint8], points: Floats) -> Floats:
     """(n, 3) colours at the pixels of points (n, 2) px, those beyond the border at it."""
     column, row = np.rint(points).astype(np.intp).T
     return np.asarray(image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)], dtype=np.float64)

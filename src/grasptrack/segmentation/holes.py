@@ -9,9 +9,9 @@ import numpy as np
 from grasptrack.errors import ContourError
 from grasptrack.geometry.contours import Contour
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.localization import Localised, localise
+from grasptrack.segmentation.localization import Localised, localize_contour
 from grasptrack.segmentation.normalized_gradient import Planes
-from grasptrack.segmentation.silhouettes import Chain, Silhouette, trace
+from grasptrack.segmentation.silhouettes import Chain, Silhouette, trace_silhouettes
 from grasptrack.typing import Floats
 
 SHARPNESS = 0.5
@@ -33,20 +33,20 @@ MARGIN = 12
 def true_hole(grey: Grey, chain: Chain, outer: Localised, polarity: int, hidden: Grey | None) -> Contour | None:
     """The hole's contour if its edge is sharp and the ground is seen through it; of a print seldom both are so."""
     try:
-        hole = localise(grey, chain, hole=True, polarity=polarity, hidden=hidden)
+        hole = localize_contour(grey, chain, hole=True, polarity=polarity, hidden=hidden)
     except ContourError:
         return None
     strength, reference = hole.contour.strength, outer.contour.strength
     if strength is None or reference is None:
         return None
-    if fifth(strength) < SHARPNESS * float(np.median(reference)):
+    if lower_quintile(strength) < SHARPNESS * float(np.median(reference)):
         return None
     if polarity and not abs(hole.outside - outer.outside) <= LEVEL * abs(outer.outside - outer.inside):
         return None
     return hole.contour
 
 
-def fifth(values: Floats) -> float:
+def lower_quintile(values: Floats) -> float:
     """The value that a fifth of the others lie below."""
     k = len(values) // 5
     return float(np.partition(values, k)[k])
@@ -84,6 +84,6 @@ def ground_within(image: Planes, shape: Silhouette) -> list[Chain]:
     alike = np.asarray(cv2.morphologyEx(alike, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), dtype=np.uint8)
     # the chain of a hole runs through the material beside it
     grown = np.asarray(cv2.dilate(alike, np.ones((3, 3), np.uint8)), dtype=np.uint8)
-    found = trace(grown, max(LEAST * shape.area, 30.0), holes=False)
+    found = trace_silhouettes(grown, max(LEAST * shape.area, 30.0), holes=False)
     whole = [s for s in found if (deep[s.outer[:, 1], s.outer[:, 0]] > 0).all()]
     return [s.outer + np.array([left, top], np.int32) for s in whole[:MOST]]

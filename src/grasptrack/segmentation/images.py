@@ -23,7 +23,7 @@ def to_grey(image: NDArray[Any]) -> Grey:
     Raises:
         SourceError: another type or shape, or a side under 32 px.
     """
-    array = _checked(image)
+    array = _check_image(image)
     if array.ndim == 3:
         code = cv2.COLOR_BGR2GRAY if array.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
         return np.ascontiguousarray(cv2.cvtColor(np.ascontiguousarray(array), code), dtype=np.uint8)
@@ -36,7 +36,7 @@ def to_bgr(image: NDArray[Any]) -> NDArray[np.uint8]:
     Raises:
         SourceError: as `to_grey`.
     """
-    array = _checked(image)
+    array = _check_image(image)
     return np.ascontiguousarray(array if array.ndim == 2 else array[:, :, :3])
 
 
@@ -72,7 +72,7 @@ class Channel(NamedTuple):
 PLAIN = Channel()
 
 
-def _checked(image: NDArray[Any]) -> NDArray[np.uint8]:
+def _check_image(image: NDArray[Any]) -> NDArray[np.uint8]:
     """The image as 8 bit, (H, W), (H, W, 3) or (H, W, 4)."""
     array = np.asarray(image)
     if array.ndim == 3 and array.shape[2] == 1:

@@ -36,7 +36,7 @@ class Localised(NamedTuple):
     outside: float
 
 
-def localise(
+def localize_contour(
     grey: Grey,
     chain: NDArray[np.int32],
     *,
@@ -62,11 +62,11 @@ def localise(
         grey, chain, hidden, hole, polarity, SPACING, MAX_POINTS, SMOOTHING, reach, BORDER, OUTLIER
     )
     if hidden is not None:
-        cut = cut | _beside(points, hidden)
+        cut = cut | _is_near_hidden(points, hidden)
     return Localised(Contour(points, hole=hole, strength=strength, clipped=cut), inside, outside)
 
 
-def _beside(points: Floats, hidden: Grey) -> NDArray[np.bool_]:
+def _is_near_hidden(points: Floats, hidden: Grey) -> NDArray[np.bool_]:
     """(N,) whether something within BESIDE px along the axes is hidden. A silhouette ends just before what is."""
     height, width = hidden.shape
     found = np.zeros(len(points), dtype=np.bool_)

@@ -26,22 +26,22 @@ FINE = 100.0
 """Steps of a slope of 1 for OpenCV's edge thinning, which wants whole numbers."""
 
 
-def planes(image: NDArray[np.uint8]) -> Planes:
+def lab_planes(image: NDArray[np.uint8]) -> Planes:
     """Lightness and chromas of a grey (H, W) or BGR (H, W, 3) image."""
     if image.ndim == 2:
-        return cv2.LUT(image, _lightness()).astype(np.float32)[:, :, None] * np.float32(LIGHTNESS)
+        return cv2.LUT(image, _lightness_table()).astype(np.float32)[:, :, None] * np.float32(LIGHTNESS)
     lab = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2Lab))
     return np.multiply(lab, np.array([LIGHTNESS, CHROMA, CHROMA], np.float32), dtype=np.float32)
 
 
 @lru_cache(maxsize=1)
-def _lightness() -> NDArray[np.uint8]:
+def _lightness_table() -> NDArray[np.uint8]:
     """(256,) OpenCV's lightness of each grey level."""
     greys = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
     return np.ascontiguousarray(cv2.cvtColor(greys, cv2.COLOR_BGR2Lab)[0, :, 0], dtype=np.uint8)
 
 
-class EdgeField:
+class NormalizedGradient:
     """Slopes of an image, each that of the plane in which it is steepest there.
 
     Args:
@@ -56,9 +56,9 @@ class EdgeField:
 
     def __init__(self, image: Planes, softening: float, hidden: Grey | None = None, unit: float | None = None) -> None:
         soft = cv2.GaussianBlur(image, (0, 0), softening)
-        across, along, steep = _slopes(soft if soft.ndim == 2 else np.ascontiguousarray(soft[:, :, 0]))
+        across, along, steep = _scharr_gradients(soft if soft.ndim == 2 else np.ascontiguousarray(soft[:, :, 0]))
         for k in range(1, image.shape[2]):
-            ax, ay, other = _slopes(np.ascontiguousarray(soft[:, :, k]))
+            ax, ay, other = _scharr_gradients(np.ascontiguousarray(soft[:, :, k]))
             steeper: Any = cv2.compare(other, steep, cv2.CMP_GT)
             cv2.copyTo(ax, steeper, across)
             cv2.copyTo(ay, steeper, along)
@@ -84,7 +84,7 @@ class EdgeField:
         return np.asarray(cv2.Canny(self._dx, self._dy, low, 2.0 * low, L2gradient=True), dtype=np.uint8)
 
 
-def _slopes(plane: NDArray[Any]) -> tuple[Any, Any, Any]:
+def _scharr_gradients(plane: NDArray[Any]) -> tuple[Any, Any, Any]:
     """Slopes across and along in FINE steps of units per px, and their size."""
     dx = cv2.Scharr(plane, cv2.CV_32F, 1, 0, scale=FINE / 32.0)
     dy = cv2.Scharr(plane, cv2.CV_32F, 0, 1, scale=FINE / 32.0)

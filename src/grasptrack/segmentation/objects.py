@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import ObservationError
 from grasptrack.geometry.contours import View
-from grasptrack.segmentation.candidate import Candidate, holds, of_closed_edges, of_one_level
-from grasptrack.segmentation.closed_edges import Scenery
+from grasptrack.segmentation.candidate import Candidate, contains_pixel, of_closed_edges, of_one_level
+from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
 from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_grey, to_mask
-from grasptrack.segmentation.normalized_gradient import Planes, planes
-from grasptrack.segmentation.proposals import Box, Proposal, is_alike, overlap, propose
+from grasptrack.segmentation.normalized_gradient import Planes, lab_planes
+from grasptrack.segmentation.proposals import Box, Proposal, box_iou, is_alike, propose_silhouettes
 from grasptrack.segmentation.shadow import without_shadow
 from grasptrack.segmentation.silhouettes import Silhouette
 
@@ -46,7 +46,7 @@ class Segmenter(Protocol):
         ...
 
 
-def segment(
+def segment_object(
     image: NDArray[Any],
     object_at: tuple[float, float] | None = None,
     ignore: NDArray[Any] | None = None,
@@ -63,10 +63,10 @@ def segment(
     Raises:
         ObservationError: no object, or none there.
     """
-    return objects(image, object_at, box, ignore)[0].view
+    return find_objects(image, object_at, box, ignore)[0].view
 
 
-def objects(
+def find_objects(
     image: NDArray[Any],
     object_at: tuple[float, float] | None = None,
     box: Box | None = None,
@@ -87,17 +87,17 @@ def objects(
         InputError: a mask of another size.
     """
     shape = image.shape[:2]
-    hidden = None if ignore is None else grow(to_mask(ignore, shape, "ignore mask"))
+    hidden = None if ignore is None else dilate_mask(to_mask(ignore, shape, "ignore mask"))
     scene = image if mask is None else as_scene(to_mask(mask, shape, "mask"))
-    return apart(candidates(scene, object_at, hidden, masked=mask is not None, box=box, others=True))
+    return remove_nested(find_candidates(scene, object_at, hidden, masked=mask is not None, box=box, others=True))
 
 
-def grow(hidden: Grey | None) -> Grey | None:
+def dilate_mask(hidden: Grey | None) -> Grey | None:
     """What is hidden and two pixels round it, where edges are its own."""
     return None if hidden is None else np.asarray(cv2.dilate(hidden, np.ones((5, 5), np.uint8)), dtype=np.uint8)
 
 
-def candidates(
+def find_candidates(
     image: NDArray[Any],
     object_at: tuple[float, float] | None = None,
     hidden: Grey | None = None,
@@ -121,31 +121,31 @@ def candidates(
     """
     colours = to_bgr(image)
     grey = to_grey(colours)
-    seen = planes(colours)
-    proposals = propose(grey, Scenery(seen, hidden), hidden, masked, MIN_EXTENT)
+    seen = lab_planes(colours)
+    proposals = propose_silhouettes(grey, ClosedEdgeSegmenter(seen, hidden), hidden, masked, MIN_EXTENT)
     meant = [p for p in proposals if p.is_meant(object_at, box)]
     if box is not None:
-        meant.sort(key=lambda p: -p.worth * overlap(p.silhouette.box, box))
-    found = _contours(meant, colours, grey, seen, hidden)
+        meant.sort(key=lambda p: -p.worth * box_iou(p.silhouette.box, box))
+    found = _candidates_from_proposals(meant, colours, grey, seen, hidden)
     if object_at is not None:
-        found = [c for c in found if holds(c.view, *object_at)]
+        found = [c for c in found if contains_pixel(c.view, *object_at)]
     if not found:
-        raise _nothing(meant, object_at, box)
+        raise _no_object_error(meant, object_at, box)
     if others and (object_at is not None or box is not None):
-        found = [found[0], *_contours(proposals, colours, grey, seen, hidden)]
+        found = [found[0], *_candidates_from_proposals(proposals, colours, grey, seen, hidden)]
     return found
 
 
-def apart(found: list[Candidate]) -> list[Candidate]:
+def remove_nested(found: list[Candidate]) -> list[Candidate]:
     """Those that neither lie within a better one, as its parts do, nor round it."""
     kept: list[Candidate] = []
     for c in found:
-        if not any(_within(c.view, o.view) + _within(o.view, c.view) > 0.5 for o in kept):
+        if not any(_share_within(c.view, o.view) + _share_within(o.view, c.view) > 0.5 for o in kept):
             kept.append(c)
     return kept
 
 
-def _contours(
+def _candidates_from_proposals(
     proposals: list[Proposal], colours: NDArray[np.uint8], grey: Grey, seen: Planes, hidden: Grey | None
 ) -> list[Candidate]:
     """The best proposals as contours, each object once."""
@@ -156,7 +156,7 @@ def _contours(
     for p in proposals:
         if max(p.silhouette.box[2:]) < MIN_EXTENT or p.rating.score < least or looked >= MOST:
             continue
-        part = _overlaps(p.silhouette, taken, found)
+        part = _overlaps_found(p.silhouette, taken, found)
         if part and looked >= LOOKED_AT:
             continue
         looked += 1
@@ -167,7 +167,7 @@ def _contours(
             candidate = of_one_level(grey, p.silhouette, p.polarity, hidden)
         else:
             candidate = of_closed_edges(colours, None if part else seen, p.silhouette, hidden)
-        if candidate is not None and not any(_same(candidate.view, other.view) for other in found):
+        if candidate is not None and not any(_is_same_region(candidate.view, other.view) for other in found):
             rated = candidate._replace(score=p.worth, rating=p.rating)
             found.append(rated._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=shaded))
             cv2.drawContours(taken, [p.silhouette.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
@@ -184,7 +184,7 @@ def _out_of_shadow(p: Proposal, proposals: list[Proposal], colours: NDArray[np.u
     return (alike[0], False) if alike else (p._replace(silhouette=alone), True)
 
 
-def _overlaps(shape: Silhouette, taken: NDArray[np.uint8], found: list[Candidate]) -> bool:
+def _overlaps_found(shape: Silhouette, taken: NDArray[np.uint8], found: list[Candidate]) -> bool:
     """Whether a silhouette lies within what was taken, or round it, at least for a good part."""
     if not found:
         return False
@@ -195,7 +195,7 @@ def _overlaps(shape: Silhouette, taken: NDArray[np.uint8], found: list[Candidate
     return any(shape.contains(x, y) for x, y in (corner.tolist() for corner in corners))
 
 
-def _nothing(meant: list[Proposal], object_at: tuple[float, float] | None, box: Box | None) -> ObservationError:
+def _no_object_error(meant: list[Proposal], object_at: tuple[float, float] | None, box: Box | None) -> ObservationError:
     """Why there is no object."""
     where = "" if object_at is None else f" at {object_at[0]:g},{object_at[1]:g}"
     where = where if box is None else " in the box"
@@ -207,14 +207,14 @@ def _nothing(meant: list[Proposal], object_at: tuple[float, float] | None, box: 
     return ObservationError(f"no object stands out{where or ' in the image'}", object_at=object_at, box=box)
 
 
-def _same(one: View, other: View) -> bool:
+def _is_same_region(one: View, other: View) -> bool:
     """Whether two outlines are of the same region, found in different ways."""
     area, a = one.outer.area, other.outer.area
     apart_by = one.outer.points.mean(axis=0) - other.outer.points.mean(axis=0)
     return 0.8 < area / a < 1.25 and math.hypot(*apart_by.tolist()) < 0.1 * math.sqrt(a)
 
 
-def _within(inner: View, outer: View) -> float:
+def _share_within(inner: View, outer: View) -> float:
     """Share of an outline's points, of some thirty, that lie within another."""
     points = inner.outer.points[:: max(1, len(inner.outer) // 30)].tolist()
-    return sum(holds(outer, x, y) for x, y in points) / len(points)
+    return sum(contains_pixel(outer, x, y) for x, y in points) / len(points)

@@ -13,26 +13,26 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.errors import ContourError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.segmentation.candidate import Candidate, of_one_level, plausible
+from grasptrack.segmentation.candidate import Candidate, is_plausible_object, of_one_level
 from grasptrack.segmentation.closed_edges import Closing
 from grasptrack.segmentation.images import PLAIN, Grey
-from grasptrack.segmentation.localization import localise
-from grasptrack.segmentation.normalized_gradient import planes
-from grasptrack.segmentation.objects import MIN_EXTENT, candidates
+from grasptrack.segmentation.localization import localize_contour
+from grasptrack.segmentation.normalized_gradient import lab_planes
+from grasptrack.segmentation.objects import MIN_EXTENT, find_candidates
 from grasptrack.segmentation.places import (
     MAX_GROWTH,
     area_and_centre,
+    area_and_mean_point,
     cut_by_window,
+    edge_sharpness,
     most_alike,
     nearest_holes,
-    place,
     same_place,
-    sharpness,
 )
 from grasptrack.segmentation.proposals import PER_THRESHOLD, Box
 from grasptrack.segmentation.shadow import shadow_removed
-from grasptrack.segmentation.silhouettes import Silhouette, trace
-from grasptrack.segmentation.thresholds import thresholds
+from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
+from grasptrack.segmentation.thresholds import candidate_thresholds
 from grasptrack.typing import Floats
 
 MARGIN = 0.3
@@ -55,7 +55,7 @@ MAX_ZOOM = 16.0
 """After a loss, an area that differs from the last one by more than this factor is another object's."""
 
 
-class Observer:
+class OutlineDetector:
     """Finds outlines that may be the object's. Which one is believed is not decided here.
 
     Args:
@@ -101,7 +101,7 @@ class Observer:
         Raises:
             ObservationError: none.
         """
-        return candidates(self._colours, object_at, self.hidden, masked=masked, box=box)
+        return find_candidates(self._colours, object_at, self.hidden, masked=masked, box=box)
 
     def choose(self, candidate: Candidate) -> Grey:
         """From now on it is this object that is looked for; the image it was found in, in its mixture of colours."""
@@ -109,7 +109,7 @@ class Observer:
         self._channel = candidate.channel
         self._recipe = candidate.recipe, candidate.grain
         self._shaded = candidate.shaded
-        self._sharpness, self._gain, self._last_contrast = sharpness(candidate.view), 1.0, math.nan
+        self._sharpness, self._gain, self._last_contrast = edge_sharpness(candidate.view), 1.0, math.nan
         self._inside, self._outside = candidate.inside, candidate.outside
         self._learn_balance(candidate.level, candidate.inside, candidate.outside)
         self._holes = len(candidate.view.contours) - 1
@@ -133,16 +133,16 @@ class Observer:
             return
         area, x, y = area_and_centre(expected)
         window = left, top, right, bottom
-        for level, shapes in self._shapes(grey, window, area / MAX_GROWTH):
+        for level, shapes in self._window_silhouettes(grey, window, area / MAX_GROWTH):
             best = most_alike(shapes, area, x, y)
             if best is not None and not cut_by_window(best, window, (width, height)):
-                view = self._localised(grey, best, centres, level)
+                view = self._localize_view(grey, best, centres, level)
                 if view is not None:
                     yield view
                 if self._recipe[0] < 0:
                     return
 
-    def _shapes(
+    def _window_silhouettes(
         self, grey: Grey, window: tuple[int, int, int, int], least: float
     ) -> Iterator[tuple[float, list[Silhouette]]]:
         """Silhouettes in a window and the level that gave them, as the object was found last; then by its own levels,
@@ -150,40 +150,42 @@ class Observer:
         left, top, right, bottom = window
         if self._recipe[0] >= 0:
             if self.polarity:  # dark or light all round: a threshold may serve as well, and is quicker
-                yield self._level, self._cut(grey, window, self._level, least)
-            part = planes(self._colours[top:bottom, left:right])
+                yield self._threshold_level, self._threshold_window(grey, window, self._threshold_level, least)
+            part = lab_planes(self._colours[top:bottom, left:right])
             hidden = None if self.hidden is None else self.hidden[top:bottom, left:right]
             self._contrast = float(part[:, :, 0].std())
-            for gain in self._gains():
-                yield math.nan, self._closing(gain).shapes(part, hidden, max(least, 30.0), (left, top))
+            for gain in self._edge_gains():
+                yield math.nan, self._closing_for_gain(gain).shapes(part, hidden, max(least, 30.0), (left, top))
             return
         own: list[float] | None = None
         while own is None or own:
-            level = self._level if own is None else own.pop(0)
-            yield level, self._cut(grey, window, level, least)
+            level = self._threshold_level if own is None else own.pop(0)
+            yield level, self._threshold_window(grey, window, level, least)
             if own is None:
                 own = [
                     other
-                    for other in thresholds(grey[top:bottom:2, left:right:2])[:1]
+                    for other in candidate_thresholds(grey[top:bottom:2, left:right:2])[:1]
                     if abs(other - level) >= DISTINCT
                 ]
 
-    def _cut(self, grey: Grey, window: tuple[int, int, int, int], level: float, least: float) -> list[Silhouette]:
+    def _threshold_window(
+        self, grey: Grey, window: tuple[int, int, int, int], level: float, least: float
+    ) -> list[Silhouette]:
         """Silhouettes in a window at one threshold."""
         left, top, right, bottom = window
-        binary = kernels.soft_threshold(grey, *window, level, self.polarity)
+        binary = kernels.blur_threshold(grey, *window, level, self.polarity)
         if self.hidden is not None:
             binary[self.hidden[top:bottom, left:right] != 0] = 0
-        return trace(binary, max(least, 30.0), (left, top), holes=self._holes > 0)
+        return trace_silhouettes(binary, max(least, 30.0), (left, top), holes=self._holes > 0)
 
-    def _gains(self) -> Iterator[float]:
+    def _edge_gains(self) -> Iterator[float]:
         """By how much edges may be steeper than in the first image: as learned, then as this image's contrast says."""
         yield self._gain
         change = self._contrast / max(self._last_contrast, 1.0)
         if not 1.0 / OTHER_LIGHT < change < OTHER_LIGHT and math.isfinite(change):
             yield self._gain * change
 
-    def _closing(self, gain: float) -> Closing:
+    def _closing_for_gain(self, gain: float) -> Closing:
         """The closing that found the object, for edges that are so many times as steep."""
         recipe, grain = self._recipe
         return Closing(recipe, grain * gain, self._colours.shape)
@@ -211,20 +213,20 @@ class Observer:
             unlike: how much a silhouette's shape differs from the object's, infinite when it is another one. Then few are
                 looked at closely: the most alike always, the others in turn.
         """
-        seen = [] if known is None else [place(known)]
+        seen = [] if known is None else [area_and_mean_point(known)]
         if self._recipe[0] >= 0:
             if self.polarity:
-                yield self._at(grey, self._level, area, seen, turn, unlike)
-            for gain in self._gains():
-                yield self._enclosed(grey, area, seen, gain, turn, unlike)
+                yield self._views_at_threshold(grey, self._threshold_level, area, seen, turn, unlike)
+            for gain in self._edge_gains():
+                yield self._views_from_edges(grey, area, seen, gain, turn, unlike)
             return
-        yield self._at(grey, self._level, area, seen, turn, unlike)
-        own = thresholds(grey if self.hidden is None else grey[self.hidden == 0])
-        own = [level for level in own if abs(level - self._level) >= DISTINCT]
+        yield self._views_at_threshold(grey, self._threshold_level, area, seen, turn, unlike)
+        own = candidate_thresholds(grey if self.hidden is None else grey[self.hidden == 0])
+        own = [level for level in own if abs(level - self._threshold_level) >= DISTINCT]
         if own:
-            yield self._at(grey, own[turn % len(own)], area, seen, turn, unlike)
+            yield self._views_at_threshold(grey, own[turn % len(own)], area, seen, turn, unlike)
 
-    def _at(
+    def _views_at_threshold(
         self,
         grey: Grey,
         level: float,
@@ -236,22 +238,22 @@ class Observer:
         """Outlines at one threshold, without those that were seen at another."""
         views = []
         height, width = grey.shape
-        binary = kernels.soft_threshold(grey, 0, 0, width, height, level, self.polarity)
+        binary = kernels.blur_threshold(grey, 0, 0, width, height, level, self.polarity)
         if self.hidden is not None:
             binary[self.hidden != 0] = 0
-        shapes = trace(binary, max(area / MAX_ZOOM, 30.0), holes=self._holes > 0)[:PER_THRESHOLD]
+        shapes = trace_silhouettes(binary, max(area / MAX_ZOOM, 30.0), holes=self._holes > 0)[:PER_THRESHOLD]
         shapes = [s for s in shapes if max(s.box[2:]) >= MIN_EXTENT and s.area <= area * MAX_ZOOM]
-        for shape in _likeliest(shapes, turn, unlike):
-            candidate = of_one_level(grey, self._alone(shape), self.polarity, self.hidden)
-            if candidate is None or any(same_place(place(candidate.view), other) for other in seen):
+        for shape in _select_likeliest(shapes, turn, unlike):
+            candidate = of_one_level(grey, self._without_shadow(shape), self.polarity, self.hidden)
+            if candidate is None or any(same_place(area_and_mean_point(candidate.view), other) for other in seen):
                 continue
-            seen.append(place(candidate.view))
+            seen.append(area_and_mean_point(candidate.view))
             view = self._with_holes(candidate.view)
             self._levels[id(view)] = candidate.inside, candidate.outside, level
             views.append(view)
         return views
 
-    def _enclosed(
+    def _views_from_edges(
         self,
         grey: Grey,
         area: float,
@@ -262,31 +264,33 @@ class Observer:
     ) -> list[View]:
         """Outlines that closed edges give in the whole image, without those that were seen before."""
         least = max(area / MAX_ZOOM, 30.0)
-        shapes = self._closing(gain).shapes(planes(self._colours), self.hidden, least, (0, 0))
+        shapes = self._closing_for_gain(gain).shapes(lab_planes(self._colours), self.hidden, least, (0, 0))
         views = []
         shapes = sorted(shapes, key=lambda s: -s.area)[:PER_THRESHOLD]
         shapes = [s for s in shapes if max(s.box[2:]) >= MIN_EXTENT and s.area <= area * MAX_ZOOM]
-        for shape in _likeliest([s for s in shapes if plausible(s, grey.shape)], turn, unlike):
-            view = self._localised(grey, shape, np.zeros((0, 2)), math.nan)
-            if view is not None and not any(same_place(place(view), other) for other in seen):
-                seen.append(place(view))
+        for shape in _select_likeliest([s for s in shapes if is_plausible_object(s, grey.shape)], turn, unlike):
+            view = self._localize_view(grey, shape, np.zeros((0, 2)), math.nan)
+            if view is not None and not any(same_place(area_and_mean_point(view), other) for other in seen):
+                seen.append(area_and_mean_point(view))
                 views.append(view)
         return views
 
-    def _alone(self, shape: Silhouette) -> Silhouette:
+    def _without_shadow(self, shape: Silhouette) -> Silhouette:
         """A silhouette without the shadow that the object cast when it was chosen."""
         return shadow_removed(self._colours, shape) if self._shaded else shape
 
-    def _localised(self, grey: Grey, shape: Silhouette, centres: Floats, level: float) -> View | None:
-        shape = self._alone(shape)
+    def _localize_view(self, grey: Grey, shape: Silhouette, centres: Floats, level: float) -> View | None:
+        shape = self._without_shadow(shape)
         try:
-            edge = localise(grey, shape.outer, hole=False, polarity=self.polarity, hidden=self.hidden)
+            edge = localize_contour(grey, shape.outer, hole=False, polarity=self.polarity, hidden=self.hidden)
         except ContourError:
             return None
         holes: list[Contour] = []
         for chain in nearest_holes(shape.holes, centres):
             try:
-                holes.append(localise(grey, chain, hole=True, polarity=self.polarity, hidden=self.hidden).contour)
+                holes.append(
+                    localize_contour(grey, chain, hole=True, polarity=self.polarity, hidden=self.hidden).contour
+                )
             except ContourError:
                 return None
         view = View([edge.contour, *holes])
@@ -298,18 +302,18 @@ class Observer:
         inside, outside, level = self._levels.get(id(view), (math.nan, math.nan, math.nan))
         self._last_contrast = self._contrast
         if math.isfinite(inside) and self._recipe[0] >= 0:
-            self._gain = min(max(sharpness(view) / self._sharpness, 1.0 / MOST_GAIN), MOST_GAIN)
+            self._gain = min(max(edge_sharpness(view) / self._sharpness, 1.0 / MOST_GAIN), MOST_GAIN)
         if not self.polarity and math.isfinite(inside + outside):
             self._inside, self._outside = inside, outside
         elif (outside - inside) * self.polarity > 0.0:
             # what its own levels found may be lit otherwise altogether
-            share = 1.0 if abs(level - self._level) >= DISTINCT else LEARNING
+            share = 1.0 if abs(level - self._threshold_level) >= DISTINCT else LEARNING
             self._learn_balance(level, inside, outside)
             self._inside += share * (inside - self._inside)
             self._outside += share * (outside - self._outside)
 
     @property
-    def _level(self) -> float:
+    def _threshold_level(self) -> float:
         """The threshold that separates the object from the ground: where it did when it was believed last."""
         return self._inside + self._balance * (self._outside - self._inside)
 
@@ -323,7 +327,9 @@ class Observer:
         return view if len(view.contours) <= self._holes + 1 else View(view.contours[: self._holes + 1])
 
 
-def _likeliest(shapes: list[Silhouette], turn: int, unlike: Callable[[Silhouette], float] | None) -> list[Silhouette]:
+def _select_likeliest(
+    shapes: list[Silhouette], turn: int, unlike: Callable[[Silhouette], float] | None
+) -> list[Silhouette]:
     """Those to look at closely in this search: the most alike, and of the others as many as there is time for, in turn."""
     if unlike is None:
         return shapes

@@ -17,13 +17,13 @@ MAX_GROWTH = 2.5
 """An area that differs from the expected one by more than this factor is another object's."""
 
 
-def sharpness(view: View) -> float:
+def edge_sharpness(view: View) -> float:
     """Grey levels per px of the outer contour's edges."""
     strength = view.outer.strength
     return math.nan if strength is None else max(float(np.median(strength)), 1.0)
 
 
-def place(view: View) -> tuple[float, float, float]:
+def area_and_mean_point(view: View) -> tuple[float, float, float]:
     """Area and mean point of an outline."""
     x, y = view.outer.points.mean(axis=0).tolist()
     return view.outer.area, x, y

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.segmentation.closed_edges import Scenery
+from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.rating import NONE, Rater, Rating
-from grasptrack.segmentation.silhouettes import Silhouette, trace
-from grasptrack.segmentation.thresholds import thresholds
+from grasptrack.segmentation.rating import NONE, Rating, SilhouetteScorer
+from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
+from grasptrack.segmentation.thresholds import candidate_thresholds
 
 Box = tuple[float, float, float, float]
 """Left, top, width and height, px."""
@@ -59,10 +59,12 @@ class Proposal(NamedTuple):
         """Whether it covers a pixel, and fills a box at least in part."""
         if object_at is not None and not self.silhouette.contains(*object_at):
             return False
-        return box is None or overlap(self.silhouette.box, box) > 0.3
+        return box is None or box_iou(self.silhouette.box, box) > 0.3
 
 
-def propose(grey: Grey, scenery: Scenery, hidden: Grey | None, masked: bool, extent: float) -> list[Proposal]:
+def propose_silhouettes(
+    grey: Grey, scenery: ClosedEdgeSegmenter, hidden: Grey | None, masked: bool, extent: float
+) -> list[Proposal]:
     """All silhouettes of an image, the best rated first, each once.
 
     Args:
@@ -72,12 +74,12 @@ def propose(grey: Grey, scenery: Scenery, hidden: Grey | None, masked: bool, ext
         masked: the image is a softened mask: only what is light is meant, and thresholds find all of it.
         extent: px across; what is smaller is not rated, and not looked for by closed edges.
     """
-    rater = Rater(scenery.fields[0], scenery.shrink, grey.shape)
+    rater = SilhouetteScorer(scenery.fields[0], scenery.shrink, grey.shape)
     found: list[Proposal] = []
     soft: Grey = np.asarray(cv2.GaussianBlur(grey, (3, 3), 0), dtype=np.uint8)
-    for level in thresholds(soft if hidden is None else soft[hidden == 0]):
+    for level in candidate_thresholds(soft if hidden is None else soft[hidden == 0]):
         for polarity in (-1,) if masked else (1, -1):
-            for shape in silhouettes(grey, level, polarity, hidden)[:PER_THRESHOLD]:
+            for shape in threshold_silhouettes(grey, level, polarity, hidden)[:PER_THRESHOLD]:
                 rating = rater.rate(shape) if max(shape.box[2:]) >= extent else NONE
                 found.append(Proposal(shape, rating, polarity, level, 0.0, -1))
     if not masked:
@@ -87,18 +89,20 @@ def propose(grey: Grey, scenery: Scenery, hidden: Grey | None, masked: bool, ext
                 Proposal(closure.silhouette, rating, 0, math.nan, closure.bridge, closure.recipe, closure.grain)
             )
     found.sort(key=lambda p: -p.worth)
-    return _distinct(found)
+    return _remove_duplicates(found)
 
 
-def silhouettes(grey: Grey, level: float, polarity: int, hidden: Grey | None, least: float = 30.0) -> list[Silhouette]:
+def threshold_silhouettes(
+    grey: Grey, level: float, polarity: int, hidden: Grey | None, least: float = 30.0
+) -> list[Silhouette]:
     """Regions darker (polarity +1) or lighter (-1) than a level, of at least so many px^2, the largest first."""
-    binary = kernels.soft_threshold(grey, 0, 0, grey.shape[1], grey.shape[0], level, polarity)
+    binary = kernels.blur_threshold(grey, 0, 0, grey.shape[1], grey.shape[0], level, polarity)
     if hidden is not None:
         binary[hidden != 0] = 0
-    return trace(binary, least)
+    return trace_silhouettes(binary, least)
 
 
-def overlap(one: tuple[int, int, int, int], other: Box) -> float:
+def box_iou(one: tuple[int, int, int, int], other: Box) -> float:
     """Intersection over union of two boxes."""
     wide = min(one[0] + one[2], other[0] + other[2]) - max(one[0], other[0])
     tall = min(one[1] + one[3], other[1] + other[3]) - max(one[1], other[1])
@@ -114,7 +118,7 @@ def is_alike(one: Silhouette, other: Silhouette) -> bool:
     return corners < 0.5 * ALIKE * size and abs(math.sqrt(one.area) - size) < 0.25 * ALIKE * size
 
 
-def _distinct(found: list[Proposal]) -> list[Proposal]:
+def _remove_duplicates(found: list[Proposal]) -> list[Proposal]:
     """Of those that are the same region the first, or the first that a threshold found."""
     kept: list[Proposal] = []
     places = np.zeros((len(found), 5))

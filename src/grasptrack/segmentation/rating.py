@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.segmentation.normalized_gradient import EdgeField
+from grasptrack.segmentation.normalized_gradient import NormalizedGradient
 from grasptrack.segmentation.silhouettes import Silhouette
 
 ENOUGH = 4.0
@@ -61,7 +61,7 @@ NONE = Rating(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """Of what nobody looked at."""
 
 
-class Rater:
+class SilhouetteScorer:
     """Rates silhouettes by the edges of one image.
 
     Args:
@@ -70,7 +70,7 @@ class Rater:
         shape: height and width of the image.
     """
 
-    def __init__(self, field: EdgeField, shrink: int, shape: tuple[int, int]) -> None:
+    def __init__(self, field: NormalizedGradient, shrink: int, shape: tuple[int, int]) -> None:
         soft = cv2.GaussianBlur(field.strength, (0, 0), 0.7)
         self._strength = np.asarray(cv2.dilate(soft, np.ones((3, 3), np.uint8)), dtype=np.float32)
         self._shrink, self._shape = shrink, shape
@@ -89,7 +89,7 @@ class Rater:
         high, wide = self._shape
         # a closing draws back from the border by its radius
         near = 0.5 * bridge + 2.0 * self._shrink
-        sides = self._sides(chain, near, wide, high)
+        sides = self._near_image_sides(chain, near, wide, high)
         cut = float(sides.any(axis=0).mean())
         return Rating(
             closed,
@@ -101,7 +101,7 @@ class Rater:
         )
 
     @staticmethod
-    def _sides(chain: NDArray[np.int32], near: float, wide: int, high: int) -> NDArray[np.bool_]:
+    def _near_image_sides(chain: NDArray[np.int32], near: float, wide: int, high: int) -> NDArray[np.bool_]:
         """(4, N) whether each pixel of the chain lies at each side of the image."""
         x, y = chain[:, 0], chain[:, 1]
         return np.stack([x <= near, y <= near, x >= wide - 1 - near, y >= high - 1 - near])

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.silhouettes import Silhouette, trace
-from grasptrack.segmentation.thresholds import otsu
+from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
+from grasptrack.segmentation.thresholds import otsu_threshold
 
 DARK, BRIGHT = 0.25, 0.93
 """A shadow leaves between these shares of the light."""
@@ -38,30 +38,30 @@ def without_shadow(image: NDArray[np.uint8], shape: Silhouette) -> Silhouette | 
         image: (H, W) or BGR (H, W, 3).
         shape: object and perhaps shadow.
     """
-    window, (left, top), filled = _window(image, shape, GLANCE)
-    if _shade(window, filled) is None:
+    window, (left, top), filled = _crop_window(image, shape, GLANCE)
+    if _shadow_mask(window, filled) is None:
         return None
-    window, (left, top), filled = _window(image, shape)
-    shade = _shade(window, filled)
+    window, (left, top), filled = _crop_window(image, shape)
+    shade = _shadow_mask(window, filled)
     if shade is None:
         return None
-    alone = _largest(np.where(shade, np.uint8(0), filled))
+    alone = _largest_region(np.where(shade, np.uint8(0), filled))
     if alone is None or not _is_cast(alone, filled):
         return None
-    found = trace(alone, 30.0, (left, top), holes=False)
+    found = trace_silhouettes(alone, 30.0, (left, top), holes=False)
     return found[0] if found else None
 
 
 def shadow_removed(image: NDArray[np.uint8], shape: Silhouette) -> Silhouette:
     """As `without_shadow` where the object is known to cast one: only colours are asked."""
-    window, (left, top), filled = _window(image, shape)
-    shade = _shade(window, filled)
-    alone = None if shade is None else _largest(np.where(shade, np.uint8(0), filled))
-    found = [] if alone is None else trace(alone, 30.0, (left, top), holes=False)
+    window, (left, top), filled = _crop_window(image, shape)
+    shade = _shadow_mask(window, filled)
+    alone = None if shade is None else _largest_region(np.where(shade, np.uint8(0), filled))
+    found = [] if alone is None else trace_silhouettes(alone, 30.0, (left, top), holes=False)
     return found[0] if found else shape
 
 
-def _window(
+def _crop_window(
     image: NDArray[np.uint8], shape: Silhouette, step: int = 1
 ) -> tuple[NDArray[np.float32], tuple[int, int], Grey]:
     """(h, w, C) the image round a silhouette, softened, its origin, and the silhouette filled; every step-th pixel."""
@@ -76,7 +76,7 @@ def _window(
     return np.asarray(part, dtype=np.float32).reshape(*filled.shape, -1), (left, top), filled
 
 
-def _shade(window: NDArray[np.float32], filled: Grey) -> NDArray[np.bool_] | None:
+def _shadow_mask(window: NDArray[np.float32], filled: Grey) -> NDArray[np.bool_] | None:
     """(h, w) where a silhouette shows shaded ground, or None."""
     outside = cv2.dilate(filled, np.ones((7, 7), np.uint8)) == 0
     if np.count_nonzero(outside) < 20:
@@ -90,7 +90,9 @@ def _shade(window: NDArray[np.float32], filled: Grey) -> NDArray[np.bool_] | Non
     total = np.count_nonzero(inside)
     if np.count_nonzero(shaded) > MOST * total:
         # the object is of the ground's hue as well, and must be darker than its shadow
-        level = otsu(np.bincount((left_over[shaded] * 255.0).astype(np.intp), minlength=256)[:256].astype(np.float64))
+        level = otsu_threshold(
+            np.bincount((left_over[shaded] * 255.0).astype(np.intp), minlength=256)[:256].astype(np.float64)
+        )
         if level is None:
             return None
         shaded &= left_over > level / 255.0
@@ -100,7 +102,7 @@ def _shade(window: NDArray[np.float32], filled: Grey) -> NDArray[np.bool_] | Non
     return np.asarray(cv2.dilate(opened, np.ones((3, 3), np.uint8)) > 0)
 
 
-def _largest(mask: Grey) -> Grey | None:
+def _largest_region(mask: Grey) -> Grey | None:
     """The largest region of a mask, smoothed, alone."""
     opened = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(opened)

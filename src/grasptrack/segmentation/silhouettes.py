@@ -40,7 +40,7 @@ class Silhouette(NamedTuple):
         return np.ascontiguousarray(chain if forward else chain[::-1], dtype=np.float64)
 
 
-def trace(
+def trace_silhouettes(
     binary: Grey, least: float, origin: tuple[int, int] = (0, 0), *, holes: bool = True, least_hole: float = 0.002
 ) -> list[Silhouette]:
     """All silhouettes of at least an area, largest first.
@@ -67,15 +67,15 @@ def trace(
             if len(chains[child]) >= 8:
                 size = float(cv2.contourArea(chains[child]))
                 if size >= max(least_hole * area, 12.0):
-                    inner.append((size, _points(chains[child])))
+                    inner.append((size, _chain_points(chains[child])))
             child = int(tree[0][child][0])
         inner.sort(key=lambda pair: -pair[0])
         x, y, w, h = cv2.boundingRect(chain)
-        found.append(Silhouette(_points(chain), tuple(c for _, c in inner), area, (x, y, w, h)))
+        found.append(Silhouette(_chain_points(chain), tuple(c for _, c in inner), area, (x, y, w, h)))
     found.sort(key=lambda s: -s.area)
     return found
 
 
-def _points(chain: NDArray[Any]) -> Chain:
+def _chain_points(chain: NDArray[Any]) -> Chain:
     """(N, 2) of OpenCV's (N, 1, 2)."""
     return np.asarray(chain, dtype=np.int32).reshape(-1, 2)

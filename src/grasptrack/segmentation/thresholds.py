@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from grasptrack.typing import Floats
 
 
-def thresholds(values: NDArray[np.uint8]) -> list[float]:
+def candidate_thresholds(values: NDArray[np.uint8]) -> list[float]:
     """Otsu's threshold of all grey levels, and of those on either side of it, where these differ."""
     # OpenCV wants a channel that lies in one piece, and is ten times as quick as bincount
     grey = np.ascontiguousarray(values)
     histogram = cv2.calcHist([grey], [0], None, [256], [0.0, 256.0]).ravel().astype(np.float64)
-    middle = otsu(histogram)
+    middle = otsu_threshold(histogram)
     if middle is None:
         return []
     levels = [middle]
@@ -23,13 +23,13 @@ def thresholds(values: NDArray[np.uint8]) -> list[float]:
     below[int(middle) + 1 :] = 0.0
     above[: int(middle) + 1] = 0.0
     for part in (below, above):
-        level = otsu(part)
+        level = otsu_threshold(part)
         if level is not None and all(abs(level - other) >= 6.0 for other in levels):
             levels.append(level)
     return levels
 
 
-def otsu(histogram: Floats) -> float | None:
+def otsu_threshold(histogram: Floats) -> float | None:
     """The level k + 0.5 that separates a histogram (256,) best into up to k and above; None if it is one level."""
     total = histogram.sum()
     below = np.cumsum(histogram)[:-1]

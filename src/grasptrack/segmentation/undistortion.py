@@ -56,20 +56,22 @@ class Undistortion:
         self.size = width, height
         reach = math.ceil(MOST * width), math.ceil(MOST * height)
         x, y = (np.arange(-m, n + m + _COARSE, _COARSE) for m, n in zip(reach, self.size, strict=True))
-        shown = self._shown(self._grid(x, y))[1]
+        shown = self._distort_with_visibility(self._pixel_grid(x, y))[1]
         columns, rows = np.flatnonzero(shown.any(axis=0)), np.flatnonzero(shown.any(axis=1))
         left, right = int(x[columns[0]]) - _COARSE, int(x[columns[-1]]) + _COARSE
         top, bottom = int(y[rows[0]]) - _COARSE, int(y[rows[-1]]) + _COARSE
         if not self.camera.distorted:
             left, top, right, bottom = 0, 0, width - 1, height - 1
         (left, right), (top, bottom) = (
-            _about(middle, low, high, MOST * side)
+            _centered_range(middle, low, high, MOST * side)
             for middle, low, high, side in zip(
                 self.camera.matrix[:2, 2].tolist(), (left, top), (right, bottom), self.size, strict=True
             )
         )
         self.offset: Floats = np.array([left, top], dtype=np.float64)
-        seen, shown = self._shown(self._grid(np.arange(left, right + 1), np.arange(top, bottom + 1)))
+        seen, shown = self._distort_with_visibility(
+            self._pixel_grid(np.arange(left, right + 1), np.arange(top, bottom + 1))
+        )
         nearest = np.clip(seen, 0.0, (width - 1, height - 1)).astype(np.float32)  # so that no edge is made up
         self._maps = cv2.convertMaps(nearest[..., 0], nearest[..., 1], cv2.CV_16SC2)
         self.hidden: NDArray[np.uint8] = np.where(shown, np.uint8(0), np.uint8(255))
@@ -78,10 +80,10 @@ class Undistortion:
         self.focal = (math.sqrt(fx * fy) / (right - left + 1), abs(math.log(fx / fy))) if aside <= 2.0 else None
 
     @staticmethod
-    def _grid(x: NDArray[Any], y: NDArray[Any]) -> Floats:
+    def _pixel_grid(x: NDArray[Any], y: NDArray[Any]) -> Floats:
         return np.stack(np.meshgrid(x, y), axis=-1).astype(np.float64)
 
-    def _shown(self, ideal: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    def _distort_with_visibility(self, ideal: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Where points (..., 2) are seen, and whether that is in the image."""
         seen = self.camera.distort(ideal)
         inside = np.all((seen >= -0.5) & (seen <= np.array(self.size) - 0.5), axis=-1)
@@ -207,7 +209,7 @@ class Undistortion:
         )
 
 
-def _about(middle: float, low: int, high: int, most: float) -> tuple[int, int]:
+def _centered_range(middle: float, low: int, high: int, most: float) -> tuple[int, int]:
     """The range of whole px from low to high, longer at one end by `most` at most, so that its middle is as given."""
     if 2.0 * middle > low + high + 1.0:
         return low, min(math.floor(2.0 * middle) - low, high + math.floor(most))

@@ -11,11 +11,11 @@ import numpy as np
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.features import Features
-from grasptrack.servo.geometry import skew, turn_between
+from grasptrack.servo.geometry import skew_matrix, turn_between
 from grasptrack.servo.goal import Goal
 from grasptrack.servo.law import Gain, twist_for
-from grasptrack.servo.sighting import FLOOR, Sighting, blocks
-from grasptrack.servo.textbook import Textbook
+from grasptrack.servo.sighting import FLOOR, Observation, block_diagonal
+from grasptrack.servo.textbook import ClassicalIBVS
 from grasptrack.typing import Floats
 
 ASIDE, TURNED = 0.006, 0.06
@@ -49,11 +49,11 @@ class Aim:
     aligned: bool
 
 
-def aim(
-    known: Estimate | Textbook,
+def compute_aim(
+    known: Estimate | ClassicalIBVS,
     goal: Goal,
     order: tuple[int, ...],
-    seen: Sighting | None,
+    seen: Observation | None,
     hand: Floats,
     time: float,
     *,
@@ -88,7 +88,7 @@ def aim(
         return None
     # what is seen tells how far aside the hand is: a prediction that it does not bear out would keep it at the stand-off
     here = points if seen is None else _at_depth(camera, contacts, points)
-    raised = standoff * _share(here, right, normal if dof == 6 else None, known.relative_error())
+    raised = standoff * _standoff_share(here, right, normal if dof == 6 else None, known.relative_error())
     wanted = right.copy()
     wanted[:, 2] += raised
     final, goal_px = camera.project(np.concatenate([right, wanted])).reshape(2, k, 2)
@@ -99,9 +99,9 @@ def aim(
     slopes = features.slopes(there)
     error, in_the_end = features.error(contacts), last.error(contacts)
     jacobian = slopes @ camera.interaction(at).reshape(2 * k, 6)
-    covariance = slopes @ _noise(seen, k) @ slopes.T
+    covariance = slopes @ _contact_covariance(seen, k) @ slopes.T
     if dof == 6:
-        by_normal = np.hstack([np.zeros((2, 3)), skew(normal)[:2]])
+        by_normal = np.hstack([np.zeros((2, 3)), skew_matrix(normal)[:2]])
         jacobian = np.vstack([jacobian, by_normal])
         error, in_the_end = np.append(error, normal[:2]), np.append(in_the_end, normal[:2])
         wide = np.eye(6) * SLOPE**2
@@ -121,7 +121,7 @@ def _at_depth(camera: HandCamera, contacts: Floats, points: Floats) -> Floats:
     return np.asarray(camera.offset + rays * ((points[:, 2] - camera.offset[2]) / rays[:, 2])[:, None])
 
 
-def _share(points: Floats, right: Floats, normal: Floats | None, relative: float) -> float:
+def _standoff_share(points: Floats, right: Floats, normal: Floats | None, relative: float) -> float:
     """The share of the stand-off that is kept: 1 while the hand is not aligned, 0 when it is."""
     if relative > UNSURE:
         return 1.0
@@ -131,6 +131,6 @@ def _share(points: Floats, right: Floats, normal: Floats | None, relative: float
     return min(max(2.0 * max(aside / ASIDE, turn / TURNED, tilt / TURNED) - 1.0, 0.0), 1.0)
 
 
-def _noise(seen: Sighting | None, contacts: int) -> Floats:
+def _contact_covariance(seen: Observation | None, contacts: int) -> Floats:
     """The covariance (2k, 2k) px^2 of the contacts; of predicted ones the least."""
-    return np.eye(2 * contacts) * FLOOR**2 if seen is None else blocks(seen.noise[:contacts])
+    return np.eye(2 * contacts) * FLOOR**2 if seen is None else block_diagonal(seen.noise[:contacts])

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import GraspTrackError
 from grasptrack.servo.camera import HandCamera, NominalCamera
-from grasptrack.servo.estimate import Estimate, Prior, placed
-from grasptrack.servo.features import spread
-from grasptrack.servo.geometry import inverse
-from grasptrack.servo.refine import Origin, Search, refined
-from grasptrack.servo.sighting import Sighting
+from grasptrack.servo.estimate import Estimate, Prior, place_object
+from grasptrack.servo.features import rms_diameter
+from grasptrack.servo.geometry import inverse_pose
+from grasptrack.servo.refine import Origin, Search, refine_estimate
+from grasptrack.servo.sighting import Observation
 from grasptrack.typing import Floats
 
 Complex = NDArray[np.complex128]
@@ -39,8 +39,8 @@ class UnexploredError(GraspTrackError):
     """The moves so far do not tell enough: the message says what is missing. Caught by the servo."""
 
 
-def explored(
-    seen: Sequence[Sighting], centre: Floats, side: float, slope: float, seed: int = 0
+def initialize_calibration(
+    seen: Sequence[Observation], centre: Floats, side: float, slope: float, seed: int = 0
 ) -> tuple[Origin, Estimate, Search]:
     """What was known before, and the estimate after all sightings of exploratory moves.
 
@@ -56,41 +56,43 @@ def explored(
     """
     if len(seen) < 6:
         raise UnexploredError("too few images of the exploratory moves")
-    base = inverse(seen[0].hand)
+    base = inverse_pose(seen[0].hand)
     poses = np.array([base @ s.hand for s in seen])
     p = poses[:, 0, 3] + 1j * poses[:, 1, 3]
     theta = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
     t = np.array([s.time - seen[0].time for s in seen])
     contacts = np.array([s.points[: s.contacts] for s in seen])
-    length = np.array([spread(c) for c in contacts])
+    length = np.array([rms_diameter(c) for c in contacts])
     middle = contacts.mean(axis=1) - centre
     s = (middle[:, 0] + 1j * middle[:, 1]) / length
-    m, ok = _mounting(p, theta, t, s, 0.5 / length, seed)
+    m, ok = _estimate_mounting(p, theta, t, s, 0.5 / length, seed)
     if not 1.0 < abs(m) < 1e4:
         raise UnexploredError("the hand's moves do not show in the image")
     L, phi = 1.0 / abs(m), -float(np.angle(m))
-    focal = _focal(poses[ok, 2, 3], length[ok], L, FOCAL_LENGTHS * side)
+    focal = _estimate_focal_length(poses[ok, 2, 3], length[ok], L, FOCAL_LENGTHS * side)
     camera = HandCamera(focal, centre, _about_z(phi), np.zeros(3))
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
-    depth = focal * L / spread(chosen[0].points[: chosen[0].contacts])
+    depth = focal * L / rms_diameter(chosen[0].points[: chosen[0].contacts])
     origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
-    return origin, *refined(origin, chosen, steps=STEPS)
+    return origin, *refine_estimate(origin, chosen, steps=STEPS)
 
 
-def origin_of(seen: Sighting, camera: HandCamera, depth: float, prior: Prior) -> Origin:
+def origin_of(seen: Observation, camera: HandCamera, depth: float, prior: Prior) -> Origin:
     """What is known before: a camera, and the object where it is seen `depth` m before it, facing the hand."""
-    object_ = placed(camera, seen, depth, seen.hand[:3, :3], prior.slope)
+    object_ = place_object(camera, seen, depth, seen.hand[:3, :3], prior.slope)
     return Origin(camera, object_, prior.covariance(camera, object_, seen.hand), seen.time)
 
 
-def nominal(seen: Sighting, believed: NominalCamera, centre: Floats, slope: float) -> tuple[Origin, Estimate, Search]:
+def initialize_from_nominal(
+    seen: Observation, believed: NominalCamera, centre: Floats, slope: float
+) -> tuple[Origin, Estimate, Search]:
     """What is known before from a nominal camera, and the estimate from a single sighting."""
     prior = replace(NOMINAL, slope=slope)
     origin = origin_of(seen, believed.camera(centre), believed.distance, prior)
-    return origin, *refined(origin, [seen])
+    return origin, *refine_estimate(origin, [seen])
 
 
-def _mounting(
+def _estimate_mounting(
     p: Complex, theta: Floats, t: Floats, s: Complex, noise: Floats, seed: int
 ) -> tuple[complex, NDArray[np.bool_]]:
     """m, and which sightings bear it out: the best of random subsets, then reweighted least squares."""
@@ -99,31 +101,31 @@ def _mounting(
     rng = np.random.default_rng(seed)
     ridge = np.diag([1e-6, 1e-6, LENGTH / BELT, LENGTH / ASIDE])  # what is known before, in standard deviations
     rows = rng.permuted(np.tile(np.arange(len(p)), (DRAWS, 1)), axis=1)[:, :MINIMAL]
-    drawn = _ridged(A[rows], s[rows], 1.0 / noise[rows], ridge)
-    best = drawn[np.argmin(_median(np.abs(drawn @ A.T - s) / noise))]
+    drawn = _solve_ridge(A[rows], s[rows], 1.0 / noise[rows], ridge)
+    best = drawn[np.argmin(_last_axis_median(np.abs(drawn @ A.T - s) / noise))]
     for _ in range(ROUNDS):
         off = np.abs(A @ best - s) / noise
-        scale = max(1.0, 1.5 * float(_median(off)))
+        scale = max(1.0, 1.5 * float(_last_axis_median(off)))
         weight = 1.0 / (1.0 + (off / (3.0 * scale)) ** 2)
-        best = _ridged(A, s, weight / noise, ridge)
+        best = _solve_ridge(A, s, weight / noise, ridge)
     off = np.abs(A @ best - s) / noise
-    return complex(-best[0]), off < 6.0 * max(1.0, 1.5 * float(_median(off)))
+    return complex(-best[0]), off < 6.0 * max(1.0, 1.5 * float(_last_axis_median(off)))
 
 
-def _median(values: Floats) -> Floats:
+def _last_axis_median(values: Floats) -> Floats:
     """Of the last axis. NumPy's own loads masked arrays when it is first called, which takes 20 ms."""
     n, ordered = values.shape[-1], np.sort(values, axis=-1)
     return np.asarray(0.5 * (ordered[..., (n - 1) // 2] + ordered[..., n // 2]))
 
 
-def _ridged(A: Complex, s: Complex, weight: Floats, ridge: Floats) -> Complex:
+def _solve_ridge(A: Complex, s: Complex, weight: Floats, ridge: Floats) -> Complex:
     """Least squares with a ridge, of one system or of many at once."""
     W = A * weight[..., None]
     Wh = np.swapaxes(W.conj(), -1, -2)
     return np.asarray(np.linalg.solve(Wh @ W + ridge**2, Wh @ (s * weight)[..., None])[..., 0])
 
 
-def _focal(z: Floats, length: Floats, L: float, guess: float) -> float:
+def _estimate_focal_length(z: Floats, length: Floats, L: float, guess: float) -> float:
     """px, from 1/l = (Z_0 - z) / (f L); where height has hardly changed, the guess."""
     inverse_length = 1.0 / length
     d = z - z.mean()

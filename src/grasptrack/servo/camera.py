@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
-from grasptrack.servo.geometry import check_pose, skews
+from grasptrack.servo.geometry import check_pose, skew_matrices
 from grasptrack.typing import Floats
 
 NEAREST = 1e-3
@@ -56,7 +56,7 @@ class HandCamera:
         P = self.from_hand(points)
         axes = self.turn.T  # rows: the camera's in the hand's frame
         by_point = (self.focal / P[:, 2:])[:, None] * (axes[:2] - (P[:, :2] / P[:, 2:])[..., None] * axes[2])
-        return np.concatenate([-by_point, by_point @ skews(points)], axis=2)
+        return np.concatenate([-by_point, by_point @ skew_matrices(points)], axis=2)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from grasptrack.errors import InputError
-from grasptrack.servo.features import spread
+from grasptrack.servo.features import rms_diameter
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
@@ -50,7 +50,7 @@ class Closing:
             raise InputError("confidence and seen are shares of 0 to 1", closing=repr(self))
 
 
-class Doubt:
+class CloseGate:
     """Says why the hand may not close yet.
 
     Args:
@@ -85,7 +85,7 @@ class Doubt:
             self._near = None
         elif self._near is None:
             self._near = time
-        why = self._unbelieved(result, goal, time)
+        why = self._rejection_reason(result, goal, time)
         if not why and not error_px <= self.tolerance(time):
             why = f"{error_px:.1f} px from the goal"
         self._row = 0 if why else self._row + 1
@@ -93,7 +93,7 @@ class Doubt:
             why = f"at the goal in {self._row} of {self._asked.images} images"
         return why
 
-    def _unbelieved(self, result: TrackResult, goal: Floats, time: float) -> str:
+    def _rejection_reason(self, result: TrackResult, goal: Floats, time: float) -> str:
         if result.contacts is None or result.seen is None or result.status != "tracked" or result.notice:
             why = result.reason or (SENTENCES[result.notice] if result.notice else "")
             return f"at the goal, but {result.status}: {why}"
@@ -103,7 +103,7 @@ class Doubt:
         self._seen_at = [time if now else then for now, then in zip(seen, self._seen_at, strict=True)]
         if not result.confidence >= self._asked.confidence:
             return f"confidence {result.confidence:.2f}, below {self._asked.confidence:g}"
-        near = HIDING * spread(goal)
+        near = HIDING * rms_diameter(goal)
         for i, (contact, aim) in enumerate(zip(result.contacts.tolist(), goal.tolist(), strict=True)):
             hidden = math.dist(contact, aim) <= near and time - self._seen_at[i] <= self._asked.memory
             if not (seen[i] or hidden):

@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
-from grasptrack.servo.aim import Aim, aim
+from grasptrack.servo.aim import Aim, compute_aim
 from grasptrack.servo.camera import NominalCamera
-from grasptrack.servo.closing import Closing, Doubt
+from grasptrack.servo.closing import CloseGate, Closing
 from grasptrack.servo.command import OVER, Command, Intent, State
 from grasptrack.servo.explore import Exploration
 from grasptrack.servo.geometry import check_pose
 from grasptrack.servo.goal import Goal
-from grasptrack.servo.knowledge import Knowledge
+from grasptrack.servo.knowledge import SelfCalibration
 from grasptrack.servo.law import AXES, Gain
 from grasptrack.servo.limits import Limits
 from grasptrack.servo.loss import LossPolicy
 from grasptrack.servo.poses import Poses
-from grasptrack.servo.sighting import Sighter, Sighting
-from grasptrack.servo.unseen import Unseen
+from grasptrack.servo.sighting import Observation, Sighter
+from grasptrack.servo.unseen import LossHandler
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
@@ -90,14 +90,14 @@ class GraspServo:
             )  # fmt: skip
         self.goal, self.dof, self.law, self.standoff = goal, dof, law, standoff
         self.limits, self.gain, self.loss = limits or Limits(), gain or Gain(), loss or LossPolicy()
-        self._unseen = Unseen(self.loss, self.limits)
+        self._unseen = LossHandler(self.loss, self.limits)
         self._centre = np.array([size[0] - 1.0, size[1] - 1.0]) / 2.0
         self._side, self._latency, self._time_limit = float(max(size)), latency, time_limit
-        self.knowledge = Knowledge(
+        self.knowledge = SelfCalibration(
             exploration or Exploration(), dof, None if law == "online" else camera, fixed=law == "textbook"
         )
         self._sighter, self._poses = Sighter(square=dof == 6), Poses()
-        self._doubt = Doubt(closing or Closing())
+        self._doubt = CloseGate(closing or Closing())
         self.state: State = "searching"
         self.reason = "no image yet"
         self._twist = np.zeros(6)
@@ -142,13 +142,15 @@ class GraspServo:
         self._time = time
         self._poses.add(time, hand)
         if self.over:
-            return self._say(Intent(self.state, self.reason), 0.0)
-        seen, fits = self._take(result, time - self._latency)
-        return self._say(self._decide(result, seen if fits else None, seen is not None, time, hand, step), step)
+            return self._make_command(Intent(self.state, self.reason), 0.0)
+        seen, fits = self._observe_result(result, time - self._latency)
+        return self._make_command(
+            self._decide_intent(result, seen if fits else None, seen is not None, time, hand, step), step
+        )
 
     # --- steps ------------------------------------------------------------------------------------
 
-    def _take(self, result: TrackResult, shot: float) -> tuple[Sighting | None, bool]:
+    def _observe_result(self, result: TrackResult, shot: float) -> tuple[Observation | None, bool]:
         """The sighting of a result, and whether it fits what is known."""
         if result.grasp_id is not None and result.grasp_id != self._grasp:
             if self._grasp is not None:
@@ -165,8 +167,8 @@ class GraspServo:
             return None, False
         return seen, self.knowledge.take(seen, self._centre, self._side)
 
-    def _decide(
-        self, result: TrackResult, seen: Sighting | None, located: bool, time: float, hand: Floats, step: float
+    def _decide_intent(
+        self, result: TrackResult, seen: Observation | None, located: bool, time: float, hand: Floats, step: float
     ) -> Intent:
         """What the states say, the most urgent first."""
         known = self.knowledge
@@ -175,25 +177,25 @@ class GraspServo:
         if known.failed or known.restarts > RESTARTS:
             return Intent("failed", known.failed or "what is seen does not fit the motion of the hand")
         if self.state == "closing":
-            return Intent("closing", "waits to be told whether something is held", self._carried(hand))
+            return Intent("closing", "waits to be told whether something is held", self._following_twist(hand))
         if seen is not None:
             self._unseen.seen(time)
         else:
             self._doubt.reset()
             if not (known.exploring and self._unseen.blinks(time)):
-                return self._without(result, located, time, hand, step)
+                return self._handle_loss(result, located, time, hand, step)
         if seen is None or known.exploring:
-            twist = known.twist(time - self._latency) + self._carried(hand)
+            twist = known.twist(time - self._latency) + self._following_twist(hand)
             return Intent("approaching", f"exploratory move: {known.telling()}", twist)
-        return self._approach(result, seen, time, hand)
+        return self._approach_goal(result, seen, time, hand)
 
-    def _approach(self, result: TrackResult, seen: Sighting, time: float, hand: Floats) -> Intent:
-        found = self._aim(time, hand, seen)
+    def _approach_goal(self, result: TrackResult, seen: Observation, time: float, hand: Floats) -> Intent:
+        found = self._compute_aim(time, hand, seen)
         if found is None:
             self.knowledge.restarts += 1
             self.knowledge.forget()
             return Intent("holding", "the goal would lie behind the camera: begins anew")
-        carried = self._carried(hand)
+        carried = self._following_twist(hand)
         if found.aligned and found.height > 0.5 * self.standoff and self.knowledge.make_sure():
             return Intent("approaching", "explores again before it goes down", carried, found)
         why = self._doubt.why_not(result, found.error_px, found.final, time)
@@ -203,33 +205,33 @@ class GraspServo:
         twist = self.limits.joined(found.twist, carried)
         return Intent("converged" if at_goal else "approaching", why if at_goal else found.doing, twist, found)
 
-    def _without(self, result: TrackResult, located: bool, time: float, hand: Floats, step: float) -> Intent:
+    def _handle_loss(self, result: TrackResult, located: bool, time: float, hand: Floats, step: float) -> Intent:
         """Nothing is seen that fits."""
         known = self.knowledge
         if known.exploring:
             known.interrupted(self._centre, self._side)
 
         def coasting() -> Aim | None:
-            return None if known.exploring else self._aim(time, hand, None)
+            return None if known.exploring else self._compute_aim(time, hand, None)
 
         why = "what is seen does not fit what is known" if located else result.reason or result.status
-        carried = self._carried(hand)
+        carried = self._following_twist(hand)
         knows = coasting if known.estimate is not None else None
         return self._unseen.intent(why, time, time - self._began, step, carried, knows)
 
     # --- parts ------------------------------------------------------------------------------------
 
-    def _aim(self, time: float, hand: Floats, seen: Sighting | None) -> Aim | None:
+    def _compute_aim(self, time: float, hand: Floats, seen: Observation | None) -> Aim | None:
         known = self.knowledge.estimate
         if known is None:
             return None
         if self._order is None:
             self._order = self.goal.orders(known.camera, known.in_hand(hand, time)[: len(self.goal.points)])[0]
-        return aim(
+        return compute_aim(
             known, self.goal, self._order, seen, hand, time, dof=self.dof, standoff=self.standoff, gain=self.gain
         )
 
-    def _carried(self, hand: Floats) -> Floats:
+    def _following_twist(self, hand: Floats) -> Floats:
         """The twist (6,) that keeps the hand with a moving object."""
         out = np.zeros(6)
         known = self.knowledge.estimate
@@ -237,7 +239,7 @@ class GraspServo:
             out[:3] = hand[:3, :3].T @ known.moving()
         return out
 
-    def _say(self, wanted: Intent, step: float) -> Command:
+    def _make_command(self, wanted: Intent, step: float) -> Command:
         self.state, self.reason = wanted.state, wanted.reason
         self._twist = self.limits.reachable(wanted.twist, self._twist, step)
         return wanted.command(self._twist.copy())

@@ -16,8 +16,8 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, unpacked
-from grasptrack.servo.sighting import Sighting, blocks
+from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, unpack_state
+from grasptrack.servo.sighting import Observation, block_diagonal
 from grasptrack.typing import Floats
 
 ROBUST = 3.0
@@ -78,14 +78,14 @@ class Estimate:
     """Whether the interaction matrix is that of the goal, and not that of where the points are."""
 
     def __init__(self, state: Floats, covariance: Floats, time: float) -> None:
-        self._set(state, covariance)
+        self._set_state(state, covariance)
         self.time = time
         self.displaced_at = -np.inf
         self._away: list[Floats] = []
 
-    def _set(self, state: Floats, covariance: Floats) -> None:
+    def _set_state(self, state: Floats, covariance: Floats) -> None:
         self._state, self.covariance = state, covariance
-        self.camera, self.object = unpacked(state)
+        self.camera, self.object = unpack_state(state)
 
     def advance(self, time: float, evenly: bool = False) -> None:
         """Let the object go on to a later time, s; `evenly` where its velocity is known not to have changed."""
@@ -95,7 +95,7 @@ class Estimate:
         self.time = time
         wander = PUSHED if time < self.displaced_at + ASTIR else WANDER
         may = (0.0, 0.0, 0.0) if evenly else (DRIFT**2, wander**2, TWIRL**2)
-        self._set(*kernels.advance_state(self._state, self.covariance, dt, *may))
+        self._set_state(*kernels.advance_state(self._state, self.covariance, dt, *may))
 
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
         """The points (n, 3) m in the frame of a hand at a pose (4, 4), at a time in s (default: the estimate's)."""
@@ -103,7 +103,7 @@ class Estimate:
         place = o.place - hand[:3, 3] if time is None else o.place - hand[:3, 3] + (time - self.time) * o.velocity()
         return np.asarray((o.points @ o.turn[:, :2].T + place) @ R)
 
-    def observe(self, seen: Sighting) -> float:
+    def observe(self, seen: Observation) -> float:
         """Take in what was seen.
 
         Returns:
@@ -114,8 +114,8 @@ class Estimate:
             self._state, self.covariance, seen.hand, seen.points, seen.noise, ROBUST
         )
         if math.isfinite(size):
-            self._count(off, size)
-            self._set(state, covariance)
+            self._count_outliers(off, size)
+            self._set_state(state, covariance)
         return size
 
     @property
@@ -123,7 +123,7 @@ class Estimate:
         """Whether this and the images before it agree that the object is not where it was expected."""
         return len(self._away) >= AGREEING
 
-    def _count(self, off: Floats, size: float) -> None:
+    def _count_outliers(self, off: Floats, size: float) -> None:
         if size < FAR or (self._away and np.abs(off - self._away[-1]).max() > 0.5 * np.abs(off).max()):
             self._away.clear()
         if size >= FAR:
@@ -167,7 +167,7 @@ class Estimate:
         return np.asarray(n if n[2] > 0.0 else -n)
 
 
-def placed(camera: HandCamera, seen: Sighting, depth: float, facing: Floats, slope: float = 0.0) -> Placed:
+def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Floats, slope: float = 0.0) -> Placed:
     """The object as it lies if it is seen somewhere before the camera.
 
     Args:
@@ -185,7 +185,7 @@ def placed(camera: HandCamera, seen: Sighting, depth: float, facing: Floats, slo
     return Placed((points - place) @ facing[:, :2], facing, place, np.zeros(3), facing * (1.0, 1.0, slope))
 
 
-def on_plane(camera: HandCamera, object_: Placed, seen: Sighting) -> Floats | None:
+def on_plane(camera: HandCamera, object_: Placed, seen: Observation) -> Floats | None:
     """Where other points of the object lie in its plane, (n, 2) m; None where they are not seen on it."""
     rays = camera.rays(seen.points) @ seen.hand[:3, :3].T
     origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
@@ -196,7 +196,7 @@ def on_plane(camera: HandCamera, object_: Placed, seen: Sighting) -> Floats | No
     return np.asarray((origin + far[:, None] * rays - object_.place) @ object_.turn[:, :2])
 
 
-def misfit(known: Estimate, seen: Sighting) -> float:
+def normalized_residual(known: Estimate, seen: Observation) -> float:
     """How far off a sighting is, in its own standard deviations (root of the mean square)."""
     off = (seen.points - known.camera.project(known.in_hand(seen.hand, seen.time))).ravel()
-    return float(np.sqrt(off @ np.linalg.solve(blocks(seen.noise), off) / len(off)))
+    return float(np.sqrt(off @ np.linalg.solve(block_diagonal(seen.noise), off) / len(off)))

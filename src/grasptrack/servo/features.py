@@ -21,12 +21,12 @@ SMALL = 1e-6
 """px that contacts must lie apart."""
 
 
-def wrapped(angle: float) -> float:
+def wrap_angle(angle: float) -> float:
     """An angle in rad brought to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def spread(points: Floats) -> float:
+def rms_diameter(points: Floats) -> float:
     """l of points (k, d): twice their rms distance from their mean; of two points their distance."""
     d = points - points.sum(axis=0) / len(points)
     return 2.0 * math.sqrt(float(np.vdot(d, d)) / len(d))
@@ -45,15 +45,15 @@ class Features:
 
     def __init__(self, goal: Floats, centre: Floats) -> None:
         self.goal, self.centre = goal, complex(*centre)
-        self._middle, self._around, self._length = _parts(goal)
+        self._middle, self._around, self._length = _decompose_points(goal)
         if self._length < SMALL:
             raise InputError("the contacts of a goal lie apart", goal=goal.tolist())
 
     def turn(self, contacts: Floats) -> complex:
         """Its argument is the angle from the goal to the contacts, that which leaves least (Procrustes)."""
-        return self._turn(_parts(contacts)[1])
+        return self._complex_turn(_decompose_points(contacts)[1])
 
-    def _turn(self, around: list[complex]) -> complex:
+    def _complex_turn(self, around: list[complex]) -> complex:
         return sum((u * v.conjugate() for u, v in zip(around, self._around, strict=True)), 0j)
 
     def values(self, contacts: Floats) -> Floats:
@@ -62,25 +62,25 @@ class Features:
         Raises:
             InputError: contacts that do not lie apart.
         """
-        middle, around, length = _parts(contacts)
+        middle, around, length = _decompose_points(contacts)
         if length < SMALL:
             raise InputError("contacts lie apart", contacts=contacts.tolist())
         at = (middle - self.centre) / length
-        return np.array([at.real, at.imag, self._length / length, cmath.phase(self._turn(around))])
+        return np.array([at.real, at.imag, self._length / length, cmath.phase(self._complex_turn(around))])
 
     def error(self, contacts: Floats) -> Floats:
         """`values` less those of the goal, the angle in [-pi, pi)."""
         out = self.values(contacts)
         at = (self._middle - self.centre) / self._length
         out -= (at.real, at.imag, 1.0, 0.0)
-        out[3] = wrapped(float(out[3]))
+        out[3] = wrap_angle(float(out[3]))
         return out
 
     def slopes(self, contacts: Floats) -> Floats:
         """Derivatives (4, 2k) of `values` by x1, y1, x2, y2, ..."""
         k = len(contacts)
-        middle, around, length = _parts(contacts)
-        at, share, turn = (middle - self.centre) / length, 1.0 / (k * length), self._turn(around)
+        middle, around, length = _decompose_points(contacts)
+        at, share, turn = (middle - self.centre) / length, 1.0 / (k * length), self._complex_turn(around)
         columns = []
         for u, v in zip(around, self._around, strict=True):
             by_length, by_turn = 4.0 * share * u, v.conjugate() / turn
@@ -97,7 +97,7 @@ class Features:
         return max(map(math.dist, contacts.tolist(), self.goal.tolist()))
 
 
-def _parts(points: Floats) -> tuple[complex, list[complex], float]:
+def _decompose_points(points: Floats) -> tuple[complex, list[complex], float]:
     """Mean of points (k, 2), the points about it, and l, complex numbers for vectors."""
     z = complex_numbers(points)
     middle = sum(z) / len(z)

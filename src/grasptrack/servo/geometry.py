@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
-from grasptrack.kernels.reference_rigid import rotation, rotation_vector, skew, skews
+from grasptrack.kernels.reference_rigid import rotation_matrix, rotation_vector, skew_matrices, skew_matrix
 from grasptrack.typing import Floats
 
 __all__ = [
-    "between",
+    "align_rigid",
+    "apply_twist",
     "check_pose",
     "complex_numbers",
-    "inverse",
-    "laid",
-    "moved",
+    "interpolate_pose",
+    "inverse_pose",
     "pose_of",
-    "rotation",
+    "rotation_matrix",
     "rotation_vector",
-    "skew",
-    "skews",
+    "skew_matrices",
+    "skew_matrix",
     "turn_between",
 ]
 
@@ -39,29 +39,29 @@ def pose_of(rotation_: Floats, position: ArrayLike) -> Floats:
     return out
 
 
-def inverse(pose: Floats) -> Floats:
+def inverse_pose(pose: Floats) -> Floats:
     """The inverse of a rigid motion (4, 4)."""
     R = pose[:3, :3].T
     return pose_of(R, -R @ pose[:3, 3])
 
 
-def moved(pose: Floats, twist: ArrayLike, seconds: float) -> Floats:
+def apply_twist(pose: Floats, twist: ArrayLike, seconds: float) -> Floats:
     """The pose (4, 4) after a twist (6,) in m/s and rad/s, told in the moving frame, has been held for `seconds`."""
     t = np.asarray(twist, dtype=np.float64) * seconds
     angle = float(np.sqrt(t[3:] @ t[3:]))
-    K = skew(t[3:])
+    K = skew_matrix(t[3:])
     if angle < 1e-6:
         V = np.eye(3) + 0.5 * K
     else:
         V = np.eye(3) + (1.0 - math.cos(angle)) / angle**2 * K + (angle - math.sin(angle)) / angle**3 * K @ K
-    return pose @ pose_of(rotation(t[3:]), V @ t[:3])
+    return pose @ pose_of(rotation_matrix(t[3:]), V @ t[:3])
 
 
-def between(first: Floats, second: Floats, share: float) -> Floats:
+def interpolate_pose(first: Floats, second: Floats, share: float) -> Floats:
     """The pose that lies the given share of the way from the first (0) to the second (1), or beyond."""
     turn = rotation_vector(first[:3, :3].T @ second[:3, :3])
     at = first[:3, 3] + share * (second[:3, 3] - first[:3, 3])
-    return pose_of(first[:3, :3] @ rotation(share * turn), at)
+    return pose_of(first[:3, :3] @ rotation_matrix(share * turn), at)
 
 
 def check_pose(pose: ArrayLike) -> Floats:
@@ -91,7 +91,7 @@ def turn_between(first: Floats, second: Floats) -> float:
     return cmath.phase(sum((v - b) * (u - a).conjugate() for u, v in zip(z, w, strict=True)))
 
 
-def laid(shape: Floats, onto: Floats) -> tuple[Floats, float]:
+def align_rigid(shape: Floats, onto: Floats) -> tuple[Floats, float]:
     """Points (k, 2) moved rigidly to lie best on others, and the turn in rad that it took."""
     z, w, turn = complex_numbers(shape), complex_numbers(onto), turn_between(shape, onto)
     a, b, by = sum(z) / len(z), sum(w) / len(w), cmath.rect(1.0, turn)

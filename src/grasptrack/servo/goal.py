@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.features import SMALL, spread
-from grasptrack.servo.geometry import laid
+from grasptrack.servo.features import SMALL, rms_diameter
+from grasptrack.servo.geometry import align_rigid
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
@@ -63,7 +63,7 @@ class Goal:
             raise InputError(f"an opening is positive, in m, not {opening_m}", opening=opening_m)
         if not np.isfinite(beyond_m):
             raise InputError("beyond_m is a finite number of m", beyond=beyond_m)
-        return cls("fingertips", _checked(points_px), float(opening_m), float(beyond_m), symmetric)
+        return cls("fingertips", _check_points(points_px), float(opening_m), float(beyond_m), symmetric)
 
     @classmethod
     def taught(cls, result: TrackResult | ArrayLike, *, symmetric: bool = True) -> Goal:
@@ -79,7 +79,7 @@ class Goal:
         points = result.contacts if isinstance(result, TrackResult) else result
         if points is None:
             raise InputError("the view that is to teach the goal shows no contacts")
-        return cls("taught", _checked(points), symmetric=symmetric)
+        return cls("taught", _check_points(points), symmetric=symmetric)
 
     def targets(self, camera: HandCamera, shape: Floats, order: tuple[int, ...]) -> Floats:
         """Contacts (k, 3) m in the hand's frame when it is right, in the order of the contacts.
@@ -90,9 +90,9 @@ class Goal:
             order: the finger of each contact.
         """
         length = self.opening or math.dist(shape[0].tolist(), shape[1].tolist())
-        tips = self._points(camera, length)[list(order)]
+        tips = self._points_in_hand(camera, length)[list(order)]
         out = np.empty((len(order), 3))
-        out[:, :2], out[:, 2] = laid(shape, tips)[0], tips[:, 2].sum() / len(tips) - self.beyond
+        out[:, :2], out[:, 2] = align_rigid(shape, tips)[0], tips[:, 2].sum() / len(tips) - self.beyond
         return out
 
     def orders(self, camera: HandCamera, contacts: Floats) -> list[tuple[int, ...]]:
@@ -101,15 +101,15 @@ class Goal:
         every = [tuple(range(k))]
         if self.symmetric and (k == 2 or self.kind == "fingertips"):
             every = list(itertools.permutations(range(k)))
-        tips = self._points(camera, self.opening or float(np.linalg.norm(contacts[0] - contacts[1])))
+        tips = self._points_in_hand(camera, self.opening or float(np.linalg.norm(contacts[0] - contacts[1])))
         fits = []
         for order in every:
-            there, turn = laid(contacts[:, :2], tips[list(order), :2])
+            there, turn = align_rigid(contacts[:, :2], tips[list(order), :2])
             fits.append((float(np.sqrt(((there - tips[list(order), :2]) ** 2).sum(axis=1).mean())), abs(turn), order))
         best = min(f[0] for f in fits)
         return [order for _, order in sorted((t, o) for misfit, t, o in fits if misfit <= ALIKE * best + SMALL)]
 
-    def _points(self, camera: HandCamera, length: float) -> Floats:
+    def _points_in_hand(self, camera: HandCamera, length: float) -> Floats:
         """The points (k, 3) m in the hand's frame, all at one depth, the first two `length` apart."""
         rays = camera.rays(self.points)
         flat = rays / rays[:, 2:]  # as they meet the plane at depth 1 before the camera, along the approach
@@ -117,10 +117,10 @@ class Goal:
         return np.asarray(camera.offset + depth * flat)
 
 
-def _checked(points: ArrayLike) -> Floats:
+def _check_points(points: ArrayLike) -> Floats:
     given = np.asarray(points, dtype=np.float64)
     if given.ndim != 2 or given.shape[1:] != (2,) or len(given) < 2 or not np.isfinite(given).all():
         raise InputError("points of a goal are (k, 2) px, two or more", shape=given.shape)
-    if spread(given) < SMALL or float(np.linalg.norm(given[0] - given[1])) < SMALL:
+    if rms_diameter(given) < SMALL or float(np.linalg.norm(given[0] - given[1])) < SMALL:
         raise InputError("points of a goal lie apart", points=given.tolist())
     return given

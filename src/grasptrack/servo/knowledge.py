@@ -10,16 +10,16 @@ import numpy as np
 
 from grasptrack.servo import begin
 from grasptrack.servo.camera import NominalCamera
-from grasptrack.servo.estimate import AGREEING, ASTIR, FAR, Estimate, misfit, on_plane
+from grasptrack.servo.estimate import AGREEING, ASTIR, FAR, Estimate, normalized_residual, on_plane
 from grasptrack.servo.explore import ORDER, Exploration
 from grasptrack.servo.model import SHAPE, Placed
-from grasptrack.servo.refine import Origin, Search, refined
-from grasptrack.servo.sighting import Sighting
-from grasptrack.servo.textbook import Textbook
+from grasptrack.servo.refine import Origin, Search, refine_estimate
+from grasptrack.servo.sighting import Observation
+from grasptrack.servo.textbook import ClassicalIBVS
 from grasptrack.typing import Floats
 
 KEPT = 80
-"""Sightings that are kept; of the older half then every second."""
+"""Observations that are kept; of the older half then every second."""
 ELSEWHERE, LATER = 0.002, 0.2
 """m, rad and s from the last that is kept."""
 EVERY, STEPS, FEWEST, AFRESH = 5, 2, 8, 20
@@ -37,7 +37,7 @@ STRANGE = 75
 """So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
 
 
-class Knowledge:
+class SelfCalibration:
     """The estimate and how it came about.
 
     Args:
@@ -56,14 +56,14 @@ class Knowledge:
 
     def forget(self) -> None:
         """Begin anew: another object, or an estimate that proved wrong."""
-        self._seen: list[Sighting] = []
+        self._seen: list[Observation] = []
         self._origin: Origin | None = None
         self._search: Search | None = None
-        self._last: deque[Sighting] = deque(maxlen=AGREEING)
+        self._last: deque[Observation] = deque(maxlen=AGREEING)
         self._since = 0
         self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
         self._fits: deque[bool] = deque(maxlen=100)
-        self.estimate: Estimate | Textbook | None = None
+        self.estimate: Estimate | ClassicalIBVS | None = None
         self.failed = ""
         self._regrasp = self._sure = False
         self._asked = self._nominal is None
@@ -89,7 +89,7 @@ class Knowledge:
         self._stage, self._began, self._larger = 0, float("nan"), 1.0
         return True
 
-    def take(self, seen: Sighting, centre: Floats, side: float) -> bool:
+    def take(self, seen: Observation, centre: Floats, side: float) -> bool:
         """Take in a sighting; whether it fits what is known."""
         if self._regrasp:
             self._begin_from_the_same_object(seen)
@@ -98,15 +98,17 @@ class Knowledge:
         if isinstance(self.estimate, Estimate):
             fits = self.estimate.observe(seen) < FAR
             if self.estimate.elsewhere:
-                fits = self._explain(self.estimate, seen)
+                fits = self._explain_mismatch(self.estimate, seen)
         elif self.estimate is not None:
             self.estimate.observe(seen)
         elif self._nominal is not None:
             if self._fixed:
-                self.estimate = Textbook(seen, self._nominal, centre)
+                self.estimate = ClassicalIBVS(seen, self._nominal, centre)
             else:
-                self._origin, self.estimate, self._search = begin.nominal(seen, self._nominal, centre, self._slope)
-        self._keep(seen)
+                self._origin, self.estimate, self._search = begin.initialize_from_nominal(
+                    seen, self._nominal, centre, self._slope
+                )
+        self._keep_observation(seen)
         self._fits.append(fits)
         if sum(not f for f in self._fits) >= STRANGE:
             self.restarts += 1
@@ -114,10 +116,10 @@ class Knowledge:
             return False
         if self.exploring:
             self._go_on(seen.time, centre, side)
-        self._refine()
+        self._refine_estimate()
         return fits
 
-    def _begin_from_the_same_object(self, seen: Sighting) -> None:
+    def _begin_from_the_same_object(self, seen: Observation) -> None:
         known, self._regrasp = self.estimate, False
         assert isinstance(known, Estimate)
         known.advance(seen.time)
@@ -130,22 +132,22 @@ class Knowledge:
         covariance[:SHAPE, :SHAPE] = known.covariance[:SHAPE, :SHAPE]
         moved = Placed(points, o.turn, o.place, o.speed, o.axes)
         self._origin = Origin(known.camera, moved, covariance, seen.time)
-        self.estimate, self._search = refined(self._origin, [seen])
+        self.estimate, self._search = refine_estimate(self._origin, [seen])
         self._seen = []
         self._last.clear()
         self._fits.clear()
 
-    def _explain(self, known: Estimate, seen: Sighting) -> bool:
+    def _explain_mismatch(self, known: Estimate, seen: Observation) -> bool:
         """What was seen agrees with itself, not with the estimate: is that the estimate's fault, or was the object moved?"""
         if self._origin is not None and len(self._seen) >= FEWEST and not np.isfinite(known.displaced_at):
-            anew, search = refined(self._origin, [*self._seen, *self._last], self._search, AFRESH)
-            if all(misfit(anew, one) < FAR for one in self._last):
+            anew, search = refine_estimate(self._origin, [*self._seen, *self._last], self._search, AFRESH)
+            if all(normalized_residual(anew, one) < FAR for one in self._last):
                 self.estimate, self._search = anew, search
                 return True
         known.release(seen.time)
         return known.observe(seen) < FAR
 
-    def _keep(self, seen: Sighting) -> None:
+    def _keep_observation(self, seen: Observation) -> None:
         """Keep what tells more than the last one: sightings from elsewhere, or some time later."""
         self._since += 1
         if self._seen and not self.exploring:
@@ -157,7 +159,7 @@ class Knowledge:
         if len(self._seen) > KEPT:
             self._seen = self._seen[: KEPT // 2 : 2] + self._seen[KEPT // 2 :]
 
-    def _refine(self) -> None:
+    def _refine_estimate(self) -> None:
         """From time to time go through all that was kept again, as long as the object has not been displaced."""
         known = self.estimate
         if self._origin is None or not isinstance(known, Estimate):
@@ -173,7 +175,7 @@ class Knowledge:
         if len(self._seen) < FEWEST or (settled and self._since < min(EVERY, len(self._seen) // FEWEST)):
             return
         self._since = 0
-        anew, self._search = refined(self._origin, self._seen, self._search, STEPS)
+        anew, self._search = refine_estimate(self._origin, self._seen, self._search, STEPS)
         anew.advance(known.time)
         anew.follow(known)
         self.estimate = anew
@@ -185,12 +187,14 @@ class Knowledge:
         if time < self._began + self._how.seconds:
             return
         if self._origin is not None:
-            self.estimate, self._search = refined(self._origin, self._seen, self._search, AFRESH)
+            self.estimate, self._search = refine_estimate(self._origin, self._seen, self._search, AFRESH)
             if self._search.scale < AMISS:
                 self._stage, self._began = self._stage + 1, time
                 return
         try:
-            self._origin, self.estimate, self._search = begin.explored(tuple(self._seen), centre, side, self._slope)
+            self._origin, self.estimate, self._search = begin.initialize_calibration(
+                tuple(self._seen), centre, side, self._slope
+            )
             self._stage += 1
         except begin.UnexploredError as found:
             self._doublings += 1
@@ -205,7 +209,9 @@ class Knowledge:
             self._larger *= -1.0
             if self.estimate is None:
                 with suppress(begin.UnexploredError):
-                    self._origin, self.estimate, self._search = begin.explored(self._seen, centre, side, self._slope)
+                    self._origin, self.estimate, self._search = begin.initialize_calibration(
+                        self._seen, centre, side, self._slope
+                    )
         self._began = float("nan")
 
     def twist(self, time: float) -> Floats:

@@ -41,8 +41,8 @@ class Limits:
         What carries the hand along with the object is kept, so that a limit slows the approach and not the following.
         """
         more, kept = wanted.tolist(), carried.tolist()
-        kept = [*_short(kept[:3], self.linear), *_short(kept[3:], self.angular)]
-        share = min(_share(kept[:3], more[:3], self.linear), _share(kept[3:], more[3:], self.angular))
+        kept = [*_limit_norm(kept[:3], self.linear), *_limit_norm(kept[3:], self.angular)]
+        share = min(_largest_share(kept[:3], more[:3], self.linear), _largest_share(kept[3:], more[3:], self.angular))
         return np.array([k + share * m for k, m in zip(kept, more, strict=True)])
 
     def reachable(self, wanted: Floats, last: Floats, seconds: float) -> Floats:
@@ -52,24 +52,24 @@ class Limits:
             (slice(0, 3), self.linear, self.linear_acceleration),
             (slice(3, 6), self.angular, self.angular_acceleration),
         ):
-            way = [g - b for g, b in zip(_short(goal[part], most), before[part], strict=True)]
-            way = _short(way, change * max(seconds, 0.0))
-            out += _short([b + w for b, w in zip(before[part], way, strict=True)], most)
+            way = [g - b for g, b in zip(_limit_norm(goal[part], most), before[part], strict=True)]
+            way = _limit_norm(way, change * max(seconds, 0.0))
+            out += _limit_norm([b + w for b, w in zip(before[part], way, strict=True)], most)
         return np.array(out)
 
 
-def _short(v: list[float], most: float) -> list[float]:
+def _limit_norm(v: list[float], most: float) -> list[float]:
     size = math.hypot(*v)
     return v if size <= most else [x * (most / size) for x in v]
 
 
-def _share(kept: list[float], more: list[float], most: float) -> float:
+def _largest_share(kept: list[float], more: list[float], most: float) -> float:
     """The largest s of 0 to 1 with |kept + s more| <= most."""
-    a, b, c = _dot(more, more), _dot(kept, more), _dot(kept, kept) - most**2
+    a, b, c = _dot_product(more, more), _dot_product(kept, more), _dot_product(kept, kept) - most**2
     if a < 1e-18 or a + 2.0 * b + c <= 0.0:
         return 1.0
     return min(max((-b + math.sqrt(max(b * b - a * c, 0.0))) / a, 0.0), 1.0)
 
 
-def _dot(v: list[float], w: list[float]) -> float:
+def _dot_product(v: list[float], w: list[float]) -> float:
     return sum(x * y for x, y in zip(v, w, strict=True))

@@ -20,8 +20,8 @@ __all__ = [
     "SPEED",
     "TURN",
     "Placed",
-    "packed",
-    "unpacked",
+    "pack_state",
+    "unpack_state",
 ]
 """Those in capitals say where in an error of all unknowns: log focal length; the camera's turn (rad, in its own frame) and
 offset (m); the object's place (m, base), turn (rad, its own frame) and velocity (m/s); then x, y of its points (m)."""
@@ -58,15 +58,15 @@ class Placed:
         return Placed(self.points, self.turn, self.place + seconds * self.velocity(), self.speed, self.axes)
 
 
-def packed(camera: HandCamera, object_: Placed) -> Floats:
+def pack_state(camera: HandCamera, object_: Placed) -> Floats:
     """Both as the kernels want them, (39 + 2n,): see `grasptrack.kernels.reference_sightings`."""
     o = object_
     parts = ((camera.focal,), camera.centre, camera.turn, camera.offset, o.turn, o.place, o.speed, o.axes, o.points)
     return np.concatenate([np.ravel(part) for part in parts])
 
 
-def unpacked(state: Floats) -> tuple[HandCamera, Placed]:
-    """The inverse of `packed`."""
+def unpack_state(state: Floats) -> tuple[HandCamera, Placed]:
+    """The inverse of `pack_state`."""
     camera = HandCamera(float(state[0]), state[1:3], state[3:12].reshape(3, 3), state[12:15])
     turn, axes = state[15:24].reshape(3, 3), state[30:39].reshape(3, 3)
     return camera, Placed(state[39:].reshape(-1, 2), turn, state[24:27], state[27:30], axes)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import deque
 
-from grasptrack.servo.geometry import between
+from grasptrack.servo.geometry import interpolate_pose
 from grasptrack.typing import Floats
 
 
@@ -36,4 +36,4 @@ class Poses:
         before, after = self._times[i - 1], self._times[i]
         if time == after:
             return self._poses[i]
-        return between(self._poses[i - 1], self._poses[i], (time - before) / (after - before))
+        return interpolate_pose(self._poses[i - 1], self._poses[i], (time - before) / (after - before))

@@ -16,8 +16,8 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
 from grasptrack.servo.estimate import ROBUST, Estimate
-from grasptrack.servo.model import Placed, packed
-from grasptrack.servo.sighting import Sighting, stacked
+from grasptrack.servo.model import Placed, pack_state
+from grasptrack.servo.sighting import Observation, stack_observations
 from grasptrack.typing import Floats
 
 SETTLED, HOPELESS = 1e-2, 1e6
@@ -48,7 +48,7 @@ class Origin:
     @cached_property
     def state(self) -> Floats:
         """Camera and object as `model.packed` makes them."""
-        return packed(self.camera, self.object)
+        return pack_state(self.camera, self.object)
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class Search:
     scale: float = 1.0
 
 
-def refined(
-    origin: Origin, seen: Sequence[Sighting], start: Search | None = None, steps: int = 10
+def refine_estimate(
+    origin: Origin, seen: Sequence[Observation], start: Search | None = None, steps: int = 10
 ) -> tuple[Estimate, Search]:
     """The estimate from what was known before and all sightings, at the time of the last one.
 
@@ -79,9 +79,9 @@ def refined(
         start: where an earlier search had come to; default the prior's camera and object.
         steps: most steps. A search that has not settled can go on from what is returned.
     """
-    times, hands, points, noise = stacked(seen)
+    times, hands, points, noise = stack_observations(seen)
     now = start or Search(origin.state)
-    state, covariance, damping, settled, scale = kernels.search_sightings(
+    state, covariance, damping, settled, scale = kernels.calibrate_batch(
         origin.state, origin.known, hands, times - origin.time, points, noise, now.state, now.damping, steps,
         ROBUST, SETTLED, HOPELESS,
     )  # fmt: skip

@@ -24,7 +24,7 @@ REACH = 0.7
 
 
 @dataclass(frozen=True)
-class Sighting:
+class Observation:
     """One image's points.
 
     Attributes:
@@ -47,7 +47,7 @@ class Sighting:
         return np.concatenate([(self.time,), self.hand.ravel(), self.points.ravel(), self.noise.ravel()])
 
 
-def blocks(noise: Floats) -> Floats:
+def block_diagonal(noise: Floats) -> Floats:
     """(2n, 2n), with the covariances (n, 2, 2) of points that know nothing of each other on the diagonal."""
     n = len(noise)
     out, each = np.zeros((n, 2, n, 2)), np.arange(n)
@@ -55,7 +55,7 @@ def blocks(noise: Floats) -> Floats:
     return out.reshape(2 * n, 2 * n)
 
 
-def stacked(seen: Sequence[Sighting]) -> tuple[Floats, Floats, Floats, Floats]:
+def stack_observations(seen: Sequence[Observation]) -> tuple[Floats, Floats, Floats, Floats]:
     """Times (N,), poses (N, 4, 4), points (N, n, 2) and noise (N, n, 2, 2) of sightings of the same points."""
     N, n = len(seen), len(seen[0].points)
     rows = np.concatenate([s.row for s in seen]).reshape(N, -1)
@@ -79,7 +79,7 @@ class Sighter:
         self._reference: Floats | None = None
         self._grasp: tuple[int | None] | None = None  # whose square it is
 
-    def sighting(self, result: TrackResult, time: float, hand: Floats) -> Sighting | None:
+    def sighting(self, result: TrackResult, time: float, hand: Floats) -> Observation | None:
         """What a result contributes; None where it gives no contacts, or lacks the homography that the first one had."""
         if result.contacts is None:
             return None
@@ -87,13 +87,15 @@ class Sighter:
         k = len(points)
         noise = FLOORS.repeat(k, axis=0)
         if result.covariance is not None:
-            noise += result.covariance if _usual(result.covariance) else _bounded(result.covariance)
+            noise += (
+                result.covariance if _are_valid_covariances(result.covariance) else _clip_covariances(result.covariance)
+            )
         H = result.homography
         if H is None and self._needed:
             return None
         try:
             if self._grasp != (result.grasp_id,):
-                self._reference, self._grasp = None if H is None else _square(points, H), (result.grasp_id,)
+                self._reference, self._grasp = None if H is None else _reference_square(points, H), (result.grasp_id,)
             if self._reference is not None:
                 if H is None:
                     return None
@@ -101,10 +103,10 @@ class Sighter:
                 noise = np.concatenate([noise, np.broadcast_to(4.0 * noise.mean(axis=0), (4, 2, 2))])
         except ConditioningError:
             return None
-        return Sighting(time, hand, points, noise, k) if np.isfinite(points).all() else None
+        return Observation(time, hand, points, noise, k) if np.isfinite(points).all() else None
 
 
-def _usual(covariance: Floats) -> bool:
+def _are_valid_covariances(covariance: Floats) -> bool:
     """Whether these (k, 2, 2) are covariances within bounds, as nearly all are: then there is nothing to mend."""
     for (xx, xy), (yx, yy) in covariance.tolist():
         if not (xy == yx and xx >= 0.0 and yy >= 0.0 and xx + yy <= MOST**2 and xx * yy >= xy * xy):
@@ -112,14 +114,14 @@ def _usual(covariance: Floats) -> bool:
     return True
 
 
-def _bounded(covariance: Floats) -> Floats:
+def _clip_covariances(covariance: Floats) -> Floats:
     """The covariances (k, 2, 2) with variances in 0 to MOST^2 along their axes."""
     told = np.nan_to_num(covariance, nan=MOST**2, posinf=MOST**2, neginf=MOST**2)
     values, vectors = np.linalg.eigh(told)
     return np.asarray((vectors * np.clip(values, 0.0, MOST**2)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
 
 
-def _square(contacts: Floats, homography: Floats) -> Floats:
+def _reference_square(contacts: Floats, homography: Floats) -> Floats:
     """The corners (4, 2) px of a square round the contacts, in the reference view."""
     reference = apply_homography(np.linalg.inv(homography), contacts)
     mean = reference.mean(axis=0)

@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from grasptrack.servo.camera import NominalCamera
-from grasptrack.servo.estimate import placed
-from grasptrack.servo.features import spread
-from grasptrack.servo.sighting import Sighting
+from grasptrack.servo.estimate import place_object
+from grasptrack.servo.features import rms_diameter
+from grasptrack.servo.sighting import Observation
 from grasptrack.typing import Floats
 
 
-class Textbook:
+class ClassicalIBVS:
     """Stands where `estimate.Estimate` stands: the object rests where the nominal camera saw it last.
 
     Args:
@@ -29,15 +29,15 @@ class Textbook:
     linearised_at_goal = True
     """Whether the interaction matrix is that of the goal, and not that of where the points are."""
 
-    def __init__(self, seen: Sighting, believed: NominalCamera, centre: Floats) -> None:
+    def __init__(self, seen: Observation, believed: NominalCamera, centre: Floats) -> None:
         self.camera = believed.camera(centre)
-        self._length = spread(seen.points[: seen.contacts]) * believed.distance / self.camera.focal
+        self._length = rms_diameter(seen.points[: seen.contacts]) * believed.distance / self.camera.focal
         self.observe(seen)
 
-    def observe(self, seen: Sighting) -> float:
+    def observe(self, seen: Observation) -> float:
         """Put the object where it is seen now; it always fits."""
-        depth = self.camera.focal * self._length / spread(seen.points[: seen.contacts])
-        self.object = placed(self.camera, seen, depth, seen.hand[:3, :3])
+        depth = self.camera.focal * self._length / rms_diameter(seen.points[: seen.contacts])
+        self.object = place_object(self.camera, seen, depth, seen.hand[:3, :3])
         return 0.0
 
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:

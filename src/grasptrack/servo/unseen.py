@@ -18,7 +18,7 @@ BLINK = 0.25
 """s without the grasp that do not interrupt an exploratory move."""
 
 
-class Unseen:
+class LossHandler:
     """Knows when the grasp was seen last, and how far the hand has moved back since.
 
     Args:

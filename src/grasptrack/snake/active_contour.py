@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import Contour, Outline, View
 from grasptrack.snake.edge_search import Model
-from grasptrack.snake.fit import fit
+from grasptrack.snake.fit import fit_to_edges
 from grasptrack.snake.motion_model import ConstantVelocity
 from grasptrack.snake.result import SnakeFit
 from grasptrack.snake.shape_space import Shape, ShapeSpace
@@ -69,7 +69,7 @@ class Snake:
         tolerance: float = TOLERANCE,
         contacts: ArrayLike | None = None,
     ) -> None:
-        self._size = max(1.0, math.sqrt(_checked(image).size / (640.0 * 480.0)))
+        self._size = max(1.0, math.sqrt(_require_grey_image(image).size / (640.0 * 480.0)))
         self.template, normals, self.rms = sampled_outline(view, tolerance, contacts)
         self.space = ShapeSpace(self.template.points, shape)
         self._edges = Template(self.template, normals, image)
@@ -113,16 +113,16 @@ class Snake:
         Raises:
             InputError: an image that is not (H, W).
         """
-        _checked(image)
+        _require_grey_image(image)
         motion = self._motion
-        match = fit(self._model, image, motion.state, motion.P, self._reach())
-        reason = self._lost(match)
+        match = fit_to_edges(self._model, image, motion.state, motion.P, self._search_reach())
+        reason = self._loss_reason(match)
         if reason and float(np.abs(motion.state - self._last).max()) > 1.0:
             # it may have stopped: from where it was last seen, as far as the search goes
             wide = MAX_REACH * self._size
             spread = motion.free * (wide / 2.0) ** 2
-            other = fit(self._model, image, self._last, spread, wide)
-            if not self._lost(other):
+            other = fit_to_edges(self._model, image, self._last, spread, wide)
+            if not self._loss_reason(other):
                 match, reason = other, ""
         if reason or match is None:
             motion.coast()
@@ -136,14 +136,14 @@ class Snake:
                 reason = f"the outline no longer fits the template: {misfit:.1f} px of tilt or another shape"
             else:
                 self._edges.learn(match.edges, match.seen)
-        return self._result(match, reason)
+        return self._make_result(match, reason)
 
-    def _reach(self) -> float:
+    def _search_reach(self) -> float:
         """px to search: three standard deviations of the predicted curve along its normals."""
         spread = float(np.trace(self._metric @ self._motion.P)) / 2.0
         return min(max(3.0 * math.sqrt(spread) + 2.0, MIN_REACH * self._size), MAX_REACH * self._size)
 
-    def _lost(self, match: Match | None) -> str:
+    def _loss_reason(self, match: Match | None) -> str:
         """Why a match is not to be followed; empty when it is."""
         if match is None:
             return "too few edges near the predicted outline"
@@ -162,7 +162,7 @@ class Snake:
             return f"the outline's area would have changed by a factor of {area:.2g}"
         return ""
 
-    def _result(self, match: Match | None, reason: str) -> SnakeFit:
+    def _make_result(self, match: Match | None, reason: str) -> SnakeFit:
         edges, space = self._edges, self.space
         state = self._motion.state if match is None else match.state
         seen = np.zeros(len(edges.nearest), dtype=np.bool_)
@@ -184,7 +184,7 @@ class Snake:
         )
 
 
-def _checked(image: Grey) -> Grey:
+def _require_grey_image(image: Grey) -> Grey:
     if image.ndim != 2:
         raise InputError(f"a snake needs a grey image (H, W), not {image.shape}", shape=image.shape)
     return image

@@ -50,7 +50,7 @@ def basis_matrix(parameters: ArrayLike, spans: int, derivative: int = 0) -> Floa
 
 
 @lru_cache(maxsize=64)
-def _sampling(spans: int, per_span: int, derivative: int) -> Floats:
+def _sampling_matrix(spans: int, per_span: int, derivative: int) -> Floats:
     return basis_matrix(np.arange(spans * per_span) / per_span, spans, derivative)
 
 
@@ -83,11 +83,11 @@ class ClosedSpline:
 
     def sample(self, per_span: int = PER_SPAN) -> Floats:
         """(spans * per_span, 2) px: points at equal steps of the parameter, the first at 0."""
-        return np.asarray(_sampling(self.spans, per_span, 0) @ self.control)
+        return np.asarray(_sampling_matrix(self.spans, per_span, 0) @ self.control)
 
     def normals(self, per_span: int = PER_SPAN) -> Floats:
         """(spans * per_span, 2) unit normals at those points: (ty, -tx), out of the material of a contour."""
-        tangent = _sampling(self.spans, per_span, 1) @ self.control
+        tangent = _sampling_matrix(self.spans, per_span, 1) @ self.control
         length = np.hypot(tangent[:, 0], tangent[:, 1])
         tangent /= np.where(length > 0.0, length, 1.0)[:, None]
         return np.column_stack([tangent[:, 1], -tangent[:, 0]])
@@ -110,7 +110,7 @@ def fit_spline(points: ArrayLike, spans: int, per_span: int = PER_SPAN) -> tuple
     polygon = np.ascontiguousarray(points, dtype=np.float64)
     each = max(2, per_span, -(-len(polygon) // spans))
     observed = kernels.resample(polygon, spans * each, 0.0)
-    basis = _sampling(spans, each, 0) if spans >= MIN_SPANS else basis_matrix((), spans)
+    basis = _sampling_matrix(spans, each, 0) if spans >= MIN_SPANS else basis_matrix((), spans)
     spline = ClosedSpline(np.linalg.solve(basis.T @ basis, basis.T @ observed))
     gap = observed - spline.sample(each)
     across = np.einsum("ij,ij->i", gap, spline.normals(each))

@@ -36,7 +36,7 @@ class Rows(NamedTuple):
     used: Bools
 
 
-def columns(M: Floats, local: Floats) -> Floats:
+def displacement_columns(M: Floats, local: Floats) -> Floats:
     """(m, 2, 8): how the 8 parameters of a homography move the points of a view, all in px.
 
     Translation, scale and rotation, then the two shears of an affine map, then the two bends of perspective.
@@ -57,7 +57,7 @@ class Model:
     Attributes:
         local: (m, 2) the searched points about the space's centre, in units of rho.
         W: (2, m, dof) how a state moves them along x and y.
-        field: (2, m, 8) how a homography's parameters do, in the template's own frame; see `columns`.
+        field: (2, m, 8) how a homography's parameters do, in the template's own frame; see `displacement_columns`.
     """
 
     def __init__(self, template: Template, space: ShapeSpace) -> None:
@@ -65,10 +65,10 @@ class Model:
         self.space = space
         self.local: Floats = space.local[template.chosen]
         self.W: Floats = np.ascontiguousarray(space.jacobian(template.points).transpose(1, 0, 2))
-        self.field: Floats = np.ascontiguousarray(columns(np.eye(2), self.local).transpose(1, 0, 2))
+        self.field: Floats = np.ascontiguousarray(displacement_columns(np.eye(2), self.local).transpose(1, 0, 2))
 
 
-def search(model: Model, state: Floats, image: Grey, reach: float) -> Rows:
+def search_along_normals(model: Model, state: Floats, image: Grey, reach: float) -> Rows:
     """Edges along the normals of the curve at a state.
 
     Args:

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from grasptrack.snake.edge_search import Model, Rows, search
+from grasptrack.snake.edge_search import Model, Rows, search_along_normals
 from grasptrack.snake.template import NEAR, Grey
-from grasptrack.snake.verification import Match, judge
+from grasptrack.snake.verification import Match, verify_fit
 from grasptrack.typing import Floats
 
 TUKEY = 4.685
@@ -17,7 +17,7 @@ ELSEWHERE = 3.0 * NEAR
 """px from the fitted curve to which an unsupported stretch is looked for."""
 
 
-def solve(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> tuple[Floats, Floats, Floats]:
+def solve_robust_step(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> tuple[Floats, Floats, Floats]:
     """Step of the state that explains the gaps, by iteratively reweighted least squares with Tukey's weights.
 
     Args:
@@ -53,7 +53,7 @@ def solve(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> tuple[Floats,
     return step, information, w
 
 
-def fit(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) -> Match | None:
+def fit_to_edges(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) -> Match | None:
     """The state whose curve lies on the edges, searched from `start` with a reach that shrinks to NEAR.
 
     Args:
@@ -72,13 +72,13 @@ def fit(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) 
     reaches = [reach] if reach <= 2 * NEAR else [reach, max(reach / 3.0, 1.5 * NEAR)]
     try:
         for r in reaches:
-            rows = search(model, state, image, r)
-            step, _, _ = solve(rows, prior, start - state, 2)
+            rows = search_along_normals(model, state, image, r)
+            step, _, _ = solve_robust_step(rows, prior, start - state, 2)
             state = state + step
         free = np.zeros_like(prior)
         for _ in range(4):
-            rows = search(model, state, image, NEAR)
-            step, _, _ = solve(rows, free, np.zeros_like(state), 2)
+            rows = search_along_normals(model, state, image, NEAR)
+            step, _, _ = solve_robust_step(rows, free, np.zeros_like(state), 2)
             moved = float(np.abs(step).max())
             if not moved < 3.0 * NEAR:
                 return None
@@ -86,12 +86,12 @@ def fit(model: Model, image: Grey, start: Floats, spread: Floats, reach: float) 
             if moved < 0.25:
                 break
         rows = rows._replace(gap=np.where(rows.used, rows.gap - rows.A @ step, 0.0))
-        match = judge(model, rows, state, image.shape)
+        match = verify_fit(model, rows, state, image.shape)
     except np.linalg.LinAlgError:
         return None
     if match.support > 0.92:
         return match
-    rows = search(model, state, image, ELSEWHERE)
+    rows = search_along_normals(model, state, image, ELSEWHERE)
     stray = rows.used & match.visible & ~match.seen
     in_row = stray[:-1] & stray[1:] & (np.abs(rows.gap[1:] - rows.gap[:-1]) < 1.0)
     return match._replace(elsewhere=float(in_row.sum()) / max(int(match.visible.sum()), 1))

@@ -62,7 +62,7 @@ class Match(NamedTuple):
         return float(self.seen.sum()) / inside if inside else 0.0
 
 
-def judge(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Match:
+def verify_fit(model: Model, rows: Rows, state: Floats, shape: tuple[int, ...]) -> Match:
     """Which samples an edge like the template's supports, how well the state is known, and what it leaves unexplained.
 
     A shape space that fits all that is seen may still be wrong where nothing is seen: whatever a homography could have

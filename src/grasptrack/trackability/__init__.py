@@ -18,24 +18,24 @@ from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, analy
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.images import PLAIN
 from grasptrack.trackability.advice import Findings, is_lost, level_of, reasons_of
-from grasptrack.trackability.edges import Edges, edges_of, sway
+from grasptrack.trackability.edges import Edges, edge_direction_noise, edges_of
 from grasptrack.trackability.first import FirstView, first_view
 from grasptrack.trackability.motions import TURN, Frame, motions_of
 from grasptrack.trackability.prediction import RUNS, Drawn, Looked, Prediction, Run, drawn_runs, predict_run, rehearse
-from grasptrack.trackability.relief import Relief, reliefs
+from grasptrack.trackability.relief import Relief, gradient_statistics
 from grasptrack.trackability.result import Held, Looks, Reason, Suitability, Texture
-from grasptrack.trackability.settled import Settled, loose, settled
-from grasptrack.trackability.strategies import peaks_of, recommended, strategies_of
+from grasptrack.trackability.settled import Settled, contact_evidence, loose
+from grasptrack.trackability.strategies import peaks_of, recommended_strategy, strategies_of
 from grasptrack.trackability.symmetry import Likeness, equals_of, symmetry_of
 from grasptrack.trackability.synthetic_view import Setting, Stage
-from grasptrack.tracking.decision import largest_sigma, tolerance
+from grasptrack.tracking.decision import contact_tolerance, largest_sigma
 from grasptrack.tracking.initialization import AUTO
 from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.strategies import carrier_for
-from grasptrack.tracking.target import Target, pyramid
+from grasptrack.tracking.target import Target, build_pyramid
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
 
@@ -94,10 +94,10 @@ def inspect(
     first = first_view(image, given, asked.fingers, friction, object_at, box, mask, ignore, hand, strategy, risk, focal)
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)
-    surface, ground = reliefs(grey, view, first.hidden)
+    surface, ground = gradient_statistics(grey, view, first.hidden)
     target = first.carrier.follower.target if first.carrier else _target(first)
-    looks = _looks(first, target, edges, surface)
-    motions = motions_of(*edges.used, _frame(view), sway(edges))
+    looks = _measure_appearance(first, target, edges, surface)
+    motions = motions_of(*edges.used, _inertia_frame(view), edge_direction_noise(edges))
     whole = motions.models["homography"]
     limit = largest_sigma(view.outer.area, NUMBERS.with_risk(risk))
     auto = strategy == AUTO  # the others segment, in colour
@@ -105,12 +105,12 @@ def inspect(
     prediction, fixed = None, None
     if first.carrier is not None:
         runs_drawn, looked = _drawn(first, stage, strategy, risk, focal, runs)
-        fixed = settled(first, target, looked, limit, whole.observable)
+        fixed = contact_evidence(first, target, looked, limit, whole.observable)
         # beyond its tolerance the tracker refuses
-        adrift = min(fixed.deviations[2], tolerance(view.outer.area, NUMBERS)) if fixed.by == "nothing" else 0.0
+        adrift = min(fixed.deviations[2], contact_tolerance(view.outer.area, NUMBERS)) if fixed.by == "nothing" else 0.0
         prediction = predict_run(Drawn.of(runs_drawn, math.sqrt(view.outer.area), adrift))
-    refusal = "" if fixed is None else _refusal(fixed.by != "nothing", fixed.covariance, limit)
-    grip = None if first.grasp is None else _held(first, friction, limit, motions.frame.size, fixed, prediction)
+    refusal = "" if fixed is None else _refusal_reason(fixed.by != "nothing", fixed.covariance, limit)
+    grip = None if first.grasp is None else _assess_grasp(first, friction, limit, motions.frame.size, fixed, prediction)
     usable = strategies_of(first.held, view, grey, refusal)
     likeness = Likeness(first, target, stage)
     symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
@@ -121,7 +121,7 @@ def inspect(
     return Suitability(
         level=level_of(grip, prediction),
         reasons=reasons,
-        strategy="" if grip is None or is_lost(prediction) else recommended(usable),
+        strategy="" if grip is None or is_lost(prediction) else recommended_strategy(usable),
         looks=looks,
         motions=motions,
         symmetry=symmetry,
@@ -139,7 +139,7 @@ def inspect(
 
 
 def _target(first: FirstView) -> Target:
-    return make_target(pyramid(first.grey), first.candidate.view, first.held.contacts, NUMBERS, first.hidden)
+    return make_target(build_pyramid(first.grey), first.candidate.view, first.held.contacts, NUMBERS, first.hidden)
 
 
 def _drawn(
@@ -162,23 +162,23 @@ def _drawn(
     return made, seen
 
 
-def _refusal(fixed: bool, covariance: Floats, limit: float) -> str:
+def _refusal_reason(fixed: bool, covariance: Floats, limit: float) -> str:
     """Why contacts will not be believed that may be off by covariances (k, 2, 2) px^2; empty where they will."""
     sigma = math.sqrt(float(np.linalg.eigvalsh(covariance)[:, -1].max()))
     return "" if fixed and sigma <= limit else Why("uncertain", {"sigma": sigma}).sentence
 
 
-def _frame(view: View) -> Frame:
+def _inertia_frame(view: View) -> Frame:
     area, x, y, theta, *_ = kernels.inertia(view.points, view.offsets)
     c, s = math.cos(theta), math.sin(theta)
     return Frame(np.array([x, y]), np.array([[c, s], [-s, c]]), math.sqrt(area))
 
 
-def _looks(first: FirstView, target: Target, edges: Edges, surface: Relief) -> Looks:
+def _measure_appearance(first: FirstView, target: Target, edges: Edges, surface: Relief) -> Looks:
     view, grey = first.candidate.view, first.grey
     height, width = grey.shape
     low, high = view.outer.points.min(axis=0), view.outer.points.max(axis=0)
-    size = _frame(view).size
+    size = _inertia_frame(view).size
     some = edges.strength > 0.0
     inside = ~np.concatenate([np.zeros(len(c), np.bool_) if c.clipped is None else c.clipped for c in view.contours])
     strength = float(np.median(edges.strength[inside])) if inside.any() else 0.0
@@ -201,7 +201,7 @@ def _looks(first: FirstView, target: Target, edges: Edges, surface: Relief) -> L
     )
 
 
-def _held(
+def _assess_grasp(
     first: FirstView, friction: float, limit: float, size: float, fixed: Settled | None, prediction: Prediction | None
 ) -> Held:
     """The grasp with the errors to be expected of its contacts: in the ratios of their covariances, as large as predicted."""
@@ -221,5 +221,5 @@ def _held(
         sigma=known * sigma,
         covariance=known**2 * covariance,
         limit=limit,
-        tolerance=tolerance(view.outer.area, NUMBERS),
+        tolerance=contact_tolerance(view.outer.area, NUMBERS),
     )

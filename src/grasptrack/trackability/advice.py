@@ -13,7 +13,7 @@ from grasptrack.trackability.motions import SLIDING, Motions
 from grasptrack.trackability.prediction import Prediction
 from grasptrack.trackability.result import Held, Level, Looks, Reason
 from grasptrack.trackability.settled import Settled
-from grasptrack.trackability.strategies import Usable, recommended
+from grasptrack.trackability.strategies import Usable, recommended_strategy
 from grasptrack.trackability.symmetry import Symmetry
 from grasptrack.tracking.numbers import NUMBERS
 
@@ -75,7 +75,9 @@ def reasons_of(found: Findings) -> tuple[Reason, ...]:
     drawn = None if found.prediction is None else found.prediction.drawn
     if drawn is not None and drawn.located < drawn.images:
         text = f"lost in {drawn.images - drawn.located} of {drawn.images} images that were drawn: {drawn.reason}"
-        listed.append(Reason(text, "" if found.looks.clear * (1.0 - COVER) < HALF else _clearer(found.looks)))
+        listed.append(
+            Reason(text, "" if found.looks.clear * (1.0 - COVER) < HALF else _clearer_edge_advice(found.looks))
+        )
     return tuple(listed)
 
 
@@ -86,15 +88,15 @@ def _of_grasp(found: Findings) -> list[Reason]:
         listed.append(Reason(found.no_grasp, "give contacts with --grasp, or more --friction"))
     elif grasp is not None and not grasp.stable:
         listed.append(Reason("the grasp does not close", "another grasp, or more --friction"))
-    elif grasp is not None and grasp.chance < CHANCE and _fixed(found):
+    elif grasp is not None and grasp.chance < CHANCE and _contacts_are_fixed(found):
         text = f"the grasp closes with a chance of only {100.0 * grasp.chance:.0f} % where its contacts are uncertain"
         listed.append(Reason(text, "another grasp, on longer straight sides"))
-    if not recommended(found.strategies) and not found.refusal:
+    if not recommended_strategy(found.strategies) and not found.refusal:
         listed.append(Reason(f"no strategy can carry it: {found.strategies[0].reason}", "more contrast"))
     return listed
 
 
-def _fixed(found: Findings) -> bool:
+def _contacts_are_fixed(found: Findings) -> bool:
     """Whether anything fixes the contacts."""
     if found.settled is not None:
         return found.settled.by != "nothing"
@@ -121,7 +123,7 @@ def _of_outline(found: Findings) -> list[Reason]:
     models, looks = found.motions.models, found.looks
     flat = models["similarity"]
     if not flat.observable and flat.unswayed >= HARDLY:
-        return [Reason("the noise of its edges hides how it moves", _clearer(looks))]
+        return [Reason("the noise of its edges hides how it moves", _clearer_edge_advice(looks))]
     if found.symmetry.every or not flat.observable:
         hidden = [
             m.name for m in found.motions.motions if "similarity" not in m.observed and "affine" not in m.observed
@@ -130,11 +132,11 @@ def _of_outline(found: Findings) -> list[Reason]:
         return [Reason(f"{what} is not shown by the outline", NO_TURN)]
     whole = models["homography"]
     if not whole.observable and whole.unswayed >= HARDLY:
-        return [Reason("the noise of its edges hides a tilt", _clearer(looks))]
+        return [Reason("the noise of its edges hides a tilt", _clearer_edge_advice(looks))]
     if not whole.observable:
-        mixed = _mixed(found.motions)
+        mixed = _confused_with_tilt(found.motions)
         text = (
-            f"a tilt cannot be told from {_listed(mixed)} by this outline"
+            f"a tilt cannot be told from {_join_names(mixed)} by this outline"
             if mixed
             else "a tilt is not shown by this outline"
         )
@@ -149,13 +151,13 @@ def _of_outline(found: Findings) -> list[Reason]:
     return []
 
 
-def _mixed(motions: Motions) -> list[str]:
+def _confused_with_tilt(motions: Motions) -> list[str]:
     """The motions within the image that are not told from a tilt, in words."""
     names = [WORDS[m.name] for m in motions.motions if m.name in WORDS and "homography" not in m.observed]
     return list(dict.fromkeys(names))
 
 
-def _listed(names: list[str]) -> str:
+def _join_names(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 
@@ -163,10 +165,10 @@ def _of_edges(found: Findings) -> list[Reason]:
     looks, listed = found.looks, []
     if looks.clear * (1.0 - COVER) < HALF:
         text = f"only {100.0 * looks.clear:.0f} % of the outline has a clear edge"
-        listed.append(Reason(text, _clearer(looks)))
+        listed.append(Reason(text, _clearer_edge_advice(looks)))
     elif looks.strength < FAINT:
         text = f"faint edges ({looks.strength:.1f} grey levels per px)"
-        listed.append(Reason(text, _clearer(looks)))
+        listed.append(Reason(text, _clearer_edge_advice(looks)))
     if looks.size < SMALL:
         text = f"a small object: its area is only that of {looks.size:.0f} x {looks.size:.0f} px"
         listed.append(Reason(text, "move nearer, or take a larger image"))
@@ -176,7 +178,7 @@ def _of_edges(found: Findings) -> list[Reason]:
     return listed
 
 
-def _clearer(looks: Looks) -> str:
+def _clearer_edge_advice(looks: Looks) -> str:
     """What would make edges clearer."""
     if looks.sharpness > WINDOW:
         return "focus: the edges are blurred"

@@ -89,7 +89,7 @@ def edges_of(view: View, grey: Grey, polarity: int) -> Edges:
     )
 
 
-def sway(edges: Edges) -> float:
+def edge_direction_noise(edges: Edges) -> float:
     """rad, standard deviation of an edge's direction from noise alone: by third differences, in which curvature cancels."""
     angles = np.arctan2(edges.normals[:, 1], edges.normals[:, 0])
     step, differences = round(ACROSS), []

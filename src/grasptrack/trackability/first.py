@@ -13,8 +13,8 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
-from grasptrack.segmentation.objects import grow
-from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.objects import dilate_mask
+from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.proposals import Box
 from grasptrack.tracking import initialization
 from grasptrack.tracking.initialization import Wish
@@ -38,7 +38,7 @@ class FirstView(NamedTuple):
 
     candidate: Candidate
     colours: NDArray[np.uint8]
-    observer: Observer
+    observer: OutlineDetector
     grey: Grey
     others: list[Candidate]
     grasp: Grasp | None
@@ -80,8 +80,8 @@ def first_view(
     """
     colours = to_bgr(image)
     shape = colours.shape[:2]
-    hidden = None if ignore is None else grow(to_mask(ignore, shape, "ignore mask"))
-    observer = Observer(hidden)
+    hidden = None if ignore is None else dilate_mask(to_mask(ignore, shape, "ignore mask"))
+    observer = OutlineDetector(hidden)
     seen = colours if mask is None else as_scene(to_mask(mask, shape, "mask"))
     observer.look(seen)
     masked = mask is not None
@@ -91,7 +91,7 @@ def first_view(
     if candidate is None:
         raise ObservationError(reason)
     grey = observer.choose(candidate)
-    others = _others(observer, chosen.found, candidate, masked, object_at is not None or box is not None)
+    others = _other_objects(observer, chosen.found, candidate, masked, object_at is not None or box is not None)
     for i, grasp in enumerate(chosen.grasps):
         try:
             carrier = carrier_for(strategy, grasp, candidate.view, grey, None, observer, risk, focal)
@@ -104,8 +104,8 @@ def first_view(
     return FirstView(candidate, seen, observer, grey, others, held, None, reason)
 
 
-def _others(
-    observer: Observer, found: list[Candidate], candidate: Candidate, masked: bool, asked: bool
+def _other_objects(
+    observer: OutlineDetector, found: list[Candidate], candidate: Candidate, masked: bool, asked: bool
 ) -> list[Candidate]:
     """Further objects of the whole image, also where only one place in it was looked at."""
     if asked:
@@ -113,4 +113,4 @@ def _others(
             found = observer.first(masked)
         except ObservationError:
             found = []
-    return initialization.others(found, candidate)
+    return initialization.other_objects(found, candidate)

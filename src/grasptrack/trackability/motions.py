@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels.reference_evidence import displacement_fields, whitening
+from grasptrack.kernels.reference_evidence import displacement_fields, whitening_matrix
 from grasptrack.typing import Floats
 
 MODELS = {"similarity": 4, "affine": 6, "homography": 8}
@@ -115,7 +115,7 @@ def motions_of(points: Floats, normals: Floats, frame: Frame, sway: float = 0.0)
     models, seen = {}, {}
     slide = None
     for name, count in MODELS.items():
-        own = whitening(fields[:, :, :count])
+        own = whitening_matrix(fields[:, :, :count])
         named = np.linalg.inv(own)  # columns: the named motions, in motions of their own
         A = np.einsum("mi,mij->mj", across, fields[:, :, :count]) @ own
         B = np.einsum("mi,mij->mj", along, fields[:, :, :count]) @ own
@@ -143,7 +143,7 @@ def motions_of(points: Floats, normals: Floats, frame: Frame, sway: float = 0.0)
     return Motions(listed, models, frame, slide)
 
 
-def slid(motions: Motions, points: Floats) -> Floats:
+def sliding_displacement(motions: Motions, points: Floats) -> Floats:
     """(m, 2) px by which the motion that an outline shows least moves points (m, 2) px; zero where it shows all."""
     if motions.slide is None:
         return np.zeros_like(points)

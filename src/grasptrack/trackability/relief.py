@@ -48,7 +48,7 @@ class Relief(NamedTuple):
         """Grey levels per px, rms of the slopes less what noise makes of them."""
         if not len(self.points):
             return 0.0
-        excess = float(np.square(self.slopes).sum(axis=1).mean()) - 2.0 * self._doubted
+        excess = float(np.square(self.slopes).sum(axis=1).mean()) - 2.0 * self._noise_slope_variance
         return math.sqrt(max(excess, 0.0))
 
     @property
@@ -57,15 +57,15 @@ class Relief(NamedTuple):
         if not len(self.points):
             return 0.0
         tensor = self.slopes.T @ self.slopes / len(self.points)
-        return math.sqrt(max(float(np.linalg.eigvalsh(tensor)[0]) - self._doubted, 0.0))
+        return math.sqrt(max(float(np.linalg.eigvalsh(tensor)[0]) - self._noise_slope_variance, 0.0))
 
     @property
-    def _doubted(self) -> float:
+    def _noise_slope_variance(self) -> float:
         """Mean square slope in one direction that may be noise."""
         return OF_SLOPES * self.noise**2 * (1.0 + DOUBT * math.sqrt(2.0 / len(self.points)))
 
 
-def reliefs(grey: Grey, view: View, hidden: Grey | None = None) -> tuple[Relief, Relief]:
+def gradient_statistics(grey: Grey, view: View, hidden: Grey | None = None) -> tuple[Relief, Relief]:
     """Slopes within an outline, and of the ground round it, both clear of the outline itself.
 
     Args:
@@ -88,7 +88,7 @@ def reliefs(grey: Grey, view: View, hidden: Grey | None = None) -> tuple[Relief,
     if hidden is not None:
         free = hidden[low[1] : high[1] + 1, low[0] : high[0] + 1] == 0
     free[[0, -1]] = free[:, [0, -1]] = False
-    noise = _noise(part, free)
+    noise = _estimate_noise(part, free)
     made = []
     for where in (deep >= DEPTH, (off >= DEPTH) & (off <= band)):
         row, column = np.nonzero(where & free)
@@ -97,7 +97,7 @@ def reliefs(grey: Grey, view: View, hidden: Grey | None = None) -> tuple[Relief,
     return made[0], made[1]
 
 
-def _noise(part: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
+def _estimate_noise(part: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
     """Grey levels, standard deviation of a pixel, from second differences in both directions (Immerkaer 1996), robust."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     left = np.abs(cv2.filter2D(part, cv2.CV_32F, kernel)[free]) / 6.0

@@ -18,7 +18,7 @@ from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state, pose_hypothesis, single_estimate
 from grasptrack.tracking.state import TrackState
-from grasptrack.tracking.target import Grey, Target, pyramid
+from grasptrack.tracking.target import Grey, Target, build_pyramid
 from grasptrack.typing import Floats
 
 By = Literal["outline", "surface", "ground", "nothing"]
@@ -49,7 +49,7 @@ class Settled(NamedTuple):
     @property
     def deviations(self) -> tuple[float, float, float]:
         """px, the largest standard deviation of a contact by each of the three."""
-        outline, surface, ground = (_deviation(C) for C in self.covariances)
+        outline, surface, ground = (_largest_deviation(C) for C in self.covariances)
         return outline, surface, ground
 
     @property
@@ -58,7 +58,7 @@ class Settled(NamedTuple):
         return np.asarray(self.covariances[{"outline": 0, "surface": 1}.get(self.by, 2)])
 
 
-def settled(first: FirstView, target: Target, looked: Sequence[Looked], limit: float, shown: bool) -> Settled:
+def contact_evidence(first: FirstView, target: Target, looked: Sequence[Looked], limit: float, shown: bool) -> Settled:
     """What fixes the contacts, as the tracker itself counts it, in small motions of the first view.
 
     Args:
@@ -68,14 +68,14 @@ def settled(first: FirstView, target: Target, looked: Sequence[Looked], limit: f
         limit: px, the standard deviation of a contact from which on it is not believed.
         shown: the outline shows all motions.
     """
-    levels = pyramid(first.grey)
+    levels = build_pyramid(first.grey)
     bare = make_target(levels, first.candidate.view, first.held.contacts, UNTEXTURED, first.hidden)
     by_outline, by_surface = (first_state(each, levels, NUMBERS) for each in (bare, target))
     alone, surface, ground = _Covariances(), _Covariances(), _Covariances()
     for grey, step, decision in looked[:VIEWS]:
-        image = pyramid(grey)
-        alone.add(_laid(bare, by_outline, image, step.H))
-        textured = _laid(target, by_surface, image, step.H)
+        image = build_pyramid(grey)
+        alone.add(_estimate_pose(bare, by_outline, image, step.H))
+        textured = _estimate_pose(target, by_surface, image, step.H)
         if (
             textured is not None and texture_evidence(textured, by_surface.usual, NUMBERS) > 0.0
         ):  # else there is only noise
@@ -86,9 +86,9 @@ def settled(first: FirstView, target: Target, looked: Sequence[Looked], limit: f
     # noisy directions of the edges seem to show what the shape does not
     free = loose(first)
     least = alone.median(free) if shown else free
-    more = _better(surface.median(least), least)
-    most = _better(ground.median(more), more)
-    deviation = [_deviation(C) for C in (least, more, most)]
+    more = _smaller_covariance(surface.median(least), least)
+    most = _smaller_covariance(ground.median(more), more)
+    deviation = [_largest_deviation(C) for C in (least, more, most)]
     by: By = "nothing"
     if shown and deviation[0] <= limit:
         by = "outline"
@@ -119,19 +119,19 @@ class _Covariances:
         """Those of the median view; `without` where fewer than half of the views have any."""
         if 2 * len(self._found) < VIEWS:
             return without
-        return sorted(self._found, key=_deviation)[len(self._found) // 2]
+        return sorted(self._found, key=_largest_deviation)[len(self._found) // 2]
 
 
-def _laid(target: Target, state: TrackState, image: list[Grey], H: Floats) -> PoseEstimate | None:
+def _estimate_pose(target: Target, state: TrackState, image: list[Grey], H: Floats) -> PoseEstimate | None:
     """The target laid on an image, of which this is the pyramid, that shows it under a homography (3, 3)."""
     return single_estimate(target, state, image, pose_hypothesis(target, "staged", H, NUMBERS), NUMBERS)
 
 
-def _deviation(covariance: Floats) -> float:
+def _largest_deviation(covariance: Floats) -> float:
     """px, the largest standard deviation of a contact in any direction."""
     return math.sqrt(float(np.linalg.eigvalsh(covariance)[:, -1].max()))
 
 
-def _better(one: Floats, other: Floats) -> Floats:
+def _smaller_covariance(one: Floats, other: Floats) -> Floats:
     """The smaller of two covariances (k, 2, 2) px^2: what tells more can be left out of account."""
-    return one if _deviation(one) < _deviation(other) else other
+    return one if _largest_deviation(one) < _largest_deviation(other) else other

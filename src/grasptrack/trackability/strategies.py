@@ -66,6 +66,6 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "") -> tu
     return tuple(Usable(name, why(name)) for name in (AUTO, *ORDER))
 
 
-def recommended(usable: tuple[Usable, ...]) -> str:
+def recommended_strategy(usable: tuple[Usable, ...]) -> str:
     """The strategy to take: `auto` where anything can carry the grasp, for it asks all of them; else none, empty."""
     return AUTO if any(not u.reason for u in usable) else ""

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import jacobian
-from grasptrack.matching import Sampled, symmetries
+from grasptrack.geometry.homographies import homography_jacobian
+from grasptrack.matching import Sampled, find_symmetries
 from grasptrack.trackability.first import FirstView
 from grasptrack.trackability.synthetic_view import REST, Stage
 from grasptrack.tracking.estimator import Hypothesis
@@ -23,8 +23,8 @@ from grasptrack.tracking.single import (
     told_apart,
     turned_hypotheses,
 )
-from grasptrack.tracking.target import Target, pyramid
-from grasptrack.transfer.alignment import alignments, as_similarity
+from grasptrack.tracking.target import Target, build_pyramid
+from grasptrack.transfer.alignment import as_similarity, find_alignments
 
 EQUAL = 0.03
 """Share of sqrt(area), rms, by which outlines may differ under the best similarity to be looked at as equals."""
@@ -60,10 +60,10 @@ class Likeness:
 
     def __init__(self, first: FirstView, target: Target, stage: Stage) -> None:
         self._first = first
-        self._levels = pyramid(first.grey)
+        self._levels = build_pyramid(first.grey)
         self.target = target
         self._state = first_state(self.target, self._levels, NUMBERS)
-        self._again = pyramid(stage.seen(REST))
+        self._again = build_pyramid(stage.seen(REST))
         here = Hypothesis("first", self.target.A, self._state.P)
         self._own = single_estimate(self.target, self._state, self._again, here, NUMBERS)
 
@@ -78,14 +78,14 @@ class Likeness:
             if other is None or same_place(own, other, NUMBERS) or told_apart(self._state, own, other, NUMBERS):
                 continue
             x, y = self.target.outline.mean(axis=0).tolist()
-            a, b, c, d = jacobian(np.linalg.inv(own.G) @ other.G, x, y)
+            a, b, c, d = homography_jacobian(np.linalg.inv(own.G) @ other.G, x, y)
             found.append(math.degrees(math.atan2(c - b, a + d)) % 360.0)
         return sorted(found)
 
     def is_equal(self, other: View) -> bool:
         """Whether another object of the image looks just like this one: it has its outline, and no other surface."""
         outer = self._first.candidate.view.outer
-        ways = alignments(outer, other.outer)
+        ways = find_alignments(outer, other.outer)
         if not ways:
             return self._own is not None
         if ways[0].residual > EQUAL * math.sqrt(other.outer.area):
@@ -109,7 +109,7 @@ def symmetry_of(first: FirstView, likeness: Likeness, turn_shown: bool = True) -
     view = first.candidate.view
     if view.is_clipped:
         return Symmetry((), False, False)
-    if not turn_shown or symmetries(Sampled(view)).continuous:
+    if not turn_shown or find_symmetries(Sampled(view)).continuous:
         return Symmetry((), True, True)
     return Symmetry(tuple(likeness.turns()), False, True)
 

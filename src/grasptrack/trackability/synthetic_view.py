@@ -32,7 +32,7 @@ _FLOOR = 1.0 / 12.0
 """Variance that rounding to whole grey levels adds."""
 
 
-def denoised(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
+def denoise_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
     """An image without its noise (non-local means), for what comes after it must not share it.
 
     Whatever is no stronger than the noise is smoothed away as well.
@@ -146,7 +146,7 @@ class Stage:
     """
 
     def __init__(self, image: NDArray[np.uint8], channel: Channel, noise: float) -> None:
-        self._source, self._channel = denoised(image, noise), channel
+        self._source, self._channel = denoise_image(image, noise), channel
         self._rng = np.random.default_rng(0)
         drawn = math.sqrt(max(noise**2 - _FLOOR, 0.0)) * self._rng.standard_normal(image.shape, np.float32)
         self._noise = np.rint(drawn).astype(np.int16)

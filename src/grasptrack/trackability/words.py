@@ -23,7 +23,7 @@ class Row(NamedTuple):
     note: str
 
 
-def rows(found: Suitability) -> list[Row]:
+def report_rows(found: Suitability) -> list[Row]:
     """All that was found, in rows."""
     looks = found.looks
     holes = {0: "no hole", 1: "1 hole"}.get(looks.holes, f"{looks.holes} holes")
@@ -34,11 +34,11 @@ def rows(found: Suitability) -> list[Row]:
             "contrast", f"{looks.contrast:.0f} levels", f"noise {looks.noise:.1f}, the ground's grain {looks.grain:.1f}"
         ),
         Row("edges", f"{100.0 * looks.clear:.0f} % clear", f"{looks.sharpness:.1f} px wide"),
-        Row("motions", told(found.motions), weakest(found.motions)),
-        Row("symmetry", symmetry(found.symmetry), f"equal objects in view: {len(found.equals) or 'none'}"),
+        Row("motions", describe_motions(found.motions), describe_weakest_motion(found.motions)),
+        Row("symmetry", describe_symmetry(found.symmetry), f"equal objects in view: {len(found.equals) or 'none'}"),
         Row("peaks", str(len(found.peaks)), f"a homography needs {PEAKS}"),
-        Row("surface", f"{found.surface.rms:.1f} levels/px", settles(found, "surface")),
-        Row("ground", f"{found.ground.rms:.1f} levels/px", settles(found, "ground")),
+        Row("surface", f"{found.surface.rms:.1f} levels/px", describe_texture(found, "surface")),
+        Row("ground", f"{found.ground.rms:.1f} levels/px", describe_texture(found, "ground")),
     ]
     listed += [Row(u.name, "no" if u.reason else "yes", u.reason) for u in found.strategies]
     if found.grasp is None:
@@ -48,7 +48,7 @@ def rows(found: Suitability) -> list[Row]:
 
 def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
     run = found.prediction
-    error = px(found.error_px) if math.isfinite(found.error_px) else "not known"
+    error = format_px(found.error_px) if math.isfinite(found.error_px) else "not known"
     listed = [
         Row(
             "grasp",
@@ -77,39 +77,39 @@ def expected(found: Suitability) -> str:
     if math.isnan(found.error_px):
         return f"{share} (95 %), contacts not known"
     low, high = found.error_interval
-    return f"{share}, contacts {_figure(low)} to {px(high)} off (95 %)"
+    return f"{share}, contacts {_format_number(low)} to {format_px(high)} off (95 %)"
 
 
-def px(value: float) -> str:
+def format_px(value: float) -> str:
     """A length in px with two figures."""
-    return f"{_figure(value)} px"
+    return f"{_format_number(value)} px"
 
 
-def _figure(value: float) -> str:
+def _format_number(value: float) -> str:
     return f"{value:.0f}" if value >= 9.5 else f"{value:.2g}"
 
 
-def told(motions: Motions) -> str:
+def describe_motions(motions: Motions) -> str:
     """Which motions the outline shows."""
     if motions.models["homography"].observable:
         return "all shown"
     return "flat ones only" if motions.models["similarity"].observable else "not all shown"
 
 
-def weakest(motions: Motions) -> str:
+def describe_weakest_motion(motions: Motions) -> str:
     """How much of the motion that is shown least moves the edges."""
     shown = motions.models["homography"].weakest
     return f"the weakest moves the edges by {100.0 * shown:.0f} % of itself, {100.0 * SLIDING:.0f} % is needed"
 
 
-def symmetry(found: Symmetry) -> str:
+def describe_symmetry(found: Symmetry) -> str:
     """How often the outline fits itself."""
     if not found.known:
         return "unknown"
     return "every turn" if found.every else f"each {360.0 / found.order:.0f}°" if found.turns else "none"
 
 
-def settles(found: Suitability, what: Literal["surface", "ground"]) -> str:
+def describe_texture(found: Suitability, what: Literal["surface", "ground"]) -> str:
     """Whether the surface, or else the ground, fixes what the outline leaves free."""
     texture = found.surface if what == "surface" else found.ground
     if found.by == "outline":
@@ -119,9 +119,9 @@ def settles(found: Suitability, what: Literal["surface", "ground"]) -> str:
     if found.by == what:
         word = "fixes" if what == "surface" else "alone fixes"
         lost = "" if what == "surface" else ": on a belt it will be lost"
-        return f"{word} what the outline leaves free, to {px(texture.settles)}{lost}"
+        return f"{word} what the outline leaves free, to {format_px(texture.settles)}{lost}"
     if found.by == "surface":
         if texture.settles > HARDLY * found.surface.settles:
             return "adds nothing to that"
-        return f"to {px(texture.settles)}, as long as it moves along"
+        return f"to {format_px(texture.settles)}, as long as it moves along"
     return "does not fix what the outline leaves free"

@@ -95,17 +95,17 @@ CODES = {
 """Reasons for which an answer is not given. `messages` makes sentences of them."""
 
 
-def tolerance(area: float, numbers: Numbers) -> float:
+def contact_tolerance(area: float, numbers: Numbers) -> float:
     """px by which a contact may be off, for an object of `area` px^2."""
     return max(numbers.tolerance_px, numbers.tolerance * math.sqrt(area))
 
 
 def largest_sigma(area: float, numbers: Numbers) -> float:
     """px, the standard deviation from which on a contact of an object of `area` px^2 is not believed."""
-    return tolerance(area, numbers) / math.sqrt(-2.0 * math.log(numbers.risk))
+    return contact_tolerance(area, numbers) / math.sqrt(-2.0 * math.log(numbers.risk))
 
 
-def evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
+def pose_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of an estimate: this object there, partly covered, against nothing of its kind."""
     surface = max(0.0, texture_evidence(estimate, usual, numbers))
     return numbers.temper * surface + outline_evidence(estimate, numbers)
@@ -138,7 +138,7 @@ def surface_missing(by_share: Floats) -> float:
     Args:
         by_share: of the surface, by the share of it that is not seen.
     """
-    return _marginal(by_share, ANY_PRIOR) - _marginal(by_share, COVERED_PRIOR)
+    return _log_marginal(by_share, ANY_PRIOR) - _log_marginal(by_share, COVERED_PRIOR)
 
 
 TURNED = "turned"
@@ -161,11 +161,11 @@ def surface_evidence(
     return kernels.surface_evidence(correlation, usual, OCCLUDED, log_prior, *spreads)
 
 
-def _marginal(by_share: Floats, log_prior: Floats) -> float:
+def _log_marginal(by_share: Floats, log_prior: Floats) -> float:
     return float(np.logaddexp.reduce(by_share + log_prior))
 
 
-def strangeness(estimate: PoseEstimate, numbers: Numbers) -> float:
+def outline_surprisal(estimate: PoseEstimate, numbers: Numbers) -> float:
     """How improbable it is of an outline that so much of it lies elsewhere or is covered: minus the log of the probability."""
     if not len(estimate.other):
         return 0.0
@@ -181,13 +181,13 @@ SUDDEN = math.log(100.0)
 """Odds against light that hides edges from one image to the next."""
 
 
-def _sudden(state: TrackState, estimate: PoseEstimate) -> float:
+def _edge_loss_log_odds(state: TrackState, estimate: PoseEstimate) -> float:
     """Log of the odds against edges that hide from one image to the next: less where they are blurred all at once."""
     more = max(0.0, estimate.blur - state.blur) if math.isfinite(estimate.blur) else 0.0
     return SUDDEN / (1.0 + (0.5 * more / state.edge_width) ** 2) if more else SUDDEN
 
 
-def exchanged(
+def wrong_object_probability(
     state: TrackState,
     estimate: PoseEstimate,
     steps: float,
@@ -206,12 +206,12 @@ def exchanged(
     surface, by_share = told or surface_evidence(estimate.correlation, state.usual, numbers)
     shape = max(-max(0.0, surface), math.log(numbers.same_surface))
     if len(estimate.other):
-        strange = strangeness(estimate, numbers)
+        strange = outline_surprisal(estimate, numbers)
         jump = max(0.0, strange - state.strange)
         # of the edges that are seen elsewhere, as many as are not usually
         astray = numbers.temper * max(0.0, estimate.astray) * jump / max(strange, jump, 1e-9)
         # the surface shows that an outline is the object's though no light shows its edges; it seldom happens at once
-        shape += max(jump - max(0.0, surface), min(jump, _sudden(state, estimate) + astray))
+        shape += max(jump - max(0.0, surface), min(jump, _edge_loss_log_odds(state, estimate) + astray))
         shape += surface_missing(by_share) if state.accepted else 0.0
         # where the outline is seen nothing differs; one that is seldom seen as it was first tells little
         shape += (
@@ -221,7 +221,7 @@ def exchanged(
         )
     prior = EXCHANGED if state.exchanged else numbers.exchanged
     # the longer it was not seen the more probably something else was brought
-    prior = min(EXCHANGED, prior + numbers.hazard * state.lost * left(steps, numbers))
+    prior = min(EXCHANGED, prior + numbers.hazard * state.lost * departure_probability(steps, numbers))
     odds = prior * math.exp(min(50.0, shape))
     if state.accepted:  # until then an image may show another of its kind, or the same in other light
         odds += numbers.exchanged * math.exp(min(50.0, -surface))
@@ -277,7 +277,7 @@ LEAST_DEPTH = 0.1
 def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) -> float:
     """Log of the prior of a pose's place, turn and size: how far it is from what is expected."""
     # number by number: of so few NumPy's calls would cost more
-    (x, y), (u, v) = estimate.middle, middle(expected.contacts)
+    (x, y), (u, v) = estimate.middle, mean_point(expected.contacts)
     across = along = 0.0
     for (ax, ay), (bx, by) in zip(estimate.contacts.tolist(), expected.contacts.tolist(), strict=True):
         across += (bx - u) * (ay - y) - (by - v) * (ax - x)
@@ -296,13 +296,13 @@ def place_prior(estimate: PoseEstimate, expected: Expected, numbers: Numbers) ->
     return float(np.logaddexp(within(expected.steps), math.log(numbers.taken) + within(expected.taken)))
 
 
-def left(steps: float, numbers: Numbers) -> float:
+def departure_probability(steps: float, numbers: Numbers) -> float:
     """Probability that an object that moved freely for so many frames left its place, so that another may lie there."""
     nu = numbers.prior_freedom
     return float((1.0 + (SAME_PLACE / (numbers.travel * steps)) ** 2 / nu) ** (-0.5 * nu))
 
 
-def likeness(state: TrackState, estimate: PoseEstimate, expected: Expected, numbers: Numbers) -> float:
+def lookalike_probability(state: TrackState, estimate: PoseEstimate, expected: Expected, numbers: Numbers) -> float:
     """Probability that something just like the object lies where an estimate has it, and not the object."""
     if not (state.lookalike or state.beside):
         return numbers.lookalike
@@ -310,7 +310,7 @@ def likeness(state: TrackState, estimate: PoseEstimate, expected: Expected, numb
         return numbers.lookalike
     if not state.lookalike:
         return max(numbers.lookalike, SEEN_LIKE)
-    return max(numbers.lookalike, SEEN_LIKE * left(expected.steps, numbers))
+    return max(numbers.lookalike, SEEN_LIKE * departure_probability(expected.steps, numbers))
 
 
 SAME_ODDS = math.log(20.0)
@@ -336,7 +336,7 @@ SAME_PLACE = 0.5
 """Share of sqrt(area) within which two poses lie in one place."""
 
 
-def decide(
+def decide_pose(
     state: TrackState, estimates: list[PoseEstimate], expected: Expected, presence: float, numbers: Numbers
 ) -> Decision:
     """The most probable estimate, against the others and against none of them.
@@ -367,29 +367,33 @@ def decide(
             against = by_surface - max(seen) - (by_all - max(by_levels))
             raw[k] += numbers.temper * (best_odds - estimates[k].log_odds + against)
     outline = [r - s for r, s in zip(raw, surface, strict=True)]
-    near = [_around(e, estimates, SAME_PLACE) for e in estimates]
+    near = [_nearby_indices(e, estimates, SAME_PLACE) for e in estimates]
     # an outline may be deceived, as by blur; a surface that shows at another place only what chance makes of it is not
     strength = [
-        _either(r, math.log(numbers.deceived) + s + max(outline[k] for k in _around(e, estimates, numbers.wide)))
+        _log_add_exp(
+            r, math.log(numbers.deceived) + s + max(outline[k] for k in _nearby_indices(e, estimates, numbers.wide))
+        )
         for r, s, e in zip(raw, surface, estimates, strict=True)
     ]
     scores = []
     for e, (_, by_share), own, around in zip(estimates, told, strength, near, strict=True):
         # poses in one place explain the same pixels: between them all that is seen counts
-        shared = max(strength[k] for k in around) + math.log(likeness(state, e, expected, numbers))
+        shared = max(strength[k] for k in around) + math.log(lookalike_probability(state, e, expected, numbers))
         # what shows its outline and not its surface is another one
         missing = max(0.0, surface_missing(by_share)) if state.accepted else 0.0
         prior = math.log(presence) + place_prior(e, expected, numbers)
-        scores.append(own - _either(0.0, shared) + prior - numbers.temper * missing)
+        scores.append(own - _log_add_exp(0.0, shared) + prior - numbers.temper * missing)
     best = max(range(len(estimates)), key=scores.__getitem__)
-    allowed = tolerance(estimates[best].area, numbers)
+    allowed = contact_tolerance(estimates[best].area, numbers)
     # of the same answer the one that knows most: a hypothesis from nowhere has no past
-    alike = [k for k, e in enumerate(estimates) if farthest(e.contacts, estimates[best].contacts) < 0.5 * allowed]
+    alike = [
+        k for k, e in enumerate(estimates) if max_contact_distance(e.contacts, estimates[best].contacts) < 0.5 * allowed
+    ]
     top = max(scores[k] for k in alike)
     best = min((k for k in alike if scores[k] > top - SAME_ODDS), key=lambda k: variance_of(estimates[k]))
     chosen = estimates[best]
     others = [math.log(1.0 - presence)]
-    rivals = [k for k, e in enumerate(estimates) if farthest(e.contacts, chosen.contacts) > allowed]
+    rivals = [k for k, e in enumerate(estimates) if max_contact_distance(e.contacts, chosen.contacts) > allowed]
     others += [scores[k] for k in rivals]
     top = max([*others, scores[best]])
     own = math.exp(scores[best] - top)
@@ -397,7 +401,7 @@ def decide(
     p, absent = own / (own + elsewhere), elsewhere / (own + elsewhere)
     variance = variance_of(chosen) * numbers.inflate**2
     outside = math.exp(-0.5 * allowed**2 / max(variance, 1e-6))
-    other = exchanged(state, chosen, expected.steps, numbers, told[best])
+    other = wrong_object_probability(state, chosen, expected.steps, numbers, told[best])
     off = any_of(absent, outside, other)
     figures = {"probability_off": off}
     causes = {"presence": absent, "uncertain": outside, "exchanged": other}
@@ -410,13 +414,13 @@ def decide(
     else:
         nowhere = max(others[1:], default=-math.inf) <= others[0]
         doubt = "not-there" if nowhere else "other-place"
-        if nowhere and likeness(state, chosen, expected, numbers) > numbers.lookalike:
+        if nowhere and lookalike_probability(state, chosen, expected, numbers) > numbers.lookalike:
             doubt = "lookalike"
         figures |= {"presence": p, "edges": chosen.edge_share}
     rival, share = None, 0.0
     if rivals:
         rival = estimates[max(rivals, key=scores.__getitem__)]
-        there = [k for k in rivals if farthest(estimates[k].contacts, rival.contacts) <= allowed]
+        there = [k for k in rivals if max_contact_distance(estimates[k].contacts, rival.contacts) <= allowed]
         share = sum(math.exp(scores[k] - top) for k in there) / (own + elsewhere)
     return Decision(
         chosen, off, p, math.sqrt(variance), allowed, other, raw[best], doubt, figures, rival, share, numbers.risk
@@ -431,18 +435,18 @@ def any_of(*probabilities: float) -> float:
     return min(1.0, found)
 
 
-def _around(estimate: PoseEstimate, estimates: list[PoseEstimate], share: float) -> list[int]:
+def _nearby_indices(estimate: PoseEstimate, estimates: list[PoseEstimate], share: float) -> list[int]:
     """Which estimates lie where one lies, within a share of sqrt(area)."""
     reach = share * math.sqrt(estimate.area)
     return [k for k, other in enumerate(estimates) if math.dist(estimate.middle, other.middle) < reach]
 
 
-def _either(one: float, other: float) -> float:
+def _log_add_exp(one: float, other: float) -> float:
     """The log of the sum of two numbers of which these are the logs."""
     return max(one, other) + math.log1p(math.exp(-abs(one - other)))
 
 
-def middle(points: Floats) -> tuple[float, float]:
+def mean_point(points: Floats) -> tuple[float, float]:
     """(x, y) of points (k, 2), number by number: of so few NumPy's calls would cost more."""
     x = y = 0.0
     for u, v in points.tolist():
@@ -452,19 +456,19 @@ def middle(points: Floats) -> tuple[float, float]:
 
 def is_near(estimate: PoseEstimate, contacts: Floats) -> bool:
     """Whether an estimate lies in the place of contacts (k, 2) px."""
-    return math.dist(estimate.middle, middle(contacts)) < SAME_PLACE * math.sqrt(estimate.area)
+    return math.dist(estimate.middle, mean_point(contacts)) < SAME_PLACE * math.sqrt(estimate.area)
 
 
-def farthest(contacts: Floats, others: Floats) -> float:
+def max_contact_distance(contacts: Floats, others: Floats) -> float:
     """px between contacts (k, 2) where they are farthest apart."""
     return max(math.hypot(x, y) for x, y in (contacts - others).tolist())
 
 
-def checked(decision: Decision, contacts: Floats) -> Decision:
+def check_strategy_contacts(decision: Decision, contacts: Floats) -> Decision:
     """The decision of a strategy's own contacts (k, 2) px, which are off by as much more as they differ from the estimate's."""
     if decision.estimate is None:
         return decision
-    distance = farthest(contacts, decision.estimate.contacts)
+    distance = max_contact_distance(contacts, decision.estimate.contacts)
     spread = max(decision.sigma, 1e-3)
     near, left = decision.tolerance / spread, max(0.0, decision.tolerance - distance) / spread
     # of the chance that the estimate's contacts are right, what is left for the strategy's

@@ -47,7 +47,7 @@ class _Explained(NamedTuple):
     focal: Floats
 
 
-def ruler(target: Target, plane: Plane, length: float) -> Ruler | None:
+def make_ruler(target: Target, plane: Plane, length: float) -> Ruler | None:
     """What tells how far a target of this length is; None where it is cut off in the first view."""
     if target.view.is_clipped:
         return None
@@ -78,20 +78,22 @@ class Ruler:
             covariance: (9, 9) of its entries, row by row.
         """
         if self._modes is not self._plane.modes:
-            self._modes, self._all = self._plane.modes, self._explained()
+            self._modes, self._all = self._plane.modes, self._sample_modes()
         weights, back, in_view, unit, focal = self._all
         ray = np.array([*self._middle, 1.0])
-        told = self._told(back, homography, in_view, unit, ray)
+        told = self._line_of_sight_distances(back, homography, in_view, unit, ray)
         mean = float(weights @ told)
         # a camera that is nearer by its focal length shows the same but for perspective: distances go with it
         variance = float(weights @ ((told - mean) ** 2 + focal * told**2))
-        moved = self._told(back[:1], homography + self._plane.entries, in_view[:1], unit[:1], ray)
+        moved = self._line_of_sight_distances(back[:1], homography + self._plane.entries, in_view[:1], unit[:1], ray)
         by_entry = (moved - told[0]) / self._plane.steps
         variance += float(by_entry @ covariance @ by_entry) + (mean * self._off) ** 2
         return Distance(mean, math.sqrt(variance))
 
     @staticmethod
-    def _told(back: Floats, homography: Floats, in_view: Floats, unit: Floats, middle: Floats) -> Floats:
+    def _line_of_sight_distances(
+        back: Floats, homography: Floats, in_view: Floats, unit: Floats, middle: Floats
+    ) -> Floats:
         """(m,) distances along the line of sight to the middle, a (3,) place of the first view."""
         seen = back @ homography
         axes = seen @ in_view
@@ -101,18 +103,18 @@ class Ruler:
         lengths = np.linalg.norm(axes[:, :, :2], axis=1)
         return np.asarray(unit * np.linalg.norm(ray, axis=1) / np.sqrt(lengths[:, 0] * lengths[:, 1]))
 
-    def _explained(self) -> _Explained:
+    def _sample_modes(self) -> _Explained:
         """By the plane as it is known now."""
         plane = self._plane
         thetas, weights, focal = plane.open
         in_view = np.array([plane.in_view(theta) for theta in thetas])
-        extents = np.array([extent(apply_homography(np.linalg.inv(H), plane.hull)) for H in in_view])
+        extents = np.array([outline_extent(apply_homography(np.linalg.inv(H), plane.hull)) for H in in_view])
         back = np.array([plane.rays(theta) for theta in thetas])
         self._off = math.sqrt(2.0) * self._ends / float(extents[0])
         return _Explained(weights, back, in_view, self._length / extents, focal)
 
 
-def extent(outline: Floats) -> float:
+def outline_extent(outline: Floats) -> float:
     """The longer side of the smallest rectangle round points (n, 2), in their unit."""
     about = outline - outline.mean(axis=0)  # it counts in single precision
     return float(max(cv2.minAreaRect(np.ascontiguousarray(about, dtype=np.float32))[1]))

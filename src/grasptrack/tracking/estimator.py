@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.tracking.decision import evidence, surface_expected
+from grasptrack.tracking.decision import pose_evidence, surface_expected
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.shutter import NO_BEND
 from grasptrack.tracking.target import Grey, Target
@@ -210,7 +210,7 @@ def lead_alike(target: Target, one: Hypothesis | PoseEstimate, other: Hypothesis
     return bool(np.isfinite(d).all()) and min(float(d @ np.linalg.solve(P, d)) for P in (other.P, one.P)) < 1.0
 
 
-def apart(target: Target, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+def distinct_hypotheses(target: Target, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     """Those that lead elsewhere than the ones before them."""
     kept: list[Hypothesis] = []
     for hypothesis in hypotheses:
@@ -219,7 +219,7 @@ def apart(target: Target, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     return kept
 
 
-def renamed(estimate: PoseEstimate, origin: str) -> PoseEstimate:
+def with_origin(estimate: PoseEstimate, origin: str) -> PoseEstimate:
     """The same from elsewhere."""
     return replace(estimate, origin=origin)
 
@@ -264,7 +264,7 @@ class Solutions:
         """Make hypotheses exact; of a lost object those that do not lead to what was found already."""
         for hypothesis in hypotheses:
             state = self._state
-            if state.lost and self._answered(hypothesis):
+            if state.lost and self._is_answered(hypothesis):
                 continue
             # where it was a moment ago does not tell how it moves
             still = bool(state.lost) or hypothesis.origin not in CONTINUOUS
@@ -272,21 +272,23 @@ class Solutions:
             if estimate is None:
                 continue
             # of a lost object only what shows it can be nearly right
-            lost = self._state.lost and evidence(estimate, self._state.usual, self._numbers) < 0.0
+            lost = self._state.lost and pose_evidence(estimate, self._state.usual, self._numbers) < 0.0
             # what lay elsewhere a moment ago, whatever was tried, lies there still
             more = estimate.elsewhere - (0.0 if self._state.lost else self._state.elsewhere)
             if (more > self._numbers.elsewhere or self.falls_short(estimate)) and not lost:
                 other = self._from_farther(estimate, still=still)
-                if other is not None and self._score(other, hypothesis) > self._score(estimate, hypothesis):
+                if other is not None and self._score_estimate(other, hypothesis) > self._score_estimate(
+                    estimate, hypothesis
+                ):
                     estimate = other
                 else:
                     estimate = replace(estimate, confirmed=True)
             self.found.append(estimate)
 
-    def _answered(self, hypothesis: Hypothesis) -> bool:
+    def _is_answered(self, hypothesis: Hypothesis) -> bool:
         """Whether an answer that shows the object lies where a hypothesis would lead."""
         return any(
-            lead_alike(self._target, hypothesis, e) and evidence(e, self._state.usual, self._numbers) > 0.0
+            lead_alike(self._target, hypothesis, e) and pose_evidence(e, self._state.usual, self._numbers) > 0.0
             for e in self.found
         )
 
@@ -294,7 +296,7 @@ class Solutions:
         """A second solution; answers that lead to the same one share it."""
         for first, second in self._second:
             if lead_alike(self._target, first, estimate):
-                return None if second is None else renamed(second, estimate.origin)
+                return None if second is None else with_origin(second, estimate.origin)
         target = self._target
         P, reach = estimate.P + target.noise_of_motion, self._numbers.wide * target.size
         farther = Hypothesis(estimate.origin, estimate.G, P, reach)
@@ -316,10 +318,10 @@ class Solutions:
         seen, expected = surface_expected(estimate, self._state.usual, self._numbers)
         return seen < LEAST_OF_USUAL * expected
 
-    def _score(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
+    def _score_estimate(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
         """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
         away = self._target.difference(hypothesis.G, estimate.G)
         distance = float(away @ np.linalg.solve(hypothesis.P, away))
         freedom = self._numbers.prior_freedom
         prior = -0.5 * (freedom + len(away)) * math.log1p(distance / freedom)
-        return evidence(estimate, self._state.usual, self._numbers) + prior
+        return pose_evidence(estimate, self._state.usual, self._numbers) + prior

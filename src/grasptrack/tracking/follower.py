@@ -13,7 +13,7 @@ import numpy as np
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import seen_area
-from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking.decision import (
     LONG,
     SAME_PLACE,
@@ -23,36 +23,36 @@ from grasptrack.tracking.decision import (
     Expected,
     ExpectedSize,
     any_of,
-    checked,
-    decide,
-    evidence,
-    exchanged,
-    farthest,
-    left,
-    middle,
-    strangeness,
+    check_strategy_contacts,
+    contact_tolerance,
+    decide_pose,
+    departure_probability,
+    max_contact_distance,
+    mean_point,
+    outline_surprisal,
+    pose_evidence,
     texture_evidence,
-    tolerance,
+    wrong_object_probability,
 )
 from grasptrack.tracking.estimator import (
     Hypothesis,
     PoseEstimate,
     Solutions,
-    apart,
+    distinct_hypotheses,
     estimate_pose,
     lead_alike,
-    renamed,
+    with_origin,
 )
-from grasptrack.tracking.hypotheses import Predictions, place_is_empty, predict
+from grasptrack.tracking.hypotheses import Predictions, place_is_empty, predict_hypotheses
 from grasptrack.tracking.mending import Mended, Mender
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.plane import Beforehand
-from grasptrack.tracking.redetection import Redetection, sighted
+from grasptrack.tracking.redetection import Redetection, best_sighted_pose
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import first_state
 from grasptrack.tracking.state import Look, TrackState
-from grasptrack.tracking.target import Grey, pyramid
+from grasptrack.tracking.target import Grey, build_pyramid
 from grasptrack.typing import Floats
 
 OUTLINE = 60
@@ -100,10 +100,10 @@ class Follower:
         time: float | None = None,
         hidden: Grey | None = None,
         numbers: Numbers = NUMBERS,
-        observer: Observer | None = None,
+        observer: OutlineDetector | None = None,
         before: Beforehand | None = None,
     ) -> None:
-        levels = pyramid(grey)
+        levels = build_pyramid(grey)
         self.numbers = numbers
         self.target = make_target(levels, view, contacts, numbers, hidden)
         self.state: TrackState = first_state(self.target, levels, numbers, before)
@@ -112,27 +112,27 @@ class Follower:
         self.mended = 0.0
         self._mended: Mended | None = None
         self._observer, self._hidden, self._mender = observer, hidden, Mender(self.target, levels, hidden)
-        self.state.lookalike = self._equals(self.state.last)
+        self.state.lookalike = self._has_lookalike(self.state.last)
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
-        self._mend()
+        self._apply_mended_outline()
         state, target, numbers = self.state, self.target, self.numbers
-        levels, steps = pyramid(grey), self._steps(time)
+        levels, steps = build_pyramid(grey), self._elapsed_intervals(time)
         state.steps = steps
-        presence = self._presence()
-        predictions = predict(target, state, levels, steps, numbers)
-        expected = self._expected(predictions, steps)
+        presence = self._presence_prior()
+        predictions = predict_hypotheses(target, state, levels, steps, numbers)
+        expected = self._expected_location(predictions, steps)
         solutions = Solutions(target, state, levels, numbers)
         solutions.add(self.redetection.continued(levels, predictions.first) if state.lost else predictions.first)
-        decision = decide(state, solutions.found, expected, presence, numbers)
+        decision = decide_pose(state, solutions.found, expected, presence, numbers)
         if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             # texture may have slid along itself
             first = decision.estimate
-            solutions.add(apart(target, predictions.second))
-            decision = decide(state, solutions.found, expected, presence, numbers)
+            solutions.add(distinct_hypotheses(target, predictions.second))
+            decision = decide_pose(state, solutions.found, expected, presence, numbers)
             if decision.estimate is not None and lead_alike(target, decision.estimate, first):
-                state.confirmed = strangeness(decision.estimate, numbers)
+                state.confirmed = outline_surprisal(decision.estimate, numbers)
         # what this image alone shows to be there is not looked for elsewhere
         e, told = decision.estimate, decision.evidence > -math.log(numbers.risk)
         shown = decision.code == "uncertain" and told and not state.lost and e is not None and not self._is_sudden(e)
@@ -140,16 +140,16 @@ class Follower:
             expected = self._if_gone(levels, predictions, expected)
             second = self.redetection.promising(levels, predictions.second)
             solutions.add(second + self.redetection.search(state, levels))
-            decision = decide(state, solutions.found, expected, presence, numbers)
-        elif decision.accepted and state.lost and left(expected.steps, numbers) > numbers.risk:
+            decision = decide_pose(state, solutions.found, expected, presence, numbers)
+        elif decision.accepted and state.lost and departure_probability(expected.steps, numbers) > numbers.risk:
             # what lies at its place may be another one while it lies elsewhere
             solutions.add(self.redetection.search(state, levels))
-            decision = decide(state, solutions.found, expected, presence, numbers)
+            decision = decide_pose(state, solutions.found, expected, presence, numbers)
         decision = self._against_slides(decision, solutions, expected, presence)
         decision = self._against_turns(decision, solutions, expected, presence)
-        self._learn(levels, decision, predictions, steps)
+        self._learn_from_image(levels, decision, predictions, steps)
         if state.lost:
-            state.sighted = sighted(state, solutions.found, expected.steps, numbers)
+            state.sighted = best_sighted_pose(state, solutions.found, expected.steps, numbers)
         return decision
 
     def judge(
@@ -161,32 +161,32 @@ class Follower:
             grey, time: as for `update`.
             propose: the proposals, given the pose (3, 3) that is expected; they are asked for until one is accepted.
         """
-        self._mend()
+        self._apply_mended_outline()
         state, target, numbers = self.state, self.target, self.numbers
-        levels, steps = pyramid(grey), self._steps(time)
+        levels, steps = build_pyramid(grey), self._elapsed_intervals(time)
         state.steps = steps
-        presence = self._presence()
-        predictions = predict(target, state, levels, steps, numbers)
-        expected = self._expected(predictions, steps)
+        presence = self._presence_prior()
+        predictions = predict_hypotheses(target, state, levels, steps, numbers)
+        expected = self._expected_location(predictions, steps)
         solutions = Solutions(target, state, levels, numbers)
         solutions.add(predictions.first)
-        found = answer = decide(state, solutions.found, expected, presence, numbers)
+        found = answer = decide_pose(state, solutions.found, expected, presence, numbers)
         if not found.accepted:
             expected = self._if_gone(levels, predictions, expected)
         proposed, nearest = list[Proposal](), None
         for batch in propose(state.expected if state.lost else predictions.first[0].G):
             proposed += batch
             solutions.add([proposal.hypothesis for proposal in batch])
-            found = answer = decide(state, solutions.found, expected, presence, numbers)
+            found = answer = decide_pose(state, solutions.found, expected, presence, numbers)
             if found.estimate is None or not proposed:
                 continue
             contacts = found.estimate.contacts
-            nearest = min(proposed, key=lambda proposal: farthest(proposal.contacts, contacts))
+            nearest = min(proposed, key=lambda proposal: max_contact_distance(proposal.contacts, contacts))
             found = self._against_turns(found, solutions, expected, presence)
-            answer = checked(found, nearest.contacts)
+            answer = check_strategy_contacts(found, nearest.contacts)
             if answer.accepted:
                 break
-        self._learn(levels, found, predictions, steps)  # whatever the strategy makes of it
+        self._learn_from_image(levels, found, predictions, steps)  # whatever the strategy makes of it
         return answer, nearest
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
@@ -194,9 +194,9 @@ class Follower:
         numbers, usual = self.numbers, max(self.state.strange, self.state.confirmed)
         cover = -numbers.cover_power * math.log1p(-min(estimate.hidden, 0.999))
         noticed = -numbers.cover_power * math.log1p(-numbers.elsewhere)
-        return strangeness(estimate, numbers) - usual > SUDDEN or cover - usual > noticed
+        return outline_surprisal(estimate, numbers) - usual > SUDDEN or cover - usual > noticed
 
-    def _presence(self) -> float:
+    def _presence_prior(self) -> float:
         """Prior probability that the object is there."""
         numbers = self.numbers
         return min(max(self.state.presence * (1.0 - numbers.hazard), numbers.redetected), 1.0 - numbers.hazard)
@@ -221,8 +221,11 @@ class Follower:
             G = [e.G @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]) for x, y in slides]
             P = e.P + self.numbers.predicted**2 * self.target.noise_of_motion
             solutions.add([Hypothesis(e.origin, each, P) for each in G])
-            decision = decide(state, solutions.found, expected, presence, self.numbers)
-            if decision.estimate is None or farthest(decision.estimate.contacts, e.contacts) < decision.tolerance:
+            decision = decide_pose(state, solutions.found, expected, presence, self.numbers)
+            if (
+                decision.estimate is None
+                or max_contact_distance(decision.estimate.contacts, e.contacts) < decision.tolerance
+            ):
                 break
         return decision
 
@@ -234,8 +237,8 @@ class Follower:
             own = decision.estimate
             for k, e in enumerate(estimates):
                 if own is not None and e is not own and self._is_turned(own, e):
-                    estimates[k] = renamed(e, TURNED)
-            return decide(state, estimates, expected, presence, self.numbers)
+                    estimates[k] = with_origin(e, TURNED)
+            return decide_pose(state, estimates, expected, presence, self.numbers)
 
         if target.turns and (state.lost or state.gone or not state.accepted):
             if decision.rival is not None and not decision.accepted:
@@ -262,14 +265,14 @@ class Follower:
 
     def _is_turned(self, one: PoseEstimate, other: PoseEstimate) -> bool:
         """Whether two estimates put the contacts at different places, but the outline at the same."""
-        allowed = tolerance(one.area, self.numbers)
-        if farthest(one.contacts, other.contacts) <= allowed:
+        allowed = contact_tolerance(one.area, self.numbers)
+        if max_contact_distance(one.contacts, other.contacts) <= allowed:
             return False
         a, b = (apply_homography(e.G, self.target.outline) for e in (one, other))
         away = np.hypot(*(a[:: max(1, len(a) // OUTLINE), None] - b[None]).transpose(2, 0, 1)).min(axis=1)
         return bool(away.max() < allowed)
 
-    def _expected(self, predictions: Predictions, steps: float) -> Expected:
+    def _expected_location(self, predictions: Predictions, steps: float) -> Expected:
         """Where it is expected, how long it may have moved freely, and how large it would be."""
         state, target, numbers = self.state, self.target, self.numbers
         passed = max(1.0, steps)
@@ -299,7 +302,7 @@ class Follower:
             state.gone = place_is_empty(self.target, state.located, levels, G)
         return expected._replace(steps=LONG) if state.gone else expected
 
-    def _equals(self, look: Look) -> bool:
+    def _has_lookalike(self, look: Look) -> bool:
         """Whether a look at the object shows something just like it elsewhere."""
         state, numbers = self.state, self.numbers
         own = estimate_pose(self.target, state, look.levels, Hypothesis("at rest", look.G, state.P))
@@ -311,7 +314,7 @@ class Follower:
             other = estimate_pose(self.target, state, look.levels, hypothesis, still=True)
             if other is None or math.dist(other.middle, own.middle) < SAME_PLACE * size:
                 continue
-            if evidence(other, state.usual, numbers) > ALIKE * evidence(own, state.usual, numbers) > 0.0:
+            if pose_evidence(other, state.usual, numbers) > ALIKE * pose_evidence(own, state.usual, numbers) > 0.0:
                 return True
         return False
 
@@ -320,14 +323,14 @@ class Follower:
         state, one, other = self.state, decision.estimate, decision.rival
         if one is None or other is None or math.dist(one.middle, other.middle) < SAME_PLACE * math.sqrt(one.area):
             return False
-        less, more = sorted(evidence(e, state.usual, self.numbers) for e in (one, other))
+        less, more = sorted(pose_evidence(e, state.usual, self.numbers) for e in (one, other))
         if not less > ALIKE * more > 0.0:
             return False
-        place = middle(self.target.carried(state.expected))
+        place = mean_point(self.target.carried(state.expected))
         away = max(one, other, key=lambda e: math.dist(e.middle, place))
-        return exchanged(state, away, 1.0, self.numbers) < 0.5
+        return wrong_object_probability(state, away, 1.0, self.numbers) < 0.5
 
-    def _steps(self, time: float | None) -> float:
+    def _elapsed_intervals(self, time: float | None) -> float:
         """Time since the last image in usual intervals, 1 where times are not told."""
         state = self.state
         if time is None or state.time is None or time <= state.time:
@@ -337,7 +340,7 @@ class Follower:
         state.time = time
         return passed / state.interval
 
-    def _learn(self, levels: list[Grey], decision: Decision, predictions: Predictions, steps: float) -> None:
+    def _learn_from_image(self, levels: list[Grey], decision: Decision, predictions: Predictions, steps: float) -> None:
         state, e = self.state, decision.estimate
         if self._shows_both(decision):
             if state.lost:  # which of them came to its place, nobody saw
@@ -351,12 +354,12 @@ class Follower:
             state.learn(self.target, levels, decision, e, predictions, steps)
         else:
             if not state.lost:
-                state.lookalike = state.lookalike or self._equals(state.located)
+                state.lookalike = state.lookalike or self._has_lookalike(state.located)
             state.lose(self.target, levels, decision, predictions, steps)
         if not self._mender.is_over:
             self._mended = self._mender.look(state, levels, decision)
 
-    def _mend(self) -> None:
+    def _apply_mended_outline(self) -> None:
         """Once the last image has told that the outline is another."""
         if self._mended is not None:
             self.target, self.mended = self._mended.target, self._mended.share

@@ -38,7 +38,9 @@ class Predictions(NamedTuple):
     even: Floats | None
 
 
-def predict(target: Target, state: TrackState, levels: list[Grey], steps: float, numbers: Numbers) -> Predictions:
+def predict_hypotheses(
+    target: Target, state: TrackState, levels: list[Grey], steps: float, numbers: Numbers
+) -> Predictions:
     """Hypotheses of continuity.
 
     Args:
@@ -55,33 +57,33 @@ def predict(target: Target, state: TrackState, levels: list[Grey], steps: float,
     even = _moving_on(target, state, steps)
     if even is not None:
         rest.insert(0, Hypothesis("moving on", even, free))
-    flow = None if state.lost else _laid(target, state, levels, rest, Q, target.clear_corners(state.visible))
+    flow = None if state.lost else _align_last_look(target, state, levels, rest, Q, target.clear_corners(state.visible))
     first = []
     if flow is not None:
         hypothesis = Hypothesis("texture", flow["G"], state.P + flow["P"] + Q * numbers.predicted**2)
         first = [hypothesis]
         if even is not None:
             calm = Hypothesis("moving on", even, state.P + state.velocity_P + Q * state.agility)
-            joined = _joined(target, hypothesis, calm)
+            joined = _fuse_predictions(target, hypothesis, calm)
             # what moves over the object may have carried its texture along
             first = [hypothesis, calm] if joined is None else [joined]
-    settled = flow is not None and _settles(target, flow, numbers)
+    settled = flow is not None and _fixes_contacts(target, flow, numbers)
     if settled and state.accepted % GROUND:
         return Predictions(first, rest, None, even)
-    ground = _laid(target, state, levels, rest, Q, target.clear_ring(state.visible))
+    ground = _align_last_look(target, state, levels, rest, Q, target.clear_ring(state.visible))
     if ground is None:
         return Predictions(first or rest, rest if first else [], None, even)
     # what rested on the ground rests on it still
     carried = Hypothesis("background", ground["G"], state.P + ground["P"] + Q * state.wander**2)
     if first and not settled:
-        joined = _joined(target, carried, first[0])
+        joined = _fuse_predictions(target, carried, first[0])
         first = first if joined is None else [joined]
     if first:
         return Predictions(first, [*rest, carried], ground["G"], even)
     return Predictions([carried, *rest], [], ground["G"], even)
 
 
-def _settles(target: Target, flow: dict[str, Any], numbers: Numbers) -> bool:
+def _fixes_contacts(target: Target, flow: dict[str, Any], numbers: Numbers) -> bool:
     """Whether its own texture tells where every contact is, as surely as an answer is asked for."""
     area = abs(seen_area(flow["G"], target.outline))
     most = worst_variance(target.handle.placed(flow["G"], flow["P"])[1])
@@ -99,7 +101,7 @@ def _moving_on(target: Target, state: TrackState, steps: float) -> Floats | None
     return np.asarray(target.handle.moved(state.last.G, state.velocity * steps), dtype=np.float64)
 
 
-def _joined(target: Target, flow: Hypothesis, even: Hypothesis) -> Hypothesis | None:
+def _fuse_predictions(target: Target, flow: Hypothesis, even: Hypothesis) -> Hypothesis | None:
     """What texture and even motion say together; None where they contradict each other."""
     distance, G, P = target.handle.joined(flow.G, flow.P, even.G, even.P)
     return Hypothesis(flow.origin, G, P) if distance <= AGREE else None
@@ -109,7 +111,7 @@ AGREE = 20.1
 """Squared Mahalanobis distance of predictions that agree: 99 % of chi-squared with 8 degrees of freedom."""
 
 
-def _laid(
+def _align_last_look(
     target: Target, state: TrackState, levels: list[Grey], starts: list[Hypothesis], Q: Floats, places: Floats
 ) -> dict[str, Any] | None:
     """The last look at some places (n, 2), work px, laid on this image; None where too few of them agree."""
@@ -151,8 +153,8 @@ def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) ->
     """
     depth = max(4.0, BESIDE * target.size)
     sides = [target.points + sign * depth * target.normals for sign in (-1.0, 1.0)]
-    inside, ground = (_seen(look.levels[0], look.G, points) for points in sides)
-    inside_now, ground_now = (_seen(levels[0], G, points) for points in sides)
+    inside, ground = (_sample_grey_levels(look.levels[0], look.G, points) for points in sides)
+    inside_now, ground_now = (_sample_grey_levels(levels[0], G, points) for points in sides)
     if np.isfinite(ground).sum() < FEW or np.isfinite(inside_now + ground_now).mean() < 0.5:
         return False
     level = float(np.nanmedian(ground))
@@ -169,7 +171,7 @@ def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) ->
     return told_apart and of_ground(ground_now, level + change) > 0.7 and of_ground(inside_now, level + change) > 0.8
 
 
-def _seen(grey: Grey, G: Floats, points: Floats) -> Floats:
+def _sample_grey_levels(grey: Grey, G: Floats, points: Floats) -> Floats:
     """(n,) grey levels of an image (H, W) at work points (n, 2) seen through G (3, 3); NaN outside."""
     lam = points @ G[2, :2] + G[2, 2]
     x, y = ((points @ G[:2, :2].T + G[:2, 2]) / lam[:, None]).T

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.errors import AmbiguousError, GraspTrackError, ObservationError, TransferError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, jacobian, normalised
+from grasptrack.geometry.homographies import apply_homography, homography_jacobian, normalize_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import FINGER_WIDTH, GraspAnalysis, analyze
-from grasptrack.matching import Judgement, Match, Sampled, judge, match, symmetries
+from grasptrack.matching import Match, MatchOutcome, Sampled, find_symmetries, judge_hypotheses, match_outlines
 from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
-from grasptrack.segmentation.candidate import Candidate, holds
+from grasptrack.segmentation.candidate import Candidate, contains_pixel
 from grasptrack.segmentation.images import PLAIN, Grey, to_bgr, to_mask
-from grasptrack.segmentation.objects import candidates, grow
-from grasptrack.tracking.decision import Decision, checked, farthest, texture_evidence
+from grasptrack.segmentation.objects import dilate_mask, find_candidates
+from grasptrack.tracking.decision import Decision, check_strategy_contacts, max_contact_distance, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
 from grasptrack.tracking.follower import REGISTRATION
 from grasptrack.tracking.messages import Reason
@@ -42,7 +42,7 @@ from grasptrack.tracking.single import (
     turned_hypotheses,
 )
 from grasptrack.tracking.strategies import Carried, Silhouettes, Snakes
-from grasptrack.tracking.target import pyramid
+from grasptrack.tracking.target import build_pyramid
 from grasptrack.transfer import STRATEGIES
 from grasptrack.typing import Floats
 
@@ -108,11 +108,11 @@ class Pair(NamedTuple):
     outcomes: list[Outcome]
     current: View
     turns: list[float]
-    found: Judgement
+    found: MatchOutcome
     places: tuple[Place, ...] = ()
 
 
-def carry_to(
+def transfer_between_images(
     grasp: Grasp,
     reference: View,
     first: NDArray[Any],
@@ -146,7 +146,7 @@ def carry_to(
     """
     numbers = NUMBERS.with_risk(risk)
     before, colours = to_bgr(first), to_bgr(second)
-    hidden = None if ignore is None else grow(to_mask(ignore, colours.shape[:2], "ignore mask"))
+    hidden = None if ignore is None else dilate_mask(to_mask(ignore, colours.shape[:2], "ignore mask"))
     outline = Sampled(reference)
     try:
         found, ways, told = _by_outline(colours, outline, object_at, hidden)
@@ -155,7 +155,7 @@ def carry_to(
         decision = scene.decided(scene.by_keypoints())
         if not decision.accepted:
             raise problem from None
-        return scene.pair(decision, Judgement("matched", None, [], ""), [])
+        return scene.pair(decision, MatchOutcome("matched", None, [], ""), [])
     assert told.best is not None
     alike = [told.best, *told.others]
     worse = [m for m in ways if not any(m is known for known in alike)]
@@ -183,17 +183,17 @@ def carry_to(
 
 def _by_outline(
     colours: NDArray[np.uint8], outline: Sampled, object_at: tuple[float, float] | None, hidden: Grey | None
-) -> tuple[Candidate, list[Match], Judgement]:
+) -> tuple[Candidate, list[Match], MatchOutcome]:
     """The object of an image that an outline fits best, the ways in which it does, and what they amount to.
 
     Raises:
         ObservationError: no object.
         TransferError: none has this outline, or it fits itself in every turn.
     """
-    if symmetries(outline).continuous:
+    if find_symmetries(outline).continuous:
         raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
-    found, ways = _most_alike(candidates(colours, object_at, hidden), outline)
-    told = judge(ways)
+    found, ways = _most_alike(find_candidates(colours, object_at, hidden), outline)
+    told = judge_hypotheses(ways)
     if told.best is None:
         raise TransferError(f"no object with this outline was found: {told.reason}")
     return found, ways, told
@@ -221,7 +221,7 @@ class _Scene:
         self._found = found
         channel = PLAIN if found is None else found.channel
         self._first, self._second = channel.grey(first), channel.grey(second)
-        before, self._levels = pyramid(self._first), pyramid(self._second)
+        before, self._levels = build_pyramid(self._first), build_pyramid(self._second)
         same_size = hidden is not None and hidden.shape == self._first.shape
         self.target = make_target(before, reference, grasp.contacts, NUMBERS, hidden if same_size else None)
         self._state = first_state(self.target, before, NUMBERS, focal)
@@ -229,7 +229,7 @@ class _Scene:
 
     def by_match(self, way: Match) -> PoseEstimate | None:
         """One way in which the outlines lie on each other, made exact."""
-        return self._exact(pose_hypothesis(self.target, "match", way.homography, NUMBERS))
+        return self._refine_hypothesis(pose_hypothesis(self.target, "match", way.homography, NUMBERS))
 
     def by_keypoints(self) -> list[PoseEstimate | None]:
         """The pose on which keypoints of the surface agree, made exact, and the turns of it in which its outline fits as well;
@@ -237,19 +237,19 @@ class _Scene:
         G = Keypoints(self.target, self._first).find(self._levels[0])
         if G is None:
             return []
-        own = self._exact(Hypothesis("keypoints", G, self.target.noise_of_guess))
-        if own is None or not self._meant(own):
+        own = self._refine_hypothesis(Hypothesis("keypoints", G, self.target.noise_of_guess))
+        if own is None or not self._covers_given_pixel(own):
             return []
-        return [own, *(self._exact(way) for way in turned_hypotheses(self.target, own, NUMBERS))]
+        return [own, *(self._refine_hypothesis(way) for way in turned_hypotheses(self.target, own, NUMBERS))]
 
-    def _meant(self, estimate: PoseEstimate) -> bool:
+    def _covers_given_pixel(self, estimate: PoseEstimate) -> bool:
         """Whether an estimate covers the pixel of the object that was given, if any was."""
         if self._object_at is None:
             return True
         H = self.target.homography(estimate.G)
-        return holds(self._view.transformed(H), *self._object_at)
+        return contains_pixel(self._view.transformed(H), *self._object_at)
 
-    def _exact(self, hypothesis: Hypothesis) -> PoseEstimate | None:
+    def _refine_hypothesis(self, hypothesis: Hypothesis) -> PoseEstimate | None:
         return single_estimate(self.target, self._state, self._levels, hypothesis, NUMBERS)
 
     def decided(self, estimates: list[PoseEstimate | None]) -> Decision:
@@ -261,14 +261,14 @@ class _Scene:
         """Whether a decision is accepted also at the default risk: what the user takes at a higher one is no surer for it."""
         return decision.at(self._strict.risk).accepted
 
-    def settled(self, decision: Decision, told: Judgement) -> Judgement:
+    def settled(self, decision: Decision, told: MatchOutcome) -> MatchOutcome:
         """What the outlines amount to once it is decided: where they slide along each other, only the surface tells."""
         assert told.best is not None
         estimate, best = decision.estimate, told.best
         shown = 0.0 if estimate is None else texture_evidence(estimate, self._state.usual, NUMBERS)
         slides = best.slack <= max(SLIDES * best.size, SLIDES_NOISE * best.residual)
         if NUMBERS.temper * shown >= -math.log(self._strict.risk) or (told.others and not slides):
-            return Judgement("matched", best, [], "")
+            return MatchOutcome("matched", best, [], "")
         return told
 
     def undecided(self, made: list[tuple[Match, PoseEstimate]]) -> list[tuple[Match, PoseEstimate]]:
@@ -291,29 +291,29 @@ class _Scene:
         seen = [NUMBERS.temper * max(0.0, texture_evidence(e, self._state.usual, NUMBERS)) for e in distinct]
         weights = [math.exp(each - max(seen)) for each in seen]
         return tuple(
-            Place(e.contacts, weight / sum(weights), self._turned(own, e))
+            Place(e.contacts, weight / sum(weights), self._relative_turn(own, e))
             for e, weight in zip(distinct, weights, strict=True)
         )
 
-    def _turned(self, own: PoseEstimate, other: PoseEstimate) -> float:
+    def _relative_turn(self, own: PoseEstimate, other: PoseEstimate) -> float:
         """Degrees by which the object lies turned in one estimate against another."""
         back = np.linalg.inv(self.target.homography(own.G))
         centre = self._view.outer.points.mean(axis=0)
-        return math.degrees(_turn(back @ self.target.homography(other.G), centre))
+        return math.degrees(_rotation_at(back @ self.target.homography(other.G), centre))
 
-    def _rivals(self, decision: Decision) -> tuple[Place, ...]:
+    def _rival_places(self, decision: Decision) -> tuple[Place, ...]:
         """Where else a decision that refuses has the contacts, if it knows."""
         own, rival = decision.estimate, decision.rival
         if decision.accepted or own is None or rival is None or decision.rival_share <= decision.risk:
             return ()
         return Place(own.contacts, decision.confidence, 0.0), Place(
-            rival.contacts, decision.rival_share, self._turned(own, rival)
+            rival.contacts, decision.rival_share, self._relative_turn(own, rival)
         )
 
     def pair(
         self,
         decision: Decision,
-        told: Judgement,
+        told: MatchOutcome,
         turns: list[float],
         H: Floats | None = None,
         places: tuple[Place, ...] = (),
@@ -332,36 +332,39 @@ class _Scene:
         assert H is not None
         current = self._view.transformed(H) if self._found is None else self._found.view
         share = places[0].share if places else 1.0
-        outcomes = [self._registered(decision), *(self._by(name, H, current, share) for name in STRATEGIES)]
-        return Pair(outcomes, current, turns, told, places or self._rivals(decision))
+        outcomes = [
+            self._registration_outcome(decision),
+            *(self._strategy_outcome(name, H, current, share) for name in STRATEGIES),
+        ]
+        return Pair(outcomes, current, turns, told, places or self._rival_places(decision))
 
-    def _registered(self, decision: Decision) -> Outcome:
+    def _registration_outcome(self, decision: Decision) -> Outcome:
         estimate = decision.estimate
         if estimate is None:
-            return Outcome(REGISTRATION, None, None, None, math.nan, _sentence(decision))
+            return Outcome(REGISTRATION, None, None, None, math.nan, _refusal_sentence(decision))
         H = self.target.homography(estimate.G)
-        again = self._exact(pose_hypothesis(self.target, REGISTRATION, H, NUMBERS))
-        off = math.nan if again is None else farthest(again.contacts, estimate.contacts)
-        reason, analysis = _sentence(decision), None
+        again = self._refine_hypothesis(pose_hypothesis(self.target, REGISTRATION, H, NUMBERS))
+        off = math.nan if again is None else max_contact_distance(again.contacts, estimate.contacts)
+        reason, analysis = _refusal_sentence(decision), None
         try:
             analysis = analyze(self._grasp, self._view, self._friction, self._width, "reference")
         except GraspTrackError as problem:
             reason = reason or str(problem)
         return Outcome(REGISTRATION, estimate.contacts, H, analysis, off, reason, decision.confidence, decision.code)
 
-    def _by(self, name: str, H: Floats, current: View, share: float) -> Outcome:
+    def _strategy_outcome(self, name: str, H: Floats, current: View, share: float) -> Outcome:
         """What a strategy makes of the pair, told where the object is with a probability, if it is there in any way."""
         try:
-            moved = self._carried(name, H, current)
+            moved = self._transfer_by_strategy(name, H, current)
         except GraspTrackError as problem:
             return Outcome(name, None, None, None, math.nan, str(problem))
         contacts, carried = moved.contacts, moved.homography
-        own = self._exact(pose_hypothesis(self.target, name, carried, NUMBERS))
+        own = self._refine_hypothesis(pose_hypothesis(self.target, name, carried, NUMBERS))
         estimates = [*self._standing, *([] if own is None else [own])]
-        decision = checked(decide_single(self.target, self._state, estimates, self._numbers), contacts)
+        decision = check_strategy_contacts(decide_single(self.target, self._state, estimates, self._numbers), contacts)
         decision = decision.among(share)
-        estimate, reason, analysis = decision.estimate, _sentence(decision), None
-        off = math.nan if estimate is None else farthest(contacts, estimate.contacts)
+        estimate, reason, analysis = decision.estimate, _refusal_sentence(decision), None
+        off = math.nan if estimate is None else max_contact_distance(contacts, estimate.contacts)
         try:
             back = Grasp.of(apply_homography(np.linalg.inv(carried), contacts))
             analysis = analyze(back, self._view, self._friction, self._width, "reference")
@@ -369,22 +372,25 @@ class _Scene:
             reason = reason or str(problem)
         return Outcome(name, contacts, carried, analysis, off, reason, decision.confidence, decision.code)
 
-    def _carried(self, name: str, H: Floats, current: View) -> Carried:
+    def _transfer_by_strategy(self, name: str, H: Floats, current: View) -> Carried:
         """A strategy's transfer, with a homography (3, 3) between the images.
 
         Raises:
             GraspTrackError: it refuses.
         """
         # the first image cut to the object: with strong perspective its corner may lie beyond the horizon
-        corner, piece = self._cut()
+        corner, piece = self._crop_first_image()
         back = np.array([[1.0, 0.0, -corner[0]], [0.0, 1.0, -corner[1]], [0.0, 0.0, 1.0]])
-        grasp, view = Grasp(self._grasp.contacts - corner), View([_shifted(c, corner) for c in self._view.contours])
-        prior = normalised(H @ np.linalg.inv(back))
+        grasp, view = (
+            Grasp(self._grasp.contacts - corner),
+            View([_shift_contour(c, corner) for c in self._view.contours]),
+        )
+        prior = normalize_homography(H @ np.linalg.inv(back))
         extractor = Snakes(grasp, view, piece) if name == "rrp" else Silhouettes(name, grasp, view)
         carried = extractor.carry(self._second, current, prior)
-        return carried._replace(homography=normalised(carried.homography @ back))
+        return carried._replace(homography=normalize_homography(carried.homography @ back))
 
-    def _cut(self) -> tuple[Floats, Grey]:
+    def _crop_first_image(self) -> tuple[Floats, Grey]:
         """(2,) px of the corner, and the piece of the first image round the object."""
         points = self._view.outer.points
         margin = max(MARGIN * math.sqrt(self._view.outer.area), MARGIN_PX)
@@ -393,12 +399,12 @@ class _Scene:
         return np.array([left, top], dtype=np.float64), np.ascontiguousarray(self._first[top:bottom, left:right])
 
 
-def _sentence(decision: Decision) -> str:
+def _refusal_sentence(decision: Decision) -> str:
     """Why an answer is not believed; empty when it is."""
     return "" if decision.accepted else Reason(decision.code, decision.figures).sentence
 
 
-def _shifted(contour: Contour, corner: Floats) -> Contour:
+def _shift_contour(contour: Contour, corner: Floats) -> Contour:
     return Contour(contour.points - corner, hole=contour.hole, strength=contour.strength, clipped=contour.clipped)
 
 
@@ -408,20 +414,20 @@ def _by_turn(made: list[tuple[Match, PoseEstimate]], outline: Sampled) -> list[t
 
     def order(each: tuple[Match, PoseEstimate]) -> tuple[bool, float]:
         way = each[0]
-        return way.stretch > HARDLY_MORE * least, abs(_turn(way.homography, outline.centre))
+        return way.stretch > HARDLY_MORE * least, abs(_rotation_at(way.homography, outline.centre))
 
     return sorted(made, key=order)
 
 
-def _turn(H: Floats, at: Floats) -> float:
+def _rotation_at(H: Floats, at: Floats) -> float:
     """rad by which a homography turns what lies at a point (2,)."""
-    a, b, c, d = jacobian(H, float(at[0]), float(at[1]))
+    a, b, c, d = homography_jacobian(H, float(at[0]), float(at[1]))
     return math.atan2(c - b, a + d)
 
 
 def _most_alike(found: list[Candidate], outline: Sampled) -> tuple[Candidate, list[Match]]:
     """Among what stands out, the object that the reference's outline fits best, and the ways in which it does."""
-    ways = [(c, match(outline, c.view, thorough=False)) for c in found[:LOOKED_AT]]
-    if all(judge(m).status == "none" for _, m in ways):
-        ways = [(c, match(outline, c.view)) for c, _ in ways]
+    ways = [(c, match_outlines(outline, c.view, thorough=False)) for c in found[:LOOKED_AT]]
+    if all(judge_hypotheses(m).status == "none" for _, m in ways):
+        ways = [(c, match_outlines(outline, c.view)) for c, _ in ways]
     return min(ways, key=lambda pair: pair[1][0].cost / pair[1][0].size if pair[1] else math.inf)

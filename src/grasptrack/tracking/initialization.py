@@ -26,8 +26,8 @@ from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
 from grasptrack.grasp.hand import Hand
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.objects import apart
-from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.objects import remove_nested
+from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.proposals import Box
 from grasptrack.segmentation.undistortion import Told, Undistortion
 from grasptrack.tracking.messages import Reason
@@ -107,7 +107,7 @@ class FirstView(NamedTuple):
     found: list[Candidate]
 
 
-def first_view(observer: Observer, wish: Wish, masked: bool) -> FirstView:
+def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView:
     """Object and grasps in the image that an observer has looked at.
 
     Args:
@@ -122,21 +122,21 @@ def first_view(observer: Observer, wish: Wish, masked: bool) -> FirstView:
         found = observer.first(masked, wish.object_at, wish.box)
     except ObservationError as error:
         return FirstView(None, [], Reason("no-object", detail=str(error)), [])
-    candidate = _meant(found, wish)
+    candidate = _choose_candidate(found, wish)
     if candidate is None:
         return FirstView(None, [], Reason("object-gone"), found)
-    chosen, why = _grasps(candidate, found, wish)
+    chosen, why = _choose_grasps(candidate, found, wish)
     return FirstView(candidate, chosen, Reason() if chosen else Reason("no-grasp", detail=why), found)
 
 
-def _meant(found: list[Candidate], wish: Wish) -> Candidate | None:
+def _choose_candidate(found: list[Candidate], wish: Wish) -> Candidate | None:
     """The given contacts' object, the one whose grasp was refused, or the most outstanding."""
     if wish.grasp is not None:
-        return holding(found, wish.grasp)
-    return found[0] if wish.before is None else same(found, wish.before)
+        return object_at_contacts(found, wish.grasp)
+    return found[0] if wish.before is None else object_at_outline(found, wish.before)
 
 
-def _grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[list[Grasp], str]:
+def _choose_grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[list[Grasp], str]:
     """Grasps on an object, and why there is none."""
     if wish.grasp is not None:
         return [wish.grasp.snapped(candidate.view)], ""
@@ -145,11 +145,11 @@ def _grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[l
         if any(len(grasp) != wish.fingers for grasp in chosen):
             raise GraspError(f"a grasp of {wish.fingers} contacts is to be chosen", fingers=wish.fingers)
         return chosen, "the choice that was given made none"
-    beside = [c.view for c in apart([candidate, *found])[1:]]
-    return grasps(candidate.view, wish.strategy, wish.fingers, wish.friction, wish.hand, beside, wish.plane)
+    beside = [c.view for c in remove_nested([candidate, *found])[1:]]
+    return synthesize_grasps(candidate.view, wish.strategy, wish.fingers, wish.friction, wish.hand, beside, wish.plane)
 
 
-def holding(found: list[Candidate], grasp: Grasp) -> Candidate:
+def object_at_contacts(found: list[Candidate], grasp: Grasp) -> Candidate:
     """The object whose outline is nearest to all given contacts.
 
     Raises:
@@ -168,17 +168,21 @@ def holding(found: list[Candidate], grasp: Grasp) -> Candidate:
     return found[index]
 
 
-def same(found: list[Candidate], view: View) -> Candidate | None:
+def object_at_outline(found: list[Candidate], view: View) -> Candidate | None:
     """The object where an outline was in the image before, or None when none is near."""
-    return min((c for c in found if _gap(c.view, view) <= 1.0), key=lambda c: _gap(c.view, view), default=None)
+    return min(
+        (c for c in found if _relative_distance(c.view, view) <= 1.0),
+        key=lambda c: _relative_distance(c.view, view),
+        default=None,
+    )
 
 
-def others(found: list[Candidate], chosen: Candidate) -> list[Candidate]:
+def other_objects(found: list[Candidate], chosen: Candidate) -> list[Candidate]:
     """What else lies in the view."""
-    return [c for c in found if _gap(c.view, chosen.view) > APART]
+    return [c for c in found if _relative_distance(c.view, chosen.view) > APART]
 
 
-def grasps(
+def synthesize_grasps(
     view: View,
     strategy: str,
     fingers: int,
@@ -207,7 +211,7 @@ def grasps(
     if strategy == AUTO and ranked:
         # among grasps that are nearly as good, the first that most descriptions can carry
         good = [g for g in ranked if g.quality >= NEARLY_AS_GOOD * ranked[0].quality]
-        ranked = sorted(good, key=lambda g: -describable(g, view))
+        ranked = sorted(good, key=lambda g: -count_describing_strategies(g, view))
     return ranked, found.reason
 
 
@@ -222,7 +226,7 @@ def _in_plane(views: list[View], H: Floats) -> list[View]:
     return carried
 
 
-def describable(grasp: Grasp, view: View) -> int:
+def count_describing_strategies(grasp: Grasp, view: View) -> int:
     """How many of the strategies that work on silhouettes can describe a grasp."""
     count = 0
     for name in ("homography", "grasp-line"):
@@ -234,7 +238,7 @@ def describable(grasp: Grasp, view: View) -> int:
     return count
 
 
-def _gap(one: View, other: View) -> float:
+def _relative_distance(one: View, other: View) -> float:
     """Distance of two outlines' mean points in sqrt(area) of the second."""
     away = np.subtract(one.outer.points.mean(axis=0), other.outer.points.mean(axis=0))
     return math.hypot(*away.tolist()) / math.sqrt(other.outer.area)

@@ -18,13 +18,13 @@ from grasptrack.errors import ObservationError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.objects import candidates
+from grasptrack.segmentation.objects import find_candidates
 from grasptrack.tracking.decision import Decision, surface_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.selection import LEVEL_SPREAD, make_target
 from grasptrack.tracking.state import FOLLOWED, Look, TrackState
-from grasptrack.tracking.target import Grey, Target, as_grey, pyramid
+from grasptrack.tracking.target import Grey, Target, as_grey, build_pyramid
 from grasptrack.typing import Bools, Floats
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ class Mender:
         self._agreed |= e.visible > 0.5
         self._views = [*self._views[1 - VIEWS :], Look(levels, e.G)]
         if self._trial is not None:
-            return self._tried(state, levels, e)
+            return self._try_outlines(state, levels, e)
         if self._seen < VIEWS << self._looks:
             return None
         self.is_over = self._looks == LOOKS or self._longest_open() < 2.0 * self._target.numbers.tolerance
@@ -159,27 +159,27 @@ class Mender:
         """The longest stretch of the first outline, as a share of sqrt(area), along which no later view showed its edge."""
         target = self._target
         every = max(1, len(target.outline) // len(target.points))  # no closer together than the samples
-        return _longest(target.outline[::every], target.points[self._agreed]) / target.size
+        return _longest_open_stretch(target.outline[::every], target.points[self._agreed]) / target.size
 
     # --- another look at the first view ----------------------------------------------------------
 
     def _second_look(self) -> _Trial | None:
         """The first view as the later ones show it, and the outline that it then has; None where that is no other."""
         target, grey = self._target, self._levels[0]
-        x0, y0, x1, y1 = _window(target.view, grey.shape)
+        x0, y0, x1, y1 = _window_bounds(target.view, grey.shape)
         shift = np.array([x0, y0], dtype=np.float64)
         first = np.ascontiguousarray(grey[y0:y1, x0:x1])
-        seen = [_carried(view, target, first, shift) for view in self._views]
+        seen = [_warp_to_first(view, target, first, shift) for view in self._views]
         shown = as_grey(np.round(np.asarray(np.median(np.array(seen), axis=0))))
         hidden = None if self._hidden is None else np.ascontiguousarray(self._hidden[y0:y1, x0:x1])
         try:
-            found = candidates(shown, hidden=hidden)
+            found = find_candidates(shown, hidden=hidden)
         except ObservationError:
             return None
         edges = apply_homography(target.A, target.points[self._agreed]) - shift
-        own = _moved(target.view, -shift)
-        candidate = max(found, key=lambda c: _along(c, edges))
-        if _along(candidate, edges) < 1.0 - target.numbers.elsewhere or candidate.view.is_clipped:
+        own = _shift_view(target.view, -shift)
+        candidate = max(found, key=lambda c: _share_on_outline(c, edges))
+        if _share_on_outline(candidate, edges) < 1.0 - target.numbers.elsewhere or candidate.view.is_clipped:
             return None
         samples = apply_homography(target.A, target.points) - shift
         gone = kernels.locate(candidate.view.points, candidate.view.offsets, samples)[:, 2] > NEAR
@@ -191,15 +191,15 @@ class Mender:
             return None
         whole = grey.copy()
         whole[y0:y1, x0:x1] = shown
-        levels = pyramid(whole)
-        view = _moved(candidate.view, shift)
+        levels = build_pyramid(whole)
+        view = _shift_view(candidate.view, shift)
         other = make_target(levels, view, target.contacts, target.numbers, self._hidden, like=target)
         lit = float(np.mean(first[sides.differ] >= SATURATED)) > 0.5
-        return _Trial(other, levels, _away(other.points, target.outline) > NEAR, looks, lit, [])
+        return _Trial(other, levels, _outline_distances(other.points, target.outline) > NEAR, looks, lit, [])
 
     # --- which outline the views that follow show ------------------------------------------------
 
-    def _tried(self, state: TrackState, levels: list[Grey], e: PoseEstimate) -> Mended | None:
+    def _try_outlines(self, state: TrackState, levels: list[Grey], e: PoseEstimate) -> Mended | None:
         """Another image for both outlines."""
         trial, numbers = self._trial, self._target.numbers
         assert trial is not None
@@ -217,7 +217,7 @@ class Mender:
             return None
         self.is_over = True
         usual = [np.clip(np.nan_to_num(r), 0.0, 1.0) for r in other.correlation]
-        share = float(np.mean(_away(self._target.outline, trial.target.outline) > NEAR))
+        share = float(np.mean(_outline_distances(self._target.outline, trial.target.outline) > NEAR))
         return Mended(trial.target, trial.levels, usual, share)
 
     def _is_same(self, trial: _Trial, state: TrackState, e: PoseEstimate) -> bool:
@@ -246,7 +246,7 @@ class _Sides:
     """
 
     def __init__(self, first: Grey, shown: Grey, own: View, other: View) -> None:
-        before, after = (_filled(view, shown.shape) for view in (own, other))
+        before, after = (_material_mask(view, shown.shape) for view in (own, other))
         square = np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), np.uint8)
         self._inside = cv2.erode(before & after, square) > 0
         self._outside = cv2.dilate(before | after, square) == 0
@@ -265,49 +265,49 @@ class _Sides:
             numbers: the core's.
         """
         parts = [(self._added, self._inside), (self._removed, self._outside)]
-        told = [self._alike(part, side, numbers) for part, side in parts if part.any()]
+        told = [self._side_log_ratio(part, side, numbers) for part, side in parts if part.any()]
         if told:
-            told.append(self._unchanged(noise, numbers))
+            told.append(self._background_log_ratio(noise, numbers))
         return min(max(numbers.cell_power * min(told, default=0.0), -SURE), SURE)
 
-    def _alike(self, part: Bools, side: Bools, numbers: Numbers) -> float:
+    def _side_log_ratio(self, part: Bools, side: Bools, numbers: Numbers) -> float:
         """Nats a pixel by which a part has the grey levels of a side near it, rather than those of a cover."""
-        own = self._shown[side & self._near(part)]
+        own = self._shown[side & self._nearby_mask(part)]
         if not len(own):
             return 0.0
         level = float(np.median(own))
         spread = 1.4826 * float(np.median(np.abs(own - level))) + LEVEL_SPREAD
-        return _nats(self._shown[part] - level, spread, numbers)
+        return _mean_log_ratio(self._shown[part] - level, spread, numbers)
 
-    def _unchanged(self, noise: float, numbers: Numbers) -> float:
+    def _background_log_ratio(self, noise: float, numbers: Numbers) -> float:
         """Nats a pixel by which the ground beside is as it was, as far as the first image showed it, rather than covered."""
         known = self._outside & (self._first < SATURATED)
-        beside = known & self._near(self.differ)
+        beside = known & self._nearby_mask(self.differ)
         if not beside.any():
             return 0.0
         changed = self._shown - self._first
         light = float(np.median(changed[known]))
-        return _nats(changed[beside] - light, math.sqrt(2.0) * noise + LEVEL_SPREAD, numbers)
+        return _mean_log_ratio(changed[beside] - light, math.sqrt(2.0) * noise + LEVEL_SPREAD, numbers)
 
-    def _near(self, part: Bools) -> Bools:
+    def _nearby_mask(self, part: Bools) -> Bools:
         square = np.ones((2 * self._reach + 1, 2 * self._reach + 1), np.uint8)
         return np.asarray(cv2.dilate(part.astype(np.uint8), square) > 0)
 
 
-def _nats(off: Floats, spread: float, numbers: Numbers) -> float:
+def _mean_log_ratio(off: Floats, spread: float, numbers: Numbers) -> float:
     """Mean log-likelihood ratio of grey levels that are so far off what is expected, (n,): of that, against a cover."""
     own, cover = spread**2, spread**2 + numbers.cell_cover**2
     ratio = math.sqrt(cover / own) * np.exp(0.5 * off**2 * (1.0 / cover - 1.0 / own))
     return float(np.mean(np.log((1.0 - numbers.cell_unlikely) * ratio + numbers.cell_unlikely)))
 
 
-def _away(points: Floats, outline: Floats) -> Floats:
+def _outline_distances(points: Floats, outline: Floats) -> Floats:
     """(n,) distance of points (n, 2) from a closed outline (N, 2), in their unit."""
     offsets = np.array([0, len(outline)], dtype=np.int64)
     return np.asarray(kernels.locate(outline, offsets, np.ascontiguousarray(points))[:, 2], dtype=np.float64)
 
 
-def _longest(outline: Floats, edges: Floats) -> float:
+def _longest_open_stretch(outline: Floats, edges: Floats) -> float:
     """Length of the longest stretch of a closed outline (N, 2) that lies by none of some places (n, 2), in their unit."""
     step = np.hypot(*(np.roll(outline, -1, axis=0) - outline).T)
     if not len(edges):
@@ -328,7 +328,7 @@ def _longest(outline: Floats, edges: Floats) -> float:
     return longest
 
 
-def _window(view: View, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+def _window_bounds(view: View, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
     """Left, top, right and bottom px of the part of an image round an outline."""
     room = ROOM * math.sqrt(view.outer.area)
     (x0, y0), (x1, y1) = view.outer.bounds
@@ -336,7 +336,7 @@ def _window(view: View, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
     return max(0, int(x0 - room)), max(0, int(y0 - room)), min(width, int(x1 + room)), min(height, int(y1 + room))
 
 
-def _carried(view: Look, target: Target, first: Grey, shift: Floats) -> Grey:
+def _warp_to_first(view: Look, target: Target, first: Grey, shift: Floats) -> Grey:
     """(h, w) a window of the first image as a later view shows it; what that does not hold stays as it is."""
     H = target.homography(view.G) @ np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -345,19 +345,19 @@ def _carried(view: Look, target: Target, first: Grey, shift: Floats) -> Grey:
     return as_grey(out)
 
 
-def _along(candidate: Candidate, edges: Floats) -> float:
+def _share_on_outline(candidate: Candidate, edges: Floats) -> float:
     """Share of edges (n, 2) px that lie on a candidate's outline."""
     view = candidate.view
     return float(np.mean(kernels.locate(view.points, view.offsets, np.ascontiguousarray(edges))[:, 2] < NEAR))
 
 
-def _moved(view: View, by: Floats) -> View:
+def _shift_view(view: View, by: Floats) -> View:
     """The same outline moved by (x, y) px."""
     contours: Sequence[Contour] = view.contours
     return View([Contour(c.points + by, hole=c.hole, strength=c.strength, clipped=c.clipped) for c in contours])
 
 
-def _filled(view: View, shape: tuple[int, ...]) -> Grey:
+def _material_mask(view: View, shape: tuple[int, ...]) -> Grey:
     """(H, W) 1 on the material, else 0."""
     mask: Grey = np.zeros(shape[:2], np.uint8)
     cv2.fillPoly(mask, [np.round(c.points * 16.0).astype(np.int32) for c in view.contours], (1,), shift=4)

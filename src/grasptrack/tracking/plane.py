@@ -156,7 +156,7 @@ def plane_in_view(theta: Floats, centre: tuple[float, float], width: float, heig
     return np.asarray(K @ columns, dtype=np.float64)
 
 
-def rectifying(theta: Floats, centre: tuple[float, float], width: float, height: float) -> Floats:
+def rectifying_homography(theta: Floats, centre: tuple[float, float], width: float, height: float) -> Floats:
     """(3, 3) homography from px of the first view to the object's plane: the inverse of `plane_in_view`."""
     H = np.linalg.inv(plane_in_view(theta, centre, width, height))
     return np.asarray(H / H[2, 2], dtype=np.float64)
@@ -165,7 +165,7 @@ def rectifying(theta: Floats, centre: tuple[float, float], width: float, height:
 def rectifying_view(theta: Floats, view: View, *, width: float, height: float) -> Floats:
     """(3, 3) homography from px of a view, of which theta is known, to the plane of the object whose outline it shows."""
     x, y = view.outer.points.mean(axis=0).tolist()
-    return rectifying(theta, (x, y), width, height)
+    return rectifying_homography(theta, (x, y), width, height)
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ class Plane:
         self._views.append(SeenPose(G, P * self._target.numbers.inflate**2))
         if len(self._views) > MOST_VIEWS:
             self._views, self._way = self._views[1::2], 2.0 * self._way
-        self._believe(self._solved())
+        self._believe(self._solve_modes())
         return True
 
     def tilt(self, homography: Floats, covariance: Floats) -> Tilt:
@@ -264,7 +264,7 @@ class Plane:
         # as believed, after a step of each number of theta, and of each entry
         seen = self._camera_back @ homography @ self._in_view
         moved = seen[0] + self._camera_back @ self.entries @ self._in_view[0]
-        slopes = _slopes(np.concatenate([seen, moved]))
+        slopes = _normal_slopes(np.concatenate([seen, moved]))
         return slopes[0], (slopes[1:4] - slopes[0]).T / STEP, (slopes[4:] - slopes[0]).T / self.steps
 
     def theta_and_covariance(self) -> tuple[Floats, Floats]:
@@ -295,9 +295,9 @@ class Plane:
         steps = [theta, *(theta + STEP * np.eye(3))]
         self._in_view = np.array([self.in_view(t) for t in steps])
         self.open = self._left_open()
-        maps = np.array([self._rectifying(each) for each in self.open.thetas])
+        maps = np.array([self._rectifying_homography(each) for each in self.open.thetas])
         told = bool(self._views) or not math.isfinite(self._before.freedom)
-        self.rectifications = Rectifications(self._rectifying(theta), maps, self.open.weights, told)
+        self.rectifications = Rectifications(self._rectifying_homography(theta), maps, self.open.weights, told)
 
     def rays(self, theta: Floats) -> Floats:
         """(3, 3) from px of an image to rays of the camera, the optical axis last."""
@@ -310,8 +310,8 @@ class Plane:
         """(3, 3) from px of the plane to px of the first view, see `plane_in_view`."""
         return plane_in_view(theta, self._centre, self._width, self._height)
 
-    def _rectifying(self, theta: Floats) -> Floats:
-        return rectifying(theta, self._centre, self._width, self._height)
+    def _rectifying_homography(self, theta: Floats) -> Floats:
+        return rectifying_homography(theta, self._centre, self._width, self._height)
 
     def is_seen(self, theta: Floats) -> bool:
         """Whether all of the first view's outline lies in front of the camera."""
@@ -352,7 +352,7 @@ class Plane:
         for log in self._before.theta[0] + sd * FOCALS:
             bumps: list[tuple[Floats, Floats]] = []
             for start in starts:
-                _, theta, C = self._descend(np.array([log, *start]), slopes_alone=True)
+                _, theta, C = self._minimize_cost(np.array([log, *start]), slopes_alone=True)
                 new = all(((theta[1:] - other) ** 2).sum() > 1e-4 for other, _ in bumps)
                 if new and np.isfinite(C).all() and self.is_seen(theta):
                     bumps.append((theta[1:], WIDER * C[1:, 1:]))
@@ -365,7 +365,7 @@ class Plane:
             density = sum(_gaussian(places - middle, C) for middle, C in bumps)
             for place, d in zip(places, np.asarray(density).tolist(), strict=True):
                 theta = np.array([log, *place])
-                cost = self._equations(theta)[0]
+                cost = self._normal_equations(theta)[0]
                 if math.isfinite(cost):
                     thetas.append(theta)
                     costs.append(cost)
@@ -379,7 +379,7 @@ class Plane:
 
     # --- all views together ----------------------------------------------------------------------
 
-    def _solved(self) -> tuple[Mode, ...]:
+    def _solve_modes(self) -> tuple[Mode, ...]:
         """Explanations of all views, the most probable first."""
         starts = [m.theta for m in self.modes if self._views[1:]]
         starts += [t * (1.0, -1.0, -1.0) for t in starts]
@@ -387,7 +387,7 @@ class Plane:
             starts += [self._before.theta + reach * np.array([0, i, j]) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
         found: list[tuple[float, Floats, Floats]] = []
         for start in starts:
-            cost, theta, covariance = self._descend(start)
+            cost, theta, covariance = self._minimize_cost(start)
             apart = [theta - other for _, other, _ in found]
             if math.isfinite(cost) and all(d[1] ** 2 + d[2] ** 2 > 1e-4 for d in apart):
                 found.append((cost, theta, covariance))
@@ -395,33 +395,33 @@ class Plane:
         if not found:
             return self.modes
         least, found = found[0][0], found[:MOST_MODES]
-        found = [(c, t, self._spread(c, t, C)) for c, t, C in found if c < least + 20.0]
+        found = [(c, t, self._shrink_covariance(c, t, C)) for c, t, C in found if c < least + 20.0]
         odds = [math.exp(-0.5 * (c - least)) * math.sqrt(max(float(np.linalg.det(C)), 0.0)) for c, _, C in found]
         modes = [Mode(t, C, o / sum(odds)) for (_, t, C), o in zip(found, odds, strict=True)]
-        return self._joined(modes, least) if len(modes) > 1 else tuple(modes)
+        return self._merge_modes(modes, least) if len(modes) > 1 else tuple(modes)
 
-    def _joined(self, modes: list[Mode], least: float) -> tuple[Mode, ...]:
+    def _merge_modes(self, modes: list[Mode], least: float) -> tuple[Mode, ...]:
         """Two explanations as one where what lies between them explains the views nearly as well."""
         one, other = modes
         middle = one.probability * one.theta + other.probability * other.theta
-        if self._equations(middle)[0] > least + 4.0:
+        if self._normal_equations(middle)[0] > least + 4.0:
             return tuple(sorted(modes, key=lambda m: -m.probability))
         spread = sum(m.probability * (m.covariance + np.outer(m.theta - middle, m.theta - middle)) for m in modes)
         return (Mode(middle, np.asarray(spread), 1.0),)
 
-    def _descend(self, theta: Floats, *, slopes_alone: bool = False) -> tuple[float, Floats, Floats]:
+    def _minimize_cost(self, theta: Floats, *, slopes_alone: bool = False) -> tuple[float, Floats, Floats]:
         """Cost, theta and covariance of the explanation that is reached from a start, by Levenberg and Marquardt.
 
         With `slopes_alone` the focal length stays.
         """
         held = np.array([HELD if slopes_alone else 0.0, 0.0, 0.0])
-        cost, A, b = self._equations(theta)
+        cost, A, b = self._normal_equations(theta)
         damping = 1e-3
         for _ in range(20):
             if not math.isfinite(cost):
                 break
             new = theta + np.linalg.solve(A + np.diag(damping * np.diag(A) + held), b)
-            there = self._equations(new)
+            there = self._normal_equations(new)
             if there[0] < cost:
                 done, theta = cost - there[0] < 1e-3, new
                 cost, A, b = there
@@ -434,7 +434,7 @@ class Plane:
                     break
         return cost, theta, np.asarray(np.linalg.inv(A + np.diag(held)), dtype=np.float64) if math.isfinite(cost) else A
 
-    def _spread(self, cost: float, theta: Floats, covariance: Floats) -> Floats:
+    def _shrink_covariance(self, cost: float, theta: Floats, covariance: Floats) -> Floats:
         """A covariance, made smaller along axes on which the cost rises sooner than its second derivative says.
 
         About a frontal view the equations do not change with the slopes to first order.
@@ -443,12 +443,14 @@ class Plane:
         kept = []
         for value, axis in zip(values.tolist(), axes.T, strict=True):
             sd = math.sqrt(max(value, 0.0))
-            while sd > LEAST_SD and sum(self._equations(theta + s * axis)[0] for s in (sd, -sd)) - 2.0 * cost > 4.0:
+            while (
+                sd > LEAST_SD and sum(self._normal_equations(theta + s * axis)[0] for s in (sd, -sd)) - 2.0 * cost > 4.0
+            ):
                 sd *= 0.7
             kept.append(sd)
         return np.asarray((axes * np.square(kept)) @ axes.T, dtype=np.float64)
 
-    def _equations(self, theta: Floats) -> tuple[float, Floats, Floats]:
+    def _normal_equations(self, theta: Floats) -> tuple[float, Floats, Floats]:
         """Cost at theta, its normal equations' matrix (3, 3) and right side (3,).
 
         A pose can be plainly wrong, as one in an image that is blurred or half covered: its error has heavy tails.
@@ -499,7 +501,7 @@ def _gaussian(off: Floats, C: Floats) -> Floats:
     return np.asarray(np.exp(-0.5 * far) / math.sqrt(float(np.linalg.det(C))))
 
 
-def _slopes(seen: Floats) -> Floats:
+def _normal_slopes(seen: Floats) -> Floats:
     """(m, 2) slopes of a plane's normal, of the (m, 3, 3) rays of its axes and its origin."""
     a, b = seen[:, :, 0], seen[:, :, 1]
     z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

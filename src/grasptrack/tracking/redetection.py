@@ -12,17 +12,17 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import HORIZON
-from grasptrack.matching import Judgement, Sampled, judge, match
+from grasptrack.matching import MatchOutcome, Sampled, judge_hypotheses, match_outlines
 from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
 from grasptrack.matching.starts import BENDS
 from grasptrack.segmentation.candidate import Candidate, sign_of
-from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
-from grasptrack.tracking.decision import TURNED, evidence, exchanged
+from grasptrack.tracking.decision import TURNED, pose_evidence, wrong_object_probability
 from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, lead_alike, sane_area
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import GUESSED_TILT, Grey, Target
-from grasptrack.transfer.alignment import alignments, as_similarity
+from grasptrack.transfer.alignment import as_similarity, find_alignments
 from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
@@ -141,9 +141,9 @@ class Outlines:
         hidden: (H, W) nonzero where nothing belongs to the scene.
     """
 
-    def __init__(self, target: Target, grey: Grey, observer: Observer | None, hidden: Grey | None) -> None:
+    def __init__(self, target: Target, grey: Grey, observer: OutlineDetector | None, hidden: Grey | None) -> None:
         self._target = target
-        self._observer = None if target.view.is_clipped else observer or _observer(grey, target.view, hidden)
+        self._observer = None if target.view.is_clipped else observer or _make_detector(grey, target.view, hidden)
         self._outline: Sampled | None = None  # made at the first loss
 
     def find(self, grey: Grey, H: Floats, turn: int, *, thorough: bool) -> list[Floats]:
@@ -165,31 +165,37 @@ class Outlines:
             x, y, w, h = shape.box
             if min(x, y, width - x - w, height - y - h) <= 0:
                 return math.inf
-            return _unlike(own, shape.ring(CHAIN))
+            return _shape_difference(own, shape.ring(CHAIN))
 
         first = self._target.view.contours[0]
         for views in self._observer.anywhere(grey, abs(kernels.seen_area(H, first.points)), turn, None, unlike):
-            told = [(judge(match(own, view, thorough=False)), view) for view in views if not view.is_clipped]
+            told = [
+                (judge_hypotheses(match_outlines(own, view, thorough=False)), view)
+                for view in views
+                if not view.is_clipped
+            ]
             fits = [(best.cost / best.size, t, view) for t, view in told if (best := t.best) is not None]
             if fits:
                 fits.sort(key=lambda fit: fit[0])
                 last = first.transformed(H)
-                return [self._target.pose(way) for _, t, view in fits for way in _ways(t, view.outer, last, H)]
+                return [
+                    self._target.pose(way) for _, t, view in fits for way in _match_homographies(t, view.outer, last, H)
+                ]
             if not thorough:
                 break
         return []
 
 
-def _ways(told: Judgement, outline: Contour, last: Contour, H: Floats) -> list[Floats]:
+def _match_homographies(told: MatchOutcome, outline: Contour, last: Contour, H: Floats) -> list[Floats]:
     """(3, 3) each, first image -> image: the ways in which the object lies on an outline, `last` being where H had it."""
     assert told.best is not None
     if told.best.slack > max(SLIDES * told.best.size, SLIDES_NOISE * told.best.residual) or told.others:
         return [m.homography for m in (told.best, *told.others)]
-    found = [as_similarity(fit, last, outline) @ H for fit in alignments(last, outline)]
+    found = [as_similarity(fit, last, outline) @ H for fit in find_alignments(last, outline)]
     return found or [told.best.homography]
 
 
-def _observer(grey: Grey, view: View, hidden: Grey | None) -> Observer | None:
+def _make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetector | None:
     """What finds an object by the grey levels on both sides of its outline; None where they do not tell."""
     polarity = sign_of(grey, view.outer)
     if not polarity:
@@ -201,16 +207,16 @@ def _observer(grey: Grey, view: View, hidden: Grey | None) -> Observer | None:
     inside, outside = np.nanmedian(sides, axis=0).tolist() if np.isfinite(sides).any() else (math.nan, math.nan)
     if not (outside - inside) * polarity > 0.0:
         return None
-    observer = Observer(hidden)
+    observer = OutlineDetector(hidden)
     observer.look(grey)
     observer.choose(Candidate(view, polarity, inside, outside))
     return observer
 
 
-def _unlike(a: Sampled, outline: Floats) -> float:
+def _shape_difference(a: Sampled, outline: Floats) -> float:
     """Share of the whitened outline's norm by which an outline (N, 2) differs at least; infinite for another object's."""
     try:
-        found = kernels.outline_starts(a.outer, outline, BENDS, COARSE, 0.1, 1)
+        found = kernels.initial_alignments(a.outer, outline, BENDS, COARSE, 0.1, 1)
     except ValueError:  # a hair, or a tangle: so few of its points enclose nothing
         return math.inf
     share = float(found[0, 0]) if len(found) else 0.0
@@ -251,7 +257,7 @@ class Redetection:
     """
 
     def __init__(
-        self, target: Target, levels: list[Grey], observer: Observer | None = None, hidden: Grey | None = None
+        self, target: Target, levels: list[Grey], observer: OutlineDetector | None = None, hidden: Grey | None = None
     ) -> None:
         self._target = target
         self._level = 0
@@ -262,7 +268,7 @@ class Redetection:
         every = max(1, len(target.points) // FEWER)
         self._points = np.ascontiguousarray(target.points[::every])
         self._normals = np.ascontiguousarray(target.normals[::every])
-        at, normals = self._carried(target.A)
+        at, normals = self._project_samples(target.A)
         strength = kernels.edge_search(levels[0], at, normals, FIRST_REACH, 0)[:, 1] if len(at) else np.zeros(0)
         self._strength = np.asarray(strength, dtype=np.float64)
 
@@ -286,7 +292,7 @@ class Redetection:
             G = self._keypoints.find(levels[self._level])
             if G is not None:
                 others.append(Hypothesis("keypoints", G, wide))
-        return found + self.promising(levels, [h for h in others if not self._known(h, found)])
+        return found + self.promising(levels, [h for h in others if not self._is_known(h, found)])
 
     def matched(self, look: Look, levels: list[Grey], turn: int = 0, *, thorough: bool = True) -> list[Hypothesis]:
         """All ways in which the outline lies on those of an image.
@@ -317,7 +323,7 @@ class Redetection:
         rated = sorted(((-self.seen(levels[0], h.G), i) for i, h in enumerate(hypotheses)))
         kept: list[Hypothesis] = []
         for score, i in rated:
-            if -score >= LEAST_SEEN and len(kept) < most and not self._known(hypotheses[i], kept):
+            if -score >= LEAST_SEEN and len(kept) < most and not self._is_known(hypotheses[i], kept):
                 kept.append(hypotheses[i])
         return kept
 
@@ -330,7 +336,7 @@ class Redetection:
         area = sane_area(self._target, G)
         if not len(self._points) or not area:
             return 0.0
-        at, normals = self._carried(G)
+        at, normals = self._project_samples(G)
         reach = max(LEAST_REACH, self._target.numbers.wide * math.sqrt(area))
         hits = 0
         for sign in (1, -1):
@@ -340,12 +346,12 @@ class Redetection:
                 hits += int(np.count_nonzero(np.abs(edges) >= KEPT * np.abs(self._strength[own])))
         return hits / len(self._points)
 
-    def _carried(self, G: Floats) -> tuple[Floats, Floats]:
+    def _project_samples(self, G: Floats) -> tuple[Floats, Floats]:
         """(n, 2) px places and (n, 2) unit normals of the samples at a pose."""
         rows = kernels.carry_normals(np.ascontiguousarray(G), self._points, self._normals)
         return np.ascontiguousarray(rows[:, :2]), np.ascontiguousarray(rows[:, 2:4])
 
-    def _known(self, hypothesis: Hypothesis, others: list[Hypothesis]) -> bool:
+    def _is_known(self, hypothesis: Hypothesis, others: list[Hypothesis]) -> bool:
         """Whether a hypothesis leads to the same pose as another."""
         return any(lead_alike(self._target, hypothesis, other) for other in others)
 
@@ -356,7 +362,9 @@ WAYS = 6
 """Poses that are solved for outlines: the ways in which one fits itself are rivals, and all have to be heard."""
 
 
-def sighted(state: TrackState, estimates: list[PoseEstimate], steps: float, numbers: Numbers) -> Floats | None:
+def best_sighted_pose(
+    state: TrackState, estimates: list[PoseEstimate], steps: float, numbers: Numbers
+) -> Floats | None:
     """(3, 3) of what continuity did not give and may be the object, the pose for which there is most evidence; or None.
 
     Args:
@@ -366,9 +374,9 @@ def sighted(state: TrackState, estimates: list[PoseEstimate], steps: float, numb
         numbers: the core's.
     """
     found = [
-        (evidence(e, state.usual, numbers), e)
+        (pose_evidence(e, state.usual, numbers), e)
         for e in estimates
-        if e.origin not in (*CONTINUOUS, TURNED) and exchanged(state, e, steps, numbers) < 0.5
+        if e.origin not in (*CONTINUOUS, TURNED) and wrong_object_probability(state, e, steps, numbers) < 0.5
     ]
     best = max(found, key=lambda pair: pair[0], default=None)
     return None if best is None or best[0] <= 0.0 else best[1].G

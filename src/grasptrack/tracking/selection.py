@@ -12,13 +12,19 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import similarity
+from grasptrack.geometry.homographies import similarity_transform
 from grasptrack.kernels.reference_pose_edges import LEAST_HALF, MOST_HALF
 from grasptrack.kernels.reference_pose_texture import noise_of
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.surface import PATCH, camera_noise, slides, surface_samples, textured
+from grasptrack.tracking.surface import (
+    PATCH,
+    camera_noise,
+    select_textured_patches,
+    self_similar_shifts,
+    surface_samples,
+)
 from grasptrack.tracking.target import Grey, Target, as_grey, hidden_levels
-from grasptrack.transfer.alignment import TIE, alignments, as_similarity
+from grasptrack.transfer.alignment import TIE, as_similarity, find_alignments
 from grasptrack.typing import Floats
 
 SPACING = 3.0
@@ -79,11 +85,11 @@ def make_target(
     frame = frame_about(view, numbers) if like is None else Frame(like.A, like.crop, like.centre, like.size)
     A, (width, height), size = frame.A, frame.crop, frame.size
     s, low = 1.0 / A[0, 0], A[:2, 2]
-    image = _rectified(levels, A, (width, height))
+    image = _rectify_image(levels, A, (width, height))
     noise = camera_noise(image) if like is None else like.noise
     work = [((c.points - low) * s, c.hole, c.clipped) for c in view.contours]
-    samples = _samples(work)
-    edges = _edges(levels, A, samples.points, samples.normals, noise)
+    samples = _sample_outline(work)
+    edges = _detect_edges(levels, A, samples.points, samples.normals, noise)
     points, normals = edges.points, edges.normals
     outline = work[0][0]
     mask: Grey = np.zeros((height, width), np.uint8)
@@ -107,7 +113,7 @@ def make_target(
         surface,
         image[surface[:, 1].astype(int), surface[:, 0].astype(int)].astype(np.float64),
         np.ascontiguousarray(work_contacts),
-        *_regions(image, mask, points, normals, size),
+        *_region_cells(image, mask, points, normals, size),
     )
     if hidden is not None and hidden.any():
         target.hide(hidden_levels(hidden))
@@ -117,17 +123,19 @@ def make_target(
         inside = as_grey(cv2.erode(surface_mask, np.ones((3, 3), np.uint8)))
         side = PATCH * stride + 2 * (stride - 1)  # a pixel of a halved image takes in its neighbours
         inside = as_grey(cv2.erode(inside, np.ones((side, side), np.uint8), borderValue=0))
-        centres = textured(reduced, inside, stride, noise_of(noise, stride), numbers.texture_contrast, count)
+        centres = select_textured_patches(
+            reduced, inside, stride, noise_of(noise, stride), numbers.texture_contrast, count
+        )
         counts.append(target.add_texture(levels, centres, float(stride)))
         if stride == 1:
             patches = centres
         reduced, stride, count = as_grey(cv2.pyrDown(reduced)), 2 * stride, max(30, count // 2)
-    turns, is_round = _turns(view, A)
+    turns, is_round = _symmetry_turns(view, A)
     # the outline of a disc turns on itself: beside it only the ground would tell, which need not turn with it
     around = np.ones((2 * PATCH + 1, 2 * PATCH + 1) if is_round else (9, 9), np.uint8)
     followed = as_grey(cv2.erode(mask, around, borderValue=0) if is_round else cv2.dilate(mask, around))
     half = as_grey(cv2.pyrDown(image))
-    corners = textured(half, followed, 2, noise_of(noise, 2.0), numbers.texture_contrast, CORNERS)
+    corners = select_textured_patches(half, followed, 2, noise_of(noise, 2.0), numbers.texture_contrast, CORNERS)
     strides = [float(1 << k) for k in range(1, 5) if k == 1 or (1 << k) <= size / 16.0]
     return Target(
         view,
@@ -143,10 +151,10 @@ def make_target(
         normals,
         corners,
         np.array(strides),
-        _ring(mask),
+        _background_ring_points(mask),
         turns,
         is_round,
-        slides(image, surface_mask, noise, size, numbers),
+        self_similar_shifts(image, surface_mask, noise, size, numbers),
         patches,
         tuple(counts[:TOLD]),
         edges.share,
@@ -170,12 +178,12 @@ class _Edges(NamedTuple):
     wanted: int
 
 
-def _edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float) -> _Edges:
+def _detect_edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise: float) -> _Edges:
     """The edges near samples of the outline, by a filter as wide as they are: a narrow one finds only noise on a wide edge."""
     half, wanted = 0, LEAST_HALF
     while half < wanted:  # by the outline as it was found: where a narrow filter answers, noise is steep
         half = wanted
-        wanted = _wanted(kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half)[3], half)
+        wanted = _filter_half_width(kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half)[3], half)
     while True:
         edges = _edges_by(levels, A, points, normals, noise, half)
         if edges.wanted >= half:
@@ -183,7 +191,7 @@ def _edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats, noise
         half = edges.wanted
 
 
-def _wanted(width: Floats, half: int) -> int:
+def _filter_half_width(width: Floats, half: int) -> int:
     """Work px on each side of edges (n,) so wide that tell where they are: two standard deviations."""
     told = width[np.isfinite(width)]
     return min(max(int(2.0 * float(np.median(told))), LEAST_HALF), MOST_HALF) if len(told) else half
@@ -204,10 +212,10 @@ def _edges_by(levels: list[Grey], A: Floats, points: Floats, normals: Floats, no
         contrast, inner, width = contrast[found], inner[found], width[found]
     told = width[np.isfinite(width)]
     typical = float(np.median(told)) if len(told) else math.nan
-    return _Edges(points, normals, contrast, inner, share, typical, half, _wanted(width, half))
+    return _Edges(points, normals, contrast, inner, share, typical, half, _filter_half_width(width, half))
 
 
-def _rectified(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
+def _rectify_image(levels: list[Grey], A: Floats, size: tuple[int, int]) -> Grey:
     level, G = 0, A
     while G[0, 0] > 1.6 and level + 1 < len(levels):
         level, G = level + 1, np.diag([0.5, 0.5, 1.0]) @ G
@@ -237,7 +245,7 @@ def _normal_noise(noise: float, numbers: Numbers) -> float:
     return NORMALS_TWICE * math.sqrt(2.0 * (noise + numbers.edge_noise**2)) / (2.0 * SPACING)
 
 
-def _samples(contours: list[tuple[Floats, bool, Any]]) -> _Samples:
+def _sample_outline(contours: list[tuple[Floats, bool, Any]]) -> _Samples:
     """Evenly along all contours; none where the border cuts the object."""
     lengths = [float(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum()) for p, _, _ in contours]
     spacing = max(SPACING, sum(lengths) / SAMPLES)
@@ -309,7 +317,9 @@ LEVEL_SAMPLES, LEVEL_CELLS, LEVEL_SPREAD = 8, 4, 3.0
 kernel has them."""
 
 
-def _regions(image: Grey, mask: Grey, points: Floats, normals: Floats, size: float) -> tuple[Floats, Floats, Floats]:
+def _region_cells(
+    image: Grey, mask: Grey, points: Floats, normals: Floats, size: float
+) -> tuple[Floats, Floats, Floats]:
     """(16,) depths, work px; (N, 16) grey levels so deep inside, NaN off the material; (N, 16) whether it ends so far out."""
     last = max(2.0 * FIRST_CELL, REGION * size)
     depth = FIRST_CELL + (last - FIRST_CELL) * np.linspace(0.0, 1.0, CELLS) ** WIDER
@@ -343,7 +353,7 @@ def _level_along(cells: Floats) -> tuple[Floats, Floats]:
     return np.where(known, level, np.nan), 3.0 * spread
 
 
-def _ring(mask: Grey) -> Floats:
+def _background_ring_points(mask: Grey) -> Floats:
     """(n, 2) work px: a grid round the object, as far as the image of the first view is wide."""
     height, width = mask.shape
     step = max(PATCH, math.sqrt(width * height) / RING)
@@ -360,7 +370,7 @@ def _ring(mask: Grey) -> Floats:
     return np.ascontiguousarray(np.random.default_rng(0).permutation(kept))
 
 
-def _turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
+def _symmetry_turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
     """(3, 3) each, work px -> work px: turns of the outline onto itself; of a disc some, and whether it is one."""
     if view.is_clipped:
         return (), False
@@ -370,9 +380,9 @@ def _turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
     is_round = float(np.std(radii)) * math.sqrt(2.0) < TIE * math.sqrt(area)
     if is_round:
         angles = np.arange(1, ROUND_TURNS) * (2.0 * math.pi / ROUND_TURNS)
-        found = [similarity(1.0, float(angle), (x, y), (x, y)) for angle in angles]
+        found = [similarity_transform(1.0, float(angle), (x, y), (x, y)) for angle in angles]
     else:
-        fits = alignments(view.outer, view.outer)
+        fits = find_alignments(view.outer, view.outer)
         found = [as_similarity(fit, view.outer, view.outer) for fit in fits if abs(fit.angle) > 1e-3]
     back = np.linalg.inv(A)
     return tuple(np.asarray(back @ H @ A, dtype=np.float64) for H in found), is_round

@@ -14,11 +14,11 @@ from grasptrack.tracking.decision import (
     Decision,
     Expected,
     any_of,
-    decide,
-    evidence,
-    farthest,
+    contact_tolerance,
+    decide_pose,
+    max_contact_distance,
+    pose_evidence,
     texture_evidence,
-    tolerance,
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
@@ -77,7 +77,7 @@ def single_estimate(
     for e in found[:]:
         if e.elsewhere > numbers.elsewhere:
             found += solved(e.G, e.P + target.noise_of_guess, numbers.wide * target.size)
-    return max(found, key=lambda e: evidence(e, state.usual, numbers), default=None)
+    return max(found, key=lambda e: pose_evidence(e, state.usual, numbers), default=None)
 
 
 def decide_single(target: Target, state: TrackState, estimates: list[PoseEstimate], numbers: Numbers) -> Decision:
@@ -85,18 +85,20 @@ def decide_single(target: Target, state: TrackState, estimates: list[PoseEstimat
 
     No continuity says that it is this object and not another of its outline: what its surface does not show counts at once.
     """
-    decision = decide(state, estimates, Expected(target.contacts, LONG), PRESENT, numbers)
+    decision = decide_pose(state, estimates, Expected(target.contacts, LONG), PRESENT, numbers)
     own = decision.estimate
     if own is None:
         return decision
-    odds = numbers.exchanged * math.exp(min(50.0, -texture_evidence(own, _certain(target, state), numbers)))
+    odds = numbers.exchanged * math.exp(
+        min(50.0, -texture_evidence(own, _certain_correlations(target, state), numbers))
+    )
     other = odds / (1.0 + odds)
     doubt = "other-surface" if other > decision.probability_off else decision.doubt
     off, exchanged = any_of(decision.probability_off, other), any_of(decision.exchanged, other)
     return replace(decision, probability_off=off, exchanged=exchanged, doubt=doubt)
 
 
-def _certain(target: Target, state: TrackState) -> list[Floats]:
+def _certain_correlations(target: Target, state: TrackState) -> list[Floats]:
     """What is usual of each patch, were the noise of the first image `UNCERTAIN`, and so only as far as its texture is more."""
     ratio = (target.noise / max(target.noise, UNCERTAIN)) ** 2
     found = []
@@ -108,7 +110,7 @@ def _certain(target: Target, state: TrackState) -> list[Floats]:
 
 def told_apart(state: TrackState, one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
     """Whether the image has so much more evidence for one estimate than for another as the risk asks for."""
-    gained = evidence(one, state.usual, numbers) - evidence(other, state.usual, numbers)
+    gained = pose_evidence(one, state.usual, numbers) - pose_evidence(other, state.usual, numbers)
     return gained >= -math.log(numbers.risk)
 
 
@@ -120,4 +122,4 @@ def turned_hypotheses(target: Target, estimate: PoseEstimate, numbers: Numbers) 
 
 def same_place(one: PoseEstimate, other: PoseEstimate, numbers: Numbers) -> bool:
     """Whether two estimates put each contact at the same place, as exactly as is asked for."""
-    return farthest(one.contacts, other.contacts) <= tolerance(one.area, numbers)
+    return max_contact_distance(one.contacts, other.contacts) <= contact_tolerance(one.area, numbers)

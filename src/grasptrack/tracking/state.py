@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grasptrack.tracking.decision import Decision, is_near, middle, strangeness
+from grasptrack.tracking.decision import Decision, is_near, mean_point, outline_surprisal
 from grasptrack.tracking.estimator import CONTINUOUS, PoseEstimate
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Beforehand, Plane
@@ -172,7 +172,7 @@ class TrackState:
         self.moved = moved, self.moved[0]
         self.last, self.visible = Look(levels, e.G), e.visible
         self.P = e.P
-        self.presence = _between(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
+        self.presence = _clamp_value(decision.presence, numbers.redetected, 1.0 - numbers.hazard)
         self.expected, self.anchored, self.unseen, self.adrift, self.lost = e.G, True, 0.0, 0.0, 0
         if not decision.accepted:  # where it is, is known only roughly
             return
@@ -191,7 +191,7 @@ class TrackState:
         if math.isfinite(e.blur_share):
             self.blur_share += BLUR_KEPT * (e.blur_share - self.blur_share)
         if e.look > 0.0:
-            self.inner_spread = _between(0.9 * self.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0)
+            self.inner_spread = _clamp_value(0.9 * self.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0)
 
     def lose(
         self,
@@ -230,7 +230,7 @@ class TrackState:
             self.unseen += passed
             self.last = Look(levels, self.last.G if e is None else e.G)
         # what looks like it elsewhere looks like it again and again: that makes it no surer
-        self.presence = _between(decision.presence, numbers.redetected, UNSURE)
+        self.presence = _clamp_value(decision.presence, numbers.redetected, UNSURE)
         if e is not None:
             self.P = e.P
 
@@ -248,13 +248,13 @@ class TrackState:
             if math.isfinite(share):
                 self.moves += 1
                 rate = 1.0 / min(self.moves, MEMORY)
-                self.agility = _between(self.agility + (share - self.agility) * rate, CALM, 1.0)
+                self.agility = _clamp_value(self.agility + (share - self.agility) * rate, CALM, 1.0)
         if ground is not None and not self.lost:
-            away = math.dist(estimate.middle, middle(target.carried(ground)))
+            away = math.dist(estimate.middle, mean_point(target.carried(ground)))
             share = away / math.sqrt(estimate.area) / numbers.travel
             self.wanders += 1
             rate = 1.0 / min(self.wanders, MEMORY)
-            self.wander = _between(self.wander + (share - self.wander) * rate, STILL, 1.0)
+            self.wander = _clamp_value(self.wander + (share - self.wander) * rate, STILL, 1.0)
         velocity = target.handle.difference(self.last.G, estimate.G) / max(steps, 1e-3)
         self.velocity_P = self.P + estimate.P
         self.velocity = velocity if not self.lost and math.isfinite(float(velocity @ velocity)) else None
@@ -278,7 +278,7 @@ class TrackState:
         self.accepted += 1
         share = 1.0 / (min(self.accepted, MEMORY) + FIRST)
         self.elsewhere = estimate.elsewhere if estimate.confirmed else min(self.elsewhere, estimate.elsewhere)
-        strange = strangeness(estimate, target.numbers)
+        strange = outline_surprisal(estimate, target.numbers)
         self.strange += (strange - self.strange) * share
         self.confirmed = min(self.confirmed, strange)
         for usual, r in zip(self.usual, estimate.correlation, strict=True):
@@ -288,7 +288,7 @@ class TrackState:
             np.add(usual, (r - usual) * share, out=usual, where=np.isfinite(r))
 
 
-def _between(value: float, low: float, high: float) -> float:
+def _clamp_value(value: float, low: float, high: float) -> float:
     """A value within bounds; of one number NumPy's takes longer than all that it is the bound of."""
     return min(max(value, low), high)
 

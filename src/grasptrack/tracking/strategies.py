@@ -16,7 +16,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.outline_detector import ANYWHERE, Observer
+from grasptrack.segmentation.outline_detector import ANYWHERE, OutlineDetector
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import Follower, Moved, Proposal, Registration
@@ -26,7 +26,7 @@ from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.redetection import wide_prior
 from grasptrack.transfer import rrp, strategy_named
-from grasptrack.transfer.alignment import alignments, as_similarity
+from grasptrack.transfer.alignment import as_similarity, find_alignments
 from grasptrack.typing import Floats
 
 UNLIKE = 0.25
@@ -57,7 +57,7 @@ def carrier_for(
     view: View,
     grey: Grey,
     time: float | None,
-    observer: Observer,
+    observer: OutlineDetector,
     risk: float = DEFAULT_RISK,
     before: Beforehand | None = None,
 ) -> Carrier:
@@ -74,7 +74,7 @@ def carrier_for(
     Raises:
         TransferError: the strategy cannot describe the grasp on this outline.
     """
-    extractor = None if strategy == AUTO else _extractor(strategy, grasp, view, grey)
+    extractor = None if strategy == AUTO else _make_extractor(strategy, grasp, view, grey)
     numbers = NUMBERS.learning(risk)
     follower = Follower(grey, view, grasp.contacts, time, observer.hidden, numbers, observer, before)
     if extractor is None:
@@ -168,7 +168,7 @@ class Snakes:
         return Carried(rrp.apply(self._description, followed).grasp.contacts, fit.homography, followed)
 
 
-def _extractor(strategy: str, grasp: Grasp, view: View, grey: Grey) -> Extractor:
+def _make_extractor(strategy: str, grasp: Grasp, view: View, grey: Grey) -> Extractor:
     return Snakes(grasp, view, grey) if strategy == "rrp" else Silhouettes(strategy, grasp, view)
 
 
@@ -184,7 +184,7 @@ class Alone:
     """
 
     def __init__(
-        self, name: str, follower: Follower, extractor: Extractor, observer: Observer, risk: float = DEFAULT_RISK
+        self, name: str, follower: Follower, extractor: Extractor, observer: OutlineDetector, risk: float = DEFAULT_RISK
     ) -> None:
         self.name, self.follower, self._risk = name, follower, risk
         self._extractor, self._observer = extractor, observer
@@ -198,7 +198,7 @@ class Alone:
         """See Carrier."""
         tried: list[tuple[Proposal, Carried]] = []
         refused: list[str] = []
-        decision, chosen = self.follower.judge(grey, time, lambda G: self._proposals(grey, G, tried, refused))
+        decision, chosen = self.follower.judge(grey, time, lambda G: self._propose_transfers(grey, G, tried, refused))
         carried = next((c for proposal, c in tried if proposal is chosen), None)
         if carried is None:  # of its contacts nothing can be said
             self._missed += 1
@@ -215,7 +215,7 @@ class Alone:
             return Moved(answer, reason=Reason(answer.code, answer.figures))
         return Moved(answer, *carried)
 
-    def _proposals(
+    def _propose_transfers(
         self, grey: Grey, G: Floats, tried: list[tuple[Proposal, Carried]], refused: list[str]
     ) -> Iterator[list[Proposal]]:
         """Transfers to contours near an expected pose first, then to any that are alike; notes them, and why there is none."""
@@ -245,16 +245,16 @@ class Alone:
         for view in self._observer.near(grey, outline, holes):
             known = view
             if self._extractor.segments:
-                yield batch(view, self._corrected(expected, outline, view))
-            yield batch(view, *self._aligned(view))
+                yield batch(view, self._correct_homography(expected, outline, view))
+            yield batch(view, *self._align_reference(view))
         area = abs(kernels.inertia(outline, np.array([0, len(outline)], dtype=np.int64))[0])
         for views in self._observer.anywhere(grey, area, missed, known):
-            alike = sorted((self._unlike(view), i) for i, view in enumerate(views))
+            alike = sorted((self._shape_difference(view), i) for i, view in enumerate(views))
             for unlike, i in alike[:ANYWHERE]:
                 if unlike <= UNLIKE:
-                    yield batch(views[i], *self._aligned(views[i]))
+                    yield batch(views[i], *self._align_reference(views[i]))
 
-    def _corrected(self, H: Floats, outline: Floats, view: View) -> Floats:
+    def _correct_homography(self, H: Floats, outline: Floats, view: View) -> Floats:
         """A predicted homography moved and scaled so that the outline's centroid and area are those observed."""
         if view.is_clipped or self._reference.is_clipped:
             return H
@@ -263,16 +263,16 @@ class Alone:
         s = math.sqrt(area / abs(wanted))
         return np.array([[s, 0.0, x - s * u], [0.0, s, y - s * v], [0.0, 0.0, 1.0]]) @ H
 
-    def _aligned(self, view: View) -> list[Floats]:
+    def _align_reference(self, view: View) -> list[Floats]:
         """(3, 3) each, the similarities that lay the reference on a contour; several where it is symmetric."""
         first, second = self._reference.outer, view.outer
         if self._reference.is_clipped or view.is_clipped:
             return []
-        return [as_similarity(alignment, first, second) for alignment in alignments(first, second)]
+        return [as_similarity(alignment, first, second) for alignment in find_alignments(first, second)]
 
-    def _unlike(self, view: View) -> float:
+    def _shape_difference(self, view: View) -> float:
         """How far a contour is from the reference's under the best similarity, rms in sqrt(area)."""
         if view.is_clipped or self._reference.is_clipped:
             return math.inf
-        found = alignments(self._reference.outer, view.outer)
+        found = find_alignments(self._reference.outer, view.outer)
         return found[0].residual / math.sqrt(view.outer.area) if found else 0.0

@@ -28,7 +28,7 @@ def camera_noise(grey: Grey) -> float:
     return max(1.0, float(np.median(second)) / (6.0 * 0.6745))
 
 
-def textured(image: Grey, mask: Grey, stride: int, noise: float, contrast: float, most: int) -> Floats:
+def select_textured_patches(image: Grey, mask: Grey, stride: int, noise: float, contrast: float, most: int) -> Floats:
     """(n, 2) work px: middles of patches that tell how they moved; `image` is reduced by `stride`, `mask` is not."""
     gradients = [cv2.Sobel(image, cv2.CV_32F, i, 1 - i, ksize=1) * 0.5 for i in (1, 0)]
     box = (PATCH, PATCH)
@@ -74,7 +74,7 @@ OVERLAP = 0.5
 """Share of a surface on which it must look like itself."""
 
 
-def slides(image: Grey, mask: Grey, noise: float, size: float, numbers: Numbers) -> Floats:
+def self_similar_shifts(image: Grey, mask: Grey, noise: float, size: float, numbers: Numbers) -> Floats:
     """(n, 2) work px: shifts of a surface onto itself, as of a chessboard by two squares, the nearest first.
 
     By the correlation of its local contrast where it overlaps itself (D. Padfield, "Masked object registration in the Fourier

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import HORIZON, behind
+from grasptrack.geometry.homographies import HORIZON, behind_camera_error
 from grasptrack.grasp.force_closure import FINGER_WIDTH
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.typing import Floats
@@ -31,7 +31,7 @@ POSE_ENTRIES = ((0, 2, 1), (1, 2, 1), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1)
 """Row, column and sign of each number of the pose's error in the matrix that it is, in half sizes about the middle."""
 
 
-def pyramid(grey: Grey) -> list[Grey]:
+def build_pyramid(grey: Grey) -> list[Grey]:
     """The image and its halves, down to some 30 px."""
     levels = [np.ascontiguousarray(grey)]
     while min(levels[-1].shape) >= 60:
@@ -143,12 +143,12 @@ class Target:
         """(k, 2) px, the contacts in an image that shows the target through G."""
         at, in_front = kernels.carry_points(G, self.work_contacts)
         if not in_front > HORIZON:
-            raise behind(G)
+            raise behind_camera_error(G)
         return at
 
     def seen(self, visible: Floats) -> Floats:
         """(k,) 0 to 1: how much of the edge under each finger shows, of the samples' probabilities (N,) to be visible."""
-        return np.asarray(visible @ self._under, dtype=np.float64)
+        return np.asarray(visible @ self._finger_weights, dtype=np.float64)
 
     def clear_corners(self, visible: Floats) -> Floats:
         """(n, 2) work px, the corners whose coarsest patches hold no sample of the outline that does not show.
@@ -187,7 +187,7 @@ class Target:
         return np.asarray(np.hypot(*(places[:, None] - self.points[None]).transpose(2, 0, 1)), dtype=np.float64)
 
     @cached_property
-    def _under(self) -> Floats:
+    def _finger_weights(self) -> Floats:
         """(N, k) how much each sample counts for the edge under each finger."""
         away = np.hypot(*(self.points[:, None] - self.work_contacts[None]).transpose(2, 0, 1))
         under = away <= 0.5 * FINGER_WIDTH * self.size
@@ -199,30 +199,30 @@ class Target:
 
     def homography_and_covariance(self, G: Floats, P: Floats) -> tuple[Floats, Floats]:
         """`homography(G)`, and (9, 9) of its entries, row by row, the last one being 1, by the pose's covariance P (8, 8)."""
-        moved, H = G @ self._generators, G @ self._back
+        moved, H = G @ self._pose_generators, G @ self._view_to_work
         scale = H[2, 2]
         H = H / scale
         J = (moved - H * moved[:, 2:, 2:]).reshape(8, 9).T / scale
         return H, J @ P @ J.T
 
     @cached_property
-    def _generators(self) -> Floats:
+    def _pose_generators(self) -> Floats:
         """(8, 3, 3) by which G is to be multiplied for its derivatives, as a map from px of the first view, by its error."""
         r, (x, y) = self.size / 2.0, self.centre
         T = np.array([[1.0 / r, 0.0, -x / r], [0.0, 1.0 / r, -y / r], [0.0, 0.0, 1.0]])
         E = np.zeros((8, 3, 3))
         for k, (i, j, sign) in enumerate(POSE_ENTRIES):
             E[k, i, j] = sign / r
-        return np.asarray(np.linalg.inv(T) @ E @ T @ self._back, dtype=np.float64)
+        return np.asarray(np.linalg.inv(T) @ E @ T @ self._view_to_work, dtype=np.float64)
 
     @cached_property
-    def _back(self) -> Floats:
+    def _view_to_work(self) -> Floats:
         """(3, 3) px of the first view -> work px."""
         return np.asarray(np.linalg.inv(self.A), dtype=np.float64)
 
     def homography(self, G: Floats) -> Floats:
         """(3, 3) H_current_reference of a pose G."""
-        H = G @ self._back
+        H = G @ self._view_to_work
         return np.asarray(H / H[2, 2], dtype=np.float64)
 
     def pose(self, H: Floats) -> Floats:

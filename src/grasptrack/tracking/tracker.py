@@ -22,11 +22,11 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
-from grasptrack.segmentation.objects import Segmenter, grow
-from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.objects import Segmenter, dilate_mask
+from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.undistortion import Undistortion
-from grasptrack.tracking.decision import tolerance
-from grasptrack.tracking.distance import UNKNOWN, Distance, Ruler, ruler
+from grasptrack.tracking.decision import contact_tolerance
+from grasptrack.tracking.distance import UNKNOWN, Distance, Ruler, make_ruler
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import Moved
 from grasptrack.tracking.initialization import AUTO, Wish, first_view
@@ -136,7 +136,7 @@ class GraspTracker:
         self._resynthesize, self._segmenter, self._camera = resynthesize, segmenter, camera
         self._lens: Undistortion | None = None
         self._shape: tuple[int, ...] | None = None
-        self._observer = Observer()
+        self._observer = OutlineDetector()
         self._frame = -1
         self._grasps = 0
         self._track: Track | None = None
@@ -182,7 +182,7 @@ class GraspTracker:
         self._wish = replace(self._wish, plane=None)  # later it would lie otherwise
         candidate, reason = first.candidate, first.reason
         if candidate is None:
-            return _answer(moment, "searching", reason)
+            return _make_result(moment, "searching", reason)
         grey = self._observer.choose(candidate)
         for grasp in first.grasps:
             try:
@@ -200,7 +200,7 @@ class GraspTracker:
                 reason = reason if reason.code else Reason("no-description", detail=str(error))
                 continue
             self._grasps += 1
-            closure = _closure(grasp, candidate.view, self.friction)
+            closure = _make_closure_check(grasp, candidate.view, self.friction)
             self._track = Track(self._grasps, closure, carrier, self._ruler(carrier))
             plane = carrier.follower.state.plane
             still = np.eye(3), np.zeros((9, 9))
@@ -210,7 +210,7 @@ class GraspTracker:
                 self._track.distance(*still),
             )
             status, why = _told(judged, plane.rectifications.told)
-            return _answer(
+            return _make_result(
                 moment,
                 status,
                 why,
@@ -231,7 +231,7 @@ class GraspTracker:
                 homography=np.eye(3),
                 view=candidate.view,
             )
-        return _answer(moment, "searching", reason, view=candidate.view)
+        return _make_result(moment, "searching", reason, view=candidate.view)
 
     def _again(self, view: View, plane: Beforehand) -> None:
         """Another grasp is to be chosen in the next image, on the object that has this outline and lies in this plane."""
@@ -242,7 +242,7 @@ class GraspTracker:
     def _ruler(self, carrier: Carrier) -> Ruler | None:
         """What tells how far the object is, where its length was told."""
         follower = carrier.follower
-        return None if self.length is None else ruler(follower.target, follower.state.plane, self.length)
+        return None if self.length is None else make_ruler(follower.target, follower.state.plane, self.length)
 
     def _on_mended(self, track: Track) -> Track:
         """The same grasp, judged on the outline that the first view has by now."""
@@ -250,16 +250,16 @@ class GraspTracker:
         grasp, view = Grasp(target.contacts), target.view
         track = replace(track, mended=True, ruler=self._ruler(track.carrier))
         off = float(grasp.on(view)[:, 2].max())
-        if off > tolerance(target.area, target.numbers):
+        if off > contact_tolerance(target.area, target.numbers):
             return replace(track, false_edge=off)
-        return replace(track, closure=_closure(grasp, view, self.friction))
+        return replace(track, closure=_make_closure_check(grasp, view, self.friction))
 
     def _analyzed(self, moment: _Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
         if estimate is None or contacts is None or moved.homography is None or moved.view is None:
             sure = moved.decision.confidence
-            return _answer(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
+            return _make_result(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
         follower = track.carrier.follower
         target, numbers, plane = follower.target, follower.numbers, follower.state.plane
         exposed = np.zeros(8)
@@ -270,18 +270,18 @@ class GraspTracker:
             if self._resynthesize:
                 self._again(moved.view, plane.beforehand(H, homography_covariance))
             beside = Reason("false-edge", {"distance": track.false_edge})
-            return _answer(moment, "lost", beside, grasp_id=track.number, confidence=moved.decision.confidence)
+            return _make_result(moment, "lost", beside, grasp_id=track.number, confidence=moved.decision.confidence)
         covariance = target.handle.placed(estimate.G, P)[1]
         try:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
         except (GraspError, ConditioningError) as error:
-            return _answer(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
+            return _make_result(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
         tilt = plane.tilt(H, homography_covariance)
         distance = track.distance(H, homography_covariance)
         status, reason = _told(judged, plane.rectifications.told)
         if self._resynthesize and _needs_another(judged, plane.rectifications.told):
             self._again(moved.view, plane.beforehand(H, homography_covariance))
-        return _answer(
+        return _make_result(
             moment,
             status,
             reason,
@@ -301,7 +301,9 @@ class GraspTracker:
             distance_sd=distance.sd,
             homography=H,
             homography_covariance=homography_covariance,
-            covariance=covariance if contacts is estimate.contacts else covariance + _apart(contacts, estimate),
+            covariance=covariance
+            if contacts is estimate.contacts
+            else covariance + _offset_covariance(contacts, estimate),
             view=moved.view,
         )
 
@@ -312,8 +314,8 @@ class GraspTracker:
         if self._camera is not None:
             image, mask = self._straight(image, mask, self._camera)
         if self._wish.ignore is not None and self._frame < 0:
-            self._observer = Observer(grow(to_mask(self._wish.ignore, _size(image), "ignore mask")))
-        grey = self._observer.look(image if mask is None else as_scene(to_mask(mask, _size(image), "mask")))
+            self._observer = OutlineDetector(dilate_mask(to_mask(self._wish.ignore, _image_size(image), "ignore mask")))
+        grey = self._observer.look(image if mask is None else as_scene(to_mask(mask, _image_size(image), "mask")))
         self._shape = self._shape or grey.shape
         if grey.shape != self._shape:
             (height, width), (first_height, first_width) = grey.shape, self._shape
@@ -336,7 +338,7 @@ class GraspTracker:
     ) -> tuple[NDArray[Any], NDArray[Any] | None]:
         """The image and its mask without the lens's distortion."""
         if self._lens is None:
-            height, width = _size(image)
+            height, width = _image_size(image)
             self._lens = Undistortion(camera, width, height)
             self._wish = self._wish.straight(self._lens)
         return self._lens.image(image), None if mask is None else self._lens.mask(mask)
@@ -361,7 +363,7 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
     return fingers
 
 
-def _closure(grasp: Grasp, view: View, friction: float) -> ClosureCheck:
+def _make_closure_check(grasp: Grasp, view: View, friction: float) -> ClosureCheck:
     """Judges a grasp on an outline."""
     width = FINGER_WIDTH * math.sqrt(kernels.inertia(view.points, view.offsets)[0])
     return ClosureCheck(grasp, view, friction, width)
@@ -389,7 +391,7 @@ def _needs_another(judged: Judgement, told: bool) -> bool:
     return judged.closes < 1.0 - CHANCE or (judged.closes < CHANCE and judged.settled)
 
 
-def _size(image: NDArray[Any]) -> tuple[int, int]:
+def _image_size(image: NDArray[Any]) -> tuple[int, int]:
     """Height and width of an image, once it is one.
 
     Raises:
@@ -399,7 +401,7 @@ def _size(image: NDArray[Any]) -> tuple[int, int]:
     return height, width
 
 
-def _answer(moment: _Moment, status: Status, reason: Reason | None, **found: Any) -> TrackResult:
+def _make_result(moment: _Moment, status: Status, reason: Reason | None, **found: Any) -> TrackResult:
     """The result of an update, which is over."""
     latency_ms, reason = 1e3 * (clock.perf_counter() - moment.started), reason or Reason()
     if status == "tracked":  # nothing refuses it
@@ -411,7 +413,7 @@ def _answer(moment: _Moment, status: Status, reason: Reason | None, **found: Any
     )
 
 
-def _apart(contacts: Floats, estimate: PoseEstimate) -> Floats:
+def _offset_covariance(contacts: Floats, estimate: PoseEstimate) -> Floats:
     """(k, 2, 2) px^2 that contacts (k, 2) are off on average for lying elsewhere than an estimate has them."""
     away = contacts - estimate.contacts
     return np.asarray(away[:, :, None] * away[:, None, :], dtype=np.float64)

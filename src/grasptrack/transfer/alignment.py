@@ -12,7 +12,7 @@ from typing import NamedTuple
 from grasptrack import kernels
 from grasptrack.errors import AmbiguousError
 from grasptrack.geometry.contours import Contour
-from grasptrack.geometry.homographies import similarity
+from grasptrack.geometry.homographies import similarity_transform
 from grasptrack.typing import Floats
 
 GRID = 64
@@ -37,20 +37,20 @@ class Alignment(NamedTuple):
     residual: float
 
 
-def alignments(first: Contour, second: Contour) -> list[Alignment]:
+def find_alignments(first: Contour, second: Contour) -> list[Alignment]:
     """All alignments that fit as well as the best one, the best first; several where the outline has symmetries."""
-    return fits(first.points, first.arc_length, second.points, second.arc_length, second.area)
+    return alignments_of_points(first.points, first.arc_length, second.points, second.arc_length, second.area)
 
 
-def fits(points1: Floats, arc1: Floats, points2: Floats, arc2: Floats, area2: float) -> list[Alignment]:
-    """`alignments` of points whose arc lengths (N + 1,) px and area px^2 are known already."""
+def alignments_of_points(points1: Floats, arc1: Floats, points2: Floats, arc2: Floats, area2: float) -> list[Alignment]:
+    """`find_alignments` of points whose arc lengths (N + 1,) px and area px^2 are known already."""
     # the outline's rms radius, close enough, turns the share of the norm that is left into px
     radius = arc2.item(-1) / (2.0 * math.pi)
     found = kernels.align_outlines(points1, arc1, points2, arc2, GRID, TIE * math.sqrt(area2) / radius)
     return [Alignment(shift, angle, radius * left) for shift, angle, left in found]
 
 
-def align(first: Contour, second: Contour, expected_angle: float = 0.0) -> Alignment:
+def align_contours(first: Contour, second: Contour, expected_angle: float = 0.0) -> Alignment:
     """The alignment of two views: the best, or among those that fit alike the one with the smallest turn.
 
     Args:
@@ -60,11 +60,11 @@ def align(first: Contour, second: Contour, expected_angle: float = 0.0) -> Align
     Raises:
         AmbiguousError: several fit alike and none turns clearly less than the others.
     """
-    return choose(alignments(first, second), expected_angle)
+    return choose_alignment(find_alignments(first, second), expected_angle)
 
 
-def choose(found: list[Alignment], expected_angle: float = 0.0) -> Alignment:
-    """The one meant of some alignments that fit alike; arguments and errors as for `align`."""
+def choose_alignment(found: list[Alignment], expected_angle: float = 0.0) -> Alignment:
+    """The one meant of some alignments that fit alike; arguments and errors as for `align_contours`."""
     if not found:
         raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
     if len(found) == 1:
@@ -79,4 +79,4 @@ def as_similarity(alignment: Alignment, first: Contour, second: Contour) -> Floa
     """(3, 3) the similarity of an alignment, from the first outline to the second."""
     area1, x1, y1, *_ = kernels.inertia(first.points, first.offsets)
     area2, x2, y2, *_ = kernels.inertia(second.points, second.offsets)
-    return similarity(math.sqrt(area2 / area1), alignment.angle, (x1, y1), (x2, y2))
+    return similarity_transform(math.sqrt(area2 / area1), alignment.angle, (x1, y1), (x2, y2))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from grasptrack import kernels
 from grasptrack.errors import AmbiguousError, AxesError, ClippedError, CrossingError, ParallelLineError, StrategyError
 from grasptrack.geometry.contours import Outline, View
-from grasptrack.geometry.homographies import jacobian
+from grasptrack.geometry.homographies import homography_jacobian
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
@@ -94,7 +94,7 @@ def apply(description: GraspLineDescription, view: Outline, prior: Floats | None
     """
     _check_whole(view)
     reference = (*description.skewness, description.area, *description.centroid, description.theta)
-    ahead = (0.0, 0.0) if prior is None else _ahead(description, prior)
+    ahead = (0.0, 0.0) if prior is None else _predicted_axis(description, prior)
     contacts, H, residual, area, major, minor, told = kernels.carry_grasp_line(
         view.points, view.offsets, description[:4], reference, ahead, MIN_SKEWNESS
     )
@@ -124,9 +124,9 @@ def _check_axes(major: float, minor: float) -> None:
         )
 
 
-def _ahead(description: GraspLineDescription, prior: Floats) -> tuple[float, float]:
+def _predicted_axis(description: GraspLineDescription, prior: Floats) -> tuple[float, float]:
     """Where the reference's I_min points in the current view if a predicted homography is right."""
-    a, b, c, d = jacobian(prior, *description.centroid)
+    a, b, c, d = homography_jacobian(prior, *description.centroid)
     ex, ey = math.cos(description.theta), math.sin(description.theta)
     return a * ex + b * ey, c * ex + d * ey
 

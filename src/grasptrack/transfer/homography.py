@@ -13,7 +13,7 @@ from grasptrack.errors import ClippedError, ConditioningError, CrossingError, Pe
 from grasptrack.geometry.contours import Contour, Outline
 from grasptrack.geometry.homographies import apply_homography, check_in_front, judge_distortion
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.transfer.alignment import choose, fits
+from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
 
@@ -96,7 +96,7 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
     """
     current = view.contours[0]
     reference = description.outline
-    selected, matched = _correspondences(description, current, prior)  # step 1, eq. (3)
+    selected, matched = _match_peaks(description, current, prior)  # step 1, eq. (3)
     try:  # step 2, eq. (1)
         H, *distortion = kernels.fit_homography(reference.points, selected, current.points, matched)
     except ValueError:
@@ -112,7 +112,7 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
     return Transfer(Grasp.of(contacts), H, None, residual)
 
 
-def _correspondences(
+def _match_peaks(
     description: HomographyDescription, current: Contour, prior: Floats | None
 ) -> tuple[list[int], list[int]]:
     """Four selected samples of the reference and the four that match them: the search of Section IV-C.1."""
@@ -124,7 +124,10 @@ def _correspondences(
         arc1, v1 = description.arc, description.curvature
         length = arc1.item(-1)
         kappa = arc2.item(-1) / length
-        shift = choose(fits(first.points, arc1, current.points, arc2, current.area)).shift * length
+        shift = (
+            choose_alignment(alignments_of_points(first.points, arc1, current.points, arc2, current.area)).shift
+            * length
+        )
         centres = [kappa * (arc1.item(i) + shift) for i in peaks]
     else:
         carried = apply_homography(prior, first.points)

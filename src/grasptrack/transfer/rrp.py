@@ -109,12 +109,12 @@ def apply(description: RRPDescription, view: Outline, prior: Floats | None = Non
     except ValueError:
         raise StrategyError(
             "RRP needs outlines whose points correspond one to one, not contours of "
-            f"{_counts(description.offsets)} and {_counts(view.offsets)} points",
+            f"{_format_counts(description.offsets)} and {_format_counts(view.offsets)} points",
             reference=description.offsets.tolist(),
             current=view.offsets.tolist(),
         ) from None
     return Transfer(Grasp.of(contacts, description.quality), None, None, math.nan)
 
 
-def _counts(offsets: Ints) -> str:
+def _format_counts(offsets: Ints) -> str:
     return "+".join(str(n) for n in np.diff(offsets).tolist())

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.geometry import cone_length, cones
+from grasptrack.view.geometry import cone_length, friction_cones
 from grasptrack.view.strip import add_strip
-from grasptrack.view.style import STATUS_RGB, Colour, Picture, bgr, blend, put_text, text_width
+from grasptrack.view.style import STATUS_RGB, Colour, Picture, blend_colour, put_text, rgb_to_bgr, text_width
 
 if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
@@ -39,7 +39,7 @@ def draw_overlay(image: NDArray[Any], result: TrackResult, number: int | None = 
         (H', W', 3) uint8 BGR, W' and the image's share of H' being those of the image where its longer side is at most
         1920 px and its width at least 480.
     """
-    canvas, scale = _canvas(image)
+    canvas, scale = _scaled_canvas(image)
     unit = math.sqrt(canvas.shape[0] * canvas.shape[1] / (640 * 480))
     unit = min(max(unit, 0.8), 3.0)
     colour = STATUS_RGB[result.status]
@@ -65,20 +65,20 @@ def as_bgr(image: NDArray[Any]) -> Picture:
     return np.ascontiguousarray(array[:, :, :3]).copy()
 
 
-def stroke(canvas: Picture, points: Floats, colour: Colour, width: float, closed: bool = False) -> None:
+def draw_polyline(canvas: Picture, points: Floats, colour: Colour, width: float, closed: bool = False) -> None:
     """An anti-aliased line through points (n, 2) px, sub-pixel, in place."""
     fixed = np.rint(np.clip(points, -_FAR, _FAR) * (1 << _SHIFT)).astype(np.int32)
-    cv2.polylines(canvas, [fixed], closed, bgr(colour), max(1, round(width)), cv2.LINE_AA, _SHIFT)
+    cv2.polylines(canvas, [fixed], closed, rgb_to_bgr(colour), max(1, round(width)), cv2.LINE_AA, _SHIFT)
 
 
-def disc(canvas: Picture, centre: Floats, radius: float, colour: Colour, width: float = -1.0) -> None:
+def draw_disc(canvas: Picture, centre: Floats, radius: float, colour: Colour, width: float = -1.0) -> None:
     """A filled circle, or a ring where a width is given, sub-pixel, in place."""
     x, y = np.rint(np.clip(centre, -_FAR, _FAR) * (1 << _SHIFT)).astype(int).tolist()
     thickness = -1 if width < 0 else max(1, round(width))
-    cv2.circle(canvas, (x, y), round(radius * (1 << _SHIFT)), bgr(colour), thickness, cv2.LINE_AA, _SHIFT)
+    cv2.circle(canvas, (x, y), round(radius * (1 << _SHIFT)), rgb_to_bgr(colour), thickness, cv2.LINE_AA, _SHIFT)
 
 
-def _canvas(image: NDArray[Any]) -> tuple[Picture, float]:
+def _scaled_canvas(image: NDArray[Any]) -> tuple[Picture, float]:
     height, width = image.shape[:2]
     scale = 1.0
     if max(height, width) > MAX_SIDE:
@@ -98,15 +98,15 @@ def _draw_outline(canvas: Picture, result: TrackResult, scale: float, unit: floa
         return
     curves = [(c.points + 0.5) * scale - 0.5 for c in result.view.contours]
     for curve in curves:
-        stroke(canvas, curve, _DARK, 3.2 * unit, closed=True)
+        draw_polyline(canvas, curve, _DARK, 3.2 * unit, closed=True)
     for curve in curves:
-        stroke(canvas, curve, _WHITE, 1.2 * unit, closed=True)
+        draw_polyline(canvas, curve, _WHITE, 1.2 * unit, closed=True)
 
 
 def _draw_cones(canvas: Picture, result: TrackResult, scale: float, unit: float, colour: Colour) -> None:
     assert result.contacts is not None
     length = cone_length(result.contacts * scale, unit)
-    for polygon in cones(result, length / scale):
+    for polygon in friction_cones(result, length / scale):
         shape = (polygon + 0.5) * scale - 0.5
         if not (np.abs(shape) < _FAR).all():
             continue
@@ -115,29 +115,29 @@ def _draw_cones(canvas: Picture, result: TrackResult, scale: float, unit: float,
         mask = np.zeros((size[1], size[0]), np.uint8)
         fixed = np.rint((shape - low) * (1 << _SHIFT)).astype(np.int32)
         cv2.fillPoly(mask, [fixed], 140, cv2.LINE_AA, _SHIFT)
-        blend(canvas, mask, int(low[0]), int(low[1]), colour)
-        stroke(canvas, np.vstack([shape[1], shape[0], shape[-1]]), colour, 1.2 * unit)
+        blend_colour(canvas, mask, int(low[0]), int(low[1]), colour)
+        draw_polyline(canvas, np.vstack([shape[1], shape[0], shape[-1]]), colour, 1.2 * unit)
 
 
 def _draw_grasp_line(canvas: Picture, contacts: Floats, unit: float, colour: Colour) -> None:
     middle = contacts.mean(axis=0)
     spokes = [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]
     for spoke in spokes:
-        stroke(canvas, spoke, _DARK, 4.0 * unit)
+        draw_polyline(canvas, spoke, _DARK, 4.0 * unit)
     for spoke in spokes:
-        stroke(canvas, spoke, colour, 2.0 * unit)
+        draw_polyline(canvas, spoke, colour, 2.0 * unit)
 
 
 def _draw_contacts(canvas: Picture, contacts: Floats, seen: Floats, unit: float, colour: Colour) -> None:
     middle = contacts.mean(axis=0)
     for i, (contact, share) in enumerate(zip(contacts, seen, strict=False)):
         if share >= 0.5:
-            disc(canvas, contact, 7.6 * unit, _DARK)
-            disc(canvas, contact, 6.4 * unit, _WHITE)
-            disc(canvas, contact, 4.6 * unit, colour)
+            draw_disc(canvas, contact, 7.6 * unit, _DARK)
+            draw_disc(canvas, contact, 6.4 * unit, _WHITE)
+            draw_disc(canvas, contact, 4.6 * unit, colour)
         else:
-            disc(canvas, contact, 6.6 * unit, _DARK, 5.0 * unit)
-            disc(canvas, contact, 6.6 * unit, _WHITE, 1.8 * unit)
+            draw_disc(canvas, contact, 6.6 * unit, _DARK, 5.0 * unit)
+            draw_disc(canvas, contact, 6.6 * unit, _WHITE, 1.8 * unit)
         away = contact - middle
         away = away / max(float(np.linalg.norm(away)), 1e-9)
         _draw_number(canvas, str(i + 1), contact + 20.0 * unit * away, unit)
@@ -148,6 +148,6 @@ def _draw_number(canvas: Picture, text: str, centre: Floats, unit: float) -> Non
     radius, size = 8.5 * unit, round(12 * unit)
     room = np.array([canvas.shape[1] - 1, canvas.shape[0] - 1]) - radius
     at = np.minimum(np.maximum(centre, radius), room)
-    disc(canvas, at, radius, _DARK)
+    draw_disc(canvas, at, radius, _DARK)
     x = round(at[0] - text_width(text, size, bold=True) / 2)
     put_text(canvas, text, x, round(at[1] + 0.37 * size), size, _WHITE, bold=True)

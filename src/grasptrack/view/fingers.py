@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from grasptrack.grasp.synthesis.result import RankedGrasp
 
 
-def opening(grasp: RankedGrasp) -> float:
+def grasp_opening(grasp: RankedGrasp) -> float:
     """Px by which the hand opens: two contacts' distance; twice the way of the farthest of more to their mean."""
     contacts = grasp.straight if isinstance(grasp, SeenGrasp) else grasp.contacts
     if len(grasp) == 2:
@@ -24,7 +24,7 @@ def opening(grasp: RankedGrasp) -> float:
     return 2.0 * float(np.linalg.norm(contacts - contacts.mean(axis=0), axis=1).max())
 
 
-def wedge(apex: Floats, direction: Floats, half_angle: float, length: float) -> Floats:
+def sector_polygon(apex: Floats, direction: Floats, half_angle: float, length: float) -> Floats:
     """A sector as a closed polygon (m, 2) px.
 
     Args:
@@ -37,7 +37,7 @@ def wedge(apex: Floats, direction: Floats, half_angle: float, length: float) -> 
     return np.vstack([apex, apex + length * np.column_stack([np.cos(angles), np.sin(angles)])])
 
 
-def normals(grasp: RankedGrasp, view: View, friction: float) -> Floats:
+def inward_normals(grasp: RankedGrasp, view: View, friction: float) -> Floats:
     """(k, 2) unit normals into the material; where the analysis refuses the outline, the directions of motion."""
     from grasptrack.errors import GraspError
     from grasptrack.grasp.force_closure import analyze
@@ -48,15 +48,15 @@ def normals(grasp: RankedGrasp, view: View, friction: float) -> Floats:
         return grasp.directions
 
 
-def strips(grasp: RankedGrasp, view: View) -> list[Floats]:
+def slip_strips(grasp: RankedGrasp, view: View) -> list[Floats]:
     """For each contact the piece of outline (m, 2) px within its region; empty where it may not slip at all."""
     return [
-        strip(view, int(contour), position, region)
+        contour_strip(view, int(contour), position, region)
         for (contour, position, _), region in zip(grasp.on(view).tolist(), grasp.regions.tolist(), strict=True)
     ]
 
 
-def strip(view: View, contour: int, position: float, half: float) -> Floats:
+def contour_strip(view: View, contour: int, position: float, half: float) -> Floats:
     """The piece of one contour that reaches `half` px of arc length to both sides of a position.
 
     Args:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _ARC = np.linspace(-1.0, 1.0, 13)
 
 
-def cones(result: TrackResult, length: float) -> list[Floats]:
+def friction_cones(result: TrackResult, length: float) -> list[Floats]:
     """Friction cones as closed polygons (m, 2) px of the current image: apex at the contact, opening into the material.
 
     A cone that was judged in the object's own plane, or in the reference view, is bent by the same perspective as the object:

@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
 from grasptrack.view.draw import as_bgr
-from grasptrack.view.fingers import normals, strips, wedge
+from grasptrack.view.fingers import inward_normals, sector_polygon, slip_strips
 from grasptrack.view.layout import Window
-from grasptrack.view.style import CONE_RGB, FINGER_RGB, NEIGHBOUR_RGB, PANEL_RGB, REGION_RGB, STATUS_RGB, hexadecimal
+from grasptrack.view.style import CONE_RGB, FINGER_RGB, NEIGHBOUR_RGB, PANEL_RGB, REGION_RGB, STATUS_RGB, hex_colour
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
     from grasptrack.grasp.synthesis.result import RankedGrasp
 
 DARK = "#0c0e12"
-FINGER, CONE, REGION, NEIGHBOUR = (hexadecimal(c) for c in (FINGER_RGB, CONE_RGB, REGION_RGB, NEIGHBOUR_RGB))
-LINE = hexadecimal(STATUS_RGB["tracked"])
+FINGER, CONE, REGION, NEIGHBOUR = (hex_colour(c) for c in (FINGER_RGB, CONE_RGB, REGION_RGB, NEIGHBOUR_RGB))
+LINE = hex_colour(STATUS_RGB["tracked"])
 
 
-def muted(image: NDArray[Any]) -> NDArray[np.uint8]:
+def mute_image(image: NDArray[Any]) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 RGB: an image of any kind with less colour and less light, so that what is drawn stands out."""
     rgb = as_bgr(image)[:, :, ::-1].astype(np.float32)
     grey = rgb @ np.array([0.3, 0.59, 0.11], np.float32)
@@ -54,7 +54,7 @@ class Panel:
         axes.imshow(picture[y0:y1, x0:x1], extent=extent, interpolation="hanning", aspect="auto")
         axes.set_xlim(left, right)
         axes.set_ylim(bottom, top)
-        axes.set(xticks=(), yticks=(), facecolor=hexadecimal(PANEL_RGB))
+        axes.set(xticks=(), yticks=(), facecolor=hex_colour(PANEL_RGB))
         for side in axes.spines.values():
             side.set_visible(False)
 
@@ -99,16 +99,16 @@ class Panel:
 
     def grasp(self, grasp: RankedGrasp, view: View, friction: float) -> None:
         """All of a grasp: ways in, fingers, cones, regions, line, and the contacts' numbers."""
-        self._cones(grasp, view, friction)
+        self._draw_cones(grasp, view, friction)
         for swept, finger in zip(grasp.swept, grasp.fingers, strict=True):
             self.line(np.vstack([swept, swept[:1]]), FINGER, 1.2, linestyle=(0, (3, 2)))
             self.polygon(finger, FINGER, 0.42, 2.0)
-        for piece in strips(grasp, view):
+        for piece in slip_strips(grasp, view):
             if len(piece):
                 self.line(piece, REGION, 5.0, solid_capstyle="butt")
         self._grasp_line(grasp, 2.2, 7.0)
         for i, (contact, way) in enumerate(zip(grasp.contacts, grasp.directions, strict=True)):
-            self._motion(contact, way, grasp.swept[i], str(i + 1), grasp.spread)
+            self._draw_motion(contact, way, grasp.swept[i], str(i + 1), grasp.spread)
 
     def label(self, text: str, at: Floats, size: float = 10.0) -> None:
         """Bold text on a dark disc, within the window."""
@@ -120,11 +120,11 @@ class Panel:
         style = {"ha": "center", "va": "center", "fontsize": size, "fontweight": "bold", "color": "white"}
         self.axes.text(x, y, text, bbox=box, zorder=6, **style)
 
-    def _cones(self, grasp: RankedGrasp, view: View, friction: float) -> None:
+    def _draw_cones(self, grasp: RankedGrasp, view: View, friction: float) -> None:
         reach = float(np.linalg.norm(grasp.contacts - grasp.contacts.mean(axis=0), axis=1).mean())
         length = min(max(0.6 * reach, 16.0 * self.px_per_point), 90.0 * self.px_per_point)
-        for contact, normal in zip(grasp.contacts, normals(grasp, view, friction), strict=True):
-            self.polygon(wedge(contact, normal, math.atan(friction), length), CONE, 0.38, 1.0)
+        for contact, normal in zip(grasp.contacts, inward_normals(grasp, view, friction), strict=True):
+            self.polygon(sector_polygon(contact, normal, math.atan(friction), length), CONE, 0.38, 1.0)
 
     def _grasp_line(self, grasp: RankedGrasp, width: float, mark: float) -> None:
         contacts = grasp.contacts
@@ -133,7 +133,7 @@ class Panel:
             self.line(spoke, LINE, width)
         self.axes.plot(contacts[:, 0], contacts[:, 1], "o", color=LINE, ms=mark, mec="white", mew=0.2 * mark, zorder=4)
 
-    def _room(self, start: Floats, way: Floats) -> float:
+    def _distance_to_border(self, start: Floats, way: Floats) -> float:
         """px from a point to the window's border in a direction."""
         left, top, right, bottom = self.window
         rooms = [
@@ -143,7 +143,7 @@ class Panel:
         ]
         return min(rooms, default=math.inf)
 
-    def _motion(self, contact: Floats, way: Floats, swept: Floats, number: str, spread: bool) -> None:
+    def _draw_motion(self, contact: Floats, way: Floats, swept: Floats, number: str, spread: bool) -> None:
         """An arrow along the way in, long enough to be seen, and the number where nothing else is."""
         from matplotlib.patheffects import withStroke
 
@@ -151,7 +151,7 @@ class Panel:
         length = 22.0 * self.px_per_point
         # Along the clearance and the finger where these are large, behind them where the arrow would cover them.
         back = depth if depth > 1.5 * length else depth + 1.15 * length
-        back = max(min(back, self._room(contact, -way) - 1.4 * length), length)
+        back = max(min(back, self._distance_to_border(contact, -way) - 1.4 * length), length)
         tail, tip = contact - back * way, contact - (back - length) * way
         arrow = {
             "arrowstyle": "-|>,head_width=0.32,head_length=0.5",

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.grasp_panel import Panel, muted
-from grasptrack.view.grasp_text import Column, describe, described, legend
-from grasptrack.view.layout import Box, Window, aspect_of, grid, quiet_corner, window
+from grasptrack.view.grasp_panel import Panel, mute_image
+from grasptrack.view.grasp_text import Column, describe_grasp, describe_hand, draw_legend
+from grasptrack.view.layout import Box, Window, aspect_of, image_window, panel_grid, quiet_corner
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
@@ -76,17 +76,17 @@ def write_grasps(
 
     figure = Figure(figsize=(WIDTH, HEIGHT), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    picture = muted(image)
+    picture = mute_image(image)
     column = Column(figure, (WIDTH, HEIGHT), _RIGHT)
-    _main(figure, picture, objects, friction)
-    hands = {described(o.hand, px_per_mm) for o in objects}
+    _draw_main_panel(figure, picture, objects, friction)
+    hands = {describe_hand(o.hand, px_per_mm) for o in objects}
     size = f" {hands.pop()}" if len(hands) == 1 else ""
     column.title(title, f"{fingers} fingers{size}, friction {friction:g}", _MAIN[0])
     if len(objects) > 1:
-        _each(figure, picture, objects, column, px_per_mm)
+        _draw_each_object(figure, picture, objects, column, px_per_mm)
     elif objects[0].grasps:
         column.best(objects[0].grasps[0], px_per_mm, objects[0].outline.is_clipped)
-        _next(figure, picture, objects[0], column, px_per_mm)
+        _draw_next_best(figure, picture, objects[0], column, px_per_mm)
     else:
         column.nothing(objects[0].grasps)
     partial = path.with_name(path.name + ".part")
@@ -94,12 +94,12 @@ def write_grasps(
     partial.replace(path)
 
 
-def _main(figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], friction: float) -> None:
+def _draw_main_panel(figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], friction: float) -> None:
     several = len(objects) > 1
     best = [o.grasps[0] for o in objects if o.grasps]
     outlines, fingers = [o.outline.points for o in objects], [g.swept for g in best]
-    shown = window(outlines, fingers, _shape(picture), _MAIN[2] / _MAIN[3], 0.1, 1.7)
-    panel = _panel(figure, picture, shown, _MAIN)
+    shown = image_window(outlines, fingers, _image_size(picture), _MAIN[2] / _MAIN[3], 0.1, 1.7)
+    panel = _add_panel(figure, picture, shown, _MAIN)
     if not several:
         panel.neighbours(objects[0].neighbours)
     for o in objects:
@@ -110,8 +110,8 @@ def _main(figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], f
         elif o.grasps and not _close_up(figure, picture, panel, o, friction):
             panel.grasp(o.grasps[0], o.outline, friction)
         if several:
-            panel.label(str(i + 1), _beside(o), 9.0)
-    legend(panel.axes, bool(best), several, any(o.neighbours for o in objects))
+            panel.label(str(i + 1), _number_position(o), 9.0)
+    draw_legend(panel.axes, bool(best), several, any(o.neighbours for o in objects))
 
 
 def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Planned, friction: float) -> bool:
@@ -119,7 +119,7 @@ def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Plan
     grasp, outline = found.grasps[0], found.outline.points
     left, bottom, width, height = _MAIN
     size = width * _INSET, height * _INSET
-    near = window([grasp.swept.reshape(-1, 2)], [], _shape(picture), size[0] / size[1], 0.25)
+    near = image_window([grasp.swept.reshape(-1, 2)], [], _image_size(picture), size[0] / size[1], 0.25)
     if _LARGER * (near[2] - near[0]) > _INSET * (panel.window[2] - panel.window[0]):
         return False
     seen = np.vstack([outline, [near[:2], near[2:], (near[0], near[3]), (near[2], near[1])]])
@@ -127,7 +127,7 @@ def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Plan
     if corner is None:
         return False
     place = left + (width - size[0]) * (corner % 2), bottom + (height - size[1]) * (corner < 2), *size
-    inset = _panel(figure, picture, near, place)
+    inset = _add_panel(figure, picture, near, place)
     inset.frame()
     inset.neighbours(found.neighbours)
     inset.outline(found.outline, 1.6)
@@ -137,7 +137,9 @@ def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Plan
     return True
 
 
-def _next(figure: Any, picture: NDArray[np.uint8], found: Planned, column: Column, px_per_mm: float | None) -> None:
+def _draw_next_best(
+    figure: Any, picture: NDArray[np.uint8], found: Planned, column: Column, px_per_mm: float | None
+) -> None:
     """The grasps after the best one, all in the same window."""
     rest = found.grasps[1 : 1 + SHOWN]
     if not rest:
@@ -145,40 +147,40 @@ def _next(figure: Any, picture: NDArray[np.uint8], found: Planned, column: Colum
     left = len(found.grasps) - 1 - len(rest)
     column.heading("The next best" + (f", and {left} more in grasps.json" if left else ""))
     outline, fingers = found.outline.points, [g.fingers for g in rest]
-    boxes = grid(column.free(), len(rest), aspect_of(outline))
+    boxes = panel_grid(column.free(), len(rest), aspect_of(outline))
     for i, (box, grasp) in enumerate(zip(boxes, rest, strict=True)):
-        shown = window([outline], fingers, _shape(picture), box[2] / box[3], 0.05)
-        panel = _panel(figure, picture, shown, box)
+        shown = image_window([outline], fingers, _image_size(picture), box[2] / box[3], 0.05)
+        panel = _add_panel(figure, picture, shown, box)
         panel.outline(found.outline, 1.0)
         panel.small_grasp(grasp)
-        column.caption(box, str(i + 2), describe(grasp, px_per_mm))
+        column.caption(box, str(i + 2), describe_grasp(grasp, px_per_mm))
 
 
-def _each(
+def _draw_each_object(
     figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], column: Column, px_per_mm: float | None
 ) -> None:
     """Every object with its best grasp, or the word that there is none."""
     left = len(objects) - SHOWN
     column.heading("The best on each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
-    boxes = grid(column.free(), min(len(objects), SHOWN), 1.0)
+    boxes = panel_grid(column.free(), min(len(objects), SHOWN), 1.0)
     for i, (box, found) in enumerate(zip(boxes, objects, strict=False)):
         best = found.grasps[:1]
         fingers = [g.fingers for g in best]
-        shown = window([found.outline.points], fingers, _shape(picture), box[2] / box[3], 0.05)
-        panel = _panel(figure, picture, shown, box)
+        shown = image_window([found.outline.points], fingers, _image_size(picture), box[2] / box[3], 0.05)
+        panel = _add_panel(figure, picture, shown, box)
         panel.outline(found.outline, 1.0)
         for grasp in best:
             panel.small_grasp(grasp)
-        column.caption(box, str(i + 1), describe(best[0], px_per_mm) if best else "no grasp")
+        column.caption(box, str(i + 1), describe_grasp(best[0], px_per_mm) if best else "no grasp")
 
 
-def _panel(figure: Any, picture: NDArray[np.uint8], shown: Window, box: Box) -> Panel:
+def _add_panel(figure: Any, picture: NDArray[np.uint8], shown: Window, box: Box) -> Panel:
     left, bottom, width, height = box
     axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
     return Panel(axes, picture, shown, (72.0 * width, 72.0 * height))
 
 
-def _beside(found: Planned) -> Floats:
+def _number_position(found: Planned) -> Floats:
     """Where an object's number hides nothing of its grasp: of its four outermost points the one farthest from it."""
     points = found.outline.outer.points
     ends = points[[points[:, 1].argmin(), points[:, 0].argmax(), points[:, 0].argmin(), points[:, 1].argmax()]]
@@ -188,5 +190,5 @@ def _beside(found: Planned) -> Floats:
     return np.asarray(ends[int(away.argmax())])
 
 
-def _shape(picture: NDArray[np.uint8]) -> tuple[int, int]:
+def _image_size(picture: NDArray[np.uint8]) -> tuple[int, int]:
     return picture.shape[0], picture.shape[1]

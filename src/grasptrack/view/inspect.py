@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.trackability.motions import slid
+from grasptrack.trackability.motions import sliding_displacement
 from grasptrack.typing import Floats
-from grasptrack.view.grasp_panel import DARK, LINE, Panel, muted
-from grasptrack.view.inspect_text import BAD, CLEAR, PEAK, WEAK, Sheet, legend
-from grasptrack.view.layout import quiet_corner, window
+from grasptrack.view.grasp_panel import DARK, LINE, Panel, mute_image
+from grasptrack.view.inspect_text import BAD, CLEAR, PEAK, WEAK, Sheet, draw_legend
+from grasptrack.view.layout import image_window, quiet_corner
 
 if TYPE_CHECKING:
     from grasptrack.trackability import Suitability
@@ -53,22 +53,22 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
 
     figure = Figure(figsize=(WIDTH, HEIGHT), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    picture = muted(image)
+    picture = mute_image(image)
     left, bottom, width, height = _MAIN
     seen = [found.view.points, *(v.outer.points for v in found.equals[:1])]
-    shown = window(seen, [], (picture.shape[0], picture.shape[1]), width / height, 0.16, 1.3)
+    shown = image_window(seen, [], (picture.shape[0], picture.shape[1]), width / height, 0.16, 1.3)
     axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
     panel = Panel(axes, picture, shown, (72.0 * width, 72.0 * height))
-    times = magnification(found, panel.px_per_point)
+    times = ellipse_magnification(found, panel.px_per_point)
     panel.neighbours(found.equals, 1.6)
-    _outline(panel, found)
-    _symmetry(panel, found)
-    _slides(panel, found)
+    _draw_outline(panel, found)
+    _draw_symmetry(panel, found)
+    _draw_slides(panel, found)
     if len(found.peaks):
         panel.axes.plot(*found.peaks.T, "D", color=PEAK, ms=8.0, mec=DARK, mew=1.2, zorder=4)
     if found.grasp is not None:
-        _grasp(panel, found.grasp, times)
-    legend(axes, found, times)
+        _draw_grasp(panel, found.grasp, times)
+    draw_legend(axes, found, times)
     sheet = Sheet(figure, (WIDTH, HEIGHT), _RIGHT)
     sheet.title(title, left)
     sheet.verdict(found)
@@ -79,7 +79,7 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
     partial.replace(path)
 
 
-def magnification(found: Suitability, px_per_point: float) -> float:
+def ellipse_magnification(found: Suitability, px_per_point: float) -> float:
     """How many times larger than they are ellipses of error are drawn: 1, 2 or 5 with as many zeros as make them seen."""
     if found.grasp is None:
         return 1.0
@@ -89,7 +89,7 @@ def magnification(found: Suitability, px_per_point: float) -> float:
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted)
 
 
-def _outline(panel: Panel, found: Suitability) -> None:
+def _draw_outline(panel: Panel, found: Suitability) -> None:
     """The outline, each part in the colour of its edge, on one dark casing."""
     from grasptrack.trackability.advice import FAINT
 
@@ -106,7 +106,7 @@ def _outline(panel: Panel, found: Suitability) -> None:
             panel.axes.plot(*points[start : end + 1].T, color=colour, lw=wide, solid_capstyle="butt", zorder=3)
 
 
-def _slides(panel: Panel, found: Suitability) -> None:
+def _draw_slides(panel: Panel, found: Suitability) -> None:
     """Arrows along the outline: the motion that its edges show least, where the tracker takes it as not seen."""
     from matplotlib.patheffects import withStroke
 
@@ -116,7 +116,7 @@ def _slides(panel: Panel, found: Suitability) -> None:
     at = np.linspace(0.0, outer.length, _ARROWS, endpoint=False)
     chosen = np.searchsorted(outer.arc_length[:-1], at).clip(0, len(outer) - 1)
     points = outer.points[chosen if outer.clipped is None else chosen[~outer.clipped[chosen]]]
-    moved = slid(found.motions, points)
+    moved = sliding_displacement(found.motions, points)
     longest = float(np.hypot(*moved.T).max())
     reach = min(max(0.16 * found.looks.size, 24.0 * panel.px_per_point), 60.0 * panel.px_per_point)
     inward = found.motions.frame.centre - points
@@ -129,7 +129,7 @@ def _slides(panel: Panel, found: Suitability) -> None:
         panel.axes.annotate("", point + 0.5 * way, xytext=point - 0.5 * way, arrowprops=arrow, zorder=5)
 
 
-def _symmetry(panel: Panel, found: Suitability) -> None:
+def _draw_symmetry(panel: Panel, found: Suitability) -> None:
     """A ring about the centre with a tick for each way in which the outline fits itself."""
     symmetry, frame = found.symmetry, found.motions.frame
     if not symmetry.every and not symmetry.turns:
@@ -163,7 +163,7 @@ def _free_place(panel: Panel, found: Suitability, radius: float) -> Floats:
     return np.array([x, bottom - 1.6 * radius if corner // 2 else top + 1.6 * radius])
 
 
-def _grasp(panel: Panel, grasp: Held, times: float) -> None:
+def _draw_grasp(panel: Panel, grasp: Held, times: float) -> None:
     """The line between the contacts, and round each the ellipse that holds it with 95 %, enlarged."""
     from matplotlib.patches import Ellipse
 

@@ -7,18 +7,18 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from grasptrack.trackability.motions import SLIDING
-from grasptrack.trackability.words import Row, expected, rows
+from grasptrack.trackability.words import Row, expected, report_rows
 from grasptrack.view.grasp_panel import LINE, NEIGHBOUR
 from grasptrack.view.grasp_text import INK, MUTED, RULE
-from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hexadecimal, text_width
+from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hex_colour, text_width
 
 if TYPE_CHECKING:
     from grasptrack.trackability import Suitability
     from grasptrack.trackability.motions import Motions
 
-CLEAR, WEAK, BAD = (hexadecimal(STATUS_RGB[s]) for s in ("tracked", "unstable", "lost"))
+CLEAR, WEAK, BAD = (hex_colour(STATUS_RGB[s]) for s in ("tracked", "unstable", "lost"))
 LEVEL = {"good": CLEAR, "fair": WEAK, "poor": BAD}
-PEAK = hexadecimal(STRATEGY_RGB["grasp-line"])
+PEAK = hex_colour(STRATEGY_RGB["grasp-line"])
 _REASONS = 3
 """Reasons that are written out."""
 
@@ -40,98 +40,100 @@ class Sheet:
     def title(self, name: str, left: float) -> None:
         """What the picture is of, above everything."""
         short = name if len(name) <= 60 else name[:28] + "…" + name[-28:]
-        self._write(left, self._size[1] - 0.42, short, 17.0, weight="bold")
+        self._write_text(left, self._size[1] - 0.42, short, 17.0, weight="bold")
 
     def verdict(self, found: Suitability) -> None:
         """The level on a coloured field, what a run will give, and what speaks against it with what would help."""
-        self._box(self._left, self._size[1] - 0.62, 1.2, 0.46, LEVEL[found.level])
-        self._write(
+        self._draw_box(self._left, self._size[1] - 0.62, 1.2, 0.46, LEVEL[found.level])
+        self._write_text(
             self._left + 0.6, self._size[1] - 0.46, found.level.upper(), 17.0, weight="bold", color="white", ha="center"
         )
         taken = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
-        self._write(self._left + 1.35, self._size[1] - 0.44, taken, 13.0, weight="bold")
+        self._write_text(self._left + 1.35, self._size[1] - 0.44, taken, 13.0, weight="bold")
         if told := expected(found):
-            self._lines(_sentence(f"expected: {told}"), 10.5)
+            self._write_lines(_as_sentence(f"expected: {told}"), 10.5)
         if not found.reasons:
-            self._lines("Nothing speaks against it.", 11.0)
+            self._write_lines("Nothing speaks against it.", 11.0)
         for reason in found.reasons[:_REASONS]:
             self._y -= 0.02
-            self._box(self._left, self._y - 0.21, 0.09, 0.15, WEAK)
-            self._lines(_sentence(reason.text), 11.0, indent=0.2)
+            self._draw_box(self._left, self._y - 0.21, 0.09, 0.15, WEAK)
+            self._write_lines(_as_sentence(reason.text), 11.0, indent=0.2)
             if reason.advice:
-                self._lines(f"Would help: {reason.advice}.", 10.5, indent=0.2, color=MUTED)
+                self._write_lines(f"Would help: {reason.advice}.", 10.5, indent=0.2, color=MUTED)
         if len(found.reasons) > _REASONS:
-            self._lines(f"and {len(found.reasons) - _REASONS} more in inspect.json", 10.5, indent=0.2, color=MUTED)
+            self._write_lines(
+                f"and {len(found.reasons) - _REASONS} more in inspect.json", 10.5, indent=0.2, color=MUTED
+            )
 
     def motions(self, motions: Motions) -> None:
         """A bar for each motion, as much of it as moves the edges, and whether it is told from the others."""
         self._y -= 0.36
-        self._write(self._left, self._y, "What moves the edges", 12.5, weight="bold")
-        self._write(self._left + self._width, self._y, "told from all others", 10.5, color=MUTED, ha="right")
+        self._write_text(self._left, self._y, "What moves the edges", 12.5, weight="bold")
+        self._write_text(self._left + self._width, self._y, "told from all others", 10.5, color=MUTED, ha="right")
         start, room = self._left + 1.15, self._width - 3.25
         top = self._y
         for motion in motions.motions:
             self._y -= 0.235
             seen = "homography" in motion.observed
-            self._write(self._left, self._y, motion.name, 10.5)
-            self._box(start, self._y - 0.02, room, 0.14, RULE)
-            self._box(start, self._y - 0.02, room * min(motion.shown, 1.0), 0.14, CLEAR if seen else BAD)
-            self._write(start + room + 0.12, self._y, f"{100.0 * motion.shown:.0f} %", 10.5)
+            self._write_text(self._left, self._y, motion.name, 10.5)
+            self._draw_box(start, self._y - 0.02, room, 0.14, RULE)
+            self._draw_box(start, self._y - 0.02, room * min(motion.shown, 1.0), 0.14, CLEAR if seen else BAD)
+            self._write_text(start + room + 0.12, self._y, f"{100.0 * motion.shown:.0f} %", 10.5)
             flat = "also under tilt" if seen else "only while flat" if "similarity" in motion.observed else "no"
-            self._write(self._left + self._width, self._y, flat, 10.5, color=INK if seen else BAD, ha="right")
+            self._write_text(self._left + self._width, self._y, flat, 10.5, color=INK if seen else BAD, ha="right")
         mark = start + room * SLIDING
-        self._box(mark, self._y - 0.05, 0.015, top - self._y - 0.05, INK)
+        self._draw_box(mark, self._y - 0.05, 0.015, top - self._y - 0.05, INK)
         self._y -= 0.03
 
     def table(self, found: Suitability) -> None:
         """The rows of the terminal's table, as far as they fit."""
         self._y -= 0.14
-        for row in rows(found):
+        for row in report_rows(found):
             if row.name == "motions":
                 continue
-            self._row(row)
+            self._write_row(row)
 
-    def _row(self, row: Row) -> None:
+    def _write_row(self, row: Row) -> None:
         start = self._left + 2.35
-        lines = _fitted(row.note, self._width - 2.35, 10.0) or [""]
+        lines = _wrap_to_width(row.note, self._width - 2.35, 10.0) or [""]
         if self._y - 0.2 * len(lines) < 0.1:
             return
         self._y -= 0.215
-        self._write(self._left, self._y, row.name, 10.5, color=MUTED)
+        self._write_text(self._left, self._y, row.name, 10.5, color=MUTED)
         colour = BAD if row.value in ("no", "none", "not fixed") and row.name not in ("symmetry",) else INK
-        self._write(self._left + 1.05, self._y, row.value, 10.5, weight="bold", color=colour)
+        self._write_text(self._left + 1.05, self._y, row.value, 10.5, weight="bold", color=colour)
         for i, line in enumerate(lines):
             self._y -= 0.17 * (i > 0)
-            self._write(start, self._y, line, 10.0)
+            self._write_text(start, self._y, line, 10.0)
 
-    def _lines(self, text: str, size: float, indent: float = 0.0, **more: Any) -> None:
-        for line in _fitted(text, self._width - indent, size):
+    def _write_lines(self, text: str, size: float, indent: float = 0.0, **more: Any) -> None:
+        for line in _wrap_to_width(text, self._width - indent, size):
             self._y -= 0.21
-            self._write(self._left + indent, self._y, line, size, **more)
+            self._write_text(self._left + indent, self._y, line, size, **more)
 
-    def _box(self, left: float, bottom: float, width: float, height: float, colour: str) -> None:
+    def _draw_box(self, left: float, bottom: float, width: float, height: float, colour: str) -> None:
         from matplotlib.patches import Rectangle
 
         wide, high = self._size
         place = (left / wide, bottom / high), width / wide, height / high
         self._figure.add_artist(Rectangle(*place, facecolor=colour, transform=self._figure.transFigure))
 
-    def _write(self, x: float, y: float, text: str, size: float, **more: Any) -> None:
+    def _write_text(self, x: float, y: float, text: str, size: float, **more: Any) -> None:
         style = {"color": INK, "va": "baseline", "parse_math": False, **more}
         self._figure.text(x / self._size[0], y / self._size[1], text, fontsize=size, **style)
 
 
-def _sentence(text: str) -> str:
+def _as_sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + "."
 
 
-def _fitted(text: str, room: float, size: float) -> list[str]:
+def _wrap_to_width(text: str, room: float, size: float) -> list[str]:
     """Lines of a text that are at most so many inches wide at a size in points."""
     whole = max(text_width(text, 100) / 7200.0 * size, 1e-6)
     return wrap(text, max(12, int(0.97 * len(text) * room / whole))) if text else []
 
 
-def legend(axes: Any, found: Suitability, times: float) -> None:
+def draw_legend(axes: Any, found: Suitability, times: float) -> None:
     """What is what, below the large panel."""
     from matplotlib.lines import Line2D
 

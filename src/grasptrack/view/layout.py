@@ -18,7 +18,7 @@ Box = tuple[float, float, float, float]
 """left, bottom, width and height in inches."""
 
 
-def window(
+def image_window(
     outlines: Sequence[Floats],
     fingers: Sequence[Floats],
     shape: tuple[int, int],
@@ -38,24 +38,24 @@ def window(
         room: share of the larger extent that is added on every side.
         most: show all that the frame can of an image that is at most so many times as wide and high as the window.
     """
-    low, high = _bounds(outlines)
+    low, high = _bounding_box(outlines)
     reach = _FARTHEST * float((high - low).max())
     if fingers:
-        first, last = _bounds(fingers)
+        first, last = _bounding_box(fingers)
         low, high = np.maximum(np.minimum(low, first), low - reach), np.minimum(np.maximum(high, last), high + reach)
     margin = room * float((high - low).max()) + 2.0
     limit = np.array([shape[1], shape[0]], dtype=np.float64)
     # Room is left beyond the image only where something is drawn there.
     low = np.where(low >= -0.5, np.maximum(low - margin, -0.5), low - margin)
     high = np.where(high <= limit - 0.5, np.minimum(high + margin, limit - 0.5), high + margin)
-    size = _framed(high - low, aspect)
+    size = _expand_to_aspect(high - low, aspect)
     if (limit <= most * size).all():
         filled = np.minimum(limit, [aspect * limit[1], limit[0] / aspect])
         if (filled >= high - low).all():
             size = filled  # as much of the image as fills the frame
         else:
             low, high = np.minimum(low, -0.5), np.maximum(high, limit - 0.5)
-            size = _framed(high - low, aspect)
+            size = _expand_to_aspect(high - low, aspect)
     # Moved into the image as far as that hides nothing, for what is outside of it says nothing.
     start = 0.5 * (low + high - size)
     start = np.where(size <= limit, np.minimum(np.maximum(start, -0.5), limit - 0.5 - size), start)
@@ -63,7 +63,7 @@ def window(
     return left, top, left + float(size[0]), top + float(size[1])
 
 
-def _framed(size: Floats, aspect: float) -> Floats:
+def _expand_to_aspect(size: Floats, aspect: float) -> Floats:
     """The least size of some proportions that holds another."""
     return np.maximum(size, [aspect * size[1], size[0] / aspect])
 
@@ -91,12 +91,12 @@ def _in_corners(frame: Window, share: float, points: Floats) -> list[int]:
     return [int(np.count_nonzero(inside & across[i % 2] & down[i // 2])) for i in range(4)]
 
 
-def _bounds(parts: Sequence[Floats]) -> tuple[Floats, Floats]:
+def _bounding_box(parts: Sequence[Floats]) -> tuple[Floats, Floats]:
     listed = np.vstack([p.reshape(-1, 2) for p in parts])
     return listed.min(axis=0), listed.max(axis=0)
 
 
-def grid(area: Box, count: int, aspect: float) -> list[Box]:
+def panel_grid(area: Box, count: int, aspect: float) -> list[Box]:
     """Places of small panels, row by row, in as many columns as make a subject of some proportions largest."""
 
     def cell(columns: int) -> tuple[float, float]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hexadecimal
+from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hex_colour
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
@@ -62,22 +62,22 @@ def write_pair(
     widths = [i.shape[1] / i.shape[0] for i in (image, current[0])]
     edges = {"left": 0.0, "right": 1.0, "bottom": 0.0, "top": 1.0, "wspace": 0.03}
     left, right = figure.subplots(1, 2, width_ratios=widths, gridspec_kw=edges)
-    _show(left, image, view, titles[0])
-    _show(right, *current, titles[1])
-    _draw_grasp(left, contacts, hexadecimal(_GRASP_RGB), "o", 8.0)
+    _show_view(left, image, view, titles[0])
+    _show_view(right, *current, titles[1])
+    _draw_grasp(left, contacts, hex_colour(_GRASP_RGB), "o", 8.0)
     for i, at in enumerate(contacts):
-        _number(left, i + 1, at, contacts.mean(axis=0))
+        _draw_number(left, i + 1, at, contacts.mean(axis=0))
     handles = []
     for name, found in transferred.items():
-        colour, (mark, size) = hexadecimal(_RGB[name]), _MARKS[name]
+        colour, (mark, size) = hex_colour(_RGB[name]), _MARKS[name]
         _draw_grasp(right, found, colour, mark, size)
         handles.append(Line2D([], [], color=colour, marker=mark, ms=min(size, 10.0), mec="white", lw=2, label=name))
     if transferred:
         best = next(iter(transferred.values()))
         for i, at in enumerate(best):
-            _number(right, i + 1, at, best.mean(axis=0))
+            _draw_number(right, i + 1, at, best.mean(axis=0))
     left.legend(
-        handles=[Line2D([], [], color=hexadecimal(_GRASP_RGB), marker="o", ms=8, mec="white", lw=2, label="the grasp")],
+        handles=[Line2D([], [], color=hex_colour(_GRASP_RGB), marker="o", ms=8, mec="white", lw=2, label="the grasp")],
         **_LEGEND,
     )
     for name, reason in refused.items():
@@ -86,7 +86,7 @@ def write_pair(
     figure.savefig(path, dpi=110, bbox_inches="tight", pad_inches=0.2)
 
 
-def _show(axes: Any, image: NDArray[Any], view: View, title: str) -> None:
+def _show_view(axes: Any, image: NDArray[Any], view: View, title: str) -> None:
     if image.ndim == 2:
         axes.imshow(image, cmap="gray", vmin=0, vmax=255)
     else:
@@ -109,7 +109,7 @@ def _draw_grasp(axes: Any, contacts: Floats, colour: str, mark: str, size: float
     axes.plot(contacts[:, 0], contacts[:, 1], mark, color=colour, ms=size, mec="white", mew=1.2, zorder=3)
 
 
-def _number(axes: Any, number: int, at: Floats, middle: Floats) -> None:
+def _draw_number(axes: Any, number: int, at: Floats, middle: Floats) -> None:
     away = (at - middle) / max(float(np.linalg.norm(at - middle)), 1e-9)
     axes.annotate(
         str(number),

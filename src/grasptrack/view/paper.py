@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.draw import as_bgr, disc, stroke
+from grasptrack.view.draw import as_bgr, draw_disc, draw_polyline
 from grasptrack.view.style import (
     CONE_RGB,
     INK_RGB,
@@ -22,8 +22,8 @@ from grasptrack.view.style import (
     STRATEGY_RGB,
     Colour,
     Picture,
-    bgr,
     put_text,
+    rgb_to_bgr,
     text_width,
 )
 
@@ -75,94 +75,94 @@ def draw_panels(panels: list[Panel], curve_title: str = "") -> Picture:
     columns = []
     for panel in panels:
         picture = as_bgr(panel.image)
-        _draw(picture, panel)
-        parts = [_bar(picture.shape[1], _TITLE), picture]
+        _draw_panel(picture, panel)
+        parts = [_blank_strip(picture.shape[1], _TITLE), picture]
         put_text(parts[0], panel.title, 10, 23, 16, INK_RGB)
         if panel.curve is not None:
-            parts.append(_plot(panel, picture.shape[1], top, curve_title))
+            parts.append(_plot_curve(panel, picture.shape[1], top, curve_title))
         columns.append(np.concatenate(parts))
     height = max(c.shape[0] for c in columns)
-    filled = [np.concatenate([c, _bar(c.shape[1], height - c.shape[0])]) for c in columns]
-    gap = _bar(_GAP, height)
+    filled = [np.concatenate([c, _blank_strip(c.shape[1], height - c.shape[0])]) for c in columns]
+    gap = _blank_strip(_GAP, height)
     spaced = [filled[0], *(part for c in filled[1:] for part in (gap, c))]
     return np.ascontiguousarray(np.concatenate(spaced, axis=1))
 
 
-def _draw(picture: Picture, panel: Panel) -> None:
+def _draw_panel(picture: Picture, panel: Panel) -> None:
     for width, colour in ((3.2, _DARK), (1.2, _WHITE)):
         for outline in panel.outlines:
-            stroke(picture, outline, colour, width, closed=True)
+            draw_polyline(picture, outline, colour, width, closed=True)
     if panel.dots is not None:
         for at in panel.dots:
-            disc(picture, at, 2.6, _DARK)
-            disc(picture, at, 1.8, STRATEGY_RGB["rrp"])
+            draw_disc(picture, at, 2.6, _DARK)
+            draw_disc(picture, at, 1.8, STRATEGY_RGB["rrp"])
     if panel.axis is not None:
         x, y, angle, half = panel.axis
         along = half * np.array([np.cos(angle), np.sin(angle)])
         centre = np.array([x, y])
         ends = np.array([centre - along, centre + along])
-        stroke(picture, ends, _DARK, 3.2)
-        stroke(picture, ends, CONE_RGB, 1.6)
-        disc(picture, centre, 5.0, _DARK)
-        disc(picture, centre, 3.6, CONE_RGB)
+        draw_polyline(picture, ends, _DARK, 3.2)
+        draw_polyline(picture, ends, CONE_RGB, 1.6)
+        draw_disc(picture, centre, 5.0, _DARK)
+        draw_disc(picture, centre, 3.6, CONE_RGB)
     if panel.contacts is not None:
         _draw_grasp(picture, panel.contacts)
     if panel.before is not None:
         for at in panel.before:
-            disc(picture, at, 10.5, _DARK, 4.0)
-            disc(picture, at, 10.5, REGION_RGB, 2.0)
+            draw_disc(picture, at, 10.5, _DARK, 4.0)
+            draw_disc(picture, at, 10.5, REGION_RGB, 2.0)
     if panel.truth is not None:
         for at in panel.truth:
             for way in ((5.0, 5.0), (5.0, -5.0)):
-                stroke(picture, np.array([at - way, at + way]), _DARK, 1.4)
+                draw_polyline(picture, np.array([at - way, at + way]), _DARK, 1.4)
     if panel.points is not None:
         centre = panel.points.mean(axis=0)
         for k, at in enumerate(panel.points):
             away = (at - centre) / max(float(np.linalg.norm(at - centre)), 1e-9)
-            disc(picture, at, 6.4, _DARK)
-            disc(picture, at, 4.6, STRATEGY_RGB["homography"])
-            _number(picture, k + 1, at + 19.0 * away)
+            draw_disc(picture, at, 6.4, _DARK)
+            draw_disc(picture, at, 4.6, STRATEGY_RGB["homography"])
+            _draw_number(picture, k + 1, at + 19.0 * away)
 
 
 def _draw_grasp(picture: Picture, contacts: Floats) -> None:
     if len(contacts) == 2:
         along = contacts[1] - contacts[0]
         line = np.array([contacts[0] - 0.35 * along, contacts[1] + 0.35 * along])
-        stroke(picture, line, _DARK, 3.6)
-        stroke(picture, line, _GRASP, 1.8)
+        draw_polyline(picture, line, _DARK, 3.6)
+        draw_polyline(picture, line, _GRASP, 1.8)
     for at in contacts:
-        disc(picture, at, 7.4, _DARK)
-        disc(picture, at, 6.2, _WHITE)
-        disc(picture, at, 4.6, _GRASP)
+        draw_disc(picture, at, 7.4, _DARK)
+        draw_disc(picture, at, 6.2, _WHITE)
+        draw_disc(picture, at, 4.6, _GRASP)
 
 
-def _plot(panel: Panel, width: int, top: float, title: str) -> Picture:
+def _plot_curve(panel: Panel, width: int, top: float, title: str) -> Picture:
     """A panel's curve, its marked samples numbered."""
     assert panel.curve is not None
-    plot = _bar(width, _PLOT)
+    plot = _blank_strip(width, _PLOT)
     left, right, up, down = 12.0, width - 12.0, 34.0, _PLOT - 12.0
     values = np.nan_to_num(np.append(panel.curve, panel.curve[0]))
     x = left + (right - left) * np.arange(len(values)) / (len(values) - 1)
     y = 0.5 * (up + down) - values / top * 0.5 * (down - up)
-    stroke(plot, np.array([[left, 0.5 * (up + down)], [right, 0.5 * (up + down)]]), RULE_RGB, 1.0)
-    stroke(plot, np.column_stack([x, y]), INK_RGB, 1.2)
+    draw_polyline(plot, np.array([[left, 0.5 * (up + down)], [right, 0.5 * (up + down)]]), RULE_RGB, 1.0)
+    draw_polyline(plot, np.column_stack([x, y]), INK_RGB, 1.2)
     for k, i in enumerate(panel.marks):
         at = np.array([x[i], y[i]])
-        disc(plot, at, 5.0, STRATEGY_RGB["homography"])
-        _number(plot, k + 1, at + np.array([14.0 if at[0] < right - 24.0 else -14.0, 4.0]))
+        draw_disc(plot, at, 5.0, STRATEGY_RGB["homography"])
+        _draw_number(plot, k + 1, at + np.array([14.0 if at[0] < right - 24.0 else -14.0, 4.0]))
     put_text(plot, title, 10, 22, 13, MUTED_RGB)
     return plot
 
 
-def _number(picture: Picture, number: int, at: Floats) -> None:
+def _draw_number(picture: Picture, number: int, at: Floats) -> None:
     room = np.array([picture.shape[1] - 10.0, picture.shape[0] - 10.0])
     at = np.minimum(np.maximum(at, 9.0), room)
-    disc(picture, at, 8.5, _DARK)
+    draw_disc(picture, at, 8.5, _DARK)
     text = str(number)
     put_text(
         picture, text, round(at[0] - text_width(text, 12, bold=True) / 2), round(at[1] + 4.5), 12, _WHITE, bold=True
     )
 
 
-def _bar(width: int, height: int) -> Picture:
-    return np.full((height, width, 3), bgr(PANEL_RGB), np.uint8)
+def _blank_strip(width: int, height: int) -> Picture:
+    return np.full((height, width, 3), rgb_to_bgr(PANEL_RGB), np.uint8)

@@ -18,9 +18,9 @@ from grasptrack.view.style import (
     STATUS_RGB,
     Colour,
     Picture,
-    bgr,
-    ellipsised,
+    ellipsise_text,
     put_text,
+    rgb_to_bgr,
     text_width,
 )
 
@@ -36,26 +36,26 @@ def add_strip(canvas: Picture, result: TrackResult, number: int) -> Picture:
     em = max(11, min(round(width / 640 * 14), 40))
     height = 2 * round(2.05 * em)
     strip = np.empty((height, width, 3), np.uint8)
-    strip[:] = bgr(PANEL_RGB)
+    strip[:] = rgb_to_bgr(PANEL_RGB)
     colour = STATUS_RGB[result.status]
-    strip[: max(2, round(0.2 * em))] = bgr(colour)
+    strip[: max(2, round(0.2 * em))] = rgb_to_bgr(colour)
     pad = round(0.75 * em)
     first, second = round(1.72 * em), round(3.3 * em)
 
     small = max(10, round(0.86 * em))
-    left = _chip(strip, result.status, pad, first, em, colour) + pad
+    left = _draw_status_chip(strip, result.status, pad, first, em, colour) + pad
     stable = SENTENCES[result.notice] if result.notice else "stable"
     reason = " ".join(result.reason.split()) or (f"grasp located, {stable}" if result.status == "tracked" else "")
     size = em if text_width(reason, em) <= width - pad - left else small
     ink = MUTED_RGB if result.status == "tracked" else INK_RGB
-    put_text(strip, ellipsised(reason, width - pad - left, size), left, first, size, ink)
+    put_text(strip, ellipsise_text(reason, width - pad - left, size), left, first, size, ink)
 
-    room = _confidence(strip, result.confidence, pad, second, small, colour)
-    _figures(strip, result, number, pad, room, second, small)
+    room = _draw_confidence(strip, result.confidence, pad, second, small, colour)
+    _draw_figures(strip, result, number, pad, room, second, small)
     return np.vstack([canvas, strip])
 
 
-def _chip(strip: Picture, status: str, x: int, baseline: int, em: int, colour: Colour) -> int:
+def _draw_status_chip(strip: Picture, status: str, x: int, baseline: int, em: int, colour: Colour) -> int:
     """The status on a rounded plate; returns where the plate ends."""
     text = status.upper()
     size = max(10, round(0.86 * em))
@@ -63,13 +63,13 @@ def _chip(strip: Picture, status: str, x: int, baseline: int, em: int, colour: C
     top, bottom = baseline - round(1.08 * em), baseline + round(0.42 * em)
     radius = (bottom - top) // 2
     for cx in (x + radius, x + wide - radius):
-        cv2.circle(strip, (cx, top + radius), radius, bgr(colour), -1, cv2.LINE_AA)
-    cv2.rectangle(strip, (x + radius, top), (x + wide - radius, top + 2 * radius), bgr(colour), -1)
+        cv2.circle(strip, (cx, top + radius), radius, rgb_to_bgr(colour), -1, cv2.LINE_AA)
+    cv2.rectangle(strip, (x + radius, top), (x + wide - radius, top + 2 * radius), rgb_to_bgr(colour), -1)
     put_text(strip, text, x + round(0.6 * em), baseline, size, _CHIP_INK, bold=True)
     return x + wide
 
 
-def _confidence(strip: Picture, confidence: float, pad: int, baseline: int, size: int, colour: Colour) -> int:
+def _draw_confidence(strip: Picture, confidence: float, pad: int, baseline: int, size: int, colour: Colour) -> int:
     """The confidence as a bar and a number, flush right; returns where they begin."""
     gap = round(0.6 * size)
     bar = round(0.16 * strip.shape[1])
@@ -77,16 +77,18 @@ def _confidence(strip: Picture, confidence: float, pad: int, baseline: int, size
     put_text(strip, f"{confidence:.2f}", x, baseline, size, INK_RGB, bold=True)
     x -= bar + gap
     top, bottom = baseline - round(0.62 * size), baseline - round(0.1 * size)
-    cv2.rectangle(strip, (x, top), (x + bar, bottom), bgr(RULE_RGB), -1)
+    cv2.rectangle(strip, (x, top), (x + bar, bottom), rgb_to_bgr(RULE_RGB), -1)
     full = round(bar * min(max(confidence, 0.0), 1.0))
     if full > 0:
-        cv2.rectangle(strip, (x, top), (x + full, bottom), bgr(colour), -1)
+        cv2.rectangle(strip, (x, top), (x + full, bottom), rgb_to_bgr(colour), -1)
     x -= text_width("confidence", size) + gap
     put_text(strip, "confidence", x, baseline, size, MUTED_RGB)
     return x
 
 
-def _figures(strip: Picture, result: TrackResult, number: int, pad: int, room: int, baseline: int, size: int) -> None:
+def _draw_figures(
+    strip: Picture, result: TrackResult, number: int, pad: int, room: int, baseline: int, size: int
+) -> None:
     """Frame, strategy, margin, chance of closing, time and latency from the left, as far as there is room."""
     entries = [("frame", str(number))]
     if result.strategy:

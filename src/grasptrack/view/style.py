@@ -37,19 +37,19 @@ PANEL_RGB: Colour = (22, 26, 33)
 RULE_RGB: Colour = (58, 65, 76)
 
 
-def bgr(colour: Colour) -> Colour:
+def rgb_to_bgr(colour: Colour) -> Colour:
     """A colour as OpenCV wants it."""
     return colour[2], colour[1], colour[0]
 
 
-def hexadecimal(colour: Colour) -> str:
+def hex_colour(colour: Colour) -> str:
     """A colour as matplotlib wants it."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def text_width(text: str, size: int, bold: bool = False) -> int:
     """Width in px of a line of text of a given size in px."""
-    return int(_rendered(text, size, bold)[0].shape[1])
+    return int(_render_text(text, size, bold)[0].shape[1])
 
 
 def put_text(picture: Picture, text: str, x: int, baseline: int, size: int, colour: Colour, bold: bool = False) -> None:
@@ -59,12 +59,12 @@ def put_text(picture: Picture, text: str, x: int, baseline: int, size: int, colo
     """
     if not text:
         return
-    alpha, descent = _rendered(text, size, bold)
+    alpha, descent = _render_text(text, size, bold)
     top = baseline + descent - alpha.shape[0]
-    blend(picture, alpha, x, top, colour)
+    blend_colour(picture, alpha, x, top, colour)
 
 
-def ellipsised(text: str, room: int, size: int, bold: bool = False) -> str:
+def ellipsise_text(text: str, room: int, size: int, bold: bool = False) -> str:
     """The text, cut with an ellipsis where it is wider than `room` px; empty where nothing of it fits."""
     if text_width(text, size, bold) <= room:
         return text
@@ -78,7 +78,7 @@ def ellipsised(text: str, room: int, size: int, bold: bool = False) -> str:
     return text[:low].rstrip() + "…" if low else ""
 
 
-def blend(picture: Picture, alpha: NDArray[np.uint8], x: int, y: int, colour: Colour) -> None:
+def blend_colour(picture: Picture, alpha: NDArray[np.uint8], x: int, y: int, colour: Colour) -> None:
     """Lay a colour (RGB) over a BGR picture, in place, through a mask (h, w) whose top-left pixel goes to (x, y)."""
     height, width = picture.shape[:2]
     x0, y0, x1, y1 = max(x, 0), max(y, 0), min(x + alpha.shape[1], width), min(y + alpha.shape[0], height)
@@ -86,11 +86,11 @@ def blend(picture: Picture, alpha: NDArray[np.uint8], x: int, y: int, colour: Co
         return
     part = alpha[y0 - y : y1 - y, x0 - x : x1 - x, None].astype(np.uint16)
     under = picture[y0:y1, x0:x1]
-    under[:] = (under * (255 - part) + np.array(bgr(colour), np.uint16) * part + 127) // 255
+    under[:] = (under * (255 - part) + np.array(rgb_to_bgr(colour), np.uint16) * part + 127) // 255
 
 
 @lru_cache(maxsize=2)
-def _font(bold: bool) -> Any:
+def _load_font(bold: bool) -> Any:
     import matplotlib
     from matplotlib.ft2font import FT2Font
 
@@ -99,9 +99,9 @@ def _font(bold: bool) -> Any:
 
 
 @lru_cache(maxsize=512)
-def _rendered(text: str, size: int, bold: bool) -> tuple[NDArray[np.uint8], int]:
+def _render_text(text: str, size: int, bold: bool) -> tuple[NDArray[np.uint8], int]:
     """Coverage (h, w) of a line of text, 0 to 255, and how many of its rows lie below the baseline."""
-    font = _font(bold)
+    font = _load_font(bold)
     font.set_size(float(size), 72.0)
     font.set_text(text, 0.0)
     font.draw_glyphs_to_bitmap(antialiased=True)

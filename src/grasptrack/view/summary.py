@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.view.style import STATUS_RGB, Picture, hexadecimal
+from grasptrack.view.style import STATUS_RGB, Picture, hex_colour
 
 if TYPE_CHECKING:
     from grasptrack.io.tally import RunSummary
@@ -76,7 +76,7 @@ class Curves:
         self.low = {name: np.full(self.bins, np.nan) for name in _NAMES}
         self.high = {name: np.full(self.bins, np.nan) for name in _NAMES}
         votes = np.zeros((self.bins, len(_ORDER)), dtype=np.int64)
-        for row, cells in enumerate(_rows(path)):
+        for row, cells in enumerate(_read_rows(path)):
             if row >= frames:
                 break
             place = row * self.bins // frames
@@ -102,7 +102,7 @@ class Curves:
             yield _ORDER[int(self.status[start])], start * step - 0.5, stop * step - 0.5
 
 
-def _rows(path: Path) -> Iterator[dict[str, str]]:
+def _read_rows(path: Path) -> Iterator[dict[str, str]]:
     with path.open(newline="", encoding="utf-8") as file:
         yield from csv.DictReader(file)
 
@@ -131,14 +131,16 @@ def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary,
     FigureCanvasAgg(figure)
     parts: Any = figure.subfigures(2, 1, height_ratios=[tall, 5.0])
     top, bottom = parts
-    top.suptitle(f"{title}: {_headline(summary)}", x=0.012, ha="left", fontsize=13, color=_INK, fontweight="bold")
+    top.suptitle(
+        f"{title}: {_summary_headline(summary)}", x=0.012, ha="left", fontsize=13, color=_INK, fontweight="bold"
+    )
     if pictures:
         _show_pictures(top, pictures, down, across)
     _show_curves(bottom, curves, summary)
     figure.savefig(path, dpi=110)
 
 
-def _headline(summary: RunSummary) -> str:
+def _summary_headline(summary: RunSummary) -> str:
     parts = [f"{summary.counts[s]} {s}" for s in _ORDER if summary.counts.get(s)]
     return f"{summary.frames} frames, " + ", ".join(parts)
 
@@ -163,7 +165,7 @@ def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
     alone = ".-" if curves.bins <= 60 else "-"
     for axes, (name, label) in zip(panels, _CURVES, strict=True):
         for status, start, stop in curves.spans():
-            axes.axvspan(start, stop, color=hexadecimal(STATUS_RGB[status]), alpha=_shade(status), lw=0)
+            axes.axvspan(start, stop, color=hex_colour(STATUS_RGB[status]), alpha=_status_alpha(status), lw=0)
         for curve, colour in ((name, _LINE), *([(_SECOND, _OTHER)] if name == "confidence" else [])):
             low, high = curves.low[curve], curves.high[curve]
             if curves.bins < curves.frames:
@@ -188,7 +190,11 @@ def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
     latency.set_xlim(-0.5, max(curves.frames - 0.5, 0.5))
     latency.xaxis.set_major_locator(MaxNLocator(integer=True))
     marks = [
-        Patch(facecolor=hexadecimal(STATUS_RGB[s]), alpha=_shade(s) + 0.25, label=f"{s} ({summary.counts.get(s, 0)})")
+        Patch(
+            facecolor=hex_colour(STATUS_RGB[s]),
+            alpha=_status_alpha(s) + 0.25,
+            label=f"{s} ({summary.counts.get(s, 0)})",
+        )
         for s in _ORDER
     ]
     margin.legend(handles=marks, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=10)
@@ -210,6 +216,6 @@ def _latency_axis(axes: Any, curves: Curves, summary: RunSummary) -> None:
     axes.set_title(text, loc="right", fontsize=9, color=_INK, pad=3)
 
 
-def _shade(status: str) -> float:
+def _status_alpha(status: str) -> float:
     """Denser the worse, so that the order survives a black-and-white print."""
     return {"tracked": 0.16, "unstable": 0.38, "lost": 0.55, "searching": 0.30}[status]

@@ -7,8 +7,8 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from grasptrack.bench.physics.engine import engine
-from grasptrack.bench.physics.gripper import gripper
+from grasptrack.bench.physics.engine import import_mujoco
+from grasptrack.bench.physics.gripper import make_gripper
 from grasptrack.bench.physics.setting import ARMS, SCENARIOS, Arm, Scenario
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
@@ -19,7 +19,7 @@ LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
 IMAGES = ("auto", "mujoco", "planar")
 
 
-def check(*, scenario: str, arm: str, law: str, images: str, fingers: int = 2) -> None:
+def check_options(*, scenario: str, arm: str, law: str, images: str, fingers: int = 2) -> None:
     """See that names are known and MuJoCo is there.
 
     Raises:
@@ -33,8 +33,8 @@ def check(*, scenario: str, arm: str, law: str, images: str, fingers: int = 2) -
     ):
         if value not in known:
             raise InputError(f'{option} is one of {", ".join(known)}, not "{value}"', option=option, value=value)
-    gripper(fingers)
-    engine()
+    make_gripper(fingers)
+    import_mujoco()
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ def closing_grasps(view: View, fingers: int, hand: Hand) -> tuple[list[Grasp], s
 
 def turn_between(contacts: Floats, tips: Floats) -> float:
     """rad, the least turn from fingertips to contacts, both evenly round their middles, where fingers can change places."""
-    (ax, ay), (bx, by) = contacts[-1] - _from(contacts), tips[-1] - _from(tips)
+    (ax, ay), (bx, by) = contacts[-1] - _direction_origin(contacts), tips[-1] - _direction_origin(tips)
     angle, half = math.atan2(ay, ax) - math.atan2(by, bx), math.pi / len(tips)
     return abs((angle + half) % (2.0 * half) - half)
 
@@ -119,15 +119,15 @@ def width_in_m(contacts: Floats, tips: Floats, opening: float) -> float:
         tips: (k, 2) px of the fingertips.
         opening: m of the hand as the tips are seen: their distance, of three twice that from their middle.
     """
-    return float(opening * _across(contacts) / _across(tips))
+    return float(opening * _contact_span(contacts) / _contact_span(tips))
 
 
-def _from(points: Floats) -> Floats:
+def _direction_origin(points: Floats) -> Floats:
     """Where the direction to the last point counts from: the other one, or the middle of three."""
     return points[0] if len(points) == 2 else np.asarray(points.mean(axis=0))
 
 
-def _across(points: Floats) -> float:
+def _contact_span(points: Floats) -> float:
     """The distance of two points; of three twice the mean one from their middle."""
     if len(points) == 2:
         return float(np.hypot(*(points[1] - points[0])))

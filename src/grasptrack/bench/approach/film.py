@@ -14,7 +14,7 @@ from grasptrack.bench.approach.pictures import side_by_side
 from grasptrack.bench.approach.trial import Step, run_trial
 from grasptrack.bench.physics import World
 from grasptrack.bench.physics.world import PERIOD_S
-from grasptrack.io.results import versions, write_json
+from grasptrack.io.results import software_versions, write_json
 from grasptrack.io.run import prepare_folder
 from grasptrack.io.video import VideoWriter
 from grasptrack.typing import Floats
@@ -86,10 +86,10 @@ def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, An
     blind = [state in ("holding", "searching") for state in record.states]
     title = f"{row.shape}, {row.scenario}, {row.law}: {row.outcome}. {row.reason}"[:110]
     plot_approach(record.time, record.errors, record.error_px, record.twists, blind, title, output / PLOTS)
-    told = {name: _plain(value) for name, value in row.values().items()}
-    write_json(output / VERDICT, {"options": options, "versions": versions(), "verdict": told})
+    told = {name: _finite_or_none(value) for name, value in row.values().items()}
+    write_json(output / VERDICT, {"options": options, "versions": software_versions(), "verdict": told})
     return row
 
 
-def _plain(value: Any) -> Any:
+def _finite_or_none(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value

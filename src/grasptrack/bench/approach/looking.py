@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from grasptrack.bench.approach.choosing import first_look
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.hand import Hand
-from grasptrack.matching import Sampled, match
+from grasptrack.matching import Sampled, match_outlines
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
@@ -92,5 +92,5 @@ class Looking:
 
     def _is_the_part(self, view: View) -> bool:
         """Whether an outline is that of the first look, from anywhere."""
-        ways = match(self._outline, Sampled(view), thorough=False)
+        ways = match_outlines(self._outline, Sampled(view), thorough=False)
         return bool(ways) and ways[0].share >= LIES_ON and ways[0].misfit <= MISFIT * ways[0].size

@@ -17,9 +17,9 @@ from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.hand import Hand
-from grasptrack.grasp.synthesis.candidates import Candidates, candidates
-from grasptrack.grasp.synthesis.limits import Limits, refuse
-from grasptrack.grasp.synthesis.search import alike, far_enough
+from grasptrack.grasp.synthesis.candidates import Candidates, sample_candidates
+from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
+from grasptrack.grasp.synthesis.search import duplicate_radius, far_enough
 from grasptrack.grasp.synthesis.terms import Stable
 from grasptrack.typing import Floats, Ints
 
@@ -51,7 +51,7 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Radia
     """
     area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
-    at = candidates(view, area, np.array([cx, cy]), px.finger_width)
+    at = sample_candidates(view, area, np.array([cx, cy]), px.finger_width)
     index = even_triples(at, friction, even * px.finger_width, 0.5 * px.max_opening)
     if not len(index):
         return Radial([], f"no three contacts at equal angles and distances close with friction {friction:g}")
@@ -61,7 +61,7 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Radia
     closure = np.array([kernels.force_closure(at.contacts[i], at.normals[i], cx, cy, rho, friction)[0] for i in index])
     index, closure = index[closure > 0.0], closure[closure > 0.0]
     found = Stable(at, index, np.ones(len(index)), closure, friction)
-    left, refused = refuse(found, at, view, px, (), Limits())
+    left, refused = reject_infeasible(found, at, view, px, (), Limits())
     if not len(left):
         return Radial([], f"no three contacts for this hand: {next(iter(refused), 'none closes')}")
     chosen, quality, _ = kernels.rank_grasps(
@@ -78,7 +78,7 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Radia
         cy,
         rho,
         far_enough(at.size, px.finger_width),
-        alike(at.size, px.finger_width),
+        duplicate_radius(at.size, px.finger_width),
         TOP,
     )
     contacts = found.contacts[left[chosen]]
@@ -99,7 +99,7 @@ def even_triples(at: Candidates, friction: float, even: float, reach: float) -> 
     if not len(usable):
         return np.zeros((0, 3), dtype=np.int64)
     cone = math.cos(math.atan(friction))
-    near, corner, cell = _nearest(p, even)
+    near, corner, cell = _nearest_point_map(p, even)
     found = []
     for i in range(len(usable)):
         # i, then j a third of a turn further, from x toward y: the middle lies to the left of the way from i to j
@@ -128,7 +128,7 @@ def even_triples(at: Candidates, friction: float, even: float, reach: float) -> 
     return np.asarray(usable[triples], dtype=np.int64)
 
 
-def _nearest(points: Floats, within: float) -> tuple[Ints, Floats, float]:
+def _nearest_point_map(points: Floats, within: float) -> tuple[Ints, Floats, float]:
     """A map of which point is nearest, -1 where none is within reach; the place of its first cell, and a cell's side in px."""
     cell, steps = within / 4.0, 5
     corner = points.min(axis=0) - (steps + 1) * cell

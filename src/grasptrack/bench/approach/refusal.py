@@ -35,7 +35,7 @@ def pairs_that_close(shape: Shape, size: float, friction: float = FRICTION) -> i
         friction: Coulomb coefficient.
     """
     rings = [ring * size for ring in shape.polygons]
-    points, normals, rough = pads(rings)
+    points, normals, rough = sample_pad_contacts(rings)
     ok = rough <= ROUGH
     points, normals = points[ok], normals[ok]
     across = points[None] - points[:, None]
@@ -47,21 +47,22 @@ def pairs_that_close(shape: Shape, size: float, friction: float = FRICTION) -> i
     back = -np.einsum("nmi,mi->nm", way, normals)
     close = (into > cone) & (back > cone) & (length <= MAX_OPENING - 2.0 * SIDEWAYS) & (length > 0.0)
     first, second = np.nonzero(np.triu(close, 1))
-    material, corner = picture(rings)
+    material, corner = rasterize_material(rings)
     return sum(
-        room(material, corner, points[i], -way[i, j]) and room(material, corner, points[j], way[i, j])
+        has_finger_clearance(material, corner, points[i], -way[i, j])
+        and has_finger_clearance(material, corner, points[j], way[i, j])
         for i, j in zip(first.tolist(), second.tolist(), strict=True)
     )
 
 
-def pads(rings: list[Floats]) -> tuple[Floats, Floats, Floats]:
+def sample_pad_contacts(rings: list[Floats]) -> tuple[Floats, Floats, Floats]:
     """Points (n, 2), normals into the material (n, 2), and roughness (n,) of the outline within a pad's width."""
     lengths = [float(np.hypot(*(np.roll(r, -1, axis=0) - r).T).sum()) for r in rings]
     step = sum(lengths) / POINTS
     found = []
     for ring, length in zip(rings, lengths, strict=True):
         count = max(16, round(4.0 * length / step))
-        dense = _even(ring, count)
+        dense = _resample_evenly(ring, count)
         half = max(1, round(0.5 * PAD_WIDTH / (length / count)))
         window = dense[(np.arange(0, count, 4)[:, None] + np.arange(-half, half + 1)[None]) % count]
         flat = window - window.mean(axis=1, keepdims=True)
@@ -75,14 +76,14 @@ def pads(rings: list[Floats]) -> tuple[Floats, Floats, Floats]:
     return tuple(np.concatenate(each) for each in zip(*found, strict=True))  # type: ignore[return-value]
 
 
-def _even(ring: Floats, count: int) -> Floats:
+def _resample_evenly(ring: Floats, count: int) -> Floats:
     closed = np.vstack([ring, ring[:1]])
     run = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     at = np.arange(count) * run[-1] / count
     return np.column_stack([np.interp(at, run, closed[:, i]) for i in (0, 1)])
 
 
-def picture(rings: list[Floats]) -> tuple[NDArray[np.bool_], Floats]:
+def rasterize_material(rings: list[Floats]) -> tuple[NDArray[np.bool_], Floats]:
     """The material, pixel by pixel, and where its first pixel lies in m."""
     low = rings[0].min(axis=0) - 0.03
     size = np.ceil((rings[0].max(axis=0) + 0.03 - low) / FINE).astype(int)
@@ -91,7 +92,7 @@ def picture(rings: list[Floats]) -> tuple[NDArray[np.bool_], Floats]:
     return drawn > 0, low
 
 
-def room(material: NDArray[np.bool_], corner: Floats, contact: Floats, outward: Floats) -> bool:
+def has_finger_clearance(material: NDArray[np.bool_], corner: Floats, contact: Floats, outward: Floats) -> bool:
     """Whether a finger fits beside a contact, from its pad's face, less what a pad may overlap, to behind its clearance."""
     across = np.array([-outward[1], outward[0]])
     deep = np.arange(RIDGE * PAD_WIDTH, PAD_THICKNESS + SIDEWAYS, 2.0 * FINE)

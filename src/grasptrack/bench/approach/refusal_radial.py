@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from grasptrack.bench.approach.choosing import EVEN, FRICTION, SIDEWAYS
-from grasptrack.bench.approach.refusal import ROUGH, pads, picture, room
+from grasptrack.bench.approach.refusal import ROUGH, has_finger_clearance, rasterize_material, sample_pad_contacts
 from grasptrack.bench.physics.gripper import MAX_OPENING, PAD_WIDTH
 from grasptrack.bench.simulation.outlines import Shape
 
@@ -26,12 +26,12 @@ def triples_that_close(shape: Shape, size: float, friction: float = FRICTION) ->
         friction: Coulomb coefficient.
     """
     rings = [ring * size for ring in shape.polygons]
-    points, normals, rough = pads(rings)
+    points, normals, rough = sample_pad_contacts(rings)
     ok = rough <= ROUGH
     p, n = points[ok] @ np.array([1.0, 1.0j]), normals[ok] @ np.array([1.0, 1.0j])
     cone, turn = math.cos(math.atan(friction)), complex(math.cos(THIRD), math.sin(THIRD))
     least, most = PAD_WIDTH / math.sqrt(3.0) / 2.0, 0.5 * MAX_OPENING - SIDEWAYS
-    material, corner = picture(rings)
+    material, corner = rasterize_material(rings)
     found = set()
     for i in range(len(p)):
         # the next contact is this one, turned about the middle: p_j - c = turn (p_i - c)
@@ -50,7 +50,7 @@ def triples_that_close(shape: Shape, size: float, friction: float = FRICTION) ->
                 continue
             outward = [(p[q] - centre) / abs(p[q] - centre) for q in key]
             if all(
-                room(material, corner, np.array([p[q].real, p[q].imag]), np.array([w.real, w.imag]))
+                has_finger_clearance(material, corner, np.array([p[q].real, p[q].imag]), np.array([w.real, w.imag]))
                 for q, w in zip(key, outward, strict=True)
             ):
                 found.add(key)

@@ -17,12 +17,12 @@ from grasptrack.bench.approach.choosing import closing_grasps, first_look, hand_
 from grasptrack.bench.approach.looking import Looking
 from grasptrack.bench.approach.refusal import pairs_that_close
 from grasptrack.bench.approach.refusal_radial import triples_that_close
-from grasptrack.bench.approach.truth import on_part, tell
+from grasptrack.bench.approach.truth import on_part, record_closing_errors
 from grasptrack.bench.physics import World
-from grasptrack.bench.physics.gripper import Gripper, gripper
+from grasptrack.bench.physics.gripper import Gripper, make_gripper
 from grasptrack.bench.physics.setting import Setting
 from grasptrack.bench.simulation.outlines import Shape
-from grasptrack.bench.simulation.render import finer
+from grasptrack.bench.simulation.render import subdivide_polygon
 from grasptrack.errors import GraspTrackError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.servo import Command, Goal, GraspServo, NominalCamera
@@ -113,11 +113,11 @@ def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
         arm=case.arm,
         fingers=case.fingers,
         images=case.images,
-        axis=_axis(case.shape, gripper(case.fingers)),
+        axis=_grasp_axis_angle(case.shape, make_gripper(case.fingers)),
     )
     run = _Run(world, case, row, watch)
     try:
-        _approach(run)
+        _run_approach(run)
     except GraspTrackError as error:
         row.outcome, row.reason = "failed", f"{type(error).__name__}: {' '.join(str(error).split())}"
     if row.outcome == "failed" and world.short_s > SHORT_S:
@@ -131,12 +131,12 @@ def run_trial(case: Case, watch: Watch | None = None) -> tuple[Row, bytes]:
         row.look_ms = float(np.median(run.look_ms))
     if row.outcome == "lifted" or not case.pictures:
         return row, b""
-    from grasptrack.bench.approach.pictures import ending
+    from grasptrack.bench.approach.pictures import render_final_png
 
-    return row, ending(world, run.step, row, run.seen, run.missed)
+    return row, render_final_png(world, run.step, row, run.seen, run.missed)
 
 
-def _approach(run: _Run) -> None:
+def _run_approach(run: _Run) -> None:
     world, row = run.world, run.row
     tips, opening = world.fingertips()
     ignore = world.ignore()
@@ -158,14 +158,14 @@ def _approach(run: _Run) -> None:
         closing = pairs_that_close if run.case.fingers == 2 else triples_that_close
         row.confirmed = closing(run.case.shape, world.setting.part.size) == 0 if refused else None
         return
-    _start(run, result.contacts, tips)
+    _record_start_state(run, result.contacts, tips)
     assert result.view is not None  # contacts lie on an outline
     looking = Looking(tracker, result.view, ignore, hand, tips, run.case.risk)
     apart = float(np.linalg.norm(np.diff(world.hand.tips(opening)[:2], axis=0)))
     goal = Goal.fingertips(tips, apart, beyond_m=-ABOVE)
-    servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal(run.case.law))
+    servo = GraspServo(goal, 6 if world.arm == "arm" else 4, law=run.case.law, camera=_nominal_camera(run.case.law))
     twist = np.zeros(6)
-    _meanwhile(run, looking, twist)
+    _process_buffered_frames(run, looking, twist)
     world.move(twist)
     while not servo.over:
         image = world.image()
@@ -178,7 +178,7 @@ def _approach(run: _Run) -> None:
                 row.again = looking.again
                 assert result.contacts is not None  # they were chosen in this image
                 run.truth = on_part(world, result.contacts)
-            image, result = _meanwhile(run, looking, twist)
+            image, result = _process_buffered_frames(run, looking, twist)
         decided = clock.perf_counter()
         command = servo.update(result, time=world.time(), pose=world.pose())
         ended = clock.perf_counter()
@@ -192,7 +192,7 @@ def _approach(run: _Run) -> None:
             row.time_s, row.error_px = world.time(), command.error_px
             row.believed = bool(result.status == "tracked" and result.contacts is not None)
             if run.truth is not None and result.contacts is not None:
-                tell(row, world, run.truth, result.contacts)
+                record_closing_errors(row, world, run.truth, result.contacts)
         world.move(twist)
         if command.close:
             width = width_in_m(result.contacts, tips, opening) if result.contacts is not None else None
@@ -211,7 +211,7 @@ def _approach(run: _Run) -> None:
         row.reason = world.failure
 
 
-def _meanwhile(run: _Run, looking: Looking, twist: Floats) -> tuple[NDArray[np.uint8], TrackResult]:
+def _process_buffered_frames(run: _Run, looking: Looking, twist: Floats) -> tuple[NDArray[np.uint8], TrackResult]:
     """What has become of it while the whole image was looked at: the last image since, and what is seen there."""
     came = []
     for _ in range(LOOK_PERIODS):
@@ -223,7 +223,7 @@ def _meanwhile(run: _Run, looking: Looking, twist: Floats) -> tuple[NDArray[np.u
     return came[-1][0], results[-1]
 
 
-def _start(run: _Run, contacts: Floats, tips: Floats) -> None:
+def _record_start_state(run: _Run, contacts: Floats, tips: Floats) -> None:
     """How far off the view is at the start, and where the chosen contacts truly are."""
     world, row = run.world, run.row
     run.truth = on_part(world, contacts)
@@ -232,17 +232,17 @@ def _start(run: _Run, contacts: Floats, tips: Floats) -> None:
         [world.setting.camera.width, world.setting.camera.height]
     )
     row.start_off = float(np.abs(off).max())
-    row.start_away = _depth(world.setting)
+    row.start_away = _start_depth_ratio(world.setting)
 
 
-def _depth(setting: Setting) -> float:
+def _start_depth_ratio(setting: Setting) -> float:
     """Distance of the part at the start along the optical axis, as a multiple of that of the fingertips."""
     to_camera = np.linalg.inv(setting.hand @ setting.mount)
     tips = np.linalg.inv(setting.mount)[2, 3]
     return float((to_camera @ setting.place[:, 3])[2] / tips)
 
 
-def _nominal(law: Law) -> NominalCamera | None:
+def _nominal_camera(law: Law) -> NominalCamera | None:
     if law == "online":
         return None
     mounting = np.eye(4)
@@ -252,10 +252,10 @@ def _nominal(law: Law) -> NominalCamera | None:
     return NominalCamera(NOMINAL_FOCAL, mounting, distance=2.0 * math.hypot(NOMINAL_ASIDE, NOMINAL_HEIGHT))
 
 
-def _axis(shape: Shape, hand: Gripper) -> float | None:
+def _grasp_axis_angle(shape: Shape, hand: Gripper) -> float | None:
     """rad, where x of the hand points in the best grasp on the true outline; None where there is none."""
     scale = 150.0
-    outline = View([Contour(finer(r, 0.02) * scale, hole=k > 0) for k, r in enumerate(shape.polygons)])
+    outline = View([Contour(subdivide_polygon(r, 0.02) * scale, hole=k > 0) for k, r in enumerate(shape.polygons)])
     found, _ = closing_grasps(outline, hand.fingers, hand_for(0.065))
     if not found:
         return None

@@ -19,7 +19,7 @@ from grasptrack.bench.approach.trial import run_trial
 from grasptrack.bench.physics.setting import Arm, Scenario
 from grasptrack.bench.schedule import Scheduler
 from grasptrack.bench.simulation.outlines import Shape
-from grasptrack.io.results import versions, write_json
+from grasptrack.io.results import software_versions, write_json
 from grasptrack.io.run import prepare_folder
 from grasptrack.tracking.numbers import DEFAULT_RISK
 
@@ -127,7 +127,7 @@ class Trials:
             "closed_unbelieved": self.unbelieved,
             "closed_wrong": self.wrong,
             "reasons": dict(self.reasons()),
-            "median": {name: _median([getattr(row, name) for row in self.rows]) for name in MEASURED},
+            "median": {name: _finite_median([getattr(row, name) for row in self.rows]) for name in MEASURED},
         }
 
 
@@ -175,7 +175,7 @@ def run_trials(
     _write_table(output / TABLE, trials.rows)
     write_json(
         output / INDEX,
-        {"options": options, "versions": versions(), "figures": trials.figures(), "broken": trials.broken},
+        {"options": options, "versions": software_versions(), "figures": trials.figures(), "broken": trials.broken},
     )
     return trials
 
@@ -185,7 +185,7 @@ def kind_of(reason: str) -> str:
     return re.sub(r"\s+", " ", re.sub(r"[-+]?\d+(\.\d+)?", "#", reason)).strip()[:110] or "no reason"
 
 
-def _median(values: list[float]) -> float | None:
+def _finite_median(values: list[float]) -> float | None:
     known = [v for v in values if math.isfinite(v)]
     return round(float(np.median(known)), 3) if known else None
 
@@ -195,10 +195,10 @@ def _write_table(path: Path, rows: Sequence[Row]) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in rows:
-            writer.writerow([_cell(value) for value in row.values().values()])
+            writer.writerow([_format_cell(value) for value in row.values().values()])
 
 
-def _cell(value: Any) -> str:
+def _format_cell(value: Any) -> str:
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ""
     if isinstance(value, bool):

@@ -10,7 +10,7 @@ from grasptrack.bench.baselines.silhouette import Otsu
 from grasptrack.bench.baselines.visp_template import ViSP, why_not
 from grasptrack.bench.method import Maker
 
-__all__ = ["PEERS", "available", "missing"]
+__all__ = ["PEERS", "available_baselines", "missing_baselines"]
 
 PEERS: dict[str, Maker] = {
     peer.name: peer for peer in (Ecc, Klt, Sift, Otsu, ViSP, PaperRRP, PaperGraspLine, PaperHomography)
@@ -18,13 +18,13 @@ PEERS: dict[str, Maker] = {
 """All peers by name, those too that need what is not installed: they say so in every frame."""
 
 
-def missing() -> dict[str, str]:
+def missing_baselines() -> dict[str, str]:
     """Why some peers cannot be used here, by name."""
     reason = why_not()
     return {ViSP.name: reason} if reason else {}
 
 
-def available() -> dict[str, Maker]:
+def available_baselines() -> dict[str, Maker]:
     """The peers that can be used here, by name."""
-    lacking = missing()
+    lacking = missing_baselines()
     return {name: maker for name, maker in PEERS.items() if name not in lacking}

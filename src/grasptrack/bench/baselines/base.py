@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from grasptrack.bench.method import Start
 from grasptrack.errors import GraspTrackError
-from grasptrack.geometry.homographies import apply_homography, check_plausible, normalised
+from grasptrack.geometry.homographies import apply_homography, check_plausible, normalize_homography
 from grasptrack.segmentation.images import Grey, to_grey
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
@@ -118,7 +118,7 @@ class Peer(ABC):
             raise LostError("no homography fits")
         H = np.asarray(H, dtype=np.float64)
         check_plausible(H, region)
-        return Found(apply_homography(H, self.contacts), normalised(H), confidence)
+        return Found(apply_homography(H, self.contacts), normalize_homography(H), confidence)
 
 
 def _one_line(error: Exception) -> str:

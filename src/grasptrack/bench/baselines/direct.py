@@ -49,7 +49,7 @@ class Ecc(Peer):
         self._mask = region.grown(MARGIN)
         self._template = image[y : y + height, x : x + width].copy()
         least = SMALLEST / min(self._template.shape)
-        self._small = {scale: _reduced(self._template, scale) for scale in SCALES if scale >= least}
+        self._small = {scale: _downscale_image(self._template, scale) for scale in SCALES if scale >= least}
         if not self._template.std() > 0.0:
             raise LostError("the part and its surroundings are of one grey")
         self._corners = region.corners
@@ -57,9 +57,9 @@ class Ecc(Peer):
     def follow(self, image: Grey) -> Found:
         """See Peer."""
         reason = ""
-        for guess in (self._coarsely(image), self._H):
+        for guess in (self._coarse_homography(image), self._H):
             try:
-                H, correlation = self._finely(image, guess)
+                H, correlation = self._refined_homography(image, guess)
                 if not correlation >= LEAST:
                     raise LostError(f"ECC ends at a correlation of {correlation:.2f}")
                 found = self.moved(H, self._corners, correlation)
@@ -72,27 +72,29 @@ class Ecc(Peer):
                 return found
         raise LostError(reason)
 
-    def _coarsely(self, image: Grey) -> Floats:
+    def _coarse_homography(self, image: Grey) -> Floats:
         """(3, 3) H_current_reference as far as reduced images tell it, the smallest first."""
         H = self._H
         for scale, small in self._small.items():
             mask = np.asarray(cv2.warpPerspective(self._mask, H, image.shape[::-1]), dtype=np.uint8)
-            warp = _scaled(H @ self._origin, scale)
+            warp = _rescale_warp(H @ self._origin, scale)
             try:
-                warp, correlation = _fit(small, _reduced(image, scale), warp, _reduced(mask, scale))
+                warp, correlation = _fit_warp(
+                    small, _downscale_image(image, scale), warp, _downscale_image(mask, scale)
+                )
             except cv2.error:  # too little to see at this scale: the finer ones have to do alone
                 continue
             if correlation >= LEAST:
-                H = _scaled(warp, 1.0 / scale) @ np.linalg.inv(self._origin)
+                H = _rescale_warp(warp, 1.0 / scale) @ np.linalg.inv(self._origin)
         return H
 
-    def _finely(self, image: Grey, H: Floats) -> tuple[Floats, float]:
+    def _refined_homography(self, image: Grey, H: Floats) -> tuple[Floats, float]:
         """(3, 3) H_current_reference from the image itself, started at H, and its correlation."""
-        shift, window, mask = self._window(H, image)
-        warp, correlation = _fit(self._template, window, shift @ H @ self._origin, mask)
+        shift, window, mask = self._search_window(H, image)
+        warp, correlation = _fit_warp(self._template, window, shift @ H @ self._origin, mask)
         return np.linalg.inv(shift) @ warp @ np.linalg.inv(self._origin), correlation
 
-    def _window(self, H: Floats, image: Grey) -> tuple[Floats, Grey, Grey]:
+    def _search_window(self, H: Floats, image: Grey) -> tuple[Floats, Grey, Grey]:
         """What has to be looked at when the part moved by H (3, 3): image to window (3, 3), image and mask in it."""
         around = apply_homography(H, self._corners)
         low = np.maximum(np.floor(around.min(axis=0)) - 2 * MARGIN, 0.0)
@@ -105,19 +107,19 @@ class Ecc(Peer):
         return shift, np.ascontiguousarray(image[y:bottom, x:right]), np.asarray(mask, dtype=np.uint8)
 
 
-def _fit(template: Grey, image: Grey, warp: Floats, mask: Grey) -> tuple[Floats, float]:
+def _fit_warp(template: Grey, image: Grey, warp: Floats, mask: Grey) -> tuple[Floats, float]:
     """The warp (3, 3) from the template's pixels to the image's, and the correlation under it."""
     first = np.asarray(warp / warp[2, 2], dtype=np.float32)
     correlation, found = cv2.findTransformECC(template, image, first, cv2.MOTION_HOMOGRAPHY, CRITERIA, mask, SMOOTHING)
     return np.asarray(found, dtype=np.float64), min(float(correlation), 1.0)  # rounding can exceed it
 
 
-def _reduced(image: Grey, scale: float) -> Grey:
+def _downscale_image(image: Grey, scale: float) -> Grey:
     """The image, smaller."""
     return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _scaled(warp: Floats, scale: float) -> Floats:
+def _rescale_warp(warp: Floats, scale: float) -> Floats:
     """A warp between images that are both smaller by `scale`; pixel centres are at integer coordinates."""
     half = 0.5 * scale - 0.5
     S = np.array([[scale, 0.0, half], [0.0, scale, half], [0.0, 0.0, 1.0]])

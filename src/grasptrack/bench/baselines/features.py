@@ -26,7 +26,7 @@ MARGIN = 8
 """px round the part in which points are looked for: its corners lie on its edge."""
 
 
-def agreed(first: Points, now: Points) -> tuple[Floats, NDArray[np.bool_]]:
+def robust_homography(first: Points, now: Points) -> tuple[Floats, NDArray[np.bool_]]:
     """The homography (3, 3) from points (N, 2) to points (N, 2), and which agree with it.
 
     Raises:
@@ -75,17 +75,17 @@ class Klt(Peer):
     def follow(self, image: Grey) -> Found:
         """See Peer."""
         last = apply_homography(self._H, self._points).astype(np.float32)
-        now, kept = self._flow(self._image, image, last)
-        guess, _ = agreed(self._points[kept], now[kept])
+        now, kept = self._forward_backward_flow(self._image, image, last)
+        guess, _ = robust_homography(self._points[kept], now[kept])
         check_plausible(guess, self._corners)
         laid = cv2.warpPerspective(image, guess, image.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        now, kept = self._flow(self._first, np.asarray(laid, dtype=np.uint8), self._points)
-        rest, inliers = agreed(self._points[kept], now[kept])
+        now, kept = self._forward_backward_flow(self._first, np.asarray(laid, dtype=np.uint8), self._points)
+        rest, inliers = robust_homography(self._points[kept], now[kept])
         found = self.moved(guess @ rest, self._corners, float(inliers.sum()) / len(self._points))
         self._H, self._image = guess @ rest, image
         return found
 
-    def _flow(self, one: Grey, other: Grey, points: Points) -> tuple[Points, NDArray[np.bool_]]:
+    def _forward_backward_flow(self, one: Grey, other: Grey, points: Points) -> tuple[Points, NDArray[np.bool_]]:
         """Where points (N, 2) of one image are in the other, and which can be relied on."""
         carry = partial(cv2.calcOpticalFlowPyrLK, winSize=self.WINDOW, maxLevel=self.LEVELS)
         there, ok, _ = carry(one, other, points.reshape(-1, 1, 2), None)
@@ -125,5 +125,5 @@ class Sift(Peer):
         good = [best for best, second in pairs if best.distance < self.RATIO * second.distance]
         first = self._first[[m.queryIdx for m in good]].reshape(-1, 2)
         now = np.array([points[m.trainIdx].pt for m in good], np.float32).reshape(-1, 2)
-        H, inliers = agreed(first, now)
+        H, inliers = robust_homography(first, now)
         return self.moved(H, self._corners, float(inliers.mean()))

@@ -105,10 +105,10 @@ def outline_of(shape: Silhouette) -> View:
 
 def view_of(polygons: tuple[Floats, ...]) -> View:
     """Polygons (N, 2) px, outer first, as outlines with a point at about every px."""
-    return View([Contour(_filled(p), hole=i > 0) for i, p in enumerate(polygons)])
+    return View([Contour(_densify_polygon(p), hole=i > 0) for i, p in enumerate(polygons)])
 
 
-def _filled(polygon: Floats) -> Floats:
+def _densify_polygon(polygon: Floats) -> Floats:
     """(M, 2) points along a polygon, its vertices among them."""
     ends = np.roll(polygon, -1, axis=0)
     counts = np.maximum(1, np.ceil(np.hypot(*(ends - polygon).T)).astype(int))

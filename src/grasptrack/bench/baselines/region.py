@@ -12,7 +12,7 @@ from grasptrack.bench.method import Start
 from grasptrack.errors import ObservationError
 from grasptrack.geometry.contours import View
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.objects import objects
+from grasptrack.segmentation.objects import find_objects
 from grasptrack.typing import Floats
 
 
@@ -68,13 +68,13 @@ def region_of(start: Start, image: Grey) -> Region:
 def view_at(image: Grey, contacts: Floats) -> View | None:
     """The object in an image whose outline is nearest to some contacts (k, 2) px; None where no object stands out."""
     try:
-        found = [candidate.view for candidate in objects(image)]
+        found = [candidate.view for candidate in find_objects(image)]
     except ObservationError:
         return None
-    return min(found, key=lambda view: farthest(view.points, contacts))
+    return min(found, key=lambda view: farthest_contact_distance(view.points, contacts))
 
 
-def farthest(points: Floats, contacts: Floats) -> float:
+def farthest_contact_distance(points: Floats, contacts: Floats) -> float:
     """px from that of the contacts (k, 2) which is farthest from some points (N, 2) to the nearest of them."""
     return float(np.hypot(*(points[:, None] - contacts[None]).T).min(axis=1).max())
 

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 
 from grasptrack.bench.baselines.base import NO_CONFIDENCE, Found, LostError, Peer
-from grasptrack.bench.baselines.region import farthest
+from grasptrack.bench.baselines.region import farthest_contact_distance
 from grasptrack.bench.method import Start
-from grasptrack.geometry.homographies import similarity
+from grasptrack.geometry.homographies import similarity_transform
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.silhouettes import Silhouette, trace
+from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.typing import Floats
 
 LEAST = 2e-4
@@ -51,24 +51,26 @@ class OtsuSilhouettes:
             LostError: there is none.
         """
         if self._last is None:
-            both = [(shape, dark) for dark in (True, False) for shape in _silhouettes(image, dark)]
+            both = [(shape, dark) for dark in (True, False) for shape in _otsu_silhouettes(image, dark)]
             if not both:
                 raise LostError("the threshold leaves no silhouette")
-            shape, self._dark = min(both, key=lambda pair: farthest(pair[0].outer.astype(np.float64), self._contacts))
+            shape, self._dark = min(
+                both, key=lambda pair: farthest_contact_distance(pair[0].outer.astype(np.float64), self._contacts)
+            )
         else:
-            found, last = _silhouettes(image, self._dark), self._last
+            found, last = _otsu_silhouettes(image, self._dark), self._last
             if not found:
                 raise LostError("the threshold leaves no silhouette")
-            shape = min(found, key=lambda s: _unlike(place_of(s), last))
+            shape = min(found, key=lambda s: _silhouette_distance(place_of(s), last))
         self._last = place_of(shape)
         return shape
 
 
-def _silhouettes(image: Grey, dark: bool) -> list[Silhouette]:
+def _otsu_silhouettes(image: Grey, dark: bool) -> list[Silhouette]:
     kind = cv2.THRESH_BINARY_INV if dark else cv2.THRESH_BINARY
     smooth = cv2.GaussianBlur(image, (5, 5), 0)
     _, binary = cv2.threshold(smooth, 0, 255, kind + cv2.THRESH_OTSU)
-    return trace(np.asarray(binary, dtype=np.uint8), LEAST * image.size)
+    return trace_silhouettes(np.asarray(binary, dtype=np.uint8), LEAST * image.size)
 
 
 def place_of(shape: Silhouette) -> Place:
@@ -78,7 +80,7 @@ def place_of(shape: Silhouette) -> Place:
     return Place(centre, float(m["m00"]), 0.5 * math.atan2(2.0 * m["mu11"], m["mu20"] - m["mu02"]))
 
 
-def _unlike(one: Place, other: Place) -> float:
+def _silhouette_distance(one: Place, other: Place) -> float:
     """How far two silhouettes are apart: their distance in sqrt(area), and the logarithm of the ratio of their areas."""
     apart = math.hypot(*(one.centre - other.centre).tolist()) / math.sqrt(other.area)
     return apart + abs(math.log(one.area / other.area))
@@ -109,4 +111,4 @@ class Otsu(Peer):
         scale, turn = math.sqrt(now.area / first.area), self._angle - first.angle
         x, y = first.centre.tolist()
         u, v = now.centre.tolist()
-        return self.moved(similarity(scale, turn, (x, y), (u, v)), self.contacts, NO_CONFIDENCE)
+        return self.moved(similarity_transform(scale, turn, (x, y), (u, v)), self.contacts, NO_CONFIDENCE)

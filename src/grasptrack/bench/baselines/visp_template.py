@@ -76,7 +76,7 @@ class ViSP(Peer):
         self._tracker.setLambda(LAMBDA)
         self._tracker.setIterationMax(ITERATIONS)
         self._tracker.setPyramidal(LEVELS, 0)
-        points = [self._core.ImagePoint(y, x) for x, y in triangles(region).tolist()]
+        points = [self._core.ImagePoint(y, x) for x, y in template_triangles(region).tolist()]
         self._tracker.initFromPoints(self._core.ImageGray(image), points, False)
 
     def follow(self, image: Grey) -> Found:
@@ -99,7 +99,7 @@ def homography_of(p: Floats) -> Floats:
     return np.array([[1.0 + p[0], p[3], p[6]], [p[1], 1.0 + p[4], p[7]], [p[2], p[5], 1.0]])
 
 
-def triangles(region: Region) -> NDArray[Any]:
+def template_triangles(region: Region) -> NDArray[Any]:
     """(3 n, 2) px, corners of triangles that cover the convex hull of a part and its surroundings."""
     outlines, _ = cv2.findContours(region.grown(MARGIN), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     hull = cv2.convexHull(np.concatenate(outlines))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grasptrack.bench.metrics.integrity import PARTLY, WHOLE, cumulative, recoveries
+from grasptrack.bench.metrics.integrity import PARTLY, WHOLE, cumulative_share, recovery_delays
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.typing import Floats
 
@@ -46,13 +46,13 @@ def over_time(runs: Runs) -> OverTime:
     kept = (~np.isnan(errors)).sum(axis=0) >= np.maximum(1, shown / 4)
     parts = np.full((3, count), np.nan)
     if kept.any():
-        parts[:, kept] = _percentiles(errors[:, kept], np.array([2.5, 50.0, 97.5]))
+        parts[:, kept] = _column_percentiles(errors[:, kept], np.array([2.5, 50.0, 97.5]))
     located = np.full(count, np.nan)
     located[shown > 0] = np.nanmean(answered[:, shown > 0], axis=0)
     return OverTime(np.arange(count, dtype=np.float64), parts[1], parts[0], parts[2], located)
 
 
-def _percentiles(values: Floats, percents: Floats) -> Floats:
+def _column_percentiles(values: Floats, percents: Floats) -> Floats:
     """(p, n) percentiles of the known values in each column of (m, n), at least one in each; as NumPy's, but at once."""
     ordered = np.sort(values, axis=0)  # NaN last
     at = 0.01 * percents[:, None] * ((~np.isnan(values)).sum(axis=0) - 1)
@@ -70,10 +70,10 @@ def out_of_view(runs: Runs) -> tuple[list[tuple[int, int]], list[tuple[int, int]
     frames = sorted(seen)
     away = [sum(v < PARTLY for v in seen[i]) * 2 > len(seen[i]) for i in frames]
     partly = [sum(v < WHOLE for v in seen[i]) * 2 > len(seen[i]) and not a for i, a in zip(frames, away, strict=True)]
-    return _stretches(frames, away), _stretches(frames, partly)
+    return _frame_ranges(frames, away), _frame_ranges(frames, partly)
 
 
-def _stretches(frames: Sequence[int], flags: Sequence[bool]) -> list[tuple[int, int]]:
+def _frame_ranges(frames: Sequence[int], flags: Sequence[bool]) -> list[tuple[int, int]]:
     found: list[tuple[int, int]] = []
     for frame, flag in zip(frames, flags, strict=True):
         if flag and found and found[-1][1] == frame - 1:
@@ -83,7 +83,7 @@ def _stretches(frames: Sequence[int], flags: Sequence[bool]) -> list[tuple[int, 
     return found
 
 
-def precision(runs: Runs, at: Floats, of_opening: bool = False) -> Floats:
+def precision_curve(runs: Runs, at: Floats, of_opening: bool = False) -> Floats:
     """Share of the frames with 70 % of the outline in view or more whose contacts were all within `at` (m,).
 
     Frames without contacts count as missed, so that a method that answers seldom gains nothing.
@@ -97,12 +97,12 @@ def precision(runs: Runs, at: Floats, of_opening: bool = False) -> Floats:
     size = [(100.0 * f.error / f.opening if of_opening else f.error) if f.answered else np.inf for f in asked]
     errors = np.array(size, dtype=np.float64)
     known = errors[~np.isnan(errors)]
-    return cumulative(known, at) if len(known) else np.full(len(at), np.nan)
+    return cumulative_share(known, at) if len(known) else np.full(len(at), np.nan)
 
 
-def recovered(runs: Runs, most: int) -> tuple[Floats, int]:
+def recovery_curve(runs: Runs, most: int) -> tuple[Floats, int]:
     """(most + 1,) share of the object's returns after which it was rightly located within 0, 1, ... frames, and returns."""
-    waits = [wait for run in runs for wait in recoveries(run)]
+    waits = [wait for run in runs for wait in recovery_delays(run)]
     counts = np.zeros(most + 1)
     for wait in waits:
         if wait is not None and wait <= most:

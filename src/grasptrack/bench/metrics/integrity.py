@@ -65,7 +65,7 @@ class Measures:
     frames_whole: int
 
 
-def measure(runs: Iterable[Sequence[FrameScore]]) -> Measures:
+def compute_measures(runs: Iterable[Sequence[FrameScore]]) -> Measures:
     """All measures of one method over its runs, each a sequence of frames in order."""
     listed = [list(run) for run in runs]
     frames = [f for run in listed for f in run if not f.defining]
@@ -76,29 +76,29 @@ def measure(runs: Iterable[Sequence[FrameScore]]) -> Measures:
     finite = errors[np.isfinite(errors)]
     shares = [100.0 * f.distances / f.opening for f in frames if f.distances is not None and not f.gone]
     spread = [f.spread for f in frames if f.spread is not None and not f.gone]
-    waits = [wait for run in listed for wait in recoveries(run)]
+    waits = [wait for run in listed for wait in recovery_delays(run)]
     times = np.array([f.latency_ms for f in frames if math.isfinite(f.latency_ms)])
     return Measures(
         frames=len(frames),
-        located_whole=_share(f.answered for f in whole),
-        located_partly=_share(f.answered for f in partly),
-        tracked_visible=_share(f.status == "tracked" for f in (*whole, *partly)),
+        located_whole=_share_true(f.answered for f in whole),
+        located_partly=_share_true(f.answered for f in partly),
+        tracked_visible=_share_true(f.status == "tracked" for f in (*whole, *partly)),
         false_accepts=len(wrong),
         false_given_gone=sum(f.gone for f in wrong),
         false_bound=upper_bound(len(wrong), len(frames)),
         rms_px=float(np.sqrt(np.mean(errors**2))) if len(errors) else math.nan,
-        median_px=_percentile(errors, 50),
-        p95_px=_percentile(errors, 95),
+        median_px=_percentile_or_nan(errors, 50),
+        p95_px=_percentile_or_nan(errors, 95),
         max_px=float(errors.max()) if len(finite) else math.nan,
-        median_percent=_percentile(np.concatenate(shares), 50) if shares else math.nan,
-        in_ellipse=_share(np.concatenate(spread) <= ELLIPSE_95) if spread else math.nan,
+        median_percent=_percentile_or_nan(np.concatenate(shares), 50) if shares else math.nan,
+        in_ellipse=_share_true(np.concatenate(spread) <= ELLIPSE_95) if spread else math.nan,
         recovery_frames=float(np.mean([w for w in waits if w is not None]))
         if any(w is not None for w in waits)
         else math.nan,
         recoveries=sum(w is not None for w in waits),
         returns=len(waits),
-        median_ms=_percentile(times, 50),
-        p99_ms=_percentile(times, 99),
+        median_ms=_percentile_or_nan(times, 50),
+        p99_ms=_percentile_or_nan(times, 99),
         frames_whole=len(whole),
     )
 
@@ -115,7 +115,7 @@ def upper_bound(events: int, trials: int) -> float:
     return min(1.0, max(p, (middle + reach) / (1 + z * z / trials)))
 
 
-def recoveries(run: Sequence[FrameScore]) -> list[int | None]:
+def recovery_delays(run: Sequence[FrameScore]) -> list[int | None]:
     """For each return of the object to whole view after it was gone or hardly in view: frames until it was located.
 
     0 is the very frame of its return; None: not before it was hidden again, or the run ended.
@@ -156,15 +156,15 @@ def risk_coverage(frames: Iterable[FrameScore]) -> Floats:
     return np.asarray(table[last], dtype=np.float64)
 
 
-def cumulative(errors: Floats, at: Floats) -> Floats:
+def cumulative_share(errors: Floats, at: Floats) -> Floats:
     """Share of errors (n,) px at most as large as each of `at` (m,) px: a precision at t px where all frames count."""
     return np.asarray(np.searchsorted(np.sort(errors), at, side="right") / max(1, len(errors)), dtype=np.float64)
 
 
-def _share(of: Iterable[object]) -> float:
+def _share_true(of: Iterable[object]) -> float:
     flags = [bool(x) for x in of]
     return sum(flags) / len(flags) if flags else math.nan
 
 
-def _percentile(values: Floats, percent: float) -> float:
+def _percentile_or_nan(values: Floats, percent: float) -> float:
     return float(np.percentile(values, percent)) if len(values) else math.nan

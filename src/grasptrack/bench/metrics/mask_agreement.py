@@ -29,7 +29,7 @@ def mask_of(view: View | Contour, shape: tuple[int, int]) -> Mask:
     return inside_mask([c.points for c in view.contours], shape[1], shape[0])
 
 
-def iou(a: Mask, b: Mask) -> float:
+def intersection_over_union(a: Mask, b: Mask) -> float:
     """Area that two masks (H, W) share, over the area that either covers, 0 to 1; two empty masks agree.
 
     Raises:
@@ -40,7 +40,7 @@ def iou(a: Mask, b: Mask) -> float:
     return float(np.count_nonzero(a & b) / either) if either else 1.0
 
 
-def near(mask: Mask, radius: float) -> Mask:
+def dilate_mask(mask: Mask, radius: float) -> Mask:
     """(H, W) the pixels no farther than `radius` px from one of a mask (H, W): the mask dilated by a disc."""
     height, width = mask.shape
     reach = math.floor(radius)
@@ -53,9 +53,9 @@ def near(mask: Mask, radius: float) -> Mask:
     return grown
 
 
-def boundary(mask: Mask) -> Mask:
+def mask_boundary(mask: Mask) -> Mask:
     """(H, W) the mask's pixels beside one that is not of it, across a side; beyond the image nothing is of it."""
-    return mask & near(np.pad(~mask, 1, constant_values=True), 1.0)[1:-1, 1:-1]
+    return mask & dilate_mask(np.pad(~mask, 1, constant_values=True), 1.0)[1:-1, 1:-1]
 
 
 def boundary_f(a: Mask, b: Mask, tolerance: float = 4.0) -> float:
@@ -69,10 +69,13 @@ def boundary_f(a: Mask, b: Mask, tolerance: float = 4.0) -> float:
         ValueError: the masks differ in size.
     """
     _same_size(a, b)
-    edge_a, edge_b = boundary(a), boundary(b)
+    edge_a, edge_b = mask_boundary(a), mask_boundary(b)
     if not edge_a.any() or not edge_b.any():
         return float(edge_a.any() == edge_b.any())
-    one, other = float(near(edge_b, tolerance)[edge_a].mean()), float(near(edge_a, tolerance)[edge_b].mean())
+    one, other = (
+        float(dilate_mask(edge_b, tolerance)[edge_a].mean()),
+        float(dilate_mask(edge_a, tolerance)[edge_b].mean()),
+    )
     return 2.0 * one * other / (one + other) if one + other else 0.0
 
 
@@ -83,7 +86,9 @@ def band_iou(mask: Mask, radius: float = 2.0) -> tuple[float, float]:
         mask: (H, W), clear of the image's border.
         radius: px.
     """
-    return iou(mask, ~near(~mask, radius)), iou(mask, near(mask, radius))
+    return intersection_over_union(mask, ~dilate_mask(~mask, radius)), intersection_over_union(
+        mask, dilate_mask(mask, radius)
+    )
 
 
 def _same_size(a: Mask, b: Mask) -> None:

@@ -11,7 +11,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from grasptrack.bench.metrics.integrity import PARTLY, WHOLE, recoveries
+from grasptrack.bench.metrics.integrity import PARTLY, WHOLE, recovery_delays
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.typing import Floats
 
@@ -37,7 +37,7 @@ class Unit:
         """A whole sequence: the frames that both runs have, without those that define a truth."""
         second = {f.frame: f for f in other if not f.defining}
         pairs = tuple((f, second[f.frame]) for f in one if not f.defining and f.frame in second)
-        return cls(pairs, (tuple(recoveries(one)), tuple(recoveries(other))))
+        return cls(pairs, (tuple(recovery_delays(one)), tuple(recovery_delays(other))))
 
     @cached_property
     def sides(self) -> tuple[_Side, _Side]:
@@ -73,7 +73,7 @@ def units_of(sequences: Iterable[Unit]) -> list[Unit]:
     ]
 
 
-def drawn(units: int, draws: int, seed: int) -> Floats:
+def bootstrap_counts(units: int, draws: int, seed: int) -> Floats:
     """(draws, units) how often each unit is taken as so many are drawn with replacement."""
     return np.random.default_rng(seed).multinomial(units, np.full(units, 1.0 / max(1, units)), draws).astype(np.float64)
 
@@ -86,7 +86,7 @@ def measures_of(units: Sequence[Unit], taken: Floats) -> dict[str, Found]:
 
     Args:
         units: as from `units_of`.
-        taken: (draws, n) as from `drawn`, for n units or more; the rest is left out.
+        taken: (draws, n) as from `bootstrap_counts`, for n units or more; the rest is left out.
     """
     if not units:
         return {}
@@ -113,13 +113,13 @@ def wrong_in_one(units: Sequence[Unit]) -> tuple[int, int, int, int]:
     return int(a.sum()), int(b.sum()), int((a & ~b).sum()), int((b & ~a).sum())
 
 
-def chance(many: int, few: int) -> float:
+def mcnemar_probability(many: int, few: int) -> float:
     """Probability of `many` heads or more in many + few tosses of a fair coin: McNemar's exact test, one-sided."""
     n = many + few
-    return math.fsum(math.comb(n, k) for k in range(many, n + 1)) / 2.0**n if n <= 1000 else _normal(many, n)
+    return math.fsum(math.comb(n, k) for k in range(many, n + 1)) / 2.0**n if n <= 1000 else _normal_tail(many, n)
 
 
-def critical(comparisons: int, units: int, level: float = 0.05) -> float:
+def critical_value(comparisons: int, units: int, level: float = 0.05) -> float:
     """Standard errors beyond which one of so many differences is no noise, at a level for all of them together.
 
     Bonferroni's division of the level, and Student's quantile by its expansion in 1 / degrees of freedom.
@@ -173,7 +173,9 @@ def _of_ratio(parts: Sequence[Floats], taken: Floats, root: bool) -> Found:
         return np.asarray(np.sqrt(ratio) if root else ratio, dtype=np.float64)
 
     a, b = (float(value(p.sum(axis=0))) for p in parts)
-    return Found(a, b, _error(value(taken @ parts[1]) - value(taken @ parts[0]), taken.shape[1]), taken.shape[1])
+    return Found(
+        a, b, _standard_error(value(taken @ parts[1]) - value(taken @ parts[0]), taken.shape[1]), taken.shape[1]
+    )
 
 
 def _of_quantile(sides: Sequence[Sequence[Floats]], percent: float, taken: Floats) -> Found:
@@ -190,13 +192,13 @@ def _of_quantile(sides: Sequence[Sequence[Floats]], percent: float, taken: Float
         total = taken @ np.array([len(values) for values in side], dtype=np.float64)
         first = ((taken @ below) < 0.01 * percent * total[:, None]).sum(axis=1)
         spread.append(edges[first.clip(max=len(edges) - 1)])
-    return Found(a, b, _error(spread[1] - spread[0], taken.shape[1]), taken.shape[1])
+    return Found(a, b, _standard_error(spread[1] - spread[0], taken.shape[1]), taken.shape[1])
 
 
-def _error(differences: Floats, units: int) -> float:
+def _standard_error(differences: Floats, units: int) -> float:
     known = differences[np.isfinite(differences)]
     return float(known.std()) if units >= FEW_UNITS and len(known) >= len(differences) / 2 else math.nan
 
 
-def _normal(many: int, n: int) -> float:
+def _normal_tail(many: int, n: int) -> float:
     return 1.0 - NormalDist(0.5 * n, 0.5 * math.sqrt(n)).cdf(many - 0.5)

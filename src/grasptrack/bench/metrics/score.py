@@ -129,7 +129,7 @@ class Score:
                 seen = truth.present and (truth.sees is None or bool(truth.sees(true).all()))
                 if contacts is not None:
                     distances = contact_distances(contacts, true)
-                    spread = _spread(contacts - true, result.covariance)
+                    spread = _squared_mahalanobis(contacts - true, result.covariance)
         scored = FrameScore(
             result.frame,
             result.status,
@@ -221,7 +221,7 @@ def errors_of(frames: Iterable[FrameScore]) -> Floats:
     return np.concatenate(known) if known else np.empty(0)
 
 
-def _spread(offsets: Floats, covariance: Floats | None) -> Floats | None:
+def _squared_mahalanobis(offsets: Floats, covariance: Floats | None) -> Floats | None:
     """(k,) squared Mahalanobis distances of offsets (k, 2) px under covariances (k, 2, 2) px^2."""
     if covariance is None or not np.isfinite(offsets).all():
         return None

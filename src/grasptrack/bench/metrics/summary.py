@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.bench.metrics.integrity import PARTLY, Measures, measure, risk_coverage
+from grasptrack.bench.metrics.integrity import PARTLY, Measures, compute_measures, risk_coverage
 from grasptrack.bench.metrics.score import FrameScore, Score
 from grasptrack.bench.run_folder import Case, EvaluationRun
 from grasptrack.io.results import write_json
@@ -100,7 +100,7 @@ class Summary:
         return next((r for r in rows if r.method == method and r.level == level), None)
 
 
-def summarise(run: EvaluationRun) -> Summary:
+def summarise_run(run: EvaluationRun) -> Summary:
     """All figures of a run.
 
     Raises:
@@ -132,7 +132,7 @@ def summarise(run: EvaluationRun) -> Summary:
         by_group=rows(lambda c: c.group, groups),
         by_shape=rows(lambda c: c.shape, shapes),
         worst={m: tuple(worst_frames(run, m)) for m in run.methods},
-        reasons={m: tuple(_reasons(run.runs(m, cases))) for m in run.methods},
+        reasons={m: tuple(_loss_reasons(run.runs(m, cases))) for m in run.methods},
     )
 
 
@@ -141,7 +141,7 @@ def row_of(method: str, level: str, runs: Sequence[Sequence[FrameScore]]) -> Row
     frames = [f for run in runs for f in run if not f.defining]
     shown = [f.answered for f in frames if f.present and f.visible >= PARTLY]
     located = sum(shown) / len(shown) if shown else math.nan
-    return Row(method, level, len(runs), located, risk_area(risk_coverage(frames)), measure(runs))
+    return Row(method, level, len(runs), located, risk_area(risk_coverage(frames)), compute_measures(runs))
 
 
 def risk_area(curve: Floats) -> float:
@@ -160,12 +160,12 @@ def worst_frames(run: EvaluationRun, method: str, count: int = PER_METHOD) -> li
     found: list[Worst] = []
     for case in run.scored:
         frames = run.scores[case.name].get(method, [])
-        bad = sorted((f for f in frames if f.distances is not None and not f.defining), key=_badness)
+        bad = sorted((f for f in frames if f.distances is not None and not f.defining), key=_worst_first_key)
         kept: list[FrameScore] = []
         for f in bad:
             if len(kept) < PER_CASE and all(abs(f.frame - k.frame) >= APART for k in kept):
                 kept.append(f)
-        found += [_worst(method, case, f) for f in kept]
+        found += [_worst_record(method, case, f) for f in kept]
     found.sort(key=lambda w: (not w.false_accept, -w.error / w.limit if w.limit > 0.0 else 0.0, w.case, w.frame))
     return found[:count]
 
@@ -177,7 +177,7 @@ def write_summary(folder: Path, summary: Summary) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([summary.factor if name == "level" else name for name in names])
         for row in (*summary.overall, *summary.by_level):
-            writer.writerow([_cell(row.flat()[name]) for name in names])
+            writer.writerow([_format_cell(row.flat()[name]) for name in names])
     rows = {key: [r.flat() for r in getattr(summary, key)] for key in ("overall", "by_level", "by_group", "by_shape")}
     content: dict[str, Any] = {
         "factor": summary.factor,
@@ -188,21 +188,21 @@ def write_summary(folder: Path, summary: Summary) -> None:
     write_json(folder / "summary.json", content)
 
 
-def _cell(value: float | int | str) -> str:
+def _format_cell(value: float | int | str) -> str:
     if isinstance(value, str):
         return value
     return "" if math.isnan(value) else repr(value)
 
 
-def _badness(f: FrameScore) -> tuple[bool, float, int]:
+def _worst_first_key(f: FrameScore) -> tuple[bool, float, int]:
     return not f.is_false_accept, -f.error, f.frame
 
 
-def _worst(method: str, case: Case, f: FrameScore) -> Worst:
+def _worst_record(method: str, case: Case, f: FrameScore) -> Worst:
     contacts = () if f.contacts is None else tuple((float(x), float(y)) for x, y in f.contacts)
     wrong = f.is_false_accept
     return Worst(method, case.name, case.disturbance, f.frame, f.error, f.limit, f.gone, wrong, contacts, f.confidence)
 
 
-def _reasons(runs: Iterable[Sequence[FrameScore]]) -> list[tuple[str, int]]:
+def _loss_reasons(runs: Iterable[Sequence[FrameScore]]) -> list[tuple[str, int]]:
     return Score("", [f for run in runs for f in run]).reasons()

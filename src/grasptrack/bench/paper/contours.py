@@ -8,13 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from grasptrack.bench.paper.objects import Motion, Part, homographies, sampled, trajectory
+from grasptrack.bench.paper.objects import Motion, Part, camera_trajectory, path_homographies, sample_view
 from grasptrack.bench.simulation import Camera
 from grasptrack.bench.simulation.coverage import inside_mask
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.segmentation.silhouettes import trace
+from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.transfer import rrp
 from grasptrack.typing import Floats
@@ -73,20 +73,20 @@ class Footage:
         return apply_homography(self.H[frame], self.contacts(strategy))
 
 
-def ideal(part: Part, kind: Kind, motion: Motion, frames: int, seed: int) -> Footage:
+def ideal_footage(part: Part, kind: Kind, motion: Motion, frames: int, seed: int) -> Footage:
     """Contours of a kind other than "rendered"; `seed` is of the trajectory and the starts of the contours."""
-    H = homographies(trajectory(motion, frames, seed))
-    exact = [moved(part.reference, h) for h in H]
+    H = path_homographies(camera_trajectory(motion, frames, seed))
+    exact = [transform_view(part.reference, h) for h in H]
     contacts = part.contacts, part.contacts
     if kind == "corresponding":
         silhouettes, tracked = exact, exact
     elif kind == "resampled":
         rng = np.random.default_rng((seed, 31))
-        silhouettes = [exact[0], *(resampled(view, rng) for view in exact[1:])]
+        silhouettes = [exact[0], *(resample_view(view, rng) for view in exact[1:])]
         tracked = in_four_dof(part.reference, H)
     elif kind == "pixel chain":
-        silhouettes = [chain(view) for view in exact]
-        tracked = [rounded(view) for view in in_four_dof(part.reference, H)]
+        silhouettes = [pixel_chain_view(view) for view in exact]
+        tracked = [round_to_pixels(view) for view in in_four_dof(part.reference, H)]
         contacts = Grasp(part.contacts).snapped(silhouettes[0]).contacts, nearest_points(part.contacts, tracked[0])
     else:
         raise ValueError(f'"{kind}" contours are not made without images')
@@ -95,31 +95,31 @@ def ideal(part: Part, kind: Kind, motion: Motion, frames: int, seed: int) -> Foo
     return Footage(part, kind, motion, H, areas, tuple(silhouettes), tuple(tracked), *contacts)
 
 
-def moved(view: View, H: Floats) -> View:
+def transform_view(view: View, H: Floats) -> View:
     """A view under a homography, point by point."""
     return view.transformed(H)
 
 
-def resampled(view: View, rng: np.random.Generator) -> View:
+def resample_view(view: View, rng: np.random.Generator) -> View:
     """The same curves at as many points, in equal steps, from another start."""
-    return sampled(tuple(np.roll(c.points, -int(rng.integers(len(c))), axis=0) for c in view.contours))
+    return sample_view(tuple(np.roll(c.points, -int(rng.integers(len(c))), axis=0) for c in view.contours))
 
 
 def in_four_dof(reference: View, H: Floats) -> list[View]:
     """The reference moved to each frame by the similarity that comes nearest to its homography (F, 3, 3)."""
     space = ShapeSpace(reference.points)
-    return [moved(reference, space.homography(space.state(h))) for h in H]
+    return [transform_view(reference, space.homography(space.state(h))) for h in H]
 
 
-def chain(view: View) -> View:
+def pixel_chain_view(view: View) -> View:
     """Contours as a binary image shows them: chains of its pixels, thinned to the usual number of points."""
     camera = Camera()
     inside = inside_mask([c.points for c in view.contours], camera.width, camera.height)
-    shape = trace(inside.astype(np.uint8), 30.0)[0]
-    return sampled(tuple(np.asarray(c, dtype=np.float64) for c in (shape.outer, *shape.holes)))
+    shape = trace_silhouettes(inside.astype(np.uint8), 30.0)[0]
+    return sample_view(tuple(np.asarray(c, dtype=np.float64) for c in (shape.outer, *shape.holes)))
 
 
-def rounded(view: View) -> View:
+def round_to_pixels(view: View) -> View:
     """Every point at the middle of its pixel."""
     return View([Contour(np.rint(c.points), hole=c.hole) for c in view.contours])
 

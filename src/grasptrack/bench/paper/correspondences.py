@@ -16,7 +16,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import homography
-from grasptrack.transfer.alignment import choose, fits
+from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
 from grasptrack.typing import Floats
 
 Row = tuple[Cell, ...]
@@ -54,7 +54,7 @@ class Correspondences:
         return self.first.outer.points[self.samples[0]], self.second.outer.points[self.samples[1]]
 
 
-def correspond(footage: Footage, frame: int) -> Correspondences | str:
+def find_correspondences(footage: Footage, frame: int) -> Correspondences | str:
     """What `transfer.homography` does between the first frame and another, laid open; or why it refuses."""
     first, second = footage.silhouettes[0], footage.silhouettes[frame]
     if not isinstance(first, View) or not isinstance(second, View):
@@ -63,7 +63,7 @@ def correspond(footage: Footage, frame: int) -> Correspondences | str:
     try:
         description = homography.describe(grasp, first)
         moved = homography.apply(description, second)
-        chosen = _search(description, second)
+        chosen = _match_samples(description, second)
     except Refused as error:
         return str(error)
     if moved.homography is None or min(chosen[1]) < 0:
@@ -82,7 +82,7 @@ def correspond(footage: Footage, frame: int) -> Correspondences | str:
     )
 
 
-def _search(
+def _match_samples(
     description: homography.HomographyDescription, second: View
 ) -> tuple[list[int], list[int], list[float], Floats]:
     """Step 1: selected samples, their matches, the errors of eq. (3), and the second contour's curvature."""
@@ -90,7 +90,12 @@ def _search(
     arc2, v2 = kernels.curvature_vector(current.points, current.clipped, homography.SMOOTHING)
     length, selected = description.arc.item(-1), description.peaks[:4]
     kappa = arc2.item(-1) / length
-    shift = choose(fits(outline.points, description.arc, current.points, arc2, current.area)).shift * length
+    shift = (
+        choose_alignment(
+            alignments_of_points(outline.points, description.arc, current.points, arc2, current.area)
+        ).shift
+        * length
+    )
     matched, errors = kernels.match_curvature(
         description.curvature,
         description.arc,
@@ -119,10 +124,12 @@ def table_two(found: Sequence[Correspondences | tuple[str, str]]) -> Table:
             p, q = c.points[0][k], c.points[1][k]
             off = float(np.hypot(*(q - true[k])))
             v, w = float(c.curvature[0][i]), float(c.curvature[1][j])
-            rows.append((c.footage.part.name, f"p_{k + 1}", _place(p, i), v, _place(q, j), w, c.errors[k], off))
+            rows.append(
+                (c.footage.part.name, f"p_{k + 1}", _format_sample(p, i), v, _format_sample(q, j), w, c.errors[k], off)
+            )
     return Table(
         "II",
-        f"Selected points on the first contour and their correspondences, {_pair(found)}",
+        f"Selected points on the first contour and their correspondences, {_pair_description(found)}",
         (
             "object",
             "point",
@@ -155,17 +162,21 @@ def table_five(found: Sequence[Correspondences | tuple[str, str]]) -> Table:
         name, H = c.footage.part.name, c.footage.H[c.frame]
         true = apply_homography(H, c.points[0])
         for k, (p, q) in enumerate(zip(*c.points, strict=True)):
-            rows.append((name, f"p_{k + 1} and p'_{k + 1}", _xy(p), _xy(q), float(np.hypot(*(q - true[k])))))
+            rows.append(
+                (name, f"p_{k + 1} and p'_{k + 1}", _format_point(p), _format_point(q), float(np.hypot(*(q - true[k]))))
+            )
         for k, line in enumerate(c.H.tolist()):
             rows.append((name, f"H, row {k + 1}", " ".join(f"{v:.6g}" for v in line), "", None))
         truth = c.footage.truth("homography", c.frame)
         for step, contacts in (("H p_g", c.applied), ("refined p'_g", c.refined)):
             for k in range(2):
                 off = float(np.hypot(*(contacts[k] - truth[k])))
-                rows.append((name, f"{step}{k + 1}", _xy(c.footage.on_silhouette[k]), _xy(contacts[k]), off))
+                rows.append(
+                    (name, f"{step}{k + 1}", _format_point(c.footage.on_silhouette[k]), _format_point(contacts[k]), off)
+                )
     return Table(
         "V",
-        f"Grasp transfer based on a homography, {_pair(found)}",
+        f"Grasp transfer based on a homography, {_pair_description(found)}",
         ("object", "step", "first view, (x, y) px", "second view, (x, y) px", "off by, px"),
         tuple(rows),
         (
@@ -177,16 +188,16 @@ def table_five(found: Sequence[Correspondences | tuple[str, str]]) -> Table:
     )
 
 
-def _pair(found: Sequence[Correspondences | tuple[str, str]]) -> str:
+def _pair_description(found: Sequence[Correspondences | tuple[str, str]]) -> str:
     for c in found:
         if isinstance(c, Correspondences):
             return f"{c.footage.kind} contours, frame 0 to frame {c.frame}, {c.footage.motion}"
     return "no pair was answered"
 
 
-def _place(p: Floats, index: int) -> str:
-    return f"{_xy(p)}, {index}"
+def _format_sample(p: Floats, index: int) -> str:
+    return f"{_format_point(p)}, {index}"
 
 
-def _xy(p: Floats) -> str:
+def _format_point(p: Floats) -> str:
     return f"({p[0]:.2f}, {p[1]:.2f})"

@@ -65,20 +65,20 @@ def table_one(parts: Sequence[Part]) -> Table:
 
 def table_three(footage: Sequence[Footage], frame: int) -> Table:
     """Table III: the grasp transferred by RRP from the first frame to another."""
-    rows = _printed(printed.TABLE_III)
+    rows = _printed_rows(printed.TABLE_III)
     kept: list[bool] = []
     for f in footage:
         first, other = f.tracked[0], f.tracked[frame]
         sides = f.silhouettes[0], f.silhouettes[frame]
         if not isinstance(first, View) or not isinstance(other, View):
-            rows.append(_refused(f, next(o for o in (first, other) if isinstance(o, str))))
+            rows.append(_refusal_row(f, next(o for o in (first, other) if isinstance(o, str))))
             continue
         grasp = Grasp(f.on_tracked)
         moved = transfer(grasp, first, other, "rrp").grasp
         before, after = rrp_of(grasp, first), rrp_of(moved, other)
         kept.append(before == after)
-        rows += _rows(f, 0, grasp, sides[0], before)
-        rows += _rows(f, frame, moved, sides[1], after, f.truth("rrp", frame))
+        rows += _description_rows(f, 0, grasp, sides[0], before)
+        rows += _description_rows(f, frame, moved, sides[1], after, f.truth("rrp", frame))
     same = f"stayed the same in {sum(kept)} of {len(kept)} transfers"
     return Table(
         "III",
@@ -93,31 +93,31 @@ def table_three(footage: Sequence[Footage], frame: int) -> Table:
             "which is extracted anew, and change a little.",
             "RRP on the outline that is tracked, Location and Relative on the silhouette. The printed rows do not obey "
             "p = 6 r + t: the B-spline there has other spans.",
-            _kinds(footage),
+            _kinds_note(footage),
         ),
     )
 
 
 def table_four(footage: Sequence[Footage], frame: int) -> Table:
     """Table IV: the grasp transferred by grasp-line coordinates from the first frame to another."""
-    rows = _printed(printed.TABLE_IV)
+    rows = _printed_rows(printed.TABLE_IV)
     change = 0.0
     for f in footage:
         first, other = f.silhouettes[0], f.silhouettes[frame]
         if not isinstance(first, View) or not isinstance(other, View):
-            rows.append(_refused(f, next(o for o in (first, other) if isinstance(o, str))))
+            rows.append(_refusal_row(f, next(o for o in (first, other) if isinstance(o, str))))
             continue
         grasp = Grasp(f.on_silhouette)
         try:
             moved = transfer(grasp, first, other, "grasp-line").grasp
             before, after = grasp_line.describe(grasp, first), grasp_line.describe(moved, other)
         except Refused as error:
-            rows.append(_refused(f, str(error)))
+            rows.append(_refusal_row(f, str(error)))
             continue
         pairs = ((before.d_c, after.d_c), (before.d_1, after.d_1), (before.d_2, after.d_2))
         change = max(change, *(abs(a - b) for a, b in pairs))
-        rows += _rows(f, 0, grasp, first, rrp_of(grasp, first))
-        rows += _rows(f, frame, moved, other, rrp_of(moved, other), f.truth("grasp-line", frame))
+        rows += _description_rows(f, 0, grasp, first, rrp_of(grasp, first))
+        rows += _description_rows(f, frame, moved, other, rrp_of(moved, other), f.truth("grasp-line", frame))
     return Table(
         "IV",
         f"Grasp transfer using grasp-line coordinates, frame 0 to frame {frame}, 4 DoF",
@@ -130,7 +130,7 @@ def table_four(footage: Sequence[Footage], frame: int) -> Table:
             "What the table shows: over the root of the area the coordinates stay the same (largest change "
             f"{change:.1g}), over the area they change with scale; Location and RRP change with the contour's start.",
             "RRP counts the points of the silhouette by six, p = 6 r + t, as the printed rows do.",
-            _kinds(footage),
+            _kinds_note(footage),
         ),
     )
 
@@ -160,7 +160,7 @@ def location_of(grasp: Grasp, view: View) -> list[str]:
     return [f"({int(c)}, {round(p) % counts[int(c)]})" for c, p, _ in grasp.on(view).tolist()]
 
 
-def _rows(
+def _description_rows(
     f: Footage, frame: int, grasp: Grasp, silhouette: View | str, coordinates: list[str], truth: Floats | None = None
 ) -> list[Row]:
     names = _NAMES[min(frame, 1)]
@@ -172,16 +172,18 @@ def _rows(
     return [(f.kind, f.part.name, names[i], location[i], coordinates[i], (relative, "")[i], off[i]) for i in range(2)]
 
 
-def _refused(f: Footage, reason: str) -> Row:
+def _refusal_row(f: Footage, reason: str) -> Row:
     return f.kind, f.part.name, "both", f"refused: {reason}", "", "", None
 
 
-def _kinds(footage: Sequence[Footage]) -> str:
+def _kinds_note(footage: Sequence[Footage]) -> str:
     kinds = dict.fromkeys(f.kind for f in footage)
     return f"Contours: {', '.join(kinds)}, see Table VI. -: the paper prints none, or nothing was transferred."
 
 
-def _printed(table: Sequence[tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int, int], ...], Line]]) -> list[Row]:
+def _printed_rows(
+    table: Sequence[tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int, int], ...], Line]],
+) -> list[Row]:
     """The rows of Table III or IV as the paper prints them."""
     rows: list[Row] = []
     for names, (places, coordinates, values) in zip(_NAMES, table, strict=True):

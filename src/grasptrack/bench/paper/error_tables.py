@@ -9,7 +9,7 @@ from grasptrack.bench.metrics.errors import ErrorMeasure
 from grasptrack.bench.paper import printed
 from grasptrack.bench.paper.contours import KINDS, Footage
 from grasptrack.bench.paper.objects import TILT, Motion
-from grasptrack.bench.paper.transfers import Course, reversibility
+from grasptrack.bench.paper.transfers import Course, measure_reversibility
 from grasptrack.bench.report.table import Cell, Table
 
 Row = tuple[Cell, ...]
@@ -38,11 +38,11 @@ def table_six(footage: Sequence[Footage], frame: int, motion: Motion) -> Table:
     rows: list[Row] = []
     for (name, columns), opening in zip(printed.TABLE_VI, printed.OPENINGS, strict=True):
         for k, error in enumerate(("e_av", "e_max")):
-            rows.append(_printed(name, f"R_v E ({error})", [c[k] for c in columns], opening))
+            rows.append(_printed_row(name, f"R_v E ({error})", [c[k] for c in columns], opening))
     refused = []
     for f in [f for f in footage if f.motion == motion]:
-        measures = [reversibility(f, s, frame) for s in printed.STRATEGIES]
-        rows += _rows(f, "R_v E", measures)
+        measures = [measure_reversibility(f, s, frame) for s in printed.STRATEGIES]
+        rows += _measure_rows(f, "R_v E", measures)
         refused += [
             f"{f.kind}, {f.part.name}, {printed.HEADS[s]} refused: {m}."
             for s, m in zip(printed.STRATEGIES, measures, strict=True)
@@ -76,13 +76,13 @@ def table_seven(number: int, courses: Sequence[Course], frame: int) -> Table:
     rows: list[Row] = []
     for k, (lines, opening) in enumerate(zip(printed.TABLE_VII, printed.OPENINGS, strict=True), start=1):
         names = ("R_f E (e_av)", "R_f E (e_max)", "SE (e_av)", "SE (e_max)")
-        rows += [_printed(f"grasp {k}", n, line, opening) for n, line in zip(names, lines, strict=True)]
+        rows += [_printed_row(f"grasp {k}", n, line, opening) for n, line in zip(names, lines, strict=True)]
     one = courses[0].footage
     for name in dict.fromkeys(c.footage.part.name for c in courses):
-        first, on = (_of(courses, name, carried) for carried in (False, True))
-        rows += _rows(first[0].footage, "R_f E", [c.errors[frame - 1] for c in first])
-        rows += _rows(first[0].footage, "SE", [c.sequence for c in first])
-        rows += _rows(first[0].footage, "SE carried on", [c.sequence for c in on])
+        first, on = (_object_courses(courses, name, carried) for carried in (False, True))
+        rows += _measure_rows(first[0].footage, "R_f E", [c.errors[frame - 1] for c in first])
+        rows += _measure_rows(first[0].footage, "SE", [c.sequence for c in first])
+        rows += _measure_rows(first[0].footage, "SE carried on", [c.sequence for c in on])
     total = len(courses[0].errors)
     tilt = f", tilt to {round(TILT * 57.2958)}°" if one.motion == "6 DoF" else ""
     return Table(
@@ -103,7 +103,7 @@ def table_seven(number: int, courses: Sequence[Course], frame: int) -> Table:
             "Opening of the grasps in the first view: "
             + ", ".join(f"{c.footage.part.name} {c.footage.part.opening:.0f} px" for c in _of_strategy(courses))
             + ".",
-            *_answered(courses, total),
+            *_refusal_notes(courses, total),
         ),
     )
 
@@ -141,7 +141,7 @@ def at_a_glance(courses: Sequence[Course]) -> Table:
     )
 
 
-def _rows(footage: Footage, name: str, measures: Measures) -> list[Row]:
+def _measure_rows(footage: Footage, name: str, measures: Measures) -> list[Row]:
     """e_av and e_max of one measure by all strategies, in all units."""
 
     def cells(fields: tuple[str, ...]) -> list[Cell]:
@@ -156,13 +156,13 @@ def _rows(footage: Footage, name: str, measures: Measures) -> list[Row]:
     ]
 
 
-def _printed(grasp: str, error: str, values: Sequence[float], opening: float | None) -> Row:
+def _printed_row(grasp: str, error: str, values: Sequence[float], opening: float | None) -> Row:
     """A row as the paper prints it, and in per cent where the opening is known."""
     percent = [None if opening is None else 100.0 * v / opening for v in values]
     return "paper", grasp, error, *values, *[None] * 3, *percent
 
 
-def _of(courses: Sequence[Course], name: str, carried_on: bool) -> list[Course]:
+def _object_courses(courses: Sequence[Course], name: str, carried_on: bool) -> list[Course]:
     """One object's courses in the paper's order of the strategies."""
     here = [c for c in courses if c.footage.part.name == name and c.carried_on == carried_on]
     return sorted(here, key=lambda c: printed.STRATEGIES.index(c.strategy))
@@ -173,7 +173,7 @@ def _of_strategy(courses: Sequence[Course]) -> list[Course]:
     return list({c.footage.part.name: c for c in courses}.values())
 
 
-def _answered(courses: Sequence[Course], total: int) -> list[str]:
+def _refusal_notes(courses: Sequence[Course], total: int) -> list[str]:
     """What was refused, and why."""
     notes = []
     for c in courses:

@@ -12,7 +12,7 @@ from grasptrack.bench.paper import PaperRun
 from grasptrack.bench.report.paper_page import paper_report
 from grasptrack.bench.report.table import to_csv, to_json, to_markdown, to_text
 from grasptrack.errors import InputError
-from grasptrack.io.results import machine, versions, write_json
+from grasptrack.io.results import describe_machine, software_versions, write_json
 
 LEAD = (
     "Tables I to VII of Recatalá et al. (2008), rerun with three other objects, on ideal contours and on rendered images. "
@@ -36,7 +36,7 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
     Raises:
         InputError: the folder cannot be written.
     """
-    made = versions()
+    made = software_versions()
     head = {"format": 1, "kind": "paper", "options": dict(options), "versions": made, "backend": kernels.BACKEND}
     series = [
         {
@@ -53,10 +53,15 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
         (folder / "tables.txt").write_text("\n".join(map(to_text, run.tables)), encoding="utf-8")
         (folder / "tables.md").write_text("\n".join(map(to_markdown, run.tables)), encoding="utf-8")
         tables = [to_json(table) for table in run.tables]
-        told = {**head, "machine": machine(), "command": command, "tables": tables, "series": series}
+        told = {**head, "machine": describe_machine(), "command": command, "tables": tables, "series": series}
         write_json(folder / "evaluation.json", told)
     except OSError as error:
         raise InputError(f'"{folder}" cannot be written: {error.strerror or error}', path=str(folder)) from error
     software = ", ".join(f"{name} {made[name]}" for name in ("grasptrack", "python", "numpy", "opencv"))
-    facts = [("Machine", machine()), ("Software", software), ("Kernels", kernels.BACKEND), ("Again", f"`{command}`")]
+    facts = [
+        ("Machine", describe_machine()),
+        ("Software", software),
+        ("Kernels", kernels.BACKEND),
+        ("Again", f"`{command}`"),
+    ]
     return paper_report(folder, run.tables, run.series, run.pictures, lead=LEAD, facts=facts)

@@ -7,19 +7,19 @@ from collections.abc import Callable
 
 import numpy as np
 
-from grasptrack.bench.paper.contours import Footage, Seen, moved, on_grid
-from grasptrack.bench.paper.objects import Motion, Part, trajectory
+from grasptrack.bench.paper.contours import Footage, Seen, on_grid, transform_view
+from grasptrack.bench.paper.objects import Motion, Part, camera_trajectory
 from grasptrack.bench.simulation import Scene
 from grasptrack.errors import ObservationError, TransferError
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.objects import segment
-from grasptrack.segmentation.outline_detector import Observer
+from grasptrack.segmentation.objects import segment_object
+from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking.strategies import Snakes
 
 
-def rendered(
+def rendered_footage(
     part: Part, motion: Motion, frames: int, seed: int, after: Callable[[], None] = lambda: None
 ) -> tuple[Footage, list[Grey]]:
     """A trajectory as images, and what was observed in them.
@@ -36,20 +36,20 @@ def rendered(
     Raises:
         ObservationError: no object in the first image.
     """
-    return observe(part, motion, Scene(part.shape, trajectory(motion, frames, seed), seed=seed), after)
+    return observe_scene(part, motion, Scene(part.shape, camera_trajectory(motion, frames, seed), seed=seed), after)
 
 
-def observe(
+def observe_scene(
     part: Part, motion: Motion, scene: Scene, after: Callable[[], None] = lambda: None
 ) -> tuple[Footage, list[Grey]]:
-    """As `rendered`, of any scene of the object that begins as the trajectories do.
+    """As `rendered_footage`, of any scene of the object that begins as the trajectories do.
 
     Each silhouette is looked for round the last one, and in the whole image where it is not found there. No outline
     is judged: the plain strategies of the paper take what they are given.
     """
     frames = len(scene)
     first = scene[0]
-    observer = Observer()
+    observer = OutlineDetector()
     observer.look(first.image)
     candidate = observer.first(False)[0]
     grey = observer.choose(candidate)
@@ -65,10 +65,10 @@ def observe(
     for index in range(1, frames):
         frame = scene[index]
         areas.append(frame.area)
-        if index == middle(frames):
+        if index == middle_frame(frames):
             kept.append(frame.image)
         grey = observer.look(frame.image)
-        found = _silhouette(observer, grey, frame.image, last)
+        found = _find_silhouette(observer, grey, frame.image, last)
         if isinstance(found, View):
             last = found
         silhouettes.append(found)
@@ -80,7 +80,7 @@ def observe(
             tracked.append(carried.view)
             if template is None:
                 back = np.asarray(np.linalg.inv(carried.homography), dtype=np.float64)
-                template = moved(carried.view, back)
+                template = transform_view(carried.view, back)
         after()
     start: Seen = template if template is not None else "the snake followed no image"
     on_tracked = grasp.contacts if template is None else on_grid(grasp.contacts, template)
@@ -89,12 +89,12 @@ def observe(
     return Footage(part, "rendered", motion, H, np.array(areas), *seen), kept
 
 
-def middle(frames: int) -> int:
+def middle_frame(frames: int) -> int:
     """The frame of the reference error: 50 of 100."""
     return frames // 2
 
 
-def _silhouette(observer: Observer, grey: Grey, image: Grey, last: View) -> Seen:
+def _find_silhouette(observer: OutlineDetector, grey: Grey, image: Grey, last: View) -> Seen:
     """The outline near the last one, or else what stands out in the image; or why there is none."""
     centres = np.array([c.points.mean(axis=0) for c in last.contours[1:]]).reshape(-1, 2)
     view = next(observer.near(grey, last.outer.points, centres), None)
@@ -102,6 +102,6 @@ def _silhouette(observer: Observer, grey: Grey, image: Grey, last: View) -> Seen
         observer.believe(view)
         return view
     try:
-        return segment(image)
+        return segment_object(image)
     except ObservationError as error:
         return str(error)

@@ -15,7 +15,7 @@ from grasptrack.errors import ObservationError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.tracking.initialization import describable
+from grasptrack.tracking.initialization import count_describing_strategies
 from grasptrack.typing import Floats
 
 Motion = Literal["4 DoF", "6 DoF"]
@@ -57,7 +57,7 @@ class Part:
         return float(np.hypot(*(self.contacts[1] - self.contacts[0])))
 
 
-def trajectory(motion: Motion, frames: int, seed: int) -> Path:
+def camera_trajectory(motion: Motion, frames: int, seed: int) -> Path:
     """The path of the camera. Both motions share the first frame, which is frontal.
 
     Args:
@@ -75,14 +75,14 @@ def trajectory(motion: Motion, frames: int, seed: int) -> Path:
     return replace(path, **cut)
 
 
-def homographies(path: Path) -> Floats:
+def path_homographies(path: Path) -> Floats:
     """(F, 3, 3) H_current_reference of each frame, the reference being the first."""
     to_image = path.table_to_image(Camera())
     moved = to_image @ np.linalg.inv(to_image[0])
     return np.asarray(moved / moved[:, 2:, 2:], dtype=np.float64)
 
 
-def sampled(polygons: tuple[Floats, ...]) -> View:
+def sample_view(polygons: tuple[Floats, ...]) -> View:
     """Outer contour of `POINTS` points and holes as dense, equal steps along closed polygons (N, 2) px."""
     lengths = [float(kernels.arc_length(p)[-1]) for p in polygons]
     counts = [max(LEAST_POINTS, round(POINTS * length / lengths[0])) for length in lengths]
@@ -91,16 +91,16 @@ def sampled(polygons: tuple[Floats, ...]) -> View:
     return View([Contour(ring, hole=i > 0) for i, ring in enumerate(rings)])
 
 
-def part(name: str, seed: int) -> Part:
+def make_part(name: str, seed: int) -> Part:
     """An object and its grasp in the first view of the trajectories.
 
     Raises:
         ObservationError: no stable grasp that all strategies can describe.
     """
     shape = SHAPES[name]()
-    to_image = trajectory("4 DoF", 1, seed).table_to_image(Camera())[0]
-    reference = sampled(tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons))
+    to_image = camera_trajectory("4 DoF", 1, seed).table_to_image(Camera())[0]
+    reference = sample_view(tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons))
     for grasp in synthesize(reference, top=10):
-        if describable(grasp, reference) == 2:
+        if count_describing_strategies(grasp, reference) == 2:
             return Part(name, shape, reference, grasp.contacts)
     raise ObservationError(f"no grasp on the {name} that every strategy can describe")

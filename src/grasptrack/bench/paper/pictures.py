@@ -24,7 +24,7 @@ Picture = tuple[str, NDArray[np.uint8]]
 Images = Mapping[tuple[str, str], list[NDArray[np.uint8]]]
 
 
-def pictures(
+def table_pictures(
     examples: Sequence[Footage],
     tilted: Sequence[Footage],
     found: Sequence[Correspondences | tuple[str, str]],
@@ -42,8 +42,8 @@ def pictures(
     """
     pairs = [(f, c) for f, c in zip(tilted, found, strict=True) if isinstance(c, Correspondences)]
     for f, c in pairs:
-        yield _correspondences(f, c, images[f.part.name, f.motion])
-    for strategy, drawn in (("rrp", _tracked), ("grasp-line", _lines)):
+        yield _correspondence_picture(f, c, images[f.part.name, f.motion])
+    for strategy, drawn in (("rrp", _tracked_panel), ("grasp-line", _grasp_line_panel)):
         for f in examples:
             first, second = f.outlines(strategy)[0], f.outlines(strategy)[frame]
             if f.kind != "rendered" or not isinstance(first, View) or not isinstance(second, View):
@@ -58,7 +58,7 @@ def pictures(
             ]
             yield _CAPTIONS[strategy].format(f.part.name), draw_panels(panels)
     for f, c in pairs:
-        yield _refinement(f, c, images[f.part.name, f.motion])
+        yield _refinement_picture(f, c, images[f.part.name, f.motion])
 
 
 _CAPTIONS = {
@@ -67,9 +67,9 @@ _CAPTIONS = {
 }
 
 
-def _correspondences(f: Footage, c: Correspondences, images: Sequence[NDArray[np.uint8]]) -> Picture:
+def _correspondence_picture(f: Footage, c: Correspondences, images: Sequence[NDArray[np.uint8]]) -> Picture:
     panels = [
-        Panel(image, title, _curves(view), points=points, curve=curve, marks=marks)
+        Panel(image, title, _contour_points(view), points=points, curve=curve, marks=marks)
         for image, title, view, points, curve, marks in zip(
             images,
             ("frame 0: selected points", f"frame {c.frame}: correspondences"),
@@ -84,11 +84,11 @@ def _correspondences(f: Footage, c: Correspondences, images: Sequence[NDArray[np
     return caption, draw_panels(panels, "curvature along the outer contour, from its first point")
 
 
-def _refinement(f: Footage, c: Correspondences, images: Sequence[NDArray[np.uint8]]) -> Picture:
+def _refinement_picture(f: Footage, c: Correspondences, images: Sequence[NDArray[np.uint8]]) -> Picture:
     truth = f.truth("homography", c.frame)
     panels = [
-        Panel(images[0], "frame 0: the grasp and the selected points", _curves(c.first), c.points[0]),
-        Panel(images[1], f"frame {c.frame}: H applied (rings), refined", _curves(c.second), c.points[1]),
+        Panel(images[0], "frame 0: the grasp and the selected points", _contour_points(c.first), c.points[0]),
+        Panel(images[1], f"frame {c.frame}: H applied (rings), refined", _contour_points(c.second), c.points[1]),
     ]
     grasps = (f.on_silhouette, None, None), (c.refined, c.applied, truth)
     drawn = [
@@ -98,17 +98,21 @@ def _refinement(f: Footage, c: Correspondences, images: Sequence[NDArray[np.uint
     return f"Table V, {f.part.name}: the homography applied and refined, true places crossed", draw_panels(drawn)
 
 
-def _tracked(image: NDArray[np.uint8], title: str, view: View, contacts: Floats, truth: Floats | None = None) -> Panel:
+def _tracked_panel(
+    image: NDArray[np.uint8], title: str, view: View, contacts: Floats, truth: Floats | None = None
+) -> Panel:
     dots = np.concatenate([c.points[::INTERPOLATED] for c in view.contours])
-    return Panel(image, title, _curves(view), contacts=contacts, truth=truth, dots=dots)
+    return Panel(image, title, _contour_points(view), contacts=contacts, truth=truth, dots=dots)
 
 
-def _lines(image: NDArray[np.uint8], title: str, view: View, contacts: Floats, truth: Floats | None = None) -> Panel:
+def _grasp_line_panel(
+    image: NDArray[np.uint8], title: str, view: View, contacts: Floats, truth: Floats | None = None
+) -> Panel:
     described = grasp_line.describe(Grasp(contacts), view)
     area, *_ = kernels.inertia(view.points, view.offsets)
     axis = (*described.centroid, described.theta, 1.1 * math.sqrt(area))
-    return Panel(image, title, _curves(view), contacts=contacts, truth=truth, axis=axis)
+    return Panel(image, title, _contour_points(view), contacts=contacts, truth=truth, axis=axis)
 
 
-def _curves(view: View) -> list[Floats]:
+def _contour_points(view: View) -> list[Floats]:
     return [c.points for c in view.contours]

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from grasptrack.bench.metrics.errors import ErrorMeasure
 from grasptrack.bench.paper import contexts
-from grasptrack.bench.paper.contours import KINDS, Footage, ideal
-from grasptrack.bench.paper.correspondences import Correspondences, correspond, table_five, table_two
+from grasptrack.bench.paper.contours import KINDS, Footage, ideal_footage
+from grasptrack.bench.paper.correspondences import Correspondences, find_correspondences, table_five, table_two
 from grasptrack.bench.paper.descriptions import table_four, table_one, table_three
 from grasptrack.bench.paper.error_tables import at_a_glance, table_seven, table_six
-from grasptrack.bench.paper.images import middle, rendered
-from grasptrack.bench.paper.objects import MOTIONS, OBJECTS, part
-from grasptrack.bench.paper.pictures import pictures
+from grasptrack.bench.paper.images import middle_frame, rendered_footage
+from grasptrack.bench.paper.objects import MOTIONS, OBJECTS, make_part
+from grasptrack.bench.paper.pictures import table_pictures
 from grasptrack.bench.paper.printed import STRATEGIES
-from grasptrack.bench.paper.transfers import Course, follow
+from grasptrack.bench.paper.transfers import Course, transfer_and_measure
 from grasptrack.bench.report.table import Table
 from grasptrack.errors import InputError
 
@@ -89,7 +89,7 @@ def run_paper(*, frames: int = 100, seed: int = 0, progress: Progress | None = N
     """
     if frames < LEAST_FRAMES:
         raise InputError(f"the paper's tables need at least {LEAST_FRAMES} frames, not {frames}", frames=frames)
-    parts = [part(name, seed) for name in OBJECTS]
+    parts = [make_part(name, seed) for name in OBJECTS]
     tick = _Ticker(progress, "images", len(parts) * len(MOTIONS) * frames)
     footage: list[Footage] = []
     images: dict[tuple[str, str], list[NDArray[np.uint8]]] = {}
@@ -97,22 +97,22 @@ def run_paper(*, frames: int = 100, seed: int = 0, progress: Progress | None = N
         for kind in KINDS:
             for p in parts:
                 if kind == "rendered":
-                    seen, images[p.name, motion] = rendered(p, motion, frames, seed, tick)
+                    seen, images[p.name, motion] = rendered_footage(p, motion, frames, seed, tick)
                     footage.append(seen)
                 else:
-                    footage.append(ideal(p, kind, motion, frames, seed))
+                    footage.append(ideal_footage(p, kind, motion, frames, seed))
     tell = _Ticker(progress, "transfers", len(footage) * len(STRATEGIES) * 2)
     courses = []
     for f in footage:
         for strategy in STRATEGIES:
             for carried_on in (False, True):
-                courses.append(follow(f, strategy, carried_on))
+                courses.append(transfer_and_measure(f, strategy, carried_on))
                 tell()
     scenes = _Ticker(progress, "contexts", 2 * contexts.FRAMES)
-    half = middle(frames)
+    half = middle_frame(frames)
     examples = [f for f in footage if f.motion == "4 DoF" and f.kind in ("resampled", "rendered")]
     tilted = [f for f in footage if f.motion == "6 DoF" and f.kind == "rendered"]
-    found = [_named(f, correspond(f, half)) for f in tilted]
+    found = [_name_if_refused(f, find_correspondences(f, half)) for f in tilted]
     tables = [
         table_one(parts),
         table_two(found),
@@ -121,14 +121,14 @@ def run_paper(*, frames: int = 100, seed: int = 0, progress: Progress | None = N
         table_five(found),
         *(table_six(footage, half, motion) for motion in MOTIONS),
         at_a_glance(courses),
-        *_sevens(courses, half),
+        *_tables_by_setting(courses, half),
         contexts.table_of_contexts(courses, parts[0], seed, scenes),
     ]
-    series = tuple(_series(c) for c in courses)
-    return PaperRun(frames, seed, tuple(tables), series, tuple(pictures(examples, tilted, found, images, half)))
+    series = tuple(_course_series(c) for c in courses)
+    return PaperRun(frames, seed, tuple(tables), series, tuple(table_pictures(examples, tilted, found, images, half)))
 
 
-def _sevens(courses: list[Course], half: int) -> list[Table]:
+def _tables_by_setting(courses: list[Course], half: int) -> list[Table]:
     """One table VII for each motion and kind of contours."""
     groups: dict[tuple[str, str], list[Course]] = {}
     for c in courses:
@@ -136,11 +136,11 @@ def _sevens(courses: list[Course], half: int) -> list[Table]:
     return [table_seven(number, group, half) for number, group in enumerate(groups.values(), start=1)]
 
 
-def _named(footage: Footage, found: Correspondences | str) -> Correspondences | tuple[str, str]:
+def _name_if_refused(footage: Footage, found: Correspondences | str) -> Correspondences | tuple[str, str]:
     return (footage.part.name, found) if isinstance(found, str) else found
 
 
-def _series(c: Course) -> Series:
+def _course_series(c: Course) -> Series:
     answered = [e if isinstance(e, ErrorMeasure) else None for e in c.errors]
     return Series(
         c.footage.part.name,

@@ -52,13 +52,13 @@ class Course:
         return {r: listed.count(r) for r in sorted(set(listed), key=lambda r: (-listed.count(r), r))}
 
 
-def follow(footage: Footage, strategy: str, carried_on: bool) -> Course:
+def transfer_and_measure(footage: Footage, strategy: str, carried_on: bool) -> Course:
     """Transfer the grasp to every frame and measure it.
 
     After a refusal, a grasp that is carried on goes on from the last frame that was answered.
     """
     outlines, contacts = footage.outlines(strategy), footage.contacts(strategy)
-    found = answers(strategy, outlines, contacts, carried_on)
+    found = transferred_contacts(strategy, outlines, contacts, carried_on)
     errors = tuple(
         answer if isinstance(answer, str) else error_measure(answer, footage.truth(strategy, k), footage.areas[k])
         for k, answer in enumerate(found, start=1)
@@ -66,7 +66,9 @@ def follow(footage: Footage, strategy: str, carried_on: bool) -> Course:
     return Course(footage, strategy, carried_on, errors)
 
 
-def answers(strategy: str, outlines: Sequence[Seen], contacts: Floats, carried_on: bool) -> list[Floats | str]:
+def transferred_contacts(
+    strategy: str, outlines: Sequence[Seen], contacts: Floats, carried_on: bool
+) -> list[Floats | str]:
     """(2, 2) px in each outline after the first, or why there are none."""
     chosen, first, rest = strategy_named(strategy), outlines[0], outlines[1:]
     if isinstance(first, str):
@@ -90,7 +92,7 @@ def answers(strategy: str, outlines: Sequence[Seen], contacts: Floats, carried_o
     return found
 
 
-def reversibility(footage: Footage, strategy: str, frame: int) -> ErrorMeasure | str:
+def measure_reversibility(footage: Footage, strategy: str, frame: int) -> ErrorMeasure | str:
     """R_v E between the first frame and another, or why a transfer was refused."""
     outlines = footage.outlines(strategy)
     one, other = outlines[0], outlines[frame]

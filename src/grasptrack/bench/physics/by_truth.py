@@ -29,14 +29,14 @@ def lift_by_truth(world: World, contacts: ArrayLike, *, timeout: float = 15.0) -
     end = world.time() + timeout
     for height, near in ((ABOVE, 0.003), (0.002, 0.0005)):
         while world.time() < end:
-            twist, far = _toward(world, grasp, world.setting.part.thickness + height)
+            twist, far = _twist_toward_grasp(world, grasp, world.setting.part.thickness + height)
             if far < near:
                 break
             world.move(twist)
     return world.close(width) and world.lift()
 
 
-def _toward(world: World, grasp: Floats, height: float) -> tuple[Floats, float]:
+def _twist_toward_grasp(world: World, grasp: Floats, height: float) -> tuple[Floats, float]:
     """The twist that leads to the goal, the table's own motion included, and how far that is in m (10 cm to a rad)."""
     part, hand = world.part_pose(), world.pose()
     places = np.array([part[:3, :3] @ np.array([x, -y, 0.0]) + part[:3, 3] for x, y in grasp])
@@ -51,15 +51,15 @@ def _toward(world: World, grasp: Floats, height: float) -> tuple[Floats, float]:
     turn = _rotation_vector(hand[:3, :3].T @ R)
     shift = hand[:3, :3].T @ (middle - hand[:3, 3])
     carried = hand[:3, :3].T @ np.array([*world.setting.belt, 0.0])
-    twist = np.concatenate([_limited(6.0 * shift, 0.3) + carried, _limited(6.0 * turn, 1.5)])
+    twist = np.concatenate([_limit_norm(6.0 * shift, 0.3) + carried, _limit_norm(6.0 * turn, 1.5)])
     return twist, float(np.hypot(np.linalg.norm(shift), 0.1 * np.linalg.norm(turn)))
 
 
-def _limited(v: Floats, most: float) -> Floats:
+def _limit_norm(v: Floats, most: float) -> Floats:
     return v * min(1.0, most / max(1e-12, float(np.linalg.norm(v))))
 
 
 def _rotation_vector(R: Floats) -> Floats:
-    q = frames.quaternion(R)
+    q = frames.rotation_to_quaternion(R)
     s = float(np.linalg.norm(q[1:]))
     return np.asarray(q[1:] * (2.0 * math.atan2(s, q[0]) / s if s > 1e-12 else 2.0), dtype=np.float64)

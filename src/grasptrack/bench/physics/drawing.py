@@ -7,10 +7,10 @@ from typing import Literal
 
 from grasptrack.bench.physics.gripper import Gripper
 from grasptrack.bench.physics.images import Images
-from grasptrack.bench.physics.offscreen import MujocoImages, offscreen
+from grasptrack.bench.physics.offscreen import MujocoImages, offscreen_error
 from grasptrack.bench.physics.planar import PlanarImages
 from grasptrack.bench.physics.setting import Setting
-from grasptrack.bench.simulation.appearance import look
+from grasptrack.bench.simulation.appearance import sample_look
 from grasptrack.errors import InputError
 
 
@@ -24,9 +24,9 @@ def images_of(
     """
     if kind not in ("auto", "mujoco", "planar"):
         raise InputError(f'unknown images "{kind}"; choose from auto, mujoco, planar', images=kind)
-    seen = look(name, seed)
+    seen = sample_look(name, seed)
     if kind != "planar":
-        why = offscreen()
+        why = offscreen_error()
         if not why:
             return MujocoImages(setting, seen, seed)
         if kind == "mujoco":

@@ -10,7 +10,7 @@ from typing import Any
 from grasptrack.errors import InputError
 
 
-def engine() -> Any:
+def import_mujoco() -> Any:
     """MuJoCo, drawing through EGL where the user did not choose otherwise and there is no screen.
 
     Raises:

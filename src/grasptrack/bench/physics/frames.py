@@ -37,24 +37,24 @@ def about_z(angle: float) -> Floats:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def lean(angle: float, toward: float) -> Floats:
+def tilt_rotation(angle: float, toward: float) -> Floats:
     """(3, 3) rotation by `angle` rad about the horizontal axis in direction `toward`."""
     return about_z(toward) @ about_x(angle) @ about_z(-toward)
 
 
-def pose(R: Floats, at: Floats) -> Floats:
+def make_pose(R: Floats, at: Floats) -> Floats:
     """(4, 4) from a rotation (3, 3) and a place (3,)."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, at
     return T
 
 
-def inverse(T: Floats) -> Floats:
+def invert_pose(T: Floats) -> Floats:
     """(4, 4) of the first frame in the second."""
-    return pose(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
+    return make_pose(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
 
 
-def quaternion(R: Floats) -> Floats:
+def rotation_to_quaternion(R: Floats) -> Floats:
     """(4,) w x y z of a rotation (3, 3), w not negative, by its largest component (S. W. Shepperd 1978)."""
     t = float(np.trace(R))
     candidates = np.array([t, R[0, 0], R[1, 1], R[2, 2]])
@@ -86,17 +86,17 @@ def plane_to_image(K: Floats, camera_pose: Floats, plane: Floats, height: float 
     return np.asarray(H / H[2, 2], dtype=np.float64)
 
 
-def project(K: Floats, to_camera: Floats, points: Floats) -> Floats:
+def project_points(K: Floats, to_camera: Floats, points: Floats) -> Floats:
     """(N, 2) px of points (N, 3), carried into the camera's frame by (4, 4)."""
     seen = points @ to_camera[:3, :3].T + to_camera[:3, 3]
     image = seen @ K.T
     return np.asarray(image[:, :2] / image[:, 2:], dtype=np.float64)
 
 
-def silhouette(K: Floats, to_camera: Floats, corners: Floats) -> Floats | None:
+def convex_silhouette(K: Floats, to_camera: Floats, corners: Floats) -> Floats | None:
     """(M, 2) px, the convex outline of a convex body; None where it is not all in front of the camera."""
     depth = corners @ to_camera[2, :3] + to_camera[2, 3]
     if depth.min() < NEAR:
         return None
-    hull = cv2.convexHull(project(K, to_camera, corners).astype(np.float32))
+    hull = cv2.convexHull(project_points(K, to_camera, corners).astype(np.float32))
     return np.asarray(hull[:, 0], dtype=np.float64)

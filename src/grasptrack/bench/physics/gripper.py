@@ -98,7 +98,7 @@ class Gripper:
         return np.array([self.finger_frame(i, opening / 2.0)[:3, 3] for i in range(self.fingers)])
 
 
-def gripper(fingers: int) -> Gripper:
+def make_gripper(fingers: int) -> Gripper:
     """A hand of two fingers that close along x, or of three, a third of a turn apart.
 
     Raises:

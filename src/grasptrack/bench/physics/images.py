@@ -59,16 +59,16 @@ def hand_level(seen: Look) -> float:
     return float([0.5 * levels[0], 0.5 * sum(levels), 0.5 * (levels[1] + 230.0)][widest])
 
 
-def exposed(light: NDArray[np.float32], seed: int, frame: int) -> Pixels:
+def add_camera_noise(light: NDArray[np.float32], seed: int, frame: int) -> Pixels:
     """8 bit with the camera's noise, the same for the same frame."""
     rng = np.random.default_rng((seed, 17, frame))
     noisy = light + np.float32(NOISE) * pooled_noise(rng, *light.shape[:2])
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def covered(seed: int, frame: int) -> Pixels:
+def blocked_view(seed: int, frame: int) -> Pixels:
     """What the camera sees of what is held before it."""
-    return exposed(np.full((HEIGHT, WIDTH), COVER, np.float32), seed, frame)
+    return add_camera_noise(np.full((HEIGHT, WIDTH), COVER, np.float32), seed, frame)
 
 
 def frame_number(world: World) -> int:
@@ -88,4 +88,4 @@ def bystander_pose(world: World) -> Floats:
     z = z / np.linalg.norm(z)
     x = np.cross(z, np.array([0.0, 0.0, 1.0]))
     x = x / np.linalg.norm(x)
-    return frames.pose(np.column_stack([x, np.cross(z, x), z]), at)
+    return frames.make_pose(np.column_stack([x, np.cross(z, x), z]), at)

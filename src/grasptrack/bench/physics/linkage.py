@@ -21,34 +21,34 @@ MASSES = (10.0, 14.0, 7.0, 2.0, 2.0, 2.0)
 _GANTRY = ("x", "y", "z", "yaw")
 
 
-def joints(arm: Arm) -> tuple[str, ...]:
+def joint_names(arm: Arm) -> tuple[str, ...]:
     """Names of the joints, from the base."""
     return _GANTRY if arm == "gantry" else serial.JOINTS
 
 
-def start(setting: Setting, arm: Arm) -> Floats:
+def start_joints(setting: Setting, arm: Arm) -> Floats:
     """Where the joints are when the hand is where the setting wants it: m and rad.
 
     Raises:
         InputError: the arm does not reach it.
     """
     if arm == "arm":
-        return serial.start(frames.inverse(base(setting)) @ setting.hand)
+        return serial.start_joints(frames.invert_pose(base_pose(setting)) @ setting.hand)
     R = setting.hand[:3, :3] @ frames.DOWN  # what the turn has to do
     return np.array([*setting.hand[:3, 3], np.arctan2(R[1, 0], R[0, 0])])
 
 
-def base(setting: Setting) -> Floats:
+def base_pose(setting: Setting) -> Floats:
     """(4, 4) of the arm's base in the world."""
     return serial.base_for(setting.hand, setting.place[:2, 3], setting.belt)
 
 
-def chain(setting: Setting, arm: Arm, grey: str) -> tuple[str, str, str]:
+def body_chain_xml(setting: Setting, arm: Arm, grey: str) -> tuple[str, str, str]:
     """What opens the chain of bodies that carries the hand, the hand's place in the last of them, and what closes it."""
-    return _gantry() if arm == "gantry" else _serial(setting, grey)
+    return _gantry_chain_xml() if arm == "gantry" else _serial_chain_xml(setting, grey)
 
 
-def drives(arm: Arm) -> str:
+def velocity_drives_xml(arm: Arm) -> str:
     """Velocity drives of all joints, in their order."""
     found = ""
     if arm == "arm":
@@ -66,7 +66,7 @@ def drives(arm: Arm) -> str:
     return found
 
 
-def _gantry() -> tuple[str, str, str]:
+def _gantry_chain_xml() -> tuple[str, str, str]:
     """Their axes meet in the hand's origin, where the model is built with all joints at 0."""
     opened = ""
     for name, axis in zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True):
@@ -77,9 +77,9 @@ def _gantry() -> tuple[str, str, str]:
     return opened, 'quat="0 1 0 0"', 4 * "</body>"
 
 
-def _serial(setting: Setting, grey: str) -> tuple[str, str, str]:
-    at = base(setting)
-    turned, origin = _numbers(frames.quaternion(at[:3, :3])), np.zeros(3)
+def _serial_chain_xml(setting: Setting, grey: str) -> tuple[str, str, str]:
+    at = base_pose(setting)
+    turned, origin = _format_numbers(frames.rotation_to_quaternion(at[:3, :3])), np.zeros(3)
     upper, fore = np.array([serial.UPPER, 0.0, 0.0]), np.array([serial.FORE, 0.0, 0.0])
     places = (at[:3, 3], origin, upper, fore, origin, origin)
     # each joint's rod, from its own axis; wrist pitch and yaw are too small to show
@@ -89,17 +89,20 @@ def _serial(setting: Setting, grey: str) -> tuple[str, str, str]:
     for name, axis, place, end, mass, low, high in zip(
         serial.JOINTS, serial.AXES, places, ends, MASSES, serial.LOWEST, serial.HIGHEST, strict=True
     ):
-        opened += f'<body name="{name}" pos="{_numbers(place)}"' + (f' quat="{turned}"' if name == "base" else "")
+        opened += f'<body name="{name}" pos="{_format_numbers(place)}"' + (
+            f' quat="{turned}"' if name == "base" else ""
+        )
         opened += f' gravcomp="1"><joint name="{name}" type="hinge" axis="{axis}" armature=".05"'
         opened += f' range="{low:.9g} {high:.9g}"/>'
         if end is None:
             opened += f'<inertial pos="0 0 0" mass="{mass}" diaginertia=".002 .002 .002"/>'
         else:
-            opened += f'<geom name="{name}" type="capsule" fromto="0 0 0 {_numbers(end)}" size="{next(radii)}"'
+            opened += f'<geom name="{name}" type="capsule" fromto="0 0 0 {_format_numbers(end)}" size="{next(radii)}"'
             opened += f' mass="{mass}" rgba="{grey}"/>'
-    placed = f'pos="{_numbers(-serial.ZERO @ serial.WRIST)}" quat="{_numbers(frames.quaternion(serial.ZERO))}"'
+    at_zero = frames.rotation_to_quaternion(serial.ZERO)
+    placed = f'pos="{_format_numbers(-serial.ZERO @ serial.WRIST)}" quat="{_format_numbers(at_zero)}"'
     return opened, placed, len(serial.JOINTS) * "</body>"
 
 
-def _numbers(values: Floats) -> str:
+def _format_numbers(values: Floats) -> str:
     return " ".join(f"{v:.9g}" for v in np.ravel(values))

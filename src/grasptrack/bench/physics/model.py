@@ -25,7 +25,9 @@ TABLE = 12.0
 """m, half of the table's side: as long as a belt may run."""
 
 
-def xml(setting: Setting, hand: Gripper, arm: Arm, *, levels: Mapping[str, float], texture: str = "") -> str:
+def build_model_xml(
+    setting: Setting, hand: Gripper, arm: Arm, *, levels: Mapping[str, float], texture: str = ""
+) -> str:
     """The model in MuJoCo's own language.
 
     The part's convex pieces touch fingers only, and it stands on points of its convex hull, as a flat part
@@ -57,75 +59,75 @@ def xml(setting: Setting, hand: Gripper, arm: Arm, *, levels: Mapping[str, float
  <default class="foot"><geom type="sphere" size="{FOOT}" contype="8" friction=".5 .002 .0001" mass="0" group="4"/></default>
 </default>
 <asset>{look}<material name="table" {picture} specular="0"/>
-{_meshes(setting)}
+{_mesh_assets_xml(setting)}
 </asset>
 <worldbody>
 <light pos=".3 .4 2" dir="-.15 -.2 -1" diffuse=".35 .35 .35" castshadow="false"/>
 <body name="table"><joint name="belt" type="slide" axis="{math.cos(way):.9f} {math.sin(way):.9f} 0" limited="false"/>
  <geom name="table" type="box" pos="0 0 -.05" size="{TABLE} {TABLE} .05" mass="5000" conaffinity="12" friction=".5"
   material="table"/></body>
-{_part(setting)}
-{_arm(setting, hand, arm, grey["hand"])}
+{_part_body_xml(setting)}
+{_arm_bodies_xml(setting, hand, arm, grey["hand"])}
 <body name="bystander" mocap="true"><camera name="bystander" fovy="40"/></body>
 </worldbody>
-<equality>{_coupled(hand)}</equality>
-<actuator>{linkage.drives(arm)}{_drive(hand)}</actuator>
+<equality>{_finger_couplings_xml(hand)}</equality>
+<actuator>{linkage.velocity_drives_xml(arm)}{_finger_drive_xml(hand)}</actuator>
 </mujoco>"""
 
 
-def _numbers(values: Floats) -> str:
+def _format_numbers(values: Floats) -> str:
     return " ".join(f"{v:.9g}" for v in np.ravel(values))
 
 
-def _meshes(setting: Setting) -> str:
+def _mesh_assets_xml(setting: Setting) -> str:
     low, high = 0.0, setting.part.thickness
     found = []
     for number, piece in enumerate(setting.part.pieces):
         both = np.vstack([np.column_stack([piece, np.full(len(piece), z)]) for z in (low, high)])
-        found.append(f'<mesh name="piece{number}" inertia="shell" vertex="{_numbers(both)}"/>')
+        found.append(f'<mesh name="piece{number}" inertia="shell" vertex="{_format_numbers(both)}"/>')
     return "\n".join(found)
 
 
-def _part(setting: Setting) -> str:
+def _part_body_xml(setting: Setting) -> str:
     part = setting.part
-    at, q = setting.place[:3, 3], frames.quaternion(setting.place[:3, :3])
-    turned = frames.quaternion(frames.about_z(part.axis))
+    at, q = setting.place[:3, 3], frames.rotation_to_quaternion(setting.place[:3, :3])
+    turned = frames.rotation_to_quaternion(frames.about_z(part.axis))
     pieces = "".join(f'<geom class="piece" mesh="piece{n}"/>' for n in range(len(part.pieces)))
     feet = "".join(f'<geom class="foot" pos="{x:.7g} {y:.7g} {FOOT}"/>' for x, y in part.feet)
-    return f"""<body name="part" pos="{_numbers(at)}" quat="{_numbers(q)}"><freejoint name="part"/>
-<inertial pos="0 0 {part.thickness / 2.0:.6g}" quat="{_numbers(turned)}" mass="{part.mass:.6g}"
- diaginertia="{_numbers(part.inertia)}"/>
+    return f"""<body name="part" pos="{_format_numbers(at)}" quat="{_format_numbers(q)}"><freejoint name="part"/>
+<inertial pos="0 0 {part.thickness / 2.0:.6g}" quat="{_format_numbers(turned)}" mass="{part.mass:.6g}"
+ diaginertia="{_format_numbers(part.inertia)}"/>
 {pieces}{feet}</body>"""
 
 
-def _arm(setting: Setting, hand: Gripper, arm: Arm, grey: str) -> str:
-    opened, placed, closed = linkage.chain(setting, arm, grey)
-    camera, q = setting.mount, frames.quaternion(setting.mount[:3, :3] @ frames.DOWN)
+def _arm_bodies_xml(setting: Setting, hand: Gripper, arm: Arm, grey: str) -> str:
+    opened, placed, closed = linkage.body_chain_xml(setting, arm, grey)
+    camera, q = setting.mount, frames.rotation_to_quaternion(setting.mount[:3, :3] @ frames.DOWN)
     fovy = math.degrees(2.0 * math.atan(setting.camera.height / (2.0 * setting.camera.matrix[0, 0])))
     boxes = "".join(
-        f'<geom name="{b.name}" class="shaft" contype="0" conaffinity="0" pos="{_numbers(np.array(b.centre))}"'
-        f' size="{_numbers(np.array(b.half))}" mass=".2"/>'
+        f'<geom name="{b.name}" class="shaft" contype="0" conaffinity="0" pos="{_format_numbers(np.array(b.centre))}"'
+        f' size="{_format_numbers(np.array(b.half))}" mass=".2"/>'
         for b in hand.fixed_boxes()
     )
     return f"""{opened}<body name="hand" {placed} gravcomp="1"><site name="tip" size=".001" group="5"/>
-{boxes}<camera name="hand" pos="{_numbers(camera[:3, 3])}" quat="{_numbers(q)}" fovy="{fovy:.9g}"/>
-{"".join(_finger(hand, i) for i in range(hand.fingers))}</body>{closed}"""
+{boxes}<camera name="hand" pos="{_format_numbers(camera[:3, 3])}" quat="{_format_numbers(q)}" fovy="{fovy:.9g}"/>
+{"".join(_finger_body_xml(hand, i) for i in range(hand.fingers))}</body>{closed}"""
 
 
-def _finger(hand: Gripper, finger: int) -> str:
+def _finger_body_xml(hand: Gripper, finger: int) -> str:
     frame = hand.finger_frame(finger, MAX_OPENING / 2.0)
     boxes = "".join(
-        f'<geom name="{b.name}{finger}" class="{b.name}" pos="{_numbers(np.array(b.centre))}"'
-        f' size="{_numbers(np.array(b.half))}" mass=".02"/>'
+        f'<geom name="{b.name}{finger}" class="{b.name}" pos="{_format_numbers(np.array(b.centre))}"'
+        f' size="{_format_numbers(np.array(b.half))}" mass=".02"/>'
         for b in hand.finger_boxes(finger)
     )
-    at, q = _numbers(frame[:3, 3]), _numbers(frames.quaternion(frame[:3, :3]))
+    at, q = _format_numbers(frame[:3, 3]), _format_numbers(frames.rotation_to_quaternion(frame[:3, :3]))
     return f"""<body name="finger{finger}" pos="{at}" quat="{q}" gravcomp="1">
 <joint name="finger{finger}" type="slide" axis="-1 0 0" range="0 {MAX_OPENING / 2.0}" damping="2" armature=".1"
  solreflimit=".004 1"/>{boxes}</body>"""
 
 
-def _coupled(hand: Gripper) -> str:
+def _finger_couplings_xml(hand: Gripper) -> str:
     """One drive moves all fingers alike."""
     return "".join(
         f'<joint joint1="finger{i}" joint2="finger0" polycoef="0 1 0 0 0" solref=".004 1"/>'
@@ -133,7 +135,7 @@ def _coupled(hand: Gripper) -> str:
     )
 
 
-def _drive(hand: Gripper) -> str:
+def _finger_drive_xml(hand: Gripper) -> str:
     force = GRIP * hand.fingers
     return (
         f'<position name="fingers" joint="finger0" kp="4000" kv="120" ctrlrange="0 {MAX_OPENING / 2.0 + 0.02}"'

@@ -46,7 +46,7 @@ class Body:
     feet: Floats
 
 
-def body(shape: Shape, size: float, thickness: float, density: float) -> Body:
+def extrude_body(shape: Shape, size: float, thickness: float, density: float) -> Body:
     """A part cut from a plate.
 
     Args:
@@ -66,14 +66,14 @@ def body(shape: Shape, size: float, thickness: float, density: float) -> Body:
     slab = mass * thickness**2 / 12.0
     inertia = np.array([values[1] + slab, values[0] + slab, values.sum()])
     axis = math.atan2(vectors[1, 0], vectors[0, 0])
-    pieces = _pieces(scaled)
-    return Body(size, scaled, thickness, mass, inertia, axis, pieces, _feet(scaled))
+    pieces = _split_into_convex(scaled)
+    return Body(size, scaled, thickness, mass, inertia, axis, pieces, _support_points(scaled))
 
 
-def _pieces(shape: Shape) -> tuple[Floats, ...]:
+def _split_into_convex(shape: Shape) -> tuple[Floats, ...]:
     tolerance = TOLERANCE
     while True:
-        rings = [_sparse(ring, tolerance) for ring in shape.polygons]
+        rings = [_simplify_ring(ring, tolerance) for ring in shape.polygons]
         found = convex_pieces([ring for ring in rings if len(ring) >= 3])
         if len(found) <= MOST_PIECES or tolerance > 1e-3:
             break
@@ -82,12 +82,12 @@ def _pieces(shape: Shape) -> tuple[Floats, ...]:
     return tuple((piece * np.array([1.0, -1.0]))[::-1] for piece in found)
 
 
-def _sparse(ring: Floats, tolerance: float) -> Floats:
+def _simplify_ring(ring: Floats, tolerance: float) -> Floats:
     kept = cv2.approxPolyDP(np.asarray(ring[:, None] * 1e3, dtype=np.float32), tolerance * 1e3, closed=True)
     return np.asarray(kept[:, 0], dtype=np.float64) * 1e-3
 
 
-def _feet(shape: Shape) -> Floats:
+def _support_points(shape: Shape) -> Floats:
     """Corners of the convex hull, farthest apart in turn."""
     outer = shape.outer * np.array([1.0, -1.0])
     hull = outer[cv2.convexHull(outer.astype(np.float32), returnPoints=False)[:, 0]]

@@ -13,9 +13,9 @@ from grasptrack.bench.physics import frames
 from grasptrack.bench.physics.gripper import Gripper
 from grasptrack.bench.physics.images import (
     BYSTANDER,
+    add_camera_noise,
+    blocked_view,
     bystander_pose,
-    covered,
-    exposed,
     frame_number,
     hand_level,
 )
@@ -67,25 +67,25 @@ class PlanarImages:
         """(480, 640) grey, of the hand's camera."""
         frame = frame_number(world)
         if world.blocked():
-            return covered(self._seed, frame)
-        image = self._scene(world, self._views[0], self._setting.camera.matrix, world.camera_pose())
+            return blocked_view(self._seed, frame)
+        image = self._render_scene(world, self._views[0], self._setting.camera.matrix, world.camera_pose())
         opening = round(world.opening(), 4)
         if self._layer is None or self._layer[0] != opening:
             boxes = self._gripper.boxes(opening)
             drawn = boxes_seen(
-                boxes, frames.inverse(self._setting.mount), self._setting.camera.matrix, self.levels["hand"]
+                boxes, frames.invert_pose(self._setting.mount), self._setting.camera.matrix, self.levels["hand"]
             )
             self._layer = (opening, *drawn)
         _, share, light = self._layer
         image *= 1.0 - share
         image += light
-        return exposed(image, self._seed, frame)
+        return add_camera_noise(image, self._seed, frame)
 
     def bystander(self, world: World) -> Pixels:
         """(480, 640, 3) BGR, of the one who stands beside."""
         at = bystander_pose(world)
-        image = self._scene(world, self._views[1], BYSTANDER.matrix, at)
-        to_camera, K, level = frames.inverse(at), BYSTANDER.matrix, self.levels["hand"]
+        image = self._render_scene(world, self._views[1], BYSTANDER.matrix, at)
+        to_camera, K, level = frames.invert_pose(at), BYSTANDER.matrix, self.levels["hand"]
         for share, light in (
             rods_seen(world.links(), to_camera, K, level),  # the hand hangs below them
             boxes_seen(self._gripper.boxes(world.opening()), to_camera @ world.pose(), K, level),
@@ -94,7 +94,7 @@ class PlanarImages:
             image += light[..., None] * np.array([1.06, 1.0, 0.92], np.float32)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
-    def _scene(self, world: World, view: Renderer, K: Floats, camera_pose: Floats) -> Floats32:
+    def _render_scene(self, world: World, view: Renderer, K: Floats, camera_pose: Floats) -> Floats32:
         table = np.eye(4)
         table[:2, 3] = world.belt_travel()
         image = view.ground(frames.plane_to_image(K, camera_pose, table))
@@ -132,7 +132,7 @@ def boxes_seen(boxes: list[Floats], to_camera: Floats, K: Floats, level: float) 
         corners = np.rint(quad * 16.0).astype(np.int32)
         cv2.fillConvexPoly(share, corners, 255, cv2.LINE_AA, 4)
         cv2.fillConvexPoly(light, corners, int(min(255.0, max(1.0, level * lit))), cv2.LINE_AA, 4)
-    return _softened(share, light)
+    return _blur_layers(share, light)
 
 
 def rods_seen(
@@ -151,10 +151,10 @@ def rods_seen(
             hull = cv2.convexHull(np.rint(around.reshape(-1, 2) * 16.0).astype(np.int32))
             cv2.fillConvexPoly(share, hull, 255, cv2.LINE_AA, 4)
             cv2.fillConvexPoly(light, hull, int(min(255.0, max(1.0, level * lit))), cv2.LINE_AA, 4)
-    return _softened(share, light)
+    return _blur_layers(share, light)
 
 
-def _softened(share: Pixels, light: Pixels) -> tuple[Floats32, Floats32]:
+def _blur_layers(share: Pixels, light: Pixels) -> tuple[Floats32, Floats32]:
     soft = cv2.GaussianBlur(share.astype(np.float32) / np.float32(255.0), (0, 0), BLUR)
     glow = cv2.GaussianBlur(light.astype(np.float32), (0, 0), BLUR)
     return np.asarray(soft, dtype=np.float32), np.asarray(glow, dtype=np.float32)

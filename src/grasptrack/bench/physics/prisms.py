@@ -31,52 +31,55 @@ def convex_pieces(polygons: Sequence[Floats]) -> list[Floats]:
     Raises:
         ContourError: polygons that cross themselves or each other, so that no ear is left before the end.
     """
-    points = _bridged([np.asarray(p, dtype=np.float64) for p in polygons])
-    doubled = float(_cross(points, np.roll(points, -1, axis=0)).sum())
+    points = _bridge_holes([np.asarray(p, dtype=np.float64) for p in polygons])
+    doubled = float(_cross_product(points, np.roll(points, -1, axis=0)).sum())
     tiny = _STRAIGHT * abs(doubled)
-    pieces = [points[piece] for piece in _merged(points, _ears(points, tiny), tiny)]
-    covered = sum(float(_cross(piece, np.roll(piece, -1, axis=0)).sum()) for piece in pieces)
+    pieces = [points[piece] for piece in _merge_triangles(points, _clip_ears(points, tiny), tiny)]
+    covered = sum(float(_cross_product(piece, np.roll(piece, -1, axis=0)).sum()) for piece in pieces)
     if abs(covered - doubled) > 1e-5 * abs(doubled):
         raise ContourError(_CROSSED, points=len(points))
     return pieces
 
 
-def _cross(a: Floats, b: Floats) -> Floats:
+def _cross_product(a: Floats, b: Floats) -> Floats:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], dtype=np.float64)
 
 
-def _corner(a: Floats, b: Floats, c: Floats) -> float:
+def _twice_signed_area(a: Floats, b: Floats, c: Floats) -> float:
     """Twice the signed area of a triangle."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-def _bridged(polygons: list[Floats]) -> Floats:
+def _bridge_holes(polygons: list[Floats]) -> Floats:
     """One closed walk round all polygons: each hole is entered from its rightmost point and left the same way."""
     walk = polygons[0]
     holes = sorted(polygons[1:], key=lambda hole: -float(hole[:, 0].max()))
     for number, hole in enumerate(holes):
         start = int(hole[:, 0].argmax())
         ring = np.roll(hole, -start, axis=0)
-        at = _visible(ring[0], walk, holes[number:])
+        at = _nearest_visible_vertex(ring[0], walk, holes[number:])
         walk = np.concatenate([walk[: at + 1], ring, ring[:1], walk[at:]])
     return walk
 
 
-def _visible(point: Floats, walk: Floats, holes: Sequence[Floats]) -> int:
+def _nearest_visible_vertex(point: Floats, walk: Floats, holes: Sequence[Floats]) -> int:
     """The nearest vertex of the walk to which a straight line from `point` meets no side, and leads inside there."""
     before, after = np.roll(walk, 1, axis=0), np.roll(walk, -1, axis=0)
     sides = [(ring, np.roll(ring, -1, axis=0)) for ring in (walk, *holes)]
     starts, ends = np.concatenate([s for s, _ in sides]), np.concatenate([e for _, e in sides])
     for i in np.argsort(np.hypot(*(walk - point).T)):
         vertex = walk[i]
-        left, right = _corner(before[i], vertex, point) > 0.0, _corner(vertex, after[i], point) > 0.0
-        convex = _corner(before[i], vertex, after[i]) > 0.0
+        left, right = (
+            _twice_signed_area(before[i], vertex, point) > 0.0,
+            _twice_signed_area(vertex, after[i], point) > 0.0,
+        )
+        convex = _twice_signed_area(before[i], vertex, after[i]) > 0.0
         if not ((left and right) if convex else (left or right)):
             continue
         way = vertex - point
-        a, b = _cross(way, starts - point), _cross(way, ends - point)
+        a, b = _cross_product(way, starts - point), _cross_product(way, ends - point)
         side = ends - starts
-        c, d = _cross(side, point - starts), _cross(side, vertex - starts)
+        c, d = _cross_product(side, point - starts), _cross_product(side, vertex - starts)
         ours = (np.abs(starts - vertex).sum(axis=1) == 0) | (np.abs(ends - vertex).sum(axis=1) == 0)
         ours |= (np.abs(starts - point).sum(axis=1) == 0) | (np.abs(ends - point).sum(axis=1) == 0)
         if not ((a * b <= 0.0) & (c * d <= 0.0) & ~ours).any():
@@ -84,7 +87,7 @@ def _visible(point: Floats, walk: Floats, holes: Sequence[Floats]) -> int:
     raise ContourError("a hole of the outline cannot be reached from outside: do its polygons cross?")
 
 
-def _ears(points: Floats, tiny: float) -> list[tuple[int, int, int]]:
+def _clip_ears(points: Floats, tiny: float) -> list[tuple[int, int, int]]:
     """Triangles, as indices of points, that fill the walk."""
     left = list(range(len(points)))
     triangles: list[tuple[int, int, int]] = []
@@ -95,7 +98,7 @@ def _ears(points: Floats, tiny: float) -> list[tuple[int, int, int]]:
             raise ContourError(_CROSSED, points=len(points))
         i, j, k = left[at % n], left[(at + 1) % n], left[(at + 2) % n]
         a, b, c = points[i], points[j], points[k]
-        area = _corner(a, b, c)
+        area = _twice_signed_area(a, b, c)
         if abs(area) <= tiny and not _turns_back(a, b, c):
             left.pop((at + 1) % n)  # a straight corner: nothing is cut off
             triangles.append((i, j, k))
@@ -119,12 +122,16 @@ def _holds_any(points: Floats, left: list[int], triangle: tuple[int, int, int]) 
     """Whether another vertex lies in the triangle or on its sides; those that coincide with its corners do not count."""
     a, b, c = (points[i] for i in triangle)
     p = points[left]
-    inside = (_cross(b - a, p - a) >= 0.0) & (_cross(c - b, p - b) >= 0.0) & (_cross(a - c, p - c) >= 0.0)
+    inside = (
+        (_cross_product(b - a, p - a) >= 0.0)
+        & (_cross_product(c - b, p - b) >= 0.0)
+        & (_cross_product(a - c, p - c) >= 0.0)
+    )
     same = (p == a).all(axis=1) | (p == b).all(axis=1) | (p == c).all(axis=1)
     return bool((inside & ~same).any())
 
 
-def _merged(points: Floats, triangles: list[tuple[int, int, int]], tiny: float) -> list[list[int]]:
+def _merge_triangles(points: Floats, triangles: list[tuple[int, int, int]], tiny: float) -> list[list[int]]:
     pieces: dict[int, list[int]] = {n: list(t) for n, t in enumerate(triangles)}
     owner = {edge: n for n, t in pieces.items() for edge in zip(t, [*t[1:], t[0]], strict=True)}
     for i, j in [edge for edge in owner if edge[::-1] in owner and edge[0] < edge[1]]:
@@ -141,7 +148,7 @@ def _merged(points: Floats, triangles: list[tuple[int, int, int]], tiny: float) 
         del pieces[other]
         for edge in zip(joined, [*joined[1:], joined[0]], strict=True):
             owner[edge] = one
-    areas = {n: float(_cross(points[p], np.roll(points[p], -1, axis=0)).sum()) for n, p in pieces.items()}
+    areas = {n: float(_cross_product(points[p], np.roll(points[p], -1, axis=0)).sum()) for n, p in pieces.items()}
     return [p for n, p in pieces.items() if areas[n] > tiny]
 
 
@@ -149,6 +156,6 @@ def _convex_at(points: Floats, piece: list[int], corners: tuple[int, int], tiny:
     for corner in corners:
         at = piece.index(corner)
         a, b, c = points[piece[at - 1]], points[corner], points[piece[(at + 1) % len(piece)]]
-        if _corner(a, b, c) < -tiny:
+        if _twice_signed_area(a, b, c) < -tiny:
             return False
     return True

@@ -65,10 +65,10 @@ def base_for(hand: Floats, part: Floats, belt: Floats) -> Floats:
         at = part + ASIDE * back / max(float(np.hypot(*back)), 1e-9)
     centre = hand[:3, :3] @ WRIST + hand[:3, 3]
     way = centre[:2] - at
-    return frames.pose(frames.about_z(math.atan2(way[1], way[0])), np.array([*at, HIGH]))
+    return frames.make_pose(frames.about_z(math.atan2(way[1], way[0])), np.array([*at, HIGH]))
 
 
-def forward(joints: Floats) -> Floats:
+def forward_kinematics(joints: Floats) -> Floats:
     """(4, 4) of the hand in the base, from the joints (6,) rad."""
     yaw, shoulder, elbow, pitch, aside, roll = (float(q) for q in joints)
     flat = np.array([
@@ -79,10 +79,10 @@ def forward(joints: Floats) -> Floats:
     turn = frames.about_z(yaw)
     wrist = frames.about_y(shoulder + elbow + pitch) @ frames.about_x(aside) @ frames.about_z(roll)
     R = turn @ wrist @ ZERO
-    return frames.pose(R, turn @ flat - R @ WRIST)
+    return frames.make_pose(R, turn @ flat - R @ WRIST)
 
 
-def inverse(hand: Floats) -> list[Floats]:
+def inverse_kinematics(hand: Floats) -> list[Floats]:
     """All joints (6,) rad, within a turn about 0, that bring the hand to a pose (4, 4) in the base; none out of reach."""
     R = hand[:3, :3]
     centre = R @ WRIST + hand[:3, 3]
@@ -103,17 +103,19 @@ def inverse(hand: Floats) -> list[Floats]:
             shoulder = math.atan2(-up, front * out) - math.atan2(FORE * math.sin(bent), UPPER + FORE * math.cos(bent))
             for over in (0.0, math.pi):
                 a = aside if over == 0.0 else math.pi - aside
-                found.append(_wrapped(np.array([yaw, shoulder, bent, pitch + over - shoulder - bent, a, roll + over])))
+                found.append(
+                    _wrap_angles(np.array([yaw, shoulder, bent, pitch + over - shoulder - bent, a, roll + over]))
+                )
     return found
 
 
-def start(hand: Floats) -> Floats:
+def start_joints(hand: Floats) -> Floats:
     """Joints (6,) rad for a pose (4, 4) in the base, within their limits and nearest to REST.
 
     Raises:
         InputError: out of reach.
     """
-    ways = [q for q in inverse(hand) if ((q > LOWEST) & (q < HIGHEST)).all()]
+    ways = [q for q in inverse_kinematics(hand) if ((q > LOWEST) & (q < HIGHEST)).all()]
     if not ways:
         far = float(np.linalg.norm(hand[:3, :3] @ WRIST + hand[:3, 3]))
         raise InputError(
@@ -124,17 +126,17 @@ def start(hand: Floats) -> Floats:
     return min(ways, key=lambda q: float(((q - REST) ** 2).sum()))
 
 
-def links(joints: Floats) -> list[tuple[Floats, Floats, float]]:
+def link_rods(joints: Floats) -> list[tuple[Floats, Floats, float]]:
     """The links as rods in the base's frame: both ends (3,) and the radius, m."""
     yaw, shoulder, elbow, *_ = (float(q) for q in joints)
     turn = frames.about_z(yaw)
     bend = turn @ frames.about_y(shoulder) @ np.array([UPPER, 0.0, 0.0])
     centre = bend + turn @ frames.about_y(shoulder + elbow) @ np.array([FORE, 0.0, 0.0])
-    palm = centre + FLANGE * forward(joints)[:3, 2]
+    palm = centre + FLANGE * forward_kinematics(joints)[:3, 2]
     origin = np.zeros(3)
     ends = [(np.array([0.0, 0.0, COLUMN]), origin), (origin, bend), (bend, centre), (centre, palm)]
     return [(a, b, r) for (a, b), r in zip(ends, RADII, strict=True)]
 
 
-def _wrapped(q: Floats) -> Floats:
+def _wrap_angles(q: Floats) -> Floats:
     return np.asarray((q + math.pi) % (2.0 * math.pi) - math.pi, dtype=np.float64)

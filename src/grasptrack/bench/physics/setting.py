@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from grasptrack.bench.physics import frames
 from grasptrack.bench.physics.gripper import MAX_OPENING, Gripper
-from grasptrack.bench.physics.part import Body, body
+from grasptrack.bench.physics.part import Body, extrude_body
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
@@ -68,7 +68,7 @@ class Setting:
     blackout: float
 
 
-def draw(
+def sample_setting(
     shape: Shape,
     hand: Gripper,
     *,
@@ -103,15 +103,15 @@ def draw(
         raise InputError(f'unknown arm "{arm}"; choose from {", ".join(ARMS)}', arm=arm)
     rng = np.random.default_rng((seed, zlib.crc32(shape.name.encode()), 71))
     size = min(float(rng.uniform(*SIZE)), LONGEST / shape.radius())
-    part = body(shape, size, float(rng.uniform(0.002, 0.006)), float(rng.uniform(1000.0, 2700.0)))
+    part = extrude_body(shape, size, float(rng.uniform(0.002, 0.006)), float(rng.uniform(1000.0, 2700.0)))
     camera = Camera(WIDTH, HEIGHT, focal=float(rng.uniform(520.0, 680.0)))
-    mount = _mount(rng)
+    mount = _sample_camera_mount(rng)
     chosen = float(rng.uniform(0.0, math.pi)) if axis is None else axis
     yaw = float(rng.uniform(-math.pi, math.pi))
-    place = frames.pose(frames.about_z(yaw), np.zeros(3))
-    goal = frames.project(camera.matrix, frames.inverse(mount), np.zeros((1, 3)))[0]
-    depth = float((frames.inverse(mount) @ np.array([0.0, 0.0, 0.0, 1.0]))[2])
-    blocked = _blocked(camera, mount, hand)
+    place = frames.make_pose(frames.about_z(yaw), np.zeros(3))
+    goal = frames.project_points(camera.matrix, frames.invert_pose(mount), np.zeros((1, 3)))[0]
+    depth = float((frames.invert_pose(mount) @ np.array([0.0, 0.0, 0.0, 1.0]))[2])
+    blocked = _open_hand_mask(camera, mount, hand)
     for attempt in range(400):
         tilt = float(rng.uniform(0.0, TILT)) if arm == "arm" else 0.0
         # seen from above, x toward y of the outline is from x to -y of the world
@@ -121,15 +121,15 @@ def draw(
             + float(rng.uniform(-TURN, TURN))
             + 2.0 * math.pi / hand.fingers * int(rng.integers(hand.fingers))
         )
-        R = frames.about_z(spin) @ frames.lean(tilt, float(rng.uniform(-math.pi, math.pi))) @ frames.DOWN
+        R = frames.about_z(spin) @ frames.tilt_rotation(tilt, float(rng.uniform(-math.pi, math.pi))) @ frames.DOWN
         share = 1.0 - attempt / 800.0
         off = rng.uniform(-ASIDE, ASIDE, 2) * np.array([WIDTH, HEIGHT]) * share
         away = float(rng.uniform(*AWAY)) * depth
         ray = np.linalg.inv(camera.matrix) @ np.array([*(goal + off), 1.0])
         R_camera = R @ mount[:3, :3]
         at = np.array([0.0, 0.0, part.thickness]) - R_camera @ ray * away
-        start = frames.pose(R_camera, at) @ frames.inverse(mount)
-        if _shown(part, place, start @ mount, camera, blocked) and start[2, 3] > 0.08:
+        start = frames.make_pose(R_camera, at) @ frames.invert_pose(mount)
+        if _is_fully_visible(part, place, start @ mount, camera, blocked) and start[2, 3] > 0.08:
             break
     else:
         raise InputError(f"{shape.name}: the part cannot be shown whole beside the hand", shape=shape.name)
@@ -148,32 +148,34 @@ def draw(
     return Setting(part, place, start, camera, mount, belt, push, dark)
 
 
-def _mount(rng: np.random.Generator) -> Floats:
+def _sample_camera_mount(rng: np.random.Generator) -> Floats:
     """The camera beside and above the fingers, leaning more or less toward their tips, which it sees in the lower half."""
     x, y, z = rng.uniform(-0.012, 0.012), -rng.uniform(0.06, 0.08), -rng.uniform(0.25, 0.30)
     aim, aside, roll = (math.radians(float(v)) for v in rng.uniform([0.0, -6.0, -15.0], [12.0, 6.0, 15.0]))
     # y of the image is y of the hand; leaning toward the tips turns the axis from z toward +y
     R = frames.about_x(-aim) @ frames.about_y(aside) @ frames.about_z(roll)
-    return frames.pose(R, np.array([x, y, z]))
+    return frames.make_pose(R, np.array([x, y, z]))
 
 
-def _blocked(camera: Camera, mount: Floats, hand: Gripper) -> NDArray[np.uint8]:
+def _open_hand_mask(camera: Camera, mount: Floats, hand: Gripper) -> NDArray[np.uint8]:
     return hand_mask(camera, mount, hand, MAX_OPENING, grow=6)
 
 
 def hand_mask(camera: Camera, mount: Floats, hand: Gripper, opening: float, grow: int) -> NDArray[np.uint8]:
     """(H, W) 255 where the hand is seen by its own camera, `grow` px more on every side."""
     mask = np.zeros((camera.height, camera.width), np.uint8)
-    inverse = frames.inverse(mount)
+    inverse = frames.invert_pose(mount)
     for corners in hand.boxes(opening):
-        outline = frames.silhouette(camera.matrix, inverse, corners)
+        outline = frames.convex_silhouette(camera.matrix, inverse, corners)
         if outline is not None:
             cv2.fillConvexPoly(mask, np.rint(outline * 16.0).astype(np.int32), 255, shift=4)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * grow + 1, 2 * grow + 1))
     return np.asarray(cv2.dilate(mask, kernel), dtype=np.uint8)
 
 
-def _shown(part: Body, place: Floats, camera_pose: Floats, camera: Camera, blocked: NDArray[np.uint8]) -> bool:
+def _is_fully_visible(
+    part: Body, place: Floats, camera_pose: Floats, camera: Camera, blocked: NDArray[np.uint8]
+) -> bool:
     """Whether the part's outline is seen whole and beside the hand."""
     H = frames.plane_to_image(camera.matrix, camera_pose, place, part.thickness)
     seen = apply_homography(H, part.shape.outer)

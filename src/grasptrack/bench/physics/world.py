@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from grasptrack.bench.physics import frames, linkage, model, serial
 from grasptrack.bench.physics.drawing import images_of
-from grasptrack.bench.physics.engine import engine
-from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING, gripper
+from grasptrack.bench.physics.engine import import_mujoco
+from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING, make_gripper
 from grasptrack.bench.physics.images import Images
 from grasptrack.bench.physics.resolved import joint_rates
-from grasptrack.bench.physics.setting import BLACKOUT_S, Arm, Scenario, draw, hand_mask
+from grasptrack.bench.physics.setting import BLACKOUT_S, Arm, Scenario, hand_mask, sample_setting
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats, Pixels
@@ -73,18 +73,20 @@ class World:
         images: Literal["auto", "mujoco", "planar"] = "auto",
         axis: float | None = None,
     ) -> None:
-        self._mj = engine()
-        self.hand = gripper(fingers)
-        self.setting = draw(outline, self.hand, seed=seed, scenario=scenario, arm=arm, axis=axis)
+        self._mj = import_mujoco()
+        self.hand = make_gripper(fingers)
+        self.setting = sample_setting(outline, self.hand, seed=seed, scenario=scenario, arm=arm, axis=axis)
         self.shape, self.seed, self.scenario, self.arm = outline, seed, scenario, arm
         self._images: Images = images_of(images, self.setting, self.hand, outline.name, seed)
         self.model = self._mj.MjModel.from_xml_string(
-            model.xml(self.setting, self.hand, arm, levels=self._images.levels, texture=self._images.texture),
+            model.build_model_xml(
+                self.setting, self.hand, arm, levels=self._images.levels, texture=self._images.texture
+            ),
             self._images.assets,
         )
         self.data = self._mj.MjData(self.model)
-        self._names()
-        self._place()
+        self._resolve_indices()
+        self._set_initial_state()
         self._images.bind(self.model)
         self._ctrl = np.zeros(6)
         self._last = np.zeros(6)
@@ -93,10 +95,10 @@ class World:
         self.watch: Callable[[], None] | None = None
         self._steps = 0
 
-    def _names(self) -> None:
+    def _resolve_indices(self) -> None:
         m = self.model
-        self._dofs = np.array([m.joint(name).dofadr[0] for name in linkage.joints(self.arm)])
-        self._qpos = np.array([m.joint(name).qposadr[0] for name in linkage.joints(self.arm)])
+        self._dofs = np.array([m.joint(name).dofadr[0] for name in linkage.joint_names(self.arm)])
+        self._qpos = np.array([m.joint(name).qposadr[0] for name in linkage.joint_names(self.arm)])
         self._belt = int(m.joint("belt").dofadr[0])
         self._part, self._part_dof = int(m.body("part").id), int(m.joint("part").dofadr[0])
         self._tip = int(m.site("tip").id)
@@ -106,9 +108,9 @@ class World:
         self._table = int(m.geom("table").id)
         self._jacobian = np.zeros((3, m.nv)), np.zeros((3, m.nv))
 
-    def _place(self) -> None:
+    def _set_initial_state(self) -> None:
         """The joints at which the hand is where the setting wants it."""
-        self.data.qpos[self._qpos] = linkage.start(self.setting, self.arm)
+        self.data.qpos[self._qpos] = linkage.start_joints(self.setting, self.arm)
         self.data.qvel[self._belt] = float(np.hypot(*self.setting.belt))
         self.data.qvel[self._part_dof : self._part_dof + 2] = self.setting.belt
         self._mj.mj_forward(self.model, self.data)
@@ -126,7 +128,9 @@ class World:
 
     def pose(self) -> Floats:
         """(4, 4) of the hand in the robot's base, from the joints' sensors."""
-        return frames.pose(self.data.site_xmat[self._tip].reshape(3, 3).copy(), self.data.site_xpos[self._tip].copy())
+        return frames.make_pose(
+            self.data.site_xmat[self._tip].reshape(3, 3).copy(), self.data.site_xpos[self._tip].copy()
+        )
 
     def image(self) -> Pixels:
         """(480, 640) grey image of the hand's camera now. While the view is blocked it shows what blocks it."""
@@ -142,9 +146,9 @@ class World:
 
     def fingertips(self) -> tuple[Floats, float]:
         """Where the tips of the open fingers are seen, as a person would mark them once: (k, 2) px; and their opening in m."""
-        mount = frames.inverse(self.setting.mount)
+        mount = frames.invert_pose(self.setting.mount)
         opening = self.opening()
-        return frames.project(self.setting.camera.matrix, mount, self.hand.tips(opening)), opening
+        return frames.project_points(self.setting.camera.matrix, mount, self.hand.tips(opening)), opening
 
     def ignore(self) -> Pixels:
         """(480, 640) 255 where the open hand is in its own camera's way, marked generously."""
@@ -169,7 +173,7 @@ class World:
             raise InputError(f"a twist is six finite numbers, not {np.asarray(twist).tolist()}")
         self._last = wanted
         for _ in range(round(PERIOD_S / model.TIMESTEP)):
-            self._step(wanted)
+            self._step_physics(wanted)
 
     def close(self, width: float | None = None) -> bool:
         """Go down until the tips touch the table, then close; the hand goes on sideways as it was told last.
@@ -183,10 +187,10 @@ class World:
         along = self._last.copy()
         along[2:] = 0.0
         if width is not None:
-            self._open(along, min(MAX_OPENING, width + 2.0 * BESIDE))
-        self._feel(along)
-        self._shut(along)
-        return self._holds()
+            self._close_to_opening(along, min(MAX_OPENING, width + 2.0 * BESIDE))
+        self._descend_to_contact(along)
+        self._close_fingers(along)
+        return self._is_holding_part()
 
     def lift(self) -> bool:
         """Raise the hand by 12 cm, wait a second, and tell whether the part came along by 5 cm and stayed."""
@@ -205,8 +209,8 @@ class World:
         """The arm's links as rods in the world: both ends (3,) and the radius, m; none of a gantry."""
         if self.arm == "gantry":
             return []
-        at = linkage.base(self.setting)
-        rods = serial.links(self.data.qpos[self._qpos])
+        at = linkage.base_pose(self.setting)
+        rods = serial.link_rods(self.data.qpos[self._qpos])
         return [(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
 
     def bystander(self) -> Pixels:
@@ -217,7 +221,7 @@ class World:
 
     def part_pose(self) -> Floats:
         """(4, 4) of the part in the world; its origin is at the centroid of its foot."""
-        return frames.pose(self.data.xmat[self._part].reshape(3, 3).copy(), self.data.xpos[self._part].copy())
+        return frames.make_pose(self.data.xmat[self._part].reshape(3, 3).copy(), self.data.xpos[self._part].copy())
 
     def camera_pose(self) -> Floats:
         """(4, 4) of the hand's camera in the world."""
@@ -246,7 +250,7 @@ class World:
 
     # --- steps -----------------------------------------------------------------------------------
 
-    def _step(self, wanted: Floats) -> None:
+    def _step_physics(self, wanted: Floats) -> None:
         """One step of the physics toward a twist in the hand's frame."""
         m, d = self.model, self.data
         limit = np.repeat(np.array(ACCELERATION) * model.TIMESTEP, 3)
@@ -262,13 +266,13 @@ class World:
             rates = np.linalg.lstsq(J, self._ctrl, rcond=1e-6)[0]
         d.ctrl[: len(self._dofs)] = rates
         d.qvel[self._belt] = float(np.hypot(*self.setting.belt))
-        self._push()
+        self._apply_push()
         self._mj.mj_step(m, d)
         self._steps += 1
         if self.watch is not None and self._steps % round(PERIOD_S / model.TIMESTEP) == 0:
             self.watch()
 
-    def _push(self) -> None:
+    def _apply_push(self) -> None:
         """Somebody's finger: it makes the part move at a speed for a moment, and lets go."""
         force = self.data.xfrc_applied[self._part]
         force[:] = 0.0
@@ -280,25 +284,25 @@ class World:
             force[:2] = 80.0 * mass * (velocity - qvel[:2])
             force[5] = 80.0 * float(self.setting.part.inertia[2]) * (turn - qvel[5])
 
-    def _open(self, along: Floats, opening: float) -> None:
+    def _close_to_opening(self, along: Floats, opening: float) -> None:
         target = (MAX_OPENING - opening) / 2.0
         while self.data.ctrl[self._grip] < target:
             self.data.ctrl[self._grip] = min(target, self.data.ctrl[self._grip] + CLOSING_SPEED * model.TIMESTEP)
-            self._step(along)
+            self._step_physics(along)
 
-    def _feel(self, along: Floats) -> None:
+    def _descend_to_contact(self, along: Floats) -> None:
         """Straight down in the hand's frame until the tips press on the table; an arm gives way until all do."""
         twist, limit = along.copy(), self.time() + FEEL / TOUCH_SPEED
         twist[2] = TOUCH_SPEED
         while self.time() < limit and self.finger_forces().sum() < TOUCH_N:
-            self._step(twist)
+            self._step_physics(twist)
         if self.arm == "arm":
-            self._level(along)
+            self._level_fingertips(along)
         twist[2] = -0.01
         for _ in range(round(0.0006 / 0.01 / model.TIMESTEP)):
-            self._step(twist)
+            self._step_physics(twist)
 
-    def _level(self, along: Floats) -> None:
+    def _level_fingertips(self, along: Floats) -> None:
         """Turn toward the fingers that press less, pressing on, until all press."""
         twist, limit, tips = along.copy(), self.time() + 0.5, self.hand.tips(1.0)
         while self.time() < limit:
@@ -308,20 +312,20 @@ class World:
             lower = (forces.mean() - forces) @ tips[:, :2]  # the side that has to come down
             twist[2] = 0.01
             twist[3:5] = np.array([lower[1], -lower[0]]) * (YIELD / max(1e-9, float(np.hypot(*lower))))
-            self._step(twist)
+            self._step_physics(twist)
 
-    def _shut(self, along: Floats) -> None:
+    def _close_fingers(self, along: Floats) -> None:
         still, last = 0.0, self.opening()
         while still < 0.1 and self.data.ctrl[self._grip] < MAX_OPENING / 2.0 + 0.02:
             self.data.ctrl[self._grip] += CLOSING_SPEED * model.TIMESTEP
-            self._step(along)
+            self._step_physics(along)
             stalled = abs(last - self.opening()) < 0.004 * model.TIMESTEP
             still, last = still + model.TIMESTEP if stalled else 0.0, self.opening()
         squeeze = float(self.data.qpos[self._finger[0]]) + 0.02
         self.data.ctrl[self._grip] = squeeze
         for _ in range(50):
-            self._step(along)
+            self._step_physics(along)
 
-    def _holds(self) -> bool:
+    def _is_holding_part(self) -> bool:
         """Two fingers that press hold something; of three, one may have come too late and find it held."""
         return self.opening() > 0.001 and int((self.finger_forces() > 1.0).sum()) >= 2

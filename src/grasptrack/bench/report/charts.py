@@ -8,10 +8,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from grasptrack.bench.metrics.curves import OverTime, Runs, out_of_view, over_time, precision, recovered, spread_of
+from grasptrack.bench.metrics.curves import (
+    OverTime,
+    Runs,
+    out_of_view,
+    over_time,
+    precision_curve,
+    recovery_curve,
+    spread_of,
+)
 from grasptrack.bench.metrics.integrity import risk_coverage
 from grasptrack.bench.run_folder import EvaluationRun
-from grasptrack.view.report import Axis, Chart, Series, number
+from grasptrack.view.report import Axis, Chart, Series, format_number
 from grasptrack.view.report.axis import log_range
 
 Methods = Mapping[str, Series]
@@ -65,7 +73,7 @@ def _time_lines(upper: Chart, lower: Chart, t: OverTime, series: Series, band: b
 
 def error_ends(run: EvaluationRun, methods: Sequence[str]) -> tuple[float, float]:
     """Ends of the axis of errors that all charts over time share, px."""
-    errors = np.array([e for m in methods for e in _errors(run.runs(m, run.scored))])
+    errors = np.array([e for m in methods for e in _finite_errors(run.runs(m, run.scored))])
     known = errors[errors > 0.0]
     return log_range(np.percentile(known, (1.0, 99.9)) if len(known) else known, 1e-3, 300.0, floor=10.0)
 
@@ -78,7 +86,7 @@ def precision_chart(run: EvaluationRun, series: Methods, of_opening: bool) -> Ch
     x = Axis(f"error at most, {unit} {what}".strip(), 0.01, 30.0, "log", (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0))
     chart = Chart(f"Precision at a distance in {unit} {what}".strip(), x, Axis("share of frames", 0.0, 1.0, unit="%"))
     for name in reversed(list(series)):
-        chart.line(at, precision(run.runs(name, run.scored), at, of_opening), series[name])
+        chart.line(at, precision_curve(run.runs(name, run.scored), at, of_opening), series[name])
     return chart
 
 
@@ -101,7 +109,7 @@ def risk_chart(run: EvaluationRun, series: Methods) -> Chart:
         if len(curve):
             chart.line(np.append(0.0, curve[:, 1]), np.append(curve[0, 2], curve[:, 2]), series[name])
         at = (float(curve[-1, 1]), float(curve[-1, 2])) if len(curve) else ends[name]
-        tip = f"{name}: {number(100 * at[1], 2)} % wrong of the {number(100 * at[0], 3)} % answered"
+        tip = f"{name}: {format_number(100 * at[1], 2)} % wrong of the {format_number(100 * at[0], 3)} % answered"
         chart.dot(*at, series[name], tip, hollow=not len(curve))
     return chart
 
@@ -112,7 +120,7 @@ def recovery_chart(run: EvaluationRun, series: Methods) -> Chart | None:
     chart = Chart("Frames until recovery", x, Axis("share of returns", 0.0, 1.0, unit="%"))
     returned = False
     for name in reversed(list(series)):
-        shares, returns = recovered(run.runs(name, run.scored), WAIT)
+        shares, returns = recovery_curve(run.runs(name, run.scored), WAIT)
         if returns:
             chart.stairs(np.arange(WAIT + 1), shares, series[name])
             returned = True
@@ -127,8 +135,8 @@ def spread_chart(run: EvaluationRun, series: Methods, levels: Sequence[str]) -> 
     for i, level in enumerate(levels):
         cases = [c for c in run.scored if c.disturbance == level]
         for k, method in enumerate(series):
-            values = spread_of(_errors(run.runs(method, cases)), (5.0, 50.0, 95.0)).tolist()
-            middle, low, high = (number(values[j]) for j in (1, 0, 2))
+            values = spread_of(_finite_errors(run.runs(method, cases)), (5.0, 50.0, 95.0)).tolist()
+            middle, low, high = (format_number(values[j]) for j in (1, 0, 2))
             tip = f"{method}, {level}: median {middle} px, 5 to 95 %: {low} to {high} px"
             rows.append((top + i * block + head + (k + 0.5) * step, method, values, tip))
     ends = log_range([v for _, _, values, _ in rows for v in values], 1e-3, 1e3, floor=10.0)
@@ -168,10 +176,13 @@ def latency_chart(run: EvaluationRun, series: Methods) -> Chart:
         y = top + (k + 0.5) * step + 2
         chart.text(chart.left - 8, y + 4, method, "end", series[method])
         chart.spread(
-            values, y, series[method], f"{method}: median {number(values[1])} ms, 99 %: {number(values[2])} ms"
+            values,
+            y,
+            series[method],
+            f"{method}: median {format_number(values[1])} ms, 99 %: {format_number(values[2])} ms",
         )
     return chart
 
 
-def _errors(runs: Runs) -> list[float]:
+def _finite_errors(runs: Runs) -> list[float]:
     return [f.error for run in runs for f in run if not f.defining and not f.gone and math.isfinite(f.error)]

@@ -14,16 +14,16 @@ import numpy as np
 from grasptrack.bench.metrics.paired import (
     Found,
     Unit,
-    chance,
-    critical,
-    drawn,
+    bootstrap_counts,
+    critical_value,
+    mcnemar_probability,
     measures_of,
     units_of,
     wrong_in_one,
 )
 from grasptrack.bench.metrics.summary import ALL
 from grasptrack.bench.report.comparison_notes import Look, differs_of, looks_of
-from grasptrack.bench.report.comparison_sentences import lines
+from grasptrack.bench.report.comparison_sentences import comparison_lines
 from grasptrack.bench.report.glossary import COMPARED
 from grasptrack.bench.run_folder import EvaluationRun, read_run
 from grasptrack.errors import InputError
@@ -96,12 +96,12 @@ class Comparison:
     @property
     def worse(self) -> list[Change]:
         """What got worse beyond its noise; wrong answers first."""
-        return self._of("worse")
+        return self._with_verdict("worse")
 
     @property
     def better(self) -> list[Change]:
         """What got better beyond its noise."""
-        return self._of("better")
+        return self._with_verdict("better")
 
     def change(self, method: str, level: str, measure: str) -> Change | None:
         """One of the changes; None where there is nothing to compare."""
@@ -109,14 +109,14 @@ class Comparison:
 
     def to_text(self) -> list[str]:
         """Lines for a terminal."""
-        return lines(self)
+        return comparison_lines(self)
 
-    def _of(self, verdict: Verdict) -> list[Change]:
+    def _with_verdict(self, verdict: Verdict) -> list[Change]:
         found = [c for c in self.changes if c.verdict == verdict]
         return sorted(found, key=lambda c: (c.measure != "false_accepts", c.level != ALL))
 
 
-def compare(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Comparison:
+def compare_runs(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Comparison:
     """Put two runs side by side.
 
     A difference counts when it is larger than what matters to anybody, and than the noise with which it would differ on
@@ -147,19 +147,19 @@ def compare(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Comparison:
         groups = groups[:1]
     found: list[tuple[str, str, list[Unit], dict[str, Found]]] = []
     taken = {}
-    sequences = {method: _sequences(one, other, method, cases) for method in methods}
+    sequences = {method: _paired_units(one, other, method, cases) for method in methods}
     for method in methods:
         for level, names in groups:
             units = units_of(sequences[method][name] for name in names if name in sequences[method])
             if len(units) not in taken:
-                taken[len(units)] = drawn(len(units), draws, seed) if units else np.empty((draws, 0))
+                taken[len(units)] = bootstrap_counts(len(units), draws, seed) if units else np.empty((draws, 0))
             found.append((method, level, units, measures_of(units, taken[len(units)])))
     count = sum(not math.isnan(m.error) for *_, measures in found for m in measures.values())
     same_machine = one.index.get("machine") == other.index.get("machine")
     changes = [
         change
         for method, level, units, measures in found
-        for change in _changes(method, level, units, measures, count, same_machine)
+        for change in _level_changes(method, level, units, measures, count, same_machine)
     ]
     return Comparison(
         one,
@@ -175,28 +175,30 @@ def compare(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Comparison:
     )
 
 
-def _sequences(one: EvaluationRun, other: EvaluationRun, method: str, names: Sequence[str]) -> dict[str, Unit]:
+def _paired_units(one: EvaluationRun, other: EvaluationRun, method: str, names: Sequence[str]) -> dict[str, Unit]:
     runs = ((name, one.scores[name].get(method), other.scores[name].get(method)) for name in names)
     return {name: Unit.of(a, b) for name, a, b in runs if a is not None and b is not None}
 
 
-def _changes(
+def _level_changes(
     method: str, level: str, units: Sequence[Unit], measures: dict[str, Found], count: int, same_machine: bool
 ) -> list[Change]:
     if not units:
         return []
     first, second, mended, new = wrong_in_one(units)
-    likely = chance(max(new, mended), min(new, mended))
+    likely = mcnemar_probability(max(new, mended), min(new, mended))
     verdict: Verdict = "same" if likely > UNLIKELY else "worse" if new > mended else "better"
     changes = [Change(method, level, "false_accepts", float(first), float(second), likely, verdict)]
     for key, m in measures.items():
-        noise = critical(count, m.units) * m.error
+        noise = critical_value(count, m.units) * m.error
         judged = key != "median_ms" or same_machine
-        changes.append(Change(method, level, key, m.a, m.b, noise, _verdict(key, m, noise) if judged else "untold"))
+        changes.append(
+            Change(method, level, key, m.a, m.b, noise, _change_verdict(key, m, noise) if judged else "untold")
+        )
     return changes
 
 
-def _verdict(key: str, m: Found, noise: float) -> Verdict:
+def _change_verdict(key: str, m: Found, noise: float) -> Verdict:
     if not all(map(math.isfinite, (noise, m.a, m.b))):
         return "untold"
     change = m.b - m.a

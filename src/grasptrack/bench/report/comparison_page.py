@@ -13,8 +13,8 @@ from grasptrack.bench.report import comparison_sentences as words
 from grasptrack.bench.report.comparison import MATTERS, UNLIKELY, Change, Comparison
 from grasptrack.bench.report.comparison_notes import FELL
 from grasptrack.bench.report.glossary import COMPARED
-from grasptrack.bench.report.sentences import headline
-from grasptrack.bench.report.tables import written
+from grasptrack.bench.report.sentences import headline_method
+from grasptrack.bench.report.tables import format_measure
 from grasptrack.view.report import DASH, Cell, Column, Line, Page
 from grasptrack.view.report.parts import Tone
 
@@ -28,9 +28,9 @@ def write_comparison(c: Comparison, path: Path) -> Path:
 
 def comparison_page(c: Comparison) -> Page:
     """The page of a comparison."""
-    page = Page("Two runs side by side", "grasptrack compare", c.methods, headline(c.methods))
-    page.lead(f"**{words.verdict(c)}**" if c.worse else words.verdict(c))
-    page.facts(_facts(c))
+    page = Page("Two runs side by side", "grasptrack compare", c.methods, headline_method(c.methods))
+    page.lead(f"**{words.comparison_verdict(c)}**" if c.worse else words.comparison_verdict(c))
+    page.facts(_comparison_facts(c))
     if c.differs:
         page.section("What makes them differ")
         page.points(c.differs)
@@ -40,7 +40,7 @@ def comparison_page(c: Comparison) -> Page:
     ):
         if found:
             page.section(title, said)
-            page.table(*_changes(found, c.a.factor))
+            page.table(*_change_table(found, c.a.factor))
     if c.looks:
         page.section(
             "Sequences to look at",
@@ -61,8 +61,8 @@ def comparison_page(c: Comparison) -> Page:
                     [
                         look.method,
                         look.case,
-                        Cell(words.stretches(look.new_wrong) or DASH, len(look.new_wrong)),
-                        Cell(words.stretches(look.mended) or DASH, len(look.mended)),
+                        Cell(words.format_frame_ranges(look.new_wrong) or DASH, len(look.new_wrong)),
+                        Cell(words.format_frame_ranges(look.mended) or DASH, len(look.mended)),
                         Cell(
                             "{:.0f} → {:.0f}".format(*(100 * s for s in look.located)),
                             look.located[1] - look.located[0],
@@ -73,12 +73,12 @@ def comparison_page(c: Comparison) -> Page:
                 for look in c.looks[:200]
             ],
         )
-    _all(page, c)
-    _how(page, c)
+    _add_all_figures(page, c)
+    _add_explanation(page, c)
     return page
 
 
-def _facts(c: Comparison) -> list[tuple[str, str]]:
+def _comparison_facts(c: Comparison) -> list[tuple[str, str]]:
     facts = [
         (f"{name}", f"`{run.path}`, {run.index.get('started') or 'of an unknown time'}")
         for name, run in (("A, before", c.a), ("B, now", c.b))
@@ -90,7 +90,7 @@ def _facts(c: Comparison) -> list[tuple[str, str]]:
     return facts
 
 
-def _changes(changes: Sequence[Change], factor: str) -> tuple[list[Column], list[Line]]:
+def _change_table(changes: Sequence[Change], factor: str) -> tuple[list[Column], list[Line]]:
     columns = [
         Column("method", words=True),
         Column(factor, words=True),
@@ -106,17 +106,17 @@ def _changes(changes: Sequence[Change], factor: str) -> tuple[list[Column], list
         ratio = change.b / change.a - 1.0 if change.a else math.nan
         by = change.b - change.a
         moved = f"{100 * ratio:+.0f} %" if term.kind in ("px", "ms", "percent") and not math.isnan(ratio) else ""
-        moved = moved or ("+" if by > 0 else "−") + written(term, abs(by))
+        moved = moved or ("+" if by > 0 else "−") + format_measure(term, abs(by))
         wrong = change.measure == "false_accepts"
-        noise = words.odds(change.noise) if wrong else written(term, change.noise)
+        noise = words.format_odds(change.noise) if wrong else format_measure(term, change.noise)
         lines.append(
             Line(
                 [
                     change.method,
                     change.level,
                     f"{term.label}, {term.unit}",
-                    Cell(written(term, change.a), change.a),
-                    Cell(written(term, change.b), change.b),
+                    Cell(format_measure(term, change.a), change.a),
+                    Cell(format_measure(term, change.b), change.b),
                     Cell(moved, by, tone=_TONE[change.verdict]),
                     Cell(noise, math.nan if wrong else change.noise, tone="muted"),
                 ],
@@ -127,7 +127,7 @@ def _changes(changes: Sequence[Change], factor: str) -> tuple[list[Column], list
     return columns, lines
 
 
-def _all(page: Page, c: Comparison) -> None:
+def _add_all_figures(page: Page, c: Comparison) -> None:
     """Every figure of both runs, measure by measure."""
     page.section(
         "Every figure",
@@ -139,7 +139,7 @@ def _all(page: Page, c: Comparison) -> None:
         Column("method", words=True),
         *(Column(COMPARED[k].label, COMPARED[k].unit, COMPARED[k].meaning) for k in keys),
     ]
-    rows = [Line([m, *(_cell(c.change(m, ALL, k)) for k in keys)], series=m) for m in c.methods]
+    rows = [Line([m, *(_change_cell(c.change(m, ALL, k)) for k in keys)], series=m) for m in c.methods]
     page.table(columns, rows, caption="Over all sequences.")
     if len(c.levels) < 2:
         return
@@ -149,15 +149,16 @@ def _all(page: Page, c: Comparison) -> None:
         with page.folded(f"{term.label}, {term.unit}", f"by {c.a.factor}", shown=key == "false_accepts"):
             heads = [Column(c.a.factor, words=True), *(Column(m, series=m) for m in c.methods)]
             page.table(
-                heads, [Line([level, *(_cell(table.get((m, level, key))) for m in c.methods)]) for level in c.levels]
+                heads,
+                [Line([level, *(_change_cell(table.get((m, level, key))) for m in c.methods)]) for level in c.levels],
             )
 
 
-def _cell(change: Change | None) -> Cell:
+def _change_cell(change: Change | None) -> Cell:
     if change is None or (math.isnan(change.a) and math.isnan(change.b)):
         return Cell(DASH)
     term = COMPARED[change.measure]
-    before, now = written(term, change.a), written(term, change.b)
+    before, now = format_measure(term, change.a), format_measure(term, change.b)
     if change.a == change.b:
         return Cell(now, change.b, tone="muted")
     return Cell(
@@ -165,7 +166,7 @@ def _cell(change: Change | None) -> Cell:
     )
 
 
-def _how(page: Page, c: Comparison) -> None:
+def _add_explanation(page: Page, c: Comparison) -> None:
     page.section("How it is judged")
     absolute, relative = MATTERS["rms_px"]
     page.points(

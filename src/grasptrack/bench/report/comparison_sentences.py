@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from grasptrack.bench.metrics.summary import ALL
 from grasptrack.bench.report.glossary import COMPARED, Term
-from grasptrack.bench.report.tables import written
-from grasptrack.view.report import number
+from grasptrack.bench.report.tables import format_measure
+from grasptrack.view.report import format_number
 
 if TYPE_CHECKING:
     from grasptrack.bench.report.comparison import Change, Comparison
@@ -20,7 +20,7 @@ MOST = 40
 COLUMNS = ("located_whole", "tracked_visible", "false_accepts", "rms_px", "median_px", "p95_px", "median_ms")
 
 
-def lines(c: Comparison) -> list[str]:
+def comparison_lines(c: Comparison) -> list[str]:
     """All that is worth telling, the worst first."""
     out = [
         f"A, before: {c.a.path}",
@@ -31,58 +31,57 @@ def lines(c: Comparison) -> list[str]:
         if only:
             out.append(f"{len(only)} only in {which}: {', '.join(only[:6])}{', ...' if len(only) > 6 else ''}")
     out += [f"Note: {text}" for text in c.differs]
-    out += ["", *_table(c)]
+    out += ["", *_overall_table(c)]
     for title, found in (("Worse beyond its noise", c.worse), ("Better beyond its noise", c.better)):
         if found:
-            out += ["", f"{title}, {len(found)}:", *_cut(f"  {told(change)}" for change in found)]
+            out += ["", f"{title}, {len(found)}:", *_limit_lines(f"  {format_change(change)}" for change in found)]
     if c.looks:
-        out += ["", "Sequences to look at:", *_cut(f"  {look_told(look)}" for look in c.looks)]
-    return [*out, "", verdict(c)]
+        out += ["", "Sequences to look at:", *_limit_lines(f"  {look_told(look)}" for look in c.looks)]
+    return [*out, "", comparison_verdict(c)]
 
 
-def verdict(c: Comparison) -> str:
+def comparison_verdict(c: Comparison) -> str:
     """One sentence."""
     worse, better = len(c.worse), len(c.better)
     new = sum(len(look.new_wrong) for look in c.looks)
     also = "" if not new else " One answer is wrong that was not before." if new == 1 else ""
-    also = also or (f" {number(new)} answers are wrong that were not before." if new else "")
+    also = also or (f" {format_number(new)} answers are wrong that were not before." if new else "")
     if not worse:
-        mended = f" {_some(better, 'figure')} got better." if better else ""
+        mended = f" {_count_phrase(better, 'figure')} got better." if better else ""
         return f"Nothing got worse beyond its noise.{mended}{also}"
-    return f"{_some(worse, 'figure')} got worse beyond {'its' if worse == 1 else 'their'} noise, {better} better.{also}"
+    return f"{_count_phrase(worse, 'figure')} got worse beyond {'its' if worse == 1 else 'their'} noise, {better} better.{also}"
 
 
-def told(change: Change) -> str:
+def format_change(change: Change) -> str:
     """One change in a line."""
     term = COMPARED[change.measure]
     where = "" if change.level == ALL else f", {change.level}"
-    noise = f"noise {value(term, change.noise)}"
+    noise = f"noise {format_plain_measure(term, change.noise)}"
     if change.measure == "false_accepts":
-        noise = "" if change.noise > 0.5 else f"by chance {odds(change.noise)}"
+        noise = "" if change.noise > 0.5 else f"by chance {format_odds(change.noise)}"
     beside = f" ({noise})" if noise else ""
-    return (
-        f"{change.method}{where}: {term.label} {value(term, change.a)} -> {value(term, change.b)} {term.unit}{beside}"
-    )
+    before, after = (format_plain_measure(term, value) for value in (change.a, change.b))
+    return f"{change.method}{where}: {term.label} {before} -> {after} {term.unit}{beside}"
 
 
-def odds(probability: float) -> str:
+def format_odds(probability: float) -> str:
     """How seldom something is."""
-    return "less than once in a million" if probability < 1e-6 else f"once in {number(round(1.0 / probability))}"
+    return "less than once in a million" if probability < 1e-6 else f"once in {format_number(round(1.0 / probability))}"
 
 
 def look_told(look: Look) -> str:
     """One sequence in a line."""
     parts = []
     if look.new_wrong:
-        parts.append(f"wrong now, not before: frames {stretches(look.new_wrong)}")
+        parts.append(f"wrong now, not before: frames {format_frame_ranges(look.new_wrong)}")
     if look.mended:
-        parts.append(f"wrong before, not now: frames {stretches(look.mended)}")
+        parts.append(f"wrong before, not now: frames {format_frame_ranges(look.mended)}")
     before, now = (100.0 * share for share in look.located)
     parts.append(f"located {before:.0f} % -> {now:.0f} %")
     return f"{look.method}, {look.case}: {'; '.join(parts)}"
 
 
-def stretches(frames: Sequence[int]) -> str:
+def format_frame_ranges(frames: Sequence[int]) -> str:
     """Frame numbers in words: 3, 5-9."""
     found: list[list[int]] = []
     for frame in frames:
@@ -94,12 +93,12 @@ def stretches(frames: Sequence[int]) -> str:
     return ", ".join(said[:8]) + (", ..." if len(said) > 8 else "")
 
 
-def value(term: Term, what: float) -> str:
+def format_plain_measure(term: Term, what: float) -> str:
     """A value of a measure as it stands in a line."""
-    return written(term, what).replace("\u2212", "-").replace("\u202f", "").replace("\u2013", "-")
+    return format_measure(term, what).replace("\u2212", "-").replace("\u202f", "").replace("\u2013", "-")
 
 
-def _table(c: Comparison) -> list[str]:
+def _overall_table(c: Comparison) -> list[str]:
     rows = [["over all sequences", *(f"{COMPARED[k].label}, {COMPARED[k].unit}" for k in COLUMNS)]]
     for method in c.methods:
         cells = [method]
@@ -107,7 +106,11 @@ def _table(c: Comparison) -> list[str]:
             change = c.change(method, ALL, key)
             term = COMPARED[key]
             mark = {"worse": " !", "better": " +"}.get(change.verdict, "") if change is not None else ""
-            cells.append("-" if change is None else f"{value(term, change.a)} -> {value(term, change.b)}{mark}")
+            cells.append(
+                "-"
+                if change is None
+                else f"{format_plain_measure(term, change.a)} -> {format_plain_measure(term, change.b)}{mark}"
+            )
         rows.append(cells)
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     return [
@@ -116,10 +119,10 @@ def _table(c: Comparison) -> list[str]:
     ]
 
 
-def _cut(found: Iterable[str]) -> list[str]:
+def _limit_lines(found: Iterable[str]) -> list[str]:
     listed = list(found)
     return listed if len(listed) <= MOST else [*listed[:MOST], f"  and {len(listed) - MOST} more"]
 
 
-def _some(n: int, what: str) -> str:
-    return f"{number(n)} {what}" if n == 1 else f"{number(n)} {what}s"
+def _count_phrase(n: int, what: str) -> str:
+    return f"{format_number(n)} {what}" if n == 1 else f"{format_number(n)} {what}s"

@@ -16,7 +16,7 @@ from grasptrack.bench.report.plots import Plots
 from grasptrack.bench.report.tables import ANSWERS, ERRORS, heat_table, measures_table
 from grasptrack.bench.report.worst_frames import Picture, Progress, show_worst
 from grasptrack.bench.run_folder import EvaluationRun
-from grasptrack.view.report import Page, number
+from grasptrack.view.report import Page, format_number
 
 REASONS = 10
 
@@ -32,7 +32,7 @@ class RunPage:
 
     def __init__(self, run: EvaluationRun, summary: Summary, figures: Path) -> None:
         self.run, self.summary, self.figures = run, summary, figures
-        self.first = words.headline(summary.methods)
+        self.first = words.headline_method(summary.methods)
         what = "rendered scenes" if run.kind == "scenes" else "real videos"
         self.page = Page(f"Grasp tracking on {what}", "grasptrack evaluation", summary.methods, self.first)
 
@@ -57,17 +57,17 @@ class RunPage:
     def opening(self) -> None:
         """What a hurried reader takes away, and how to do it again."""
         index = self.run.index
-        first, *others = words.verdict(self.run, self.summary)
+        first, *others = words.verdict_paragraphs(self.run, self.summary)
         self.page.lead(first)
         self.page.text(*others)
-        self.page.cards(words.cards(self.summary))
+        self.page.cards(words.summary_cards(self.summary))
         versions = index.get("versions") or {}
         names = ("grasptrack", "python", "numpy", "opencv")
         facts = [
             ("Machine", str(index.get("machine") or "")),
             ("Software", ", ".join(f"{n} {versions[n]}" for n in names if versions.get(n))),
             ("Kernels", str(index.get("backend") or "")),
-            ("Run", _when(index)),
+            ("Run", _format_run_time(index)),
             ("Again", f"`{index['command']}`" if index.get("command") else ""),
         ]
         self.page.facts((a, b) for a, b in facts if b)
@@ -152,7 +152,7 @@ class RunPage:
         for method in (m for m in self.summary.methods if m not in never):
             found, row = self.summary.reasons[method], self.summary.row(method)
             total, frames = sum(n for _, n in found), row.measures.frames if row is not None else 0
-            note = f"{number(total)} of {number(frames)} frames without contacts"
+            note = f"{format_number(total)} of {format_number(frames)} frames without contacts"
             with self.page.folded(method, note, method, shown=method == self.first):
                 shown = [(n, reason or "no reason given") for reason, n in found[:REASONS]]
                 rest = sum(n for _, n in found[REASONS:])
@@ -170,11 +170,11 @@ class RunPage:
         self.page.points(words.LIMITS[self.run.kind])
 
 
-def _when(index: Any) -> str:
+def _format_run_time(index: Any) -> str:
     started, seconds = str(index.get("started") or ""), index.get("seconds")
     with contextlib.suppress(ValueError):
         started = datetime.fromisoformat(started).strftime("%d %B %Y, %H:%M").lstrip("0")
     took = ""
     if isinstance(seconds, int | float):
-        took = f"{seconds / 60.0:.1f} minutes" if seconds >= 90.0 else f"{number(float(seconds), 2)} s"
+        took = f"{seconds / 60.0:.1f} minutes" if seconds >= 90.0 else f"{format_number(float(seconds), 2)} s"
     return ", ".join(part for part in (started, took) if part)

@@ -11,13 +11,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.bench.metrics.integrity import cumulative
+from grasptrack.bench.metrics.integrity import cumulative_share
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
-from grasptrack.view.report import Axis, Cell, Chart, Column, Line, Page, percent
+from grasptrack.view.report import Axis, Cell, Chart, Column, Line, Page, format_percent
 from grasptrack.view.report.axis import log_range
-from grasptrack.view.report.markup import fixed, slug
-from grasptrack.view.report.theme import standalone
+from grasptrack.view.report.markup import format_fixed, make_slug
+from grasptrack.view.report.theme import standalone_svg
 
 
 class TableLike(Protocol):
@@ -125,7 +125,7 @@ def paper_report(
         figures = folder / "figures"
         figures.mkdir(exist_ok=True)
         if series:
-            _charts(page, series, figures)
+            _add_charts(page, series, figures)
         shown = list(pictures)
         if shown:
             page.section("Pictures")
@@ -135,14 +135,16 @@ def paper_report(
         raise InputError(f'"{folder}" cannot be written: {error.strerror or error}', path=str(folder)) from error
 
 
-def _charts(page: Page, series: Sequence[SeriesLike], figures: Path) -> None:
+def _add_charts(page: Page, series: Sequence[SeriesLike], figures: Path) -> None:
     """Error over the frames for each object and setting, and how often it stays below a limit."""
     values = [(s, np.array([np.nan if e is None else e for e in s.maximum_px], dtype=np.float64)) for s in series]
-    settings = tuple(dict.fromkeys(_setting(s) for s in series))
+    settings = tuple(dict.fromkeys(_setting_name(s) for s in series))
 
     def keep(name: str, chart: Chart) -> str:
         svg = chart.svg()
-        (figures / f"{slug(name)}.svg").write_text(standalone(svg, page.series.values()) + "\n", encoding="utf-8")
+        (figures / f"{make_slug(name)}.svg").write_text(
+            standalone_svg(svg, page.series.values()) + "\n", encoding="utf-8"
+        )
         return svg
 
     page.section(
@@ -150,7 +152,7 @@ def _charts(page: Page, series: Sequence[SeriesLike], figures: Path) -> None:
         "The worst contact's distance from its true place. A line breaks where a strategy gave no answer.",
     )
     for setting in settings:
-        here = [(s, v) for s, v in values if _setting(s) == setting]
+        here = [(s, v) for s, v in values if _setting_name(s) == setting]
         ends = log_range(np.concatenate([v for _, v in here]), 1e-3, 1e3, floor=10.0)
         parts = []
         for name in dict.fromkeys(s.object for s, _ in here):
@@ -161,7 +163,7 @@ def _charts(page: Page, series: Sequence[SeriesLike], figures: Path) -> None:
             for s, v in mine:
                 chart.line(np.arange(1, len(v) + 1), v, page.series[s.strategy])
             parts.append((name, "", keep(f"error-{setting}-{name}", chart)))
-        page.heading(_capital(setting))
+        page.heading(_capitalize_first(setting))
         page.figures(parts, "px, on one logarithmic scale for these charts.")
     page.section("Precision", "Over all objects; a frame without an answer counts as missed.")
     low, high = log_range(np.concatenate([v for _, v in values]), 1e-3, 1e3, floor=100.0)
@@ -170,37 +172,42 @@ def _charts(page: Page, series: Sequence[SeriesLike], figures: Path) -> None:
         x, y = Axis("error at most, px", low, high, "log"), Axis("share of frames", 0.0, 1.0, unit="%")
         chart = Chart(f"Precision, {setting}", x, y)
         for strategy in page.series:
-            pooled = [v for s, v in values if _setting(s) == setting and s.strategy == strategy]
+            pooled = [v for s, v in values if _setting_name(s) == setting and s.strategy == strategy]
             if pooled:
                 errors = np.concatenate(pooled)
-                chart.line(at, cumulative(np.where(np.isnan(errors), np.inf, errors), at), page.series[strategy])
-        parts.append((_capital(setting), "", keep(f"precision-{setting}", chart)))
+                chart.line(at, cumulative_share(np.where(np.isnan(errors), np.inf, errors), at), page.series[strategy])
+        parts.append((_capitalize_first(setting), "", keep(f"precision-{setting}", chart)))
     page.figures(parts, "Share of the frames whose worst contact is at most so far off.", large=True)
-    page.table(*_numbers(values), caption="The same in numbers. Errors are over the frames answered.")
+    page.table(*_error_table(values), caption="The same in numbers. Errors are over the frames answered.")
 
 
-def _numbers(values: Sequence[tuple[SeriesLike, Floats]]) -> tuple[list[Column], list[Line]]:
+def _error_table(values: Sequence[tuple[SeriesLike, Floats]]) -> tuple[list[Column], list[Line]]:
     columns = [Column("strategy", words=True), Column("of", words=True), Column("frames"), Column("answered", "%")]
     columns += [Column("median", "px"), Column("RMS", "px"), Column("95th pct", "px"), Column("largest", "px")]
     lines = []
-    for setting, strategy in dict.fromkeys((_setting(s), s.strategy) for s, _ in values):
-        errors = np.concatenate([v for s, v in values if (_setting(s), s.strategy) == (setting, strategy)])
+    for setting, strategy in dict.fromkeys((_setting_name(s), s.strategy) for s, _ in values):
+        errors = np.concatenate([v for s, v in values if (_setting_name(s), s.strategy) == (setting, strategy)])
         known = errors[np.isfinite(errors)]
         figures = [math.nan] * 4
         if len(known):
             rms = float(np.sqrt(np.mean(known**2)))
             figures = [float(np.median(known)), rms, float(np.percentile(known, 95)), float(known.max())]
         share = len(known) / len(errors) if len(errors) else math.nan
-        cells: list[Cell | str | float | int | None] = [strategy, setting, len(errors), Cell(percent(share), share)]
-        lines.append(Line([*cells, *(Cell(fixed(f, 3), f) for f in figures)], series=strategy))
+        cells: list[Cell | str | float | int | None] = [
+            strategy,
+            setting,
+            len(errors),
+            Cell(format_percent(share), share),
+        ]
+        lines.append(Line([*cells, *(Cell(format_fixed(f, 3), f) for f in figures)], series=strategy))
     return columns, lines
 
 
-def _setting(s: SeriesLike) -> str:
+def _setting_name(s: SeriesLike) -> str:
     return f"{s.kind} contours, {s.motion}, {'from frame to frame' if s.carried_on else 'from the first view'}"
 
 
-def _capital(text: str) -> str:
+def _capitalize_first(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from grasptrack.bench.metrics.curves import precision
+from grasptrack.bench.metrics.curves import precision_curve
 from grasptrack.bench.metrics.summary import Summary
 from grasptrack.bench.report import charts as charts
-from grasptrack.bench.report.worst_frames import Progress, tell
+from grasptrack.bench.report.worst_frames import Progress, report_progress
 from grasptrack.bench.run_folder import EvaluationRun
-from grasptrack.view.report import Cell, Chart, Column, Line, Page, percent
-from grasptrack.view.report.markup import slug
-from grasptrack.view.report.theme import standalone
+from grasptrack.view.report import Cell, Chart, Column, Line, Page, format_percent
+from grasptrack.view.report.markup import make_slug
+from grasptrack.view.report.theme import standalone_svg
 
 AT_PX = (0.1, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0)
 
@@ -51,7 +51,7 @@ class Plots:
             upper, lower = charts.time_charts(self.run, level, self.series, ends)
             drawn = self.keep(f"error-over-time-{level}", upper) + self.keep(f"located-over-time-{level}", lower)
             parts.append((level, self.summary.group_of.get(level, ""), drawn))
-            tell(progress, "charts", i + 1, len(self.summary.levels))
+            report_progress(progress, "charts", i + 1, len(self.summary.levels))
         self.page.figures(parts, "Errors are those of the worst contact, in px, on one logarithmic scale throughout.")
 
     def precision(self) -> None:
@@ -72,8 +72,8 @@ class Plots:
         at = np.array(AT_PX)
         rows = []
         for method in self.summary.methods:
-            shares = precision(self.run.runs(method, self.run.scored), at).tolist()
-            rows.append(Line([method, *(Cell(percent(v), v, v) for v in shares)], series=method))
+            shares = precision_curve(self.run.runs(method, self.run.scored), at).tolist()
+            rows.append(Line([method, *(Cell(format_percent(v), v, v) for v in shares)], series=method))
         columns = [Column("method", words=True), *(Column(f"{t:g} px") for t in AT_PX)]
         self.page.table(columns, rows, caption="Precision at t px, per cent of the frames.")
 
@@ -116,6 +116,6 @@ class Plots:
     def keep(self, name: str, chart: Chart) -> str:
         """The chart for the page; it is written to a file by its name too."""
         svg = chart.svg()
-        path = self.figures / f"{slug(name)}.svg"
-        path.write_text(standalone(svg, self.series.values(), self.first) + "\n", encoding="utf-8")
+        path = self.figures / f"{make_slug(name)}.svg"
+        path.write_text(standalone_svg(svg, self.series.values(), self.first) + "\n", encoding="utf-8")
         return svg

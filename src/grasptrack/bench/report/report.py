@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from grasptrack.bench.metrics.summary import summarise, write_summary
+from grasptrack.bench.metrics.summary import summarise_run, write_summary
 from grasptrack.bench.report.page import RunPage
 from grasptrack.bench.report.paper_page import paper_report
 from grasptrack.bench.report.worst_frames import Picture, Progress, Shown
@@ -33,7 +33,7 @@ def write_report(folder: Path, *, picture: Picture | None = None, progress: Prog
         InputError: the run cannot be read, or the folder not be written to.
     """
     run = read_run(folder)
-    summary = summarise(run)
+    summary = summarise_run(run)
     try:
         figures = folder / FIGURES
         figures.mkdir(exist_ok=True)

@@ -34,7 +34,7 @@ class Table:
                 raise ValueError(f"table {self.number}: a row of {len(row)} cells under {len(self.head)} heads: {row}")
 
 
-def written(cell: Cell) -> str:
+def format_cell(cell: Cell) -> str:
     """A cell for people: three digits of a number that is not whole, "-" for None."""
     if cell is None:
         return "-"
@@ -43,7 +43,7 @@ def written(cell: Cell) -> str:
 
 def to_text(table: Table) -> str:
     """Columns aligned by spaces, numbers to the right, notes below."""
-    cells = [[written(c) for c in row] for row in table.rows]
+    cells = [[format_cell(c) for c in row] for row in table.rows]
     widths = [max(len(row[i]) for row in [list(table.head), *cells]) for i in range(len(table.head))]
     right = [_is_number(table, i) for i in range(len(table.head))]
 
@@ -63,7 +63,7 @@ def to_markdown(table: Table) -> str:
         return "| " + " | ".join(c.replace("|", "\\|") for c in row) + " |"
 
     rule = "|" + "|".join("---:" if _is_number(table, i) else "---" for i in range(len(table.head))) + "|"
-    body = [line([written(c) for c in row]) for row in table.rows]
+    body = [line([format_cell(c) for c in row]) for row in table.rows]
     notes = [part for note in table.notes for part in ("", note)]
     return (
         "\n".join([f"**Table {table.number}.** {table.title}", "", line(list(table.head)), rule, *body, *notes]) + "\n"

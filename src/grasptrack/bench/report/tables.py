@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 
 from grasptrack.bench.metrics.summary import Row
 from grasptrack.bench.report.glossary import TERMS, Term
-from grasptrack.view.report import Cell, Column, Line, number, percent
-from grasptrack.view.report.markup import fixed
+from grasptrack.view.report import Cell, Column, Line, format_number, format_percent
+from grasptrack.view.report.markup import format_fixed
 from grasptrack.view.report.parts import Tone
 
 ANSWERS = (
@@ -32,16 +32,16 @@ _BEST_OF = ("median_px", "rms_px", "p95_px", "median_ms")
 """Not the shares located: whoever always answers has the best of these, right or wrong."""
 
 
-def written(term: Term, value: float | int) -> str:
+def format_measure(term: Term, value: float | int) -> str:
     """A value of a measure as it stands in tables."""
     if term.kind == "share":
-        return percent(float(value), 2 if term.key in ("false_bound", "risk_area") else 1)
+        return format_percent(float(value), 2 if term.key in ("false_bound", "risk_area") else 1)
     if term.kind == "count":
-        return number(int(value))
-    return fixed(float(value), {"px": 3, "percent": 3, "frames": 1, "ms": 2}[term.kind])
+        return format_number(int(value))
+    return format_fixed(float(value), {"px": 3, "percent": 3, "frames": 1, "ms": 2}[term.kind])
 
 
-def column(key: str) -> Column:
+def measure_column(key: str) -> Column:
     """The head of a measure's column."""
     term = TERMS[key]
     return Column(term.label, term.unit, term.meaning, rule=key in _APART)
@@ -58,7 +58,7 @@ def measures_table(
         first: head of the first column.
         by_method: lines are methods; else they are levels of one method.
     """
-    best = {key: _best(key, [value_of(r, key) for r in rows]) for key in _BEST_OF} if by_method else {}
+    best = {key: _best_value(key, [value_of(r, key) for r in rows]) for key in _BEST_OF} if by_method else {}
     lines = []
     for row in rows:
         cells: list[Cell | str | float | int | None] = [row.method if by_method else row.level]
@@ -66,9 +66,9 @@ def measures_table(
             value = value_of(row, key)
             tone: Tone = "bad" if key == "false_accepts" and value > 0 else ""
             won = key in best and not math.isnan(value) and value == best[key] and len(rows) > 1
-            cells.append(Cell(written(TERMS[key], value), float(value), tone=tone, best=won))
+            cells.append(Cell(format_measure(TERMS[key], value), float(value), tone=tone, best=won))
         lines.append(Line(cells, series=row.method if by_method else ""))
-    return [Column(first, words=True), *map(column, keys)], lines
+    return [Column(first, words=True), *map(measure_column, keys)], lines
 
 
 def heat_table(
@@ -91,9 +91,9 @@ def heat_table(
                 cells.append(None)
                 continue
             value = float(value_of(row, key))
-            heat, tone = _tint(term, value, values)
+            heat, tone = _cell_tint(term, value, values)
             tip = f"{method}, {level}: {row.cases} sequences, {row.measures.frames} frames"
-            cells.append(Cell(written(term, value_of(row, key)), value, heat, tone, tip))
+            cells.append(Cell(format_measure(term, value_of(row, key)), value, heat, tone, tip))
         lines.append(Line(cells, rule=group is not None and groups.get(level, "") != group))
         group = groups.get(level, "")
     return columns, lines
@@ -105,24 +105,24 @@ def value_of(row: Row, key: str) -> float | int:
     return value
 
 
-def _tint(term: Term, value: float, values: Sequence[float]) -> tuple[float | None, Tone]:
+def _cell_tint(term: Term, value: float, values: Sequence[float]) -> tuple[float | None, Tone]:
     if math.isnan(value):
         return None, "muted"
     if term.key == "false_accepts":
-        return (None, "muted") if value == 0 else (_log(value, 1.0, max(30.0, *values)), "bad")
+        return (None, "muted") if value == 0 else (_log_fraction(value, 1.0, max(30.0, *values)), "bad")
     if term.kind == "share":
         return (1.0 - value) if term.better == "less" else value, ""
     known = [v for v in values if math.isfinite(v) and v > 0.0]
-    return (_log(value, min(known), max(known)) if known else None), "warm"
+    return (_log_fraction(value, min(known), max(known)) if known else None), "warm"
 
 
-def _log(value: float, low: float, high: float) -> float:
+def _log_fraction(value: float, low: float, high: float) -> float:
     if value <= 0.0 or high <= low:
         return 0.0
     return min(1.0, math.log(value / low) / math.log(high / low)) if math.isfinite(value) else 1.0
 
 
-def _best(key: str, values: Sequence[float]) -> float:
+def _best_value(key: str, values: Sequence[float]) -> float:
     known = [v for v in values if math.isfinite(v)]
     if not known:
         return math.nan

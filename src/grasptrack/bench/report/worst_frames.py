@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack.bench.metrics.summary import Summary, Worst
 from grasptrack.typing import Floats
-from grasptrack.view.report import Page, number
+from grasptrack.view.report import Page, format_number
 from grasptrack.view.report.answer import draw_answer
 
 Shown = tuple[NDArray[Any], Floats | None, Sequence[Floats]]
@@ -39,8 +39,8 @@ def show_worst(page: Page, summary: Summary, first: str, picture: Picture, progr
         if shown is not None:
             image, truth, outline = shown
             drawn = draw_answer(image, None if w.gone else truth, outline, np.array(w.contacts))
-            found.append((_caption(w), drawn, w.method))
-        tell(progress, "worst frames", i + 1, len(wanted))
+            found.append((_frame_caption(w), drawn, w.method))
+        report_progress(progress, "worst frames", i + 1, len(wanted))
     if found:
         page.section(
             "Worst frames",
@@ -50,16 +50,18 @@ def show_worst(page: Page, summary: Summary, first: str, picture: Picture, progr
         page.pictures(found)
 
 
-def tell(progress: Progress | None, step: str, done: int, total: int) -> None:
+def report_progress(progress: Progress | None, step: str, done: int, total: int) -> None:
     """Call whoever listens."""
     if progress is not None:
         progress(step, done, total)
 
 
-def _caption(w: Worst) -> str:
+def _frame_caption(w: Worst) -> str:
     if w.gone:
         told = "the object is gone"
     else:
-        told = f"{number(w.error, 3)} px off" + (f", limit {number(w.limit, 2)} px" if w.false_accept else "")
-    sure = "" if np.isnan(w.confidence) else f", confidence {number(w.confidence, 2)}"
+        told = f"{format_number(w.error, 3)} px off" + (
+            f", limit {format_number(w.limit, 2)} px" if w.false_accept else ""
+        )
+    sure = "" if np.isnan(w.confidence) else f", confidence {format_number(w.confidence, 2)}"
     return f"**{w.method}**, {told}\n{w.case}, frame {w.frame}{sure}"

@@ -6,10 +6,10 @@ from __future__ import annotations
 from grasptrack.bench.schedule.local import on_cores
 from grasptrack.bench.schedule.outcome import ATTEMPTS, Outcome, Scheduler
 
-__all__ = ["ATTEMPTS", "Outcome", "Scheduler", "scheduler"]
+__all__ = ["ATTEMPTS", "Outcome", "Scheduler", "create_scheduler"]
 
 
-def scheduler(address: str | None = None, workers: int | None = None) -> Scheduler:
+def create_scheduler(address: str | None = None, workers: int | None = None) -> Scheduler:
     """Who does the work.
 
     Args:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from typing import Any
 
-from grasptrack.bench.schedule.fingerprint import fingerprint
+from grasptrack.bench.schedule.fingerprint import code_fingerprint
 from grasptrack.bench.schedule.outcome import Outcome, Scheduler, in_one_line
 from grasptrack.errors import GraspTrackError, InputError
 
@@ -44,16 +44,16 @@ def on_cluster(address: str, workers: int | None = None) -> Scheduler:
         except (OSError, ValueError, TypeError) as error:
             raise InputError(f'no Dask scheduler answers at "{address}": {error}', address=address) from error
         with client:
-            yield from _run(client, function, tasks)
+            yield from _run_tasks(client, function, tasks)
 
     return run
 
 
-def _run(client: Any, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Outcome]:
+def _run_tasks(client: Any, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Outcome]:
     distributed: Any = import_module("distributed")
-    ours, run = fingerprint(), uuid.uuid4().hex[:12]
+    ours, run = code_fingerprint(), uuid.uuid4().hex[:12]
     futures = {
-        client.submit(_checked, function, task, ours, pure=False, key=f"grasptrack-{run}-{i}"): i
+        client.submit(_run_checked_task, function, task, ours, pure=False, key=f"grasptrack-{run}-{i}"): i
         for i, task in enumerate(tasks)
     }
     try:
@@ -77,9 +77,9 @@ def _run(client: Any, function: Callable[[Any], Any], tasks: Sequence[Any]) -> I
         client.cancel([future for future in futures if not future.done()])
 
 
-def _checked(function: Callable[[Any], Any], task: Any, wanted: str) -> Any:
+def _run_checked_task(function: Callable[[Any], Any], task: Any, wanted: str) -> Any:
     """On a worker: see that it runs the same code, then do the task."""
-    if fingerprint() != wanted:
+    if code_fingerprint() != wanted:
         raise RuntimeError("this worker runs another version of grasptrack, NumPy or OpenCV than the one that asks")
     import cv2
 

@@ -14,7 +14,7 @@ import grasptrack
 
 
 @lru_cache
-def fingerprint() -> str:
+def code_fingerprint() -> str:
     """Hexadecimal digest of this package's sources, its compiled kernels, and the versions of NumPy and OpenCV."""
     import cv2
 

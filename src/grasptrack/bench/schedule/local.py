@@ -20,7 +20,7 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Read by numerical libraries when they are loaded: as many threads as processes would only wait for each other."""
 
 
-def cores() -> int:
+def available_cores() -> int:
     """How many cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
@@ -35,18 +35,18 @@ def on_cores(workers: int | None = None) -> Scheduler:
     """
     if workers is not None and workers < 1:
         raise InputError(f"at least 1 worker is needed, not {workers}", workers=workers)
-    count = cores() if workers is None else workers
+    count = available_cores() if workers is None else workers
 
     def run(function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Outcome]:
-        return _run(function, tasks, min(count, max(1, len(tasks))))
+        return _run_tasks(function, tasks, min(count, max(1, len(tasks))))
 
     return run
 
 
-def _run(function: Callable[[Any], Any], tasks: Sequence[Any], workers: int) -> Iterator[Outcome]:
+def _run_tasks(function: Callable[[Any], Any], tasks: Sequence[Any], workers: int) -> Iterator[Outcome]:
     waiting, deaths = deque(range(len(tasks))), [0] * len(tasks)
     with _one_thread():
-        pool = _pool(workers)
+        pool = _create_pool(workers)
         running: dict[Future[Any], int] = {}
         try:
             while waiting or running:
@@ -57,7 +57,7 @@ def _run(function: Callable[[Any], Any], tasks: Sequence[Any], workers: int) -> 
                     try:
                         future = pool.submit(function, tasks[waiting[0]])
                     except BrokenProcessPool:  # a worker died with nothing to do
-                        pool = _renewed(pool, workers)
+                        pool = _renew_pool(pool, workers)
                         continue
                     running[future] = waiting.popleft()
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -69,16 +69,16 @@ def _run(function: Callable[[Any], Any], tasks: Sequence[Any], workers: int) -> 
                         broken = True
                         yield from _after_death(index, deaths, waiting)
                     else:
-                        yield _outcome(index, future, problem)
+                        yield _future_outcome(index, future, problem)
                 if broken:
                     for future, index in list(running.items()):
                         problem = future.exception()
                         if isinstance(problem, BrokenProcessPool):
                             yield from _after_death(index, deaths, waiting)
                         else:
-                            yield _outcome(index, future, problem)
+                            yield _future_outcome(index, future, problem)
                     running.clear()
-                    pool = _renewed(pool, workers)
+                    pool = _renew_pool(pool, workers)
         finally:
             for future in running:
                 future.cancel()
@@ -87,7 +87,7 @@ def _run(function: Callable[[Any], Any], tasks: Sequence[Any], workers: int) -> 
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _outcome(index: int, future: Future[Any], problem: BaseException | None) -> Outcome:
+def _future_outcome(index: int, future: Future[Any], problem: BaseException | None) -> Outcome:
     if problem is not None:
         return Outcome(index, None, in_one_line(problem))
     return Outcome(index, future.result(), "")
@@ -102,17 +102,17 @@ def _after_death(index: int, deaths: list[int], waiting: deque[int]) -> Iterator
         yield Outcome(index, None, f"given up: {ATTEMPTS} workers died at it")
 
 
-def _renewed(pool: ProcessPoolExecutor, workers: int) -> ProcessPoolExecutor:
+def _renew_pool(pool: ProcessPoolExecutor, workers: int) -> ProcessPoolExecutor:
     pool.shutdown(wait=False, cancel_futures=True)
-    return _pool(workers)
+    return _create_pool(workers)
 
 
-def _pool(workers: int) -> ProcessPoolExecutor:
+def _create_pool(workers: int) -> ProcessPoolExecutor:
     # Not forked: a child would inherit locks that threads of OpenCV may hold.
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_prepare)
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_prepare_worker)
 
 
-def _prepare() -> None:
+def _prepare_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     import cv2
 

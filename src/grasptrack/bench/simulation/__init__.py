@@ -3,11 +3,11 @@
 
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.conditions import Conditions, Glare, Shadow
-from grasptrack.bench.simulation.courses import course
+from grasptrack.bench.simulation.courses import bounded_path
 from grasptrack.bench.simulation.distractors import Distractor
-from grasptrack.bench.simulation.disturbances import DISTURBANCES, Disturbance, applicable
+from grasptrack.bench.simulation.disturbances import DISTURBANCES, Disturbance, is_applicable
 from grasptrack.bench.simulation.hand import bar_over, hand_over
-from grasptrack.bench.simulation.lookalikes import mirrored, near_twin
+from grasptrack.bench.simulation.lookalikes import mirrored_shape, near_twin
 from grasptrack.bench.simulation.occluders import irregular_over, parallel_bar
 from grasptrack.bench.simulation.occlusion_events import Bar, Cover, Drifting, Laid
 from grasptrack.bench.simulation.outlines import Shape
@@ -17,10 +17,24 @@ from grasptrack.bench.simulation.render import Renderer
 from grasptrack.bench.simulation.scene import Guest, Scene, SceneFrame, demo_scene
 from grasptrack.bench.simulation.shapes import SHAPES
 from grasptrack.bench.simulation.shutter import RollingShutter
-from grasptrack.bench.simulation.silhouette import silhouette
+from grasptrack.bench.simulation.silhouette import shape_from_mask
 from grasptrack.bench.simulation.still import still_life
-from grasptrack.bench.simulation.surfaces import SURFACES, blank, brushed, pictured, printed
-from grasptrack.bench.simulation.tables import TABLES, gravel, pebbles, plain, stone, wood, woven
+from grasptrack.bench.simulation.surfaces import (
+    SURFACES,
+    blank_texture,
+    brushed_texture,
+    picture_texture,
+    printed_texture,
+)
+from grasptrack.bench.simulation.tables import (
+    TABLES,
+    gravel_texture,
+    pebble_texture,
+    plain_texture,
+    stone_texture,
+    wood_texture,
+    woven_texture,
+)
 from grasptrack.bench.simulation.texture import Texture
 
 __all__ = [
@@ -46,28 +60,28 @@ __all__ = [
     "Shadow",
     "Shape",
     "Texture",
-    "applicable",
     "bar_over",
-    "blank",
-    "brushed",
-    "course",
+    "blank_texture",
+    "bounded_path",
+    "brushed_texture",
     "demo_scene",
-    "gravel",
+    "gravel_texture",
     "hand_over",
     "irregular_over",
-    "mirrored",
+    "is_applicable",
+    "mirrored_shape",
     "near_twin",
     "parallel_bar",
     "part_of_photo",
-    "pebbles",
-    "pictured",
-    "plain",
-    "printed",
-    "silhouette",
+    "pebble_texture",
+    "picture_texture",
+    "plain_texture",
+    "printed_texture",
+    "shape_from_mask",
     "similarity_path",
     "still_life",
-    "stone",
+    "stone_texture",
     "tilting_path",
-    "wood",
-    "woven",
+    "wood_texture",
+    "woven_texture",
 ]

@@ -37,7 +37,7 @@ class Look:
     surface_level: float
 
 
-def look(name: str, seed: int) -> Look:
+def sample_look(name: str, seed: int) -> Look:
     """A table and a surface of different lightness, either of them the darker one.
 
     Args:
@@ -50,7 +50,9 @@ def look(name: str, seed: int) -> Look:
     levels = (low, low + contrast) if rng.uniform() < 0.5 else (low + contrast, low)
     table = str(rng.choice(list(TABLES)))
     return Look(
-        table=levelled(_turned(_table(table, int(rng.integers(PATTERNS))), int(rng.integers(8))), levels[0], rng),
+        table=adjust_grey_level(
+            _rotate_or_flip(_table_texture(table, int(rng.integers(PATTERNS))), int(rng.integers(8))), levels[0], rng
+        ),
         surface=another_surface(levels[1], rng),
         table_level=levels[0],
         surface_level=levels[1],
@@ -60,28 +62,30 @@ def look(name: str, seed: int) -> Look:
 def another_surface(level: float, rng: np.random.Generator) -> Texture:
     """A surface of some kind at a mean grey level: that of another part of the same make."""
     kind, pattern = str(rng.choice(list(SURFACES))), int(rng.integers(PATTERNS))
-    return levelled(_turned(_surface(kind, pattern, level < 110.0), int(rng.integers(8))), level, rng)
+    return adjust_grey_level(
+        _rotate_or_flip(_surface_texture(kind, pattern, level < 110.0), int(rng.integers(8))), level, rng
+    )
 
 
 @lru_cache(maxsize=32)
-def _table(kind: str, pattern: int) -> Texture:
+def _table_texture(kind: str, pattern: int) -> Texture:
     contrast = 0.6 if kind == "gravel" else 1.0
     return TABLES[kind](pattern, size=1024, colour=(MEAN, MEAN, MEAN), contrast=contrast).grey
 
 
 @lru_cache(maxsize=32)
-def _surface(kind: str, pattern: int, dark: bool) -> Texture:
+def _surface_texture(kind: str, pattern: int, dark: bool) -> Texture:
     level = 80.0 if dark else MEAN
     return SURFACES[kind](pattern, colour=(level, level, level)).grey
 
 
-def _turned(texture: Texture, way: int) -> Texture:
+def _rotate_or_flip(texture: Texture, way: int) -> Texture:
     """One of the eight ways to lay a square picture."""
     image = np.rot90(texture.image, way % 4)
     return Texture(np.ascontiguousarray(image[:, ::-1] if way >= 4 else image), texture.extent, texture.middle)
 
 
-def levelled(texture: Texture, level: float, rng: np.random.Generator) -> Texture:
+def adjust_grey_level(texture: Texture, level: float, rng: np.random.Generator) -> Texture:
     """The grey pattern with another mean, faintly tinted: B, G and R differ, their grey is the level."""
     gain = level / float(texture.image.mean())
     tint = 1.0 + rng.uniform(-0.12, 0.12, 2)

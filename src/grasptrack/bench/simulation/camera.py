@@ -39,8 +39,8 @@ class Camera:
     def __post_init__(self) -> None:
         f = float(self.matrix[0, 0])
         corner = 0.5 * math.hypot(self.width, self.height) / f
-        fold = self._fold
-        if fold < math.inf and self._radius(np.array([fold]))[0] < corner:
+        fold = self._fold_radius
+        if fold < math.inf and self._distorted_radius(np.array([fold]))[0] < corner:
             raise InputError(
                 f"a lens with k1 {self.k1} and k2 {self.k2} folds the image: the corners need a radius of {corner:.2f}",
                 k1=self.k1,
@@ -60,13 +60,13 @@ class Camera:
 
     def distort(self, points: ArrayLike) -> Floats:
         """(N, 2) px of the image, of points (N, 2) px of the ideal pinhole image."""
-        return self._scaled(np.asarray(points, dtype=np.float64), self._radius)
+        return self._scale_radially(np.asarray(points, dtype=np.float64), self._distorted_radius)
 
     def undistort(self, points: ArrayLike) -> Floats:
         """(N, 2) px of the ideal pinhole image, of points (N, 2) px of the image. The inverse, to rounding."""
-        return self._scaled(np.asarray(points, dtype=np.float64), self._ideal_radius)
+        return self._scale_radially(np.asarray(points, dtype=np.float64), self._ideal_radius)
 
-    def _scaled(self, points: Floats, radius: Callable[[Floats], Floats]) -> Floats:
+    def _scale_radially(self, points: Floats, radius: Callable[[Floats], Floats]) -> Floats:
         if not self.distorted:
             return points
         K = self.matrix
@@ -75,7 +75,7 @@ class Camera:
         return np.asarray(rays * (radius(r) / r)[..., None] * K[0, 0] + K[:2, 2], dtype=np.float64)
 
     @property
-    def _fold(self) -> float:
+    def _fold_radius(self) -> float:
         """The radius up to which the polynomial holds: nine tenths of where it turns back."""
         if not self.distorted:
             return math.inf
@@ -85,17 +85,17 @@ class Camera:
         turning = [2.0 / d for d in (-b + math.sqrt(root), -b - math.sqrt(root)) if d > 1e-12]
         return 0.9 * math.sqrt(min(turning)) if turning else math.inf
 
-    def _radius(self, r: Floats) -> Floats:
-        inner = np.minimum(r, self._fold)
+    def _distorted_radius(self, r: Floats) -> Floats:
+        inner = np.minimum(r, self._fold_radius)
         q = inner * inner
         value = inner * (1.0 + q * (self.k1 + q * self.k2))
         return np.asarray(value + (r - inner) * (1.0 + q * (3.0 * self.k1 + q * 5.0 * self.k2)), dtype=np.float64)
 
     def _ideal_radius(self, seen: Floats) -> Floats:
-        r, fold = seen.copy(), self._fold
+        r, fold = seen.copy(), self._fold_radius
         for _ in range(40):  # Newton's; the slope is positive everywhere
             q = np.minimum(r, fold) ** 2
-            step = (self._radius(r) - seen) / (1.0 + q * (3.0 * self.k1 + q * 5.0 * self.k2))
+            step = (self._distorted_radius(r) - seen) / (1.0 + q * (3.0 * self.k1 + q * 5.0 * self.k2))
             r -= step
             if np.abs(step).max(initial=0.0) < 1e-15:
                 break

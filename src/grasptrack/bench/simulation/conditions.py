@@ -174,7 +174,7 @@ SHARP = 1.0
 
 
 @lru_cache(maxsize=1)
-def _pool() -> Floats32:
+def _noise_pool() -> Floats32:
     return np.random.default_rng(1953).standard_normal((POOL, POOL), dtype=np.float32)
 
 
@@ -186,7 +186,7 @@ def pooled_noise(rng: np.random.Generator, height: int, width: int) -> Floats32:
     if max(height, width) >= POOL:
         return rng.standard_normal((height, width), dtype=np.float32)
     y, x = rng.integers(0, POOL - height, 2), rng.integers(0, POOL - width, 2)
-    field, sign = _pool(), np.float32(math.sqrt(0.5))
+    field, sign = _noise_pool(), np.float32(math.sqrt(0.5))
     first = field[y[0] : y[0] + height, x[0] : x[0] + width]
     second = field[y[1] : y[1] + height, x[1] : x[1] + width][::-1, ::-1]  # turned, so that cuts never coincide
     return np.asarray(cv2.addWeighted(first, float(sign), second, float(sign), 0.0), dtype=np.float32)

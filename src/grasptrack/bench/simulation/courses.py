@@ -19,7 +19,7 @@ MARGIN = 10.0
 """px between a part that is to stay in view and the border."""
 
 
-def course(
+def bounded_path(
     shape: Shape,
     frames: int,
     seed: int,
@@ -73,7 +73,7 @@ def at_rest(path: Path) -> Path:
     return replace(path, **{k: np.repeat(getattr(path, k)[:1], len(path), axis=0) for k in PARTS_OF_A_PATH})
 
 
-def shaken(shape: Shape, path: Path, camera: Camera, *, speed: float, seed: int) -> Path:
+def add_hand_tremor(shape: Shape, path: Path, camera: Camera, *, speed: float, seed: int) -> Path:
     """The same path with the tremor of a hand: irregular, its direction another every few frames, from rest on.
 
     Args:
@@ -119,7 +119,7 @@ def from_aside(shape: Shape, path: Path, camera: Camera, *, lean: float, seed: i
     return leaning
 
 
-def receding(path: Path, *, factor: float, shift: tuple[float, float], times: tuple[float, float]) -> Path:
+def add_camera_retreat(path: Path, *, factor: float, shift: tuple[float, float], times: tuple[float, float]) -> Path:
     """The same path, but the camera draws back and aside, so that it sees more of the table.
 
     Args:
@@ -139,7 +139,7 @@ def apply_all(homographies: Floats, points: Floats) -> Floats:
     return np.array([apply_homography(H, points) for H in homographies])
 
 
-def _seen(shape: Shape, path: Path, camera: Camera, count: int) -> Floats:
+def _project_outline(shape: Shape, path: Path, camera: Camera, count: int) -> Floats:
     """(F, count, 2) px of points of the outline, every other frame."""
     every = replace(path, **{k: getattr(path, k)[::2] for k in PARTS_OF_A_PATH})
     return camera.distort(apply_all(every.table_to_image(camera), shape.samples(count)))
@@ -147,12 +147,12 @@ def _seen(shape: Shape, path: Path, camera: Camera, count: int) -> Floats:
 
 def in_view(shape: Shape, path: Path, camera: Camera) -> bool:
     """Whether the whole part stays in the image, MARGIN px from its border, in all frames."""
-    points = _seen(shape, path, camera, 60)
+    points = _project_outline(shape, path, camera, 60)
     limit = np.array([camera.width - 1, camera.height - 1]) - MARGIN
     return bool(np.all((points >= MARGIN) & (points <= limit)))
 
 
-def astray(
+def drift_out_of_view(
     shape: Shape,
     path: Path,
     camera: Camera,
@@ -181,7 +181,7 @@ def astray(
     limit = np.array([camera.width - 1, camera.height - 1])
 
     def most(distance: float) -> float:
-        points = _seen(shape, replace(path, target=path.target + distance * way), camera, 120)
+        points = _project_outline(shape, replace(path, target=path.target + distance * way), camera, 120)
         return float(1.0 - np.all((points >= 0.0) & (points <= limit), axis=2).mean(axis=1).min())
 
     low, high = 0.0, 0.5 * math.hypot(camera.width, camera.height) / float(camera.matrix[0, 0]) * path.distance.max()

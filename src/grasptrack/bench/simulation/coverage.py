@@ -24,7 +24,7 @@ _PHI = np.array([0.5 * (1.0 + math.erf(z / math.sqrt(2.0))) for z in _GRID])
 _PHI[0], _PHI[-1] = 0.0, 1.0
 
 
-def coverage(polygons: Sequence[Floats], width: int, height: int, sigma: float) -> NDArray[np.float32]:
+def pixel_coverage(polygons: Sequence[Floats], width: int, height: int, sigma: float) -> NDArray[np.float32]:
     """(height, width) 0 to 1, how much of each pixel the polygons cover (holes by the even-odd rule).
 
     Args:
@@ -51,7 +51,7 @@ def inside_mask(polygons: Sequence[Floats], width: int, height: int) -> NDArray[
         low, high = np.minimum(a[:, 1], b[:, 1]), np.maximum(a[:, 1], b[:, 1])
         first = np.clip(np.ceil(low), 0, height).astype(np.int64)
         count = np.clip(np.ceil(high), 0, height).astype(np.int64) - first  # rows y with low <= y < high
-        edge, step = _spread(count)
+        edge, step = _expand_counts(count)
         row = first[edge] + step
         slope = (b[edge, 0] - a[edge, 0]) / (b[edge, 1] - a[edge, 1])
         x = a[edge, 0] + (row - a[edge, 1]) * slope
@@ -80,7 +80,7 @@ def edge_distance(
     starts = np.concatenate(polygons)
     sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in polygons])
     lengths = np.hypot(sides[:, 0], sides[:, 1])
-    edge, step = _spread(np.maximum(1, np.ceil(lengths / PIECE)).astype(np.int64))
+    edge, step = _expand_counts(np.maximum(1, np.ceil(lengths / PIECE)).astype(np.int64))
     share = 1.0 / np.maximum(1, np.ceil(lengths / PIECE))[edge]
     middle = starts[edge] + ((step + 0.5) * share)[:, None] * sides[edge]
 
@@ -102,7 +102,7 @@ def edge_distance(
     return index, np.sqrt(least[index])
 
 
-def _spread(count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _expand_counts(count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """For counts (N,): which item each of their sum belongs to, and its number within the item."""
     item = np.repeat(np.arange(len(count)), count)
     return item, np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)

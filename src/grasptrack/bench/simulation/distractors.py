@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from grasptrack.bench.simulation.outlines import Shape
-from grasptrack.bench.simulation.surfaces import blank
+from grasptrack.bench.simulation.surfaces import blank_texture
 from grasptrack.bench.simulation.texture import Texture
 from grasptrack.typing import Floats
 
@@ -56,7 +56,7 @@ class Distractor:
         return np.array([[c, -s, x], [s, c, y], [0.0, 0.0, 1.0]])
 
 
-def scaled(shape: Shape, size: float) -> Shape:
+def scale_shape(shape: Shape, size: float) -> Shape:
     """The same outline `size` times as large; its area is no longer 1."""
     outer, *holes = [ring * size for ring in shape.polygons]
     return Shape(shape.name, outer, tuple(holes))
@@ -102,7 +102,7 @@ class Room:
         return float(distances[met - 1] * way[0]), float(distances[met - 1] * way[1])
 
 
-def beside(
+def place_beside(
     part: Shape,
     shapes: Sequence[Shape],
     rng: np.random.Generator,
@@ -155,5 +155,5 @@ def sheet_under(part: Shape, rng: np.random.Generator, level: float) -> Distract
     low = aligned.min(axis=0) - rng.uniform(0.05, 0.3, 2)
     high = aligned.max(axis=0) + rng.uniform(0.05, 0.3, 2)
     ring = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
-    paper = blank(int(rng.integers(1 << 20)), size=256, colour=(level, level, level), contrast=0.4).grey
+    paper = blank_texture(int(rng.integers(1 << 20)), size=256, colour=(level, level, level), contrast=0.4).grey
     return Distractor(Shape("sheet", ring), paper, turn=turn, flat=True)

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from grasptrack.bench.simulation import effects, mixtures, tabletop
-from grasptrack.bench.simulation.appearance import Look, look
+from grasptrack.bench.simulation.appearance import Look, sample_look
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.conditions import Conditions
 from grasptrack.bench.simulation.lookalikes import mirror_symmetric
@@ -70,7 +70,7 @@ class Disturbance:
             raise InputError(f"a scene has at least 1 frame, not {frames}", frames=frames)
         width, height = size
         rng = np.random.default_rng((seed, zlib.crc32(shape.name.encode()), zlib.crc32(self.name.encode())))
-        drawn: Look = look(shape.name, seed)
+        drawn: Look = sample_look(shape.name, seed)
         own = drawn.surface if surface is None else surface
         setting = Setting(
             shape=shape,
@@ -106,7 +106,7 @@ class Disturbance:
         )
 
 
-def applicable(shape: Shape, name: str) -> bool:
+def is_applicable(shape: Shape, name: str) -> bool:
     """Whether a disturbance makes sense for a part: a mirror-symmetric one has no mirror image of its own.
 
     Raises:
@@ -122,37 +122,44 @@ DISTURBANCES: dict[str, Disturbance] = {
     for d in (
         Disturbance("clean-4dof", "The camera shifts, turns and zooms, always frontal.", "motion", effects.clean_4dof),
         Disturbance("clean-6dof", "The camera also tilts, up to 25 degrees.", "motion", effects.clean_6dof),
-        Disturbance("noise", "Noise of 8 to 16 grey levels.", "image", effects.noise),
-        Disturbance("blur", "The lens is out of focus: a blur of 2 to 3.5 px.", "image", effects.blur),
-        Disturbance("light", "Uneven light that drifts, and jumps three times.", "image", effects.light),
-        Disturbance("shadow", "A soft shadow crosses table and part.", "image", effects.shadow),
+        Disturbance("noise", "Noise of 8 to 16 grey levels.", "image", effects.strong_noise),
+        Disturbance("blur", "The lens is out of focus: a blur of 2 to 3.5 px.", "image", effects.defocus_blur),
+        Disturbance("light", "Uneven light that drifts, and jumps three times.", "image", effects.lighting_changes),
+        Disturbance("shadow", "A soft shadow crosses table and part.", "image", effects.cast_shadow),
         Disturbance("motion-blur", "Exposed for 40 to 70 % of a frame, up to 12 px a frame.", "image", effects.motion_blur),
-        Disturbance("fast", "Up to 20 px and 6 degrees from frame to frame.", "motion", effects.fast),
-        Disturbance("belt", "The table slides under the part.", "motion", effects.belt),
-        Disturbance("bar", "A bar sweeps over the part and hides up to 30 % of its outline.", "cover", effects.bar),
-        Disturbance("hand", "A hand comes, hides 30 % of the outline for a while, and goes.", "cover", effects.hand),
-        Disturbance("leave", "The part leaves the image altogether and comes back.", "motion", effects.leave),
-        Disturbance("clip", "The border cuts off up to 25 to 40 % of the outline for a while.", "motion", effects.clip),
-        Disturbance("exchange", "Another part lies in its place for a while.", "identity", effects.exchange),
-        Disturbance("twin", "A near twin, with one notch or tab, lies in its place for a while.", "identity", effects.twin),
-        Disturbance("mirror", "Its mirror image lies in its place for a while.", "identity", effects.mirror),
-        Disturbance("lens", "The lens distorts, as a wide one does.", "model", effects.lens),
-        Disturbance("thick", "A part 2 to 15 % of its size thick: sides show under tilt.", "model", effects.thick),
-        Disturbance("still", "Nothing moves at all: there is noise, and nothing else.", "motion", effects.still),
-        Disturbance("print", "A part with printed markings tilts, up to 28 degrees.", "motion", tabletop.printed),
-        Disturbance("highlight", "A saturated highlight wanders over part and table.", "image", effects.highlight),
-        Disturbance("shake", "A shaking hand: up to 15 px a frame, exposed for 80 % of it.", "image", effects.shake),
-        Disturbance("jpeg", "Noise of 8 grey levels, then JPEG of quality 30.", "image", effects.jpeg),
-        Disturbance("gravel", "The table is gravel whose contrast is like the part's.", "background", tabletop.gravel),
-        Disturbance("sheet", "The part lies on a sheet of paper hardly larger than it.", "background", tabletop.sheet),
-        Disturbance("crowd", "Other parts lie beside it, some nearly touching.", "background", tabletop.crowd),
+        Disturbance("fast", "Up to 20 px and 6 degrees from frame to frame.", "motion", effects.fast_motion),
+        Disturbance("belt", "The table slides under the part.", "motion", effects.moving_belt),
+        Disturbance("bar", "A bar sweeps over the part and hides up to 30 % of its outline.", "cover", effects.bar_occlusion),
+        Disturbance("hand", "A hand comes, hides 30 % of the outline for a while, and goes.", "cover", effects.hand_occlusion),
+        Disturbance("leave", "The part leaves the image altogether and comes back.", "motion", effects.leave_image),
         Disturbance(
-            "cover", "Something like a hand stays over up to 30 % of the outline, and moves.", "cover", effects.cover
+            "clip", "The border cuts off up to 25 to 40 % of the outline for a while.", "motion", effects.clip_at_border,
+        ),
+        Disturbance("exchange", "Another part lies in its place for a while.", "identity", effects.part_exchange),
+        Disturbance(
+            "twin", "A near twin, with one notch or tab, lies in its place for a while.", "identity", effects.twin_exchange,
+        ),
+        Disturbance("mirror", "Its mirror image lies in its place for a while.", "identity", effects.mirror_exchange),
+        Disturbance("lens", "The lens distorts, as a wide one does.", "model", effects.lens_distortion),
+        Disturbance("thick", "A part 2 to 15 % of its size thick: sides show under tilt.", "model", effects.thick_part),
+        Disturbance("still", "Nothing moves at all: there is noise, and nothing else.", "motion", effects.static_camera),
+        Disturbance("print", "A part with printed markings tilts, up to 28 degrees.", "motion", tabletop.printed_part),
+        Disturbance("highlight", "A saturated highlight wanders over part and table.", "image", effects.specular_highlight),
+        Disturbance("shake", "A shaking hand: up to 15 px a frame, exposed for 80 % of it.", "image", effects.camera_shake),
+        Disturbance("jpeg", "Noise of 8 grey levels, then JPEG of quality 30.", "image", effects.jpeg_compression),
+        Disturbance("gravel", "The table is gravel whose contrast is like the part's.", "background", tabletop.gravel_table),
+        Disturbance("sheet", "The part lies on a sheet of paper hardly larger than it.", "background", tabletop.paper_sheet),
+        Disturbance("crowd", "Other parts lie beside it, some nearly touching.", "background", tabletop.crowded_table),
+        Disturbance(
+            "cover",
+            "Something like a hand stays over up to 30 % of the outline, and moves.",
+            "cover",
+            effects.irregular_occlusion,
         ),
         Disturbance(
             "bar-parallel", "A bar's edge rests parallel to a side, 3 to 12 px inside it.", "cover", effects.bar_parallel
         ),
-        Disturbance("equals", "One to three equal parts lie beside it.", "identity", tabletop.equals),
+        Disturbance("equals", "One to three equal parts lie beside it.", "identity", tabletop.identical_parts),
         Disturbance(
             "equal-enters", "An equal part comes into view, the first is partly covered.", "identity", tabletop.equal_enters
         ),
@@ -167,7 +174,7 @@ DISTURBANCES: dict[str, Disturbance] = {
             "aside",
             "A part 2 to 10 % of its size thick, first seen 25 degrees from aside; the camera comes over it.",
             "model",
-            effects.aside,
+            effects.oblique_start,
         ),
         Disturbance(
             "exchange-hidden", "Another part lies in its place after something passed over it.", "identity",
@@ -175,7 +182,7 @@ DISTURBANCES: dict[str, Disturbance] = {
         ),
         Disturbance(
             "mixed", "All of it at once, drawn one by one: motion, lens, shutter, light, thickness, background, covers.",
-            "model", mixtures.mixed,
+            "model", mixtures.mixed_effects,
         ),
     )
 }  # fmt: skip

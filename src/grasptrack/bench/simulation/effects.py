@@ -9,9 +9,9 @@ from dataclasses import replace
 from grasptrack.bench.simulation.appearance import another_surface
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.conditions import Glare, Shadow
-from grasptrack.bench.simulation.courses import astray, at_rest, from_aside, shaken
+from grasptrack.bench.simulation.courses import add_hand_tremor, at_rest, drift_out_of_view, from_aside
 from grasptrack.bench.simulation.hand import bar_over, hand_over
-from grasptrack.bench.simulation.lookalikes import best_fit, mirrored, near_twin
+from grasptrack.bench.simulation.lookalikes import best_fit, mirrored_shape, near_twin
 from grasptrack.bench.simulation.occluders import irregular_over, parallel_bar
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.bench.simulation.scene import Guest
@@ -20,7 +20,7 @@ from grasptrack.bench.simulation.shapes import SHAPES
 from grasptrack.bench.simulation.texture import Texture
 
 ADDED = ("half-disc", "slotted-disc", "pencil", "bottle")
-"""Built-in shapes that came after `exchange`: it does not draw from them, so that its scenes stay as they were."""
+"""Built-in shapes that came after `part_exchange`: it does not draw from them, so that its scenes stay as they were."""
 OTHER = 0.12
 """sqrt(area) by which a part that takes the object's place differs from it at least."""
 
@@ -38,35 +38,37 @@ def clean_6dof(s: Setting) -> Parts:
     return {"path": s.course(tilt=math.radians(25.0))}
 
 
-def fast(s: Setting) -> Parts:
+def fast_motion(s: Setting) -> Parts:
     """Quick, with tilt."""
     return {"path": s.course(tilt=math.radians(20.0), speed=20.0, spin=6.0, reach=0.7, cycles=2.4)}
 
 
-def belt(s: Setting) -> Parts:
+def moving_belt(s: Setting) -> Parts:
     """The table slides by 2 to 6 px a frame."""
     px, angle = s.rng.uniform(2.0, 6.0), s.rng.uniform(0.0, 2.0 * math.pi)
     step = px / 175.0
     return {"path": s.course(speed=2.5), "slide": (step * math.cos(angle), step * math.sin(angle))}
 
 
-def leave(s: Setting) -> Parts:
+def leave_image(s: Setting) -> Parts:
     """Out of the image, above or below, and back."""
     side = float(s.rng.choice([-0.5, 0.5]) * math.pi + s.rng.uniform(-0.35, 0.35))
     path, camera = s.course(speed=2.5, reach=0.25), Camera(s.width, s.height)
     out, there, back, home = s.at(0.1, 0.42, 0.58, 0.9)
-    return {"path": astray(s.shape, path, camera, direction=side, share=1.0, times=(out, there, back, home))}
+    return {"path": drift_out_of_view(s.shape, path, camera, direction=side, share=1.0, times=(out, there, back, home))}
 
 
-def clip(s: Setting) -> Parts:
+def clip_at_border(s: Setting) -> Parts:
     """Partly out of the image, to any side, and back."""
     side, share = float(s.rng.uniform(0.0, 2.0 * math.pi)), float(s.rng.uniform(0.25, 0.4))
     path, camera = s.course(speed=2.5, reach=0.25), Camera(s.width, s.height)
     out, there, back, home = s.at(0.12, 0.42, 0.65, 0.92)
-    return {"path": astray(s.shape, path, camera, direction=side, share=share, times=(out, there, back, home))}
+    return {
+        "path": drift_out_of_view(s.shape, path, camera, direction=side, share=share, times=(out, there, back, home))
+    }
 
 
-def still(s: Setting) -> Parts:
+def static_camera(s: Setting) -> Parts:
     """A camera on a stand, in even light."""
     return {"path": at_rest(s.course()), "light": {"drift": 0.0}}
 
@@ -74,17 +76,17 @@ def still(s: Setting) -> Parts:
 # --- image ---------------------------------------------------------------------------------------
 
 
-def noise(s: Setting) -> Parts:
+def strong_noise(s: Setting) -> Parts:
     """Strong noise."""
     return {"path": s.course(), "light": {"noise": float(s.rng.uniform(8.0, 16.0))}}
 
 
-def blur(s: Setting) -> Parts:
+def defocus_blur(s: Setting) -> Parts:
     """Out of focus."""
     return {"path": s.course(), "light": {"blur": float(s.rng.uniform(2.0, 3.5))}}
 
 
-def light(s: Setting) -> Parts:
+def lighting_changes(s: Setting) -> Parts:
     """A gradient, a drift, three jumps."""
     angle, strength = s.rng.uniform(0.0, 2.0 * math.pi), s.rng.uniform(0.15, 0.3)
     darker, lighter = float(s.rng.uniform(0.5, 0.7)), float(s.rng.uniform(1.15, 1.3))
@@ -99,7 +101,7 @@ def light(s: Setting) -> Parts:
     return {"path": s.course(), "light": light}
 
 
-def shadow(s: Setting) -> Parts:
+def cast_shadow(s: Setting) -> Parts:
     """A blob or a bar of shadow."""
     start, end = (round(f) for f in s.at(0.1, 0.95))
     shadow = Shadow(
@@ -121,7 +123,7 @@ def motion_blur(s: Setting) -> Parts:
     return {"path": path, "light": {"exposure": float(s.rng.uniform(0.4, 0.7))}}
 
 
-def highlight(s: Setting) -> Parts:
+def specular_highlight(s: Setting) -> Parts:
     """A spot 0.3 to 0.6 sqrt(area) wide, from frame 3 on."""
     path = s.course()
     unit = float(Camera(s.width, s.height).matrix[0, 0] / path.distance[0])
@@ -139,14 +141,14 @@ def highlight(s: Setting) -> Parts:
     return {"path": path, "light": {"glare": glare}}
 
 
-def shake(s: Setting) -> Parts:
+def camera_shake(s: Setting) -> Parts:
     """A long exposure in a hand that trembles."""
     camera, speed = Camera(s.width, s.height), 13.0 * s.width / 640.0
-    path = shaken(s.shape, s.course(speed=2.0), camera, speed=speed, seed=s.seed)
+    path = add_hand_tremor(s.shape, s.course(speed=2.0), camera, speed=speed, seed=s.seed)
     return {"path": path, "light": {"exposure": 0.8}}
 
 
-def jpeg(s: Setting) -> Parts:
+def jpeg_compression(s: Setting) -> Parts:
     """A cheap camera's stream."""
     return {"path": s.course(), "light": {"noise": 8.0, "jpeg": 30}}
 
@@ -154,13 +156,13 @@ def jpeg(s: Setting) -> Parts:
 # --- covers --------------------------------------------------------------------------------------
 
 
-def bar(s: Setting) -> Parts:
+def bar_occlusion(s: Setting) -> Parts:
     """A bar sweeps across."""
     path = s.course()
     level = float(s.rng.uniform(30.0, 210.0))
     bar = bar_over(
         s.shape,
-        _four(s.at(0.15, 0.5, 0.5, 0.85)),
+        _as_four_times(s.at(0.15, 0.5, 0.5, 0.85)),
         share=0.3,
         angle=float(s.rng.uniform(0.0, 2.0 * math.pi)),
         view=s.view(path),
@@ -169,12 +171,12 @@ def bar(s: Setting) -> Parts:
     return {"path": path, "covers": (bar,)}
 
 
-def hand(s: Setting) -> Parts:
+def hand_occlusion(s: Setting) -> Parts:
     """A hand reaches in and rests."""
     path = s.course()
     hand = hand_over(
         s.shape,
-        _four(s.at(0.15, 0.38, 0.65, 0.88)),
+        _as_four_times(s.at(0.15, 0.38, 0.65, 0.88)),
         share=0.3,
         side=float(s.rng.uniform(0.0, 2.0 * math.pi)),
         aside=float(s.rng.uniform(-0.25, 0.25)),
@@ -184,7 +186,7 @@ def hand(s: Setting) -> Parts:
     return {"path": path, "covers": (hand,)}
 
 
-def cover(s: Setting) -> Parts:
+def irregular_occlusion(s: Setting) -> Parts:
     """An irregular occluder that stays."""
     path = s.course()
     return {"path": path, "covers": (irregular_over(s.shape, s.frames, s.rng, share=0.3, view=s.view(path)),)}
@@ -201,7 +203,7 @@ def bar_parallel(s: Setting) -> Parts:
     return {"path": path, "covers": (over,)}
 
 
-def _four(at: tuple[float, ...]) -> tuple[float, float, float, float]:
+def _as_four_times(at: tuple[float, ...]) -> tuple[float, float, float, float]:
     a, b, c, d = at
     return a, b, c, d
 
@@ -209,25 +211,25 @@ def _four(at: tuple[float, ...]) -> tuple[float, float, float, float]:
 # --- identity ------------------------------------------------------------------------------------
 
 
-def _guest(s: Setting, shape: Shape, surface: Texture | None = None) -> Parts:
+def _replace_by_guest(s: Setting, shape: Shape, surface: Texture | None = None) -> Parts:
     start, end = (round(f) for f in s.at(0.35, 0.65))
     return {"path": s.course(), "guests": (Guest(max(1, start), end, shape, surface),)}
 
 
-def exchange(s: Setting) -> Parts:
+def part_exchange(s: Setting) -> Parts:
     """Another part, of another outline and another pattern."""
     names = [str(name) for name in s.rng.permutation([name for name in SHAPES if name not in ADDED])]
     for name in names:
         other = SHAPES[name]()
         if best_fit(other, s.shape).distance > OTHER and other.radius() < 1.3 * max(1.0, s.shape.radius()):
             break
-    return _guest(s, other.moved(float(s.rng.uniform(0.0, 2.0 * math.pi))), another_surface(s.level, s.rng))
+    return _replace_by_guest(s, other.moved(float(s.rng.uniform(0.0, 2.0 * math.pi))), another_surface(s.level, s.rng))
 
 
 def exchange_hidden(s: Setting) -> Parts:
     """The same, brought while a bar hid both, and left there."""
-    swapped, path = exchange(s), s.course()
-    before, over, on, gone = _four(s.at(0.2, 0.4, 0.5, 0.7))
+    swapped, path = part_exchange(s), s.course()
+    before, over, on, gone = _as_four_times(s.at(0.2, 0.4, 0.5, 0.7))
     level = float(s.rng.uniform(30.0, 210.0))
     bar = bar_over(
         s.shape,
@@ -241,27 +243,27 @@ def exchange_hidden(s: Setting) -> Parts:
     return {"path": path, "guests": guests, "covers": (bar,)}
 
 
-def twin(s: Setting) -> Parts:
+def twin_exchange(s: Setting) -> Parts:
     """A near twin with the same pattern."""
-    return _guest(s, near_twin(s.shape, int(s.rng.integers(1 << 20))))
+    return _replace_by_guest(s, near_twin(s.shape, int(s.rng.integers(1 << 20))))
 
 
-def mirror(s: Setting) -> Parts:
+def mirror_exchange(s: Setting) -> Parts:
     """The mirror image with the same pattern."""
-    return _guest(s, mirrored(s.shape))
+    return _replace_by_guest(s, mirrored_shape(s.shape))
 
 
 # --- what breaks the model -----------------------------------------------------------------------
 
 
-def lens(s: Setting) -> Parts:
+def lens_distortion(s: Setting) -> Parts:
     """A barrel, less often a pincushion."""
     k1 = float(s.rng.uniform(0.06, 0.2) * s.rng.choice([-1.0, -1.0, -1.0, 1.0]))
     camera = Camera(s.width, s.height, k1=k1, k2=float(s.rng.uniform(-0.02, 0.04)))
     return {"path": s.course(camera, reach=0.9), "camera": camera}
 
 
-def thick(s: Setting) -> Parts:
+def thick_part(s: Setting) -> Parts:
     """Sides darker or lighter than the upper face."""
     thickness = float(s.rng.uniform(0.02, 0.15))
     path = s.course(tilt=math.radians(25.0))
@@ -274,7 +276,7 @@ def thick_6(s: Setting) -> Parts:
     return {"path": path, "thickness": thickness, "shade": float(s.rng.choice([0.55, 0.7, 1.2]))}
 
 
-def aside(s: Setting) -> Parts:
+def oblique_start(s: Setting) -> Parts:
     """As thick, its sides on view in the first image; the camera comes over it."""
     thickness = float(s.rng.uniform(0.02, 0.1))
     path = from_aside(s.shape, s.course(tilt=0.0), Camera(s.width, s.height), lean=math.radians(25.0), seed=s.seed)

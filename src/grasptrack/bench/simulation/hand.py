@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from grasptrack.bench.simulation.coverage import inside_polygons
-from grasptrack.bench.simulation.isolines import isolines
+from grasptrack.bench.simulation.isolines import trace_isolines
 from grasptrack.bench.simulation.occlusion_events import Colour, Laid
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.typing import Floats
@@ -30,7 +30,7 @@ FOREARM = 5.0
 
 
 @lru_cache(maxsize=8)
-def _hand(seed: int) -> Floats:
+def _hand_outline(seed: int) -> Floats:
     """(N, 2) table units: a hand whose fingers point along x, its palm at the origin, an arm behind it."""
     rng = np.random.default_rng((seed, 51))
     bones: list[tuple[float, float, float, float, float, float]] = []  # from, to, radius at either end
@@ -53,7 +53,7 @@ def _hand(seed: int) -> Floats:
         along = np.clip(((x - x0) * dx + (y_ - y0) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
         off = np.hypot(x - x0 - along * dx, y_ - y0 - along * dy) - (r0 + along * (r1 - r0))
         near += np.exp(np.minimum(-off / 0.025, 40.0))  # a soft union: webs between the fingers, no creases
-    curves = isolines(np.log(near + 1e-30), 0.0)
+    curves = trace_isolines(np.log(near + 1e-30), 0.0)
     longest = max(curves, key=len)
     return np.asarray(low + longest / GRAIN, dtype=np.float64)
 
@@ -79,7 +79,7 @@ def hand_over(
         view: table units from the middle of the image to its farthest corner.
         seed: of the hand's pose and colour.
     """
-    ring = _hand(seed % 5)
+    ring = _hand_outline(seed % 5)
     if seed % 2:
         ring = ring[::-1] * np.array([1.0, -1.0])  # the other hand
     c, s = math.cos(side + math.pi), math.sin(side + math.pi)

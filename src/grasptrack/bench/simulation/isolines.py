@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from grasptrack.typing import Floats
 
 
-def isolines(field: NDArray[np.float32] | Floats, level: float) -> list[Floats]:
+def trace_isolines(field: NDArray[np.float32] | Floats, level: float) -> list[Floats]:
     """All closed curves (N, 2) px at `level`, each with the larger values on one side.
 
     Args:

@@ -54,7 +54,7 @@ def best_fit(moving: Shape, fixed: Shape) -> Fit:
     best: Fit | None = None
     for i in np.argsort(worst, kind="stable")[:3]:
         away = goal - middle * np.exp(1j * turns[i])
-        fit = _refined(moving, fixed, float(turns[i]), np.array([away.real, away.imag]))
+        fit = _refine_fit(moving, fixed, float(turns[i]), np.array([away.real, away.imag]))
         best = fit if best is None or fit.distance < best.distance else best
         if best.distance < SAME:
             break
@@ -62,10 +62,10 @@ def best_fit(moving: Shape, fixed: Shape) -> Fit:
     return best
 
 
-def _refined(moving: Shape, fixed: Shape, turn: float, shift: Floats) -> Fit:
+def _refine_fit(moving: Shape, fixed: Shape, turn: float, shift: Floats) -> Fit:
     """Iterated closest points from a first turn; the better of where they began and where they ended."""
     b = fixed.samples(260)
-    first = _judged(moving, fixed, turn, shift)
+    first = _measure_fit(moving, fixed, turn, shift)
     if first.distance < SAME:
         return first
     for _ in range(5):
@@ -77,17 +77,17 @@ def _refined(moving: Shape, fixed: Shape, turn: float, shift: Floats) -> Fit:
         c, s = math.cos(step), math.sin(step)
         shift = np.array([[c, -s], [s, c]]) @ (shift - points.mean(axis=0)) + near.mean(axis=0)
         turn += step
-    last = _judged(moving, fixed, turn, shift)
+    last = _measure_fit(moving, fixed, turn, shift)
     return last if last.distance < first.distance else first
 
 
-def _judged(moving: Shape, fixed: Shape, turn: float, shift: Floats) -> Fit:
+def _measure_fit(moving: Shape, fixed: Shape, turn: float, shift: Floats) -> Fit:
     now = moving.moved(turn, shift)
-    distance = max(_farthest(now.samples(180), fixed), _farthest(fixed.samples(180), now))
+    distance = max(_max_outline_distance(now.samples(180), fixed), _max_outline_distance(fixed.samples(180), now))
     return Fit(distance, turn, (float(shift[0]), float(shift[1])))
 
 
-def _farthest(points: Floats, shape: Shape) -> float:
+def _max_outline_distance(points: Floats, shape: Shape) -> float:
     """Largest distance of points (N, 2) from a shape's outlines."""
     starts = np.concatenate(shape.polygons)
     sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in shape.polygons])
@@ -97,7 +97,7 @@ def _farthest(points: Floats, shape: Shape) -> float:
     return float(np.sqrt(((tx - along * sx) ** 2 + (ty - along * sy) ** 2).min(axis=1).max()))
 
 
-def mirrored(shape: Shape) -> Shape:
+def mirrored_shape(shape: Shape) -> Shape:
     """The mirror image, laid over the part itself as well as a rigid motion can."""
     image = shape.flipped()
     fit = best_fit(image, shape)
@@ -124,13 +124,15 @@ def near_twin(shape: Shape, seed: int = 0) -> Shape:
         for _ in range(300):
             width, depth = rng.uniform(0.10, 0.15, 2)
             signed = float(depth if rng.uniform() < 0.5 else -depth)
-            ring = _bumped(shape, float(rng.uniform()), float(width), signed, straight, clearance)
+            ring = _add_tab_or_notch(shape, float(rng.uniform()), float(width), signed, straight, clearance)
             if ring is not None:
                 return Shape(f"{shape.name}, near twin", ring, shape.holes)
     raise ContourError(f"{shape.name}: no room for a notch or a tab of 10 % of its size")
 
 
-def _bumped(shape: Shape, place: float, width: float, depth: float, straight: float, clearance: float) -> Floats | None:
+def _add_tab_or_notch(
+    shape: Shape, place: float, width: float, depth: float, straight: float, clearance: float
+) -> Floats | None:
     """The outer polygon with a tab (depth > 0) or notch on a stretch from a share of its length on; None if it fails."""
     ring = shape.outer
     sides = np.roll(ring, -1, axis=0) - ring

@@ -24,12 +24,12 @@ LONGEST_HIDDEN = 0.3
 """Share of the outline that a parallel bar may hide; where no side allows that, the one that hides least is taken."""
 
 
-def _length(shape: Shape) -> float:
+def _outline_length(shape: Shape) -> float:
     """Length of all its polygons together."""
     return float(sum(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum() for p in shape.polygons))
 
 
-def _mitten(rng: np.random.Generator) -> Floats:
+def _mitten_outline(rng: np.random.Generator) -> Floats:
     """(N, 2) table units: an irregular hand or sleeve; its front, fairly straight, is at x = 0, its arm behind."""
     half = float(rng.uniform(0.45, 0.75))
     y = np.linspace(-1.0, 1.0, 81)
@@ -56,7 +56,7 @@ def irregular_over(
         share: of the outline's length that is hidden, at most.
         view: table units from the middle of the image to its farthest corner.
     """
-    ring, points = _mitten(rng), shape.samples(400)
+    ring, points = _mitten_outline(rng), shape.samples(400)
     u = np.linspace(0.0, 1.0, frames)
     first, swing, bend = (float(v) for v in rng.uniform([0.0, 0.4, 0.0], [2.0 * math.pi, 0.8, 2.0 * math.pi]))
     side = first + swing * np.sin(2.0 * math.pi * 0.8 * u + bend)
@@ -124,7 +124,7 @@ def parallel_bar(
     normals *= np.sign((normals * hull[longest]).sum(axis=1))[:, None]  # out of the hull, whose inside has the origin
     edge = (normals * hull[longest]).sum(axis=1)
     inside = edge[:, None] - normals @ points.T
-    along = (inside < 0.01).sum(axis=1) * _length(shape) / len(points)
+    along = (inside < 0.01).sum(axis=1) * _outline_length(shape) / len(points)
     hides = (inside < depths[1]).mean(axis=1)
     allowed = np.flatnonzero((hides <= LONGEST_HIDDEN) & (along > 0.7 * lengths[longest]))  # no side spans a recess
     k = int(rng.choice(allowed[:3])) if len(allowed) else int(np.argmin(hides))

@@ -97,11 +97,11 @@ class Laid:
             return None
         if index < rest:
             u = (rest - index) / (rest - out)
-            return u if self.leave == "on" else _eased(u)
+            return u if self.leave == "on" else _smooth_step(u)
         if index <= leaves:
             return 0.0
         u = (index - leaves) / (gone - leaves)
-        return -u if self.leave == "on" else _eased(u)
+        return -u if self.leave == "on" else _smooth_step(u)
 
     def polygon(self, index: int, H: Floats, camera: Camera) -> Floats | None:
         """(N, 2) px where it is in a frame; None where it is not in view."""
@@ -153,5 +153,5 @@ class Drifting:
         return ring if seen else None
 
 
-def _eased(u: float) -> float:
+def _smooth_step(u: float) -> float:
     return u * u * (3.0 - 2.0 * u)

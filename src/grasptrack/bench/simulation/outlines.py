@@ -37,8 +37,8 @@ class Shape:
     @classmethod
     def of(cls, name: str, outer: ArrayLike, holes: Sequence[ArrayLike] = ()) -> Shape:
         """A shape from polygons in any unit, direction and place: brought to area 1 with its centroid at the origin."""
-        rings = [_directed(np.asarray(outer, dtype=np.float64), 1.0)]
-        rings += [_directed(np.asarray(hole, dtype=np.float64), -1.0) for hole in holes]
+        rings = [_orient_polygon(np.asarray(outer, dtype=np.float64), 1.0)]
+        rings += [_orient_polygon(np.asarray(hole, dtype=np.float64), -1.0) for hole in holes]
         area, centre = area_and_centroid(rings)
         if not area > 0.0:
             raise ValueError(f"{name}: the holes leave no material")
@@ -86,18 +86,18 @@ def polygon_moments(polygon: Floats) -> Floats:
     return np.array([cross.sum() / 2.0, ((x + xn) * cross).sum() / 6.0, ((y + yn) * cross).sum() / 6.0])
 
 
-def _directed(polygon: Floats, sign: float) -> Floats:
+def _orient_polygon(polygon: Floats, sign: float) -> Floats:
     return polygon if polygon_moments(polygon)[0] * sign > 0 else polygon[::-1].copy()
 
 
-def circle(x: float, y: float, radius: float, points: int = 90) -> Floats:
+def circle_polygon(x: float, y: float, radius: float, points: int = 90) -> Floats:
     """A regular polygon (points, 2) whose area is that of the circle."""
     angles = np.arange(points) * (2.0 * math.pi / points)
     grown = radius / math.sqrt(math.sin(2.0 * math.pi / points) * points / (2.0 * math.pi))
     return np.array([x, y]) + grown * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-def rounded(vertices: ArrayLike, radii: float | Sequence[float]) -> Floats:
+def round_corners(vertices: ArrayLike, radii: float | Sequence[float]) -> Floats:
     """A polygon whose corners are rounded by arcs tangent to both sides.
 
     Args:
@@ -125,14 +125,14 @@ def rounded(vertices: ArrayLike, radii: float | Sequence[float]) -> Floats:
     return np.concatenate(points)
 
 
-def arc(x: float, y: float, radius: float, start: float, end: float) -> Floats:
+def arc_points(x: float, y: float, radius: float, start: float, end: float) -> Floats:
     """Points (N, 2) on an arc from `start` to `end` degrees, both included; positive is from x to y."""
     count = max(2, math.ceil(abs(math.radians(end - start)) / ARC_STEP) + 1)
     angles = np.radians(np.linspace(start, end, count))
     return np.array([x, y]) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-def stroke(line: ArrayLike, half: ArrayLike) -> Floats:
+def stroke_outline(line: ArrayLike, half: ArrayLike) -> Floats:
     """The outline of a line drawn with a round pen whose width changes along it.
 
     Args:
@@ -146,16 +146,16 @@ def stroke(line: ArrayLike, half: ArrayLike) -> Floats:
     across = np.column_stack([-along[:, 1], along[:, 0]]) * radius[:, None]
     rings = [
         centre + across,
-        _cap(centre[-1], across[-1], 0.0),
+        _round_cap(centre[-1], across[-1], 0.0),
         (centre - across)[::-1],
-        _cap(centre[0], across[0], 180.0),
+        _round_cap(centre[0], across[0], 180.0),
     ]
     ring = np.concatenate(rings)
     keep = np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > 1e-9  # a pointed end gives its tip twice
     return np.asarray(ring[keep], dtype=np.float64)
 
 
-def _cap(end: Floats, across: Floats, turn: float) -> Floats:
+def _round_cap(end: Floats, across: Floats, turn: float) -> Floats:
     """The half circle about an end of a stroke, without its own ends."""
     angle = math.degrees(math.atan2(across[1], across[0])) + turn
-    return arc(end[0], end[1], math.hypot(across[0], across[1]), angle, angle - 180.0)[1:-1]
+    return arc_points(end[0], end[1], math.hypot(across[0], across[1]), angle, angle - 180.0)[1:-1]

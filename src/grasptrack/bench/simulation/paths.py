@@ -88,7 +88,7 @@ def _about_axis(azimuth: float, angle: float) -> Floats:
     return np.asarray(turn @ lean @ turn.T, dtype=np.float64)
 
 
-def _wander(rng: np.random.Generator, frames: int, cycles: float) -> Floats:
+def _random_smooth_curve(rng: np.random.Generator, frames: int, cycles: float) -> Floats:
     """(frames,) a smooth curve that starts at 0 and stays within -1..1."""
     u = np.linspace(0.0, cycles, frames)
     phase = rng.uniform(0.0, 2.0 * math.pi, 3)
@@ -122,9 +122,10 @@ def similarity_path(
     rng = np.random.default_rng(seed)
     still = np.zeros(frames)
     return Path(
-        target=reach * np.column_stack([_wander(rng, frames, cycles), _wander(rng, frames, cycles)]),
-        distance=distance * np.exp(math.log1p(zoom) * _wander(rng, frames, cycles)),
-        roll=turn * _wander(rng, frames, cycles),
+        target=reach
+        * np.column_stack([_random_smooth_curve(rng, frames, cycles), _random_smooth_curve(rng, frames, cycles)]),
+        distance=distance * np.exp(math.log1p(zoom) * _random_smooth_curve(rng, frames, cycles)),
+        roll=turn * _random_smooth_curve(rng, frames, cycles),
         tilt=still,
         azimuth=still,
     )
@@ -147,7 +148,7 @@ def tilting_path(
     """
     plain = similarity_path(frames, distance=distance, reach=reach, zoom=zoom, turn=turn, cycles=cycles, seed=seed)
     rng = np.random.default_rng((seed, 1))
-    lean_x, lean_y = _wander(rng, frames, cycles), _wander(rng, frames, cycles)
+    lean_x, lean_y = _random_smooth_curve(rng, frames, cycles), _random_smooth_curve(rng, frames, cycles)
     lean = np.hypot(lean_x, lean_y)
     return Path(
         target=plain.target,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.conditions import DAZZLE, SHARP, Conditions, Shadow, pooled_noise
-from grasptrack.bench.simulation.coverage import coverage
+from grasptrack.bench.simulation.coverage import pixel_coverage
 from grasptrack.bench.simulation.occlusion_events import Cover
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.bench.simulation.shutter import RollingShutter
@@ -77,7 +77,7 @@ class Renderer:
         """The polygons in px of the part, or of another shape, under H, from its plane to ideal px."""
         polygons = (self.shape if shape is None else shape).polygons
         if self.camera.distorted or isinstance(H, RollingShutter):
-            polygons = tuple(finer(p, FINE) for p in polygons)
+            polygons = tuple(subdivide_polygon(p, FINE) for p in polygons)
         if isinstance(H, RollingShutter):
             return tuple(H.project(p, self.camera) for p in polygons)
         return tuple(self.camera.distort(apply_homography(H, p)) for p in polygons)
@@ -123,11 +123,11 @@ class Renderer:
         above = self._surface if surface is None else self._seen(surface)
         polygons = self.outline(H, shape)
         lower = self.outline(foot, shape) if foot is not None else ()
-        box = self._box([*polygons, *lower])
+        box = self._bounding_box([*polygons, *lower])
         if box is None:
             return
         x0, y0, x1, y1 = box
-        share = self._coverage(polygons, box)
+        share = self._coverage_in_box(polygons, box)
         face = self._warp(above, H, box)
         corner = np.array([x0, y0])
         sides = (
@@ -136,7 +136,7 @@ class Renderer:
             else None
         )
         if sides is None:
-            self._blend(image, box, share, face)
+            self._blend_box(image, box, share, face)
             return
         beside, bright = (field[..., None] if self.colour else field for field in sides)
         if self.colour:
@@ -148,17 +148,17 @@ class Renderer:
 
     def cover(self, image: Floats32, cover: Cover, polygon: Floats) -> None:
         """Draws what lies in front over the image, in place."""
-        box = self._box((polygon,))
+        box = self._bounding_box((polygon,))
         if box is None:
             return
-        share = self._coverage((polygon,), box)
+        share = self._coverage_in_box((polygon,), box)
         colour = np.array(cover.colour, np.float32)
         level = colour if self.colour else np.float32(colour @ TO_GREY)
         above = np.broadcast_to(level, (*share.shape, 3) if self.colour else share.shape)
         if cover.relief > 0.0:
-            round_off = np.float32(cover.relief) * (1.0 - _soft(share, 0.02 * self.size[0]))
+            round_off = np.float32(cover.relief) * (1.0 - _coarse_blur(share, 0.02 * self.size[0]))
             above = above * (1.0 - (round_off[..., None] if self.colour else round_off))
-        self._blend(image, box, share, np.asarray(above, dtype=np.float32))
+        self._blend_box(image, box, share, np.asarray(above, dtype=np.float32))
 
     def shade(self, image: Floats32, shadow: Shadow, index: int) -> None:
         """Takes the light of a shadow away, in place."""
@@ -173,7 +173,7 @@ class Renderer:
         x1, y1 = np.clip(np.ceil(corners[1]), 0, self.size).astype(int).tolist()
         if x1 <= x0 or y1 <= y0:
             return
-        field = coverage([ring - np.array([x0, y0])], x1 - x0, y1 - y0, max(0.4, softness)) * np.float32(DAZZLE)
+        field = pixel_coverage([ring - np.array([x0, y0])], x1 - x0, y1 - y0, max(0.4, softness)) * np.float32(DAZZLE)
         image[y0:y1, x0:x1] += field[..., None] if self.colour else field
 
     def expose(
@@ -197,7 +197,7 @@ class Renderer:
             image += np.float32(conditions.noise) * rng.standard_normal(image.shape, dtype=np.float32)
         np.maximum(image, 0.0, out=image)
         taken = np.asarray(cv2.convertScaleAbs(image), dtype=np.uint8)
-        return _compressed(taken, conditions.jpeg) if conditions.jpeg > 0 else taken
+        return _compress_jpeg(taken, conditions.jpeg) if conditions.jpeg > 0 else taken
 
     def _warp(self, texture: Texture, H: Projection, box: Box | None = None) -> Floats32:
         """The texture's picture under H, in the whole image or in a box of it."""
@@ -224,7 +224,7 @@ class Renderer:
             warped = cv2.GaussianBlur(warped, (0, 0), math.sqrt(self.blur**2 - 0.5), borderType=cv2.BORDER_REFLECT_101)
         return np.asarray(warped, dtype=np.float32)
 
-    def _box(self, polygons: Sequence[Floats]) -> Box | None:
+    def _bounding_box(self, polygons: Sequence[Floats]) -> Box | None:
         """Columns and rows that polygons reach, blur included; None where that is nothing."""
         corners = np.concatenate(polygons)
         margin = 5.0 * self.blur + 2.0
@@ -232,31 +232,31 @@ class Renderer:
         x1, y1 = np.clip(np.ceil(corners.max(axis=0) + margin), 0, self.size).astype(int).tolist()
         return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
 
-    def _coverage(self, polygons: Sequence[Floats], box: Box) -> Floats32:
+    def _coverage_in_box(self, polygons: Sequence[Floats], box: Box) -> Floats32:
         x0, y0, x1, y1 = box
-        return coverage([p - np.array([x0, y0]) for p in polygons], x1 - x0, y1 - y0, self.blur)
+        return pixel_coverage([p - np.array([x0, y0]) for p in polygons], x1 - x0, y1 - y0, self.blur)
 
-    def _blend(self, image: Floats32, box: Box, share: Floats32, above: Floats32) -> None:
+    def _blend_box(self, image: Floats32, box: Box, share: Floats32, above: Floats32) -> None:
         x0, y0, x1, y1 = box
         part = image[y0:y1, x0:x1]
         part += (share[..., None] if self.colour else share) * (above - part)
 
     def _over(self, below: Floats32, polygons: Sequence[Floats], above: Floats32) -> None:
         """Lays `above`, as large as the image, on `below` inside the polygons, in place."""
-        box = self._box(polygons)
+        box = self._bounding_box(polygons)
         if box is not None:
             x0, y0, x1, y1 = box
-            self._blend(below, box, self._coverage(polygons, box), above[y0:y1, x0:x1])
+            self._blend_box(below, box, self._coverage_in_box(polygons, box), above[y0:y1, x0:x1])
 
 
-def _compressed(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+def _compress_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     """What is left of an image after JPEG compression."""
     done, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     assert done
     return np.asarray(cv2.imdecode(code, cv2.IMREAD_UNCHANGED), dtype=np.uint8)
 
 
-def finer(polygon: Floats, step: float) -> Floats:
+def subdivide_polygon(polygon: Floats, step: float) -> Floats:
     """The same polygon with its sides cut into equal pieces no longer than `step`."""
     sides = np.roll(polygon, -1, axis=0) - polygon
     count = np.maximum(1, np.ceil(np.hypot(sides[:, 0], sides[:, 1]) / step)).astype(np.int64)
@@ -265,7 +265,7 @@ def finer(polygon: Floats, step: float) -> Floats:
     return np.asarray(polygon[side] + share[:, None] * sides[side], dtype=np.float64)
 
 
-def _soft(share: Floats32, sigma: float) -> Floats32:
+def _coarse_blur(share: Floats32, sigma: float) -> Floats32:
     """A field blurred by `sigma` px, on a grid a quarter as fine."""
     height, width = share.shape
     small = cv2.resize(share, (max(1, width // 4), max(1, height // 4)), interpolation=cv2.INTER_AREA)

@@ -16,10 +16,10 @@ from grasptrack.bench.simulation.occlusion_events import Cover
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.bench.simulation.paths import Path
 from grasptrack.bench.simulation.render import Floats32, Projection, Renderer
-from grasptrack.bench.simulation.shapes import bracket
+from grasptrack.bench.simulation.shapes import l_bracket
 from grasptrack.bench.simulation.shutter import KNOTS, RollingShutter
-from grasptrack.bench.simulation.surfaces import brushed
-from grasptrack.bench.simulation.tables import wood
+from grasptrack.bench.simulation.surfaces import brushed_texture
+from grasptrack.bench.simulation.tables import wood_texture
 from grasptrack.bench.simulation.texture import Texture
 from grasptrack.bench.simulation.truth import SceneFrame
 from grasptrack.geometry.homographies import apply_homography
@@ -109,8 +109,8 @@ class Scene:
         self._image_to_plane = np.linalg.inv(self._plane_to_image[0])
         self._renderer = Renderer(
             shape,
-            table if table is not None else wood(seed),
-            surface if surface is not None else brushed(seed),
+            table if table is not None else wood_texture(seed),
+            surface if surface is not None else brushed_texture(seed),
             width=self.camera.width,
             height=self.camera.height,
             blur=self.conditions.blur,
@@ -182,20 +182,20 @@ class Scene:
         """What falls on the sensor while it is exposed: the mean of the images from its beginning to its end."""
         exposure = self.conditions.exposure
         if exposure <= 0.0:
-            return self._instant(index, self.path.pose(index), 0.0)
+            return self._render_instant(index, self.path.pose(index), 0.0)
         ends = self.path.between(index, [-0.5 * exposure, 0.5 * exposure]).table_to_image(self.camera)
         start, end = (apply_homography(H, self.shape.outer) for H in ends)
         way = float(np.hypot(*(end - start).T).max())
         count = int(np.clip(math.ceil(way / (RIPPLE * self.conditions.blur)), 1, MAX_EXPOSURES))
         offsets = ((np.arange(count) + 0.5) / count - 0.5) * exposure
         poses = self.path.between(index, offsets)
-        total = self._instant(index, poses.pose(0), offsets[0])
+        total = self._render_instant(index, poses.pose(0), offsets[0])
         for k in range(1, count):
-            total += self._instant(index, poses.pose(k), offsets[k])
+            total += self._render_instant(index, poses.pose(k), offsets[k])
         total *= np.float32(1.0 / count)
         return total
 
-    def _instant(self, index: int, pose: Path, offset: float) -> Floats32:
+    def _render_instant(self, index: int, pose: Path, offset: float) -> Floats32:
         """Table and part as the camera sees them from a pose, `offset` frames after the middle of frame `index`."""
         view, guest, time = self._renderer, self.guest(index), index + offset
         table: Projection = pose.table_to_image(self.camera)[0]
@@ -261,11 +261,11 @@ def demo_scene(frames: int = 120, seed: int = 3, *, width: int = 640, height: in
         azimuth=0.7 + math.radians(240.0) * lean,
     )
     return Scene(
-        bracket(),
+        l_bracket(),
         path,
         camera=Camera(width, height),
-        table=wood(seed),
-        surface=brushed(seed, mark="GT-08"),
+        table=wood_texture(seed),
+        surface=brushed_texture(seed, mark="GT-08"),
         conditions=Conditions(blur=0.75 * width / 640, noise=2.0, drift=0.06, vignette=0.14),
         colour=colour,
         seed=seed,

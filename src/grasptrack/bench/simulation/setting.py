@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from grasptrack.bench.simulation.camera import Camera
-from grasptrack.bench.simulation.courses import course
+from grasptrack.bench.simulation.courses import bounded_path
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.bench.simulation.paths import Path
 
@@ -47,7 +47,7 @@ class Setting:
         scale = self.width / 640.0
         given: dict[str, Any] = {"tilt": math.radians(15.0), "speed": 4.0, **options}
         given["speed"] *= scale
-        return course(
+        return bounded_path(
             self.shape,
             self.frames,
             self.seed,

@@ -60,11 +60,11 @@ def side_faces(
     upper_face = inside_mask([(p + 0.5) * FINER - 0.5 for p in top], shape[1], shape[0])
     bright[upper_face] = 0
     drawn = np.where(bright > 0, np.uint8(255), np.uint8(0))  # no side is black
-    return _lowered(drawn, width, height, sigma) / np.float32(255.0), _lowered(
+    return _downsample_field(drawn, width, height, sigma) / np.float32(255.0), _downsample_field(
         bright, width, height, sigma
     ) / np.float32(200.0)
 
 
-def _lowered(field: NDArray[np.uint8], width: int, height: int, sigma: float) -> Floats32:
+def _downsample_field(field: NDArray[np.uint8], width: int, height: int, sigma: float) -> Floats32:
     small = cv2.resize(field.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.GaussianBlur(small, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasptrack.bench.simulation.isolines import isolines
+from grasptrack.bench.simulation.isolines import trace_isolines
 from grasptrack.bench.simulation.outlines import Shape, polygon_moments
 from grasptrack.errors import ContourError
 from grasptrack.typing import Floats
@@ -22,7 +22,7 @@ SMALLEST_HOLE = 12.0
 """px^2; smaller holes are specks."""
 
 
-def silhouette(mask: ArrayLike, name: str = "silhouette") -> Shape:
+def shape_from_mask(mask: ArrayLike, name: str = "silhouette") -> Shape:
     """The part that a silhouette shows, its outline smooth and sub-pixel, its holes kept.
 
     Args:
@@ -33,11 +33,11 @@ def silhouette(mask: ArrayLike, name: str = "silhouette") -> Shape:
     Raises:
         ContourError: no image, nothing in it, or too little to be a part.
     """
-    return Shape.of(name, *_split(mask_polygons(mask, name)))
+    return Shape.of(name, *_outer_and_holes(mask_polygons(mask, name)))
 
 
 def mask_polygons(mask: ArrayLike, name: str = "silhouette") -> list[Floats]:
-    """The polygons of `silhouette` in px of the mask, outer first, not brought to any unit; same errors."""
+    """The polygons of `shape_from_mask` in px of the mask, outer first, not brought to any unit; same errors."""
     given = np.asarray(mask)
     if given.ndim == 3 and given.shape[2] == 1:
         given = given[..., 0]
@@ -54,28 +54,30 @@ def mask_polygons(mask: ArrayLike, name: str = "silhouette") -> list[Floats]:
     pad = 6
     blurred = cv2.GaussianBlur(np.pad(alone, pad), (0, 0), SOFT, borderType=cv2.BORDER_CONSTANT)
     soft = np.asarray(blurred, dtype=np.float32)
-    rings = [ring + np.array([x - pad, y - pad]) for ring in isolines(soft, 0.5)]
+    rings = [ring + np.array([x - pad, y - pad]) for ring in trace_isolines(soft, 0.5)]
     areas = np.array([polygon_moments(ring)[0] for ring in rings])
     if not len(rings) or areas.max() < 32.0:
         raise ContourError(f"{name}: the silhouette is too thin for a part", area=area)
     outer = int(np.argmax(areas))
     holes = [ring for ring, a in zip(rings, areas, strict=True) if a < -SMALLEST_HOLE]
-    inside = [hole for hole in holes if cv2.pointPolygonTest(_float32(rings[outer]), _point(hole), False) > 0]
-    return [_sparse(ring) for ring in (rings[outer], *inside)]
+    inside = [
+        hole for hole in holes if cv2.pointPolygonTest(_as_cv_contour(rings[outer]), _first_point(hole), False) > 0
+    ]
+    return [_simplify_ring(ring) for ring in (rings[outer], *inside)]
 
 
-def _split(rings: Sequence[Floats]) -> tuple[Floats, list[Floats]]:
+def _outer_and_holes(rings: Sequence[Floats]) -> tuple[Floats, list[Floats]]:
     return rings[0], list(rings[1:])
 
 
-def _point(ring: Floats) -> tuple[float, float]:
+def _first_point(ring: Floats) -> tuple[float, float]:
     return float(ring[0, 0]), float(ring[0, 1])
 
 
-def _float32(ring: Floats) -> NDArray[np.float32]:
+def _as_cv_contour(ring: Floats) -> NDArray[np.float32]:
     return np.asarray(ring[:, None, :], dtype=np.float32)
 
 
-def _sparse(ring: Floats) -> Floats:
-    kept = cv2.approxPolyDP(_float32(ring), STRAIGHT, closed=True)
+def _simplify_ring(ring: Floats) -> Floats:
+    kept = cv2.approxPolyDP(_as_cv_contour(ring), STRAIGHT, closed=True)
     return np.asarray(kept[:, 0, :], dtype=np.float64)

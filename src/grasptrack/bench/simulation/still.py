@@ -12,8 +12,8 @@ from grasptrack.bench.simulation.conditions import Conditions
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.bench.simulation.render import Renderer
 from grasptrack.bench.simulation.shapes import SHAPES
-from grasptrack.bench.simulation.surfaces import brushed
-from grasptrack.bench.simulation.tables import plain
+from grasptrack.bench.simulation.surfaces import brushed_texture
+from grasptrack.bench.simulation.tables import plain_texture
 
 PX_PER_UNIT = 130.0
 """Scale of the image; a part's area is its size squared."""
@@ -42,6 +42,8 @@ def still_life(seed: int = 3, *, width: int = 640, height: int = 480) -> NDArray
     H = np.array([[scale, 0.0, 0.5 * (width - 1)], [0.0, scale, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
     together = Shape("parts", parts[0], tuple(parts[1:]))  # rendered by the even-odd rule, which parts apart obey too
     light = Conditions(blur=0.75 * width / 640, noise=1.0, vignette=0.14)
-    view = Renderer(together, plain(seed), brushed(seed), width=width, height=height, blur=light.blur, colour=True)
+    view = Renderer(
+        together, plain_texture(seed), brushed_texture(seed), width=width, height=height, blur=light.blur, colour=True
+    )
     rng = np.random.default_rng((seed, 19))
     return view.expose(view.light(H), rng, light)

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.bench.simulation.texture import Colour, Texture, noise_field, tint
+from grasptrack.bench.simulation.texture import Colour, Texture, noise_field, tint_relief
 
 Floats32 = NDArray[np.float32]
 
 
-def brushed(
+def brushed_texture(
     seed: int = 0,
     *,
     size: int = 768,
@@ -41,10 +41,10 @@ def brushed(
         place = ((size - width) // 2, (size + height) // 2)
         cv2.putText(layer, mark, place, cv2.FONT_HERSHEY_DUPLEX, 1.15, 255, 2, cv2.LINE_AA)
         relief = relief * (1.0 + 0.42 * cv2.GaussianBlur(layer.astype(np.float32) / 255.0, (0, 0), 0.8))
-    return Texture(tint(np.asarray(relief, np.float32), colour), extent)
+    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
 
 
-def blank(
+def blank_texture(
     seed: int = 0,
     *,
     size: int = 512,
@@ -55,10 +55,10 @@ def blank(
     """Cast plastic or card: nearly one grey, with a breath of mottling."""
     rng = np.random.default_rng((seed, 20))
     relief = 1.0 + contrast * (0.012 * noise_field(rng, size, 1.5, 1.5) + 0.012 * noise_field(rng, size, 60, 60))
-    return Texture(tint(np.asarray(relief, np.float32), colour), extent)
+    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
 
 
-def printed(
+def printed_texture(
     seed: int = 0,
     *,
     size: int = 640,
@@ -93,10 +93,10 @@ def printed(
     mean = sum(colour) / 3.0
     sign, depth = (1.0 if mean < 110.0 else -1.0), 0.33 * max(1.0, 80.0 / mean)
     relief = (1.0 + 0.012 * noise_field(rng, size, 60, 60)) * (1.0 + sign * depth * contrast * laid_on)
-    return Texture(tint(np.asarray(relief, np.float32), colour), extent)
+    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
 
 
-def pictured(
+def picture_texture(
     seed: int = 0,
     *,
     size: int = 640,
@@ -119,8 +119,12 @@ def pictured(
         share = np.asarray(cv2.GaussianBlur(patch, (0, 0), soft), np.float32) * np.float32(rng.uniform(0.5, 1.0))
         relief += share * (np.float32(rng.uniform(-0.7, 0.7)) + 0.15 * noise_field(rng, size, 8, 8) - relief)
     relief += 0.04 * noise_field(rng, size, 1.5, 1.5)
-    return Texture(tint(np.asarray(1.0 + 0.8 * contrast * (relief - relief.mean()), np.float32), colour), extent)
+    return Texture(tint_relief(np.asarray(1.0 + 0.8 * contrast * (relief - relief.mean()), np.float32), colour), extent)
 
 
-SURFACES: dict[str, Callable[..., Texture]] = {"brushed": brushed, "blank": blank, "printed": printed}
+SURFACES: dict[str, Callable[..., Texture]] = {
+    "brushed": brushed_texture,
+    "blank": blank_texture,
+    "printed": printed_texture,
+}
 """Every kind of surface by its name; each takes a seed, `colour` and `contrast`."""

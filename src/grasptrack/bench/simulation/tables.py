@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.bench.simulation.texture import Colour, Texture, noise_field, tint
+from grasptrack.bench.simulation.texture import Colour, Texture, noise_field, tint_relief
 
 Floats32 = NDArray[np.float32]
 
 
-def wood(
+def wood_texture(
     seed: int = 0,
     *,
     size: int = 1536,
@@ -50,10 +50,10 @@ def wood(
     relief = 1.0 + contrast * (0.028 * rings + 0.017 * fibres + 0.014 * clouds + tone)
     to_seam = np.abs((rows * planks / size + 0.5) % 1.0 - 0.5) * size / planks
     relief *= 1.0 - 0.14 * contrast * np.exp(-0.5 * (to_seam / 1.3) ** 2)[:, None]
-    return Texture(tint(np.asarray(relief, np.float32), colour), extent)
+    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
 
 
-def plain(
+def plain_texture(
     seed: int = 0,
     *,
     size: int = 1024,
@@ -64,10 +64,10 @@ def plain(
     """A laminate or cloth: fine and coarse mottling without a direction."""
     rng = np.random.default_rng((seed, 12))
     relief = 1.0 + contrast * (0.012 * noise_field(rng, size, 1.2, 1.2) + 0.02 * noise_field(rng, size, 60, 60))
-    return Texture(tint(np.asarray(relief, np.float32), colour), extent)
+    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
 
 
-def gravel(
+def gravel_texture(
     seed: int = 0,
     *,
     size: int = 1024,
@@ -86,10 +86,10 @@ def gravel(
         at = (8 * int(middle[i, 0]), 8 * int(middle[i, 1]))
         cv2.ellipse(relief, at, axes, float(turn[i]), 0, 360, float(shade[i]), -1, cv2.LINE_8, 3)
     relief = np.asarray(cv2.GaussianBlur(relief, (0, 0), 0.9), np.float32) + 0.02 * noise_field(rng, size, 1.0, 1.0)
-    return Texture(tint(1.0 + contrast * (relief - relief.mean()), colour), extent)
+    return Texture(tint_relief(1.0 + contrast * (relief - relief.mean()), colour), extent)
 
 
-def pebbles(
+def pebble_texture(
     seed: int = 0,
     *,
     size: int = 1440,
@@ -119,10 +119,10 @@ def pebbles(
         at = (int(middle[i, 0]), int(middle[i, 1]))
         cv2.ellipse(relief, at, axes, float(turn[i]), 0, 360, float(shade[i]), -1, cv2.LINE_8, 3)
     relief = np.asarray(cv2.GaussianBlur(relief, (0, 0), 1.0), np.float32) + 0.02 * noise_field(rng, size, 1.0, 1.0)
-    return Texture(tint(1.0 + contrast * (relief - relief.mean()), colour), extent)
+    return Texture(tint_relief(1.0 + contrast * (relief - relief.mean()), colour), extent)
 
 
-def woven(
+def woven_texture(
     seed: int = 0,
     *,
     size: int = 1024,
@@ -141,10 +141,10 @@ def woven(
     thread = np.where(over, across * (0.75 + 0.25 * along), along * (0.75 + 0.25 * across) - 0.06)
     relief = 0.11 * (thread - thread.mean()) + 0.02 * noise_field(rng, size, 70, 70)
     relief = cv2.GaussianBlur(np.asarray(relief, np.float32), (0, 0), 0.8) + 0.012 * noise_field(rng, size, 1.2, 1.2)
-    return Texture(tint(np.asarray(1.0 + contrast * relief, np.float32), colour), extent)
+    return Texture(tint_relief(np.asarray(1.0 + contrast * relief, np.float32), colour), extent)
 
 
-def stone(
+def stone_texture(
     seed: int = 0,
     *,
     size: int = 1024,
@@ -159,14 +159,14 @@ def stone(
     dark = np.clip(noise_field(rng, size, 2.2, 2.2) - 1.6, 0.0, 1.0)
     vein = np.exp(-((noise_field(rng, size, 120, 45) / 0.05) ** 2))
     relief = 1.0 + contrast * (0.02 * clouds + grains - 0.18 * dark + 0.05 * vein)
-    return Texture(tint(np.asarray(relief, np.float32), colour), extent)
+    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
 
 
 TABLES: dict[str, Callable[..., Texture]] = {
-    "wood": wood,
-    "plain": plain,
-    "gravel": gravel,
-    "woven": woven,
-    "stone": stone,
+    "wood": wood_texture,
+    "plain": plain_texture,
+    "gravel": gravel_texture,
+    "woven": woven_texture,
+    "stone": stone_texture,
 }
 """Every kind of table by its name; each takes a seed, `colour` and `contrast`."""

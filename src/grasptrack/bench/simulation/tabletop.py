@@ -11,17 +11,17 @@ from functools import lru_cache
 import numpy as np
 
 from grasptrack.bench.simulation import surfaces
-from grasptrack.bench.simulation.appearance import another_surface, levelled
+from grasptrack.bench.simulation.appearance import adjust_grey_level, another_surface
 from grasptrack.bench.simulation.camera import Camera
-from grasptrack.bench.simulation.courses import receding
-from grasptrack.bench.simulation.distractors import Distractor, beside, scaled, sheet_under
+from grasptrack.bench.simulation.courses import add_camera_retreat
+from grasptrack.bench.simulation.distractors import Distractor, place_beside, scale_shape, sheet_under
 from grasptrack.bench.simulation.hand import hand_over
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.bench.simulation.paths import Path
 from grasptrack.bench.simulation.scene import Guest
 from grasptrack.bench.simulation.setting import Parts, Setting
 from grasptrack.bench.simulation.shapes import SHAPES
-from grasptrack.bench.simulation.tables import pebbles
+from grasptrack.bench.simulation.tables import pebble_texture
 from grasptrack.bench.simulation.texture import Texture
 from grasptrack.geometry.homographies import apply_homography
 
@@ -37,13 +37,13 @@ PATTERNS = 4
 
 
 @lru_cache(maxsize=PATTERNS)
-def _pebbles(pattern: int) -> Texture:
-    return pebbles(pattern, colour=(128.0, 128.0, 128.0)).grey
+def _cached_pebble_texture(pattern: int) -> Texture:
+    return pebble_texture(pattern, colour=(128.0, 128.0, 128.0)).grey
 
 
-def gravel(s: Setting) -> Parts:
+def gravel_table(s: Setting) -> Parts:
     """Pebbles around the table's own level, as far from it as the part is."""
-    made = _pebbles(int(s.rng.integers(PATTERNS))).image.astype(np.float32)
+    made = _cached_pebble_texture(int(s.rng.integers(PATTERNS))).image.astype(np.float32)
     spread = 0.4 * abs(s.level - s.table_level)
     level = float(np.clip(s.table_level, 1.6 * spread, 255.0 - 1.6 * spread))
     turned = np.rot90(made, int(s.rng.integers(4)))
@@ -52,7 +52,7 @@ def gravel(s: Setting) -> Parts:
     return {"path": s.course(), "table": Texture(np.ascontiguousarray(image), 3.0)}
 
 
-def sheet(s: Setting) -> Parts:
+def paper_sheet(s: Setting) -> Parts:
     """Half of the sheets go along with the part over the table, the others lie on it."""
     told = [p for p in PAPERS if abs(p - s.level) >= 50.0 and abs(p - s.table_level) >= 30.0]
     level = told[0] if told else max(PAPERS, key=lambda p: abs(p - s.level))
@@ -64,15 +64,15 @@ def sheet(s: Setting) -> Parts:
     return {"path": s.course(speed=3.0), "distractors": (paper,), "slide": slide}
 
 
-def crowd(s: Setting) -> Parts:
+def crowded_table(s: Setting) -> Parts:
     """Four to seven other parts, half of them within some px of a neighbour."""
     s = replace(s, size=0.75 * s.size)
     path = s.course(reach=0.25)
     others = [str(n) for n in s.rng.permutation([n for n in SHAPES if n != s.shape.name])]
     count = int(s.rng.integers(4, 8))
-    shapes = [scaled(SHAPES[n](), float(s.rng.uniform(0.6, 1.05))) for n in others[:count]]
+    shapes = [scale_shape(SHAPES[n](), float(s.rng.uniform(0.6, 1.05))) for n in others[:count]]
     gaps = [(0.04, 0.07) if k % 2 == 0 else (0.1, 0.4) for k in range(count)]
-    placed = beside(s.shape, shapes, s.rng, gaps=gaps, fits=_in_view(s, path, 0.6))
+    placed = place_beside(s.shape, shapes, s.rng, gaps=gaps, fits=_in_view(s, path, 0.6))
     made = []
     for k, turn, shift in placed:
         level = s.level if s.rng.uniform() < 0.5 else 2.0 * s.table_level - s.level
@@ -84,12 +84,12 @@ def crowd(s: Setting) -> Parts:
 # --- equal parts ---------------------------------------------------------------------------------
 
 
-def equals(s: Setting) -> Parts:
+def identical_parts(s: Setting) -> Parts:
     """Equal parts, as from the same drawer: outline and surface are those of the object."""
     s = replace(s, size=0.75 * s.size)
     path, count = s.course(reach=0.25), int(s.rng.integers(1, 4))
     fits = _in_view(s, path, 0.7)
-    placed = beside(s.shape, [s.shape] * count, s.rng, gaps=[(0.06, 0.5)] * count, fits=fits)
+    placed = place_beside(s.shape, [s.shape] * count, s.rng, gaps=[(0.06, 0.5)] * count, fits=fits)
     made = tuple(Distractor(s.shape, turn=turn, shift=shift) for _, turn, shift in placed)
     return {"path": path, "distractors": made}
 
@@ -101,14 +101,14 @@ def equal_enters(s: Setting) -> Parts:
     angle, turn = (float(v) for v in s.rng.uniform(0.0, 2.0 * math.pi, 2))
     out, there, a, b, c, d = s.at(0.2, 0.5, 0.25, 0.42, 0.62, 0.8)
     if s.rng.uniform() < 0.5:
-        placed = beside(s.shape, [s.shape], s.rng, gaps=[(0.06, 0.4)], fits=_in_view(s, path, 0.6))
-        turn, shift = placed[0][1:] if placed else (turn, _outside(s, path, angle, turn))
-        far = _outside(s, path, math.atan2(shift[1], shift[0]), turn)
+        placed = place_beside(s.shape, [s.shape], s.rng, gaps=[(0.06, 0.4)], fits=_in_view(s, path, 0.6))
+        turn, shift = placed[0][1:] if placed else (turn, _nearest_place_outside(s, path, angle, turn))
+        far = _nearest_place_outside(s, path, math.atan2(shift[1], shift[0]), turn)
         away = (far[0] - shift[0], far[1] - shift[1])
         equal = Distractor(s.shape, turn=turn, shift=shift, away=away, times=(max(out, 1.0), there))
     else:
-        shift = _outside(s, path, angle, turn)
-        path = receding(path, factor=1.5, shift=(0.27 * shift[0], 0.27 * shift[1]), times=(out, there))
+        shift = _nearest_place_outside(s, path, angle, turn)
+        path = add_camera_retreat(path, factor=1.5, shift=(0.27 * shift[0], 0.27 * shift[1]), times=(out, there))
         equal = Distractor(s.shape, turn=turn, shift=shift)
     hand = hand_over(
         s.shape,
@@ -133,7 +133,7 @@ def _in_view(s: Setting, path: Path, share: float) -> Callable[[Shape], bool]:
     return fits
 
 
-def _outside(s: Setting, path: Path, direction: float, turn: float) -> tuple[float, float]:
+def _nearest_place_outside(s: Setting, path: Path, direction: float, turn: float) -> tuple[float, float]:
     """The nearest place in a direction at which an equal part does not show in the first image."""
     camera = Camera(s.width, s.height)
     H, limit = path.table_to_image(camera)[0], np.array([s.width - 1, s.height - 1])
@@ -150,17 +150,17 @@ def _outside(s: Setting, path: Path, direction: float, turn: float) -> tuple[flo
 
 
 @lru_cache(maxsize=4 * PATTERNS)
-def _print(kind: str, pattern: int, level: float) -> Texture:
-    make, contrast = (surfaces.printed, 240.0 / level) if kind == "words" else (surfaces.pictured, 1.0)
+def _cached_print_texture(kind: str, pattern: int, level: float) -> Texture:
+    make, contrast = (surfaces.printed_texture, 240.0 / level) if kind == "words" else (surfaces.picture_texture, 1.0)
     return make(pattern, colour=(level, level, level), contrast=contrast).grey
 
 
 def _drawn_print(s: Setting, kind: str, pattern: int) -> Texture:
     """A print at the part's level; an ink that would be too faint or too strong is kept within the grey levels."""
-    return levelled(_print(kind, pattern, 80.0 if s.level < 110.0 else 150.0), s.level, s.rng)
+    return adjust_grey_level(_cached_print_texture(kind, pattern, 80.0 if s.level < 110.0 else 150.0), s.level, s.rng)
 
 
-def printed(s: Setting) -> Parts:
+def printed_part(s: Setting) -> Parts:
     """Words, or a picture, on a part that tilts."""
     kind, pattern = str(s.rng.choice(["words", "picture"])), int(s.rng.integers(PATTERNS))
     return {"path": s.course(tilt=math.radians(28.0)), "surface": _drawn_print(s, kind, pattern)}

@@ -87,6 +87,6 @@ def noise_field(rng: np.random.Generator, size: int, sx: float, sy: float) -> Fl
     return np.asarray(field / field.std(), dtype=np.float32)
 
 
-def tint(value: Floats32, colour: Colour) -> Pixels:
+def tint_relief(value: Floats32, colour: Colour) -> Pixels:
     """Grey relief around 1 times a BGR colour."""
     return np.clip(np.rint(value[..., None] * np.array(colour, np.float32)), 0, 255).astype(np.uint8)

@@ -59,25 +59,25 @@ class SceneFrame:
         Under a rolling shutter both are where the image shows the point: at the time of its own row.
         """
         if self.shutters is not None:
-            return self._rolled(*self.shutters, points)
-        return self._through(self.H_current_reference, points)
+            return self._map_rolling_points(*self.shutters, points)
+        return self._map_points(self.H_current_reference, points)
 
     def back(self, points: ArrayLike) -> Floats:
         """(k, 2) px of frame 0, of points (k, 2) px of this frame: the inverse of `carry`."""
         if self.shutters is not None:
-            return self._rolled(*self.shutters[::-1], points)
-        return self._through(np.asarray(np.linalg.inv(self.H_current_reference), dtype=np.float64), points)
+            return self._map_rolling_points(*self.shutters[::-1], points)
+        return self._map_points(np.asarray(np.linalg.inv(self.H_current_reference), dtype=np.float64), points)
 
     def contacts(self, reference: ArrayLike) -> Floats:
         """(k, 2) where contacts (k, 2) of frame 0 truly are in this frame."""
         return self.carry(reference)
 
-    def _through(self, H: Floats, points: ArrayLike) -> Floats:
+    def _map_points(self, H: Floats, points: ArrayLike) -> Floats:
         if not self.camera.distorted:
             return apply_homography(H, points)
         return self.camera.distort(apply_homography(H, self.camera.undistort(points)))
 
-    def _rolled(self, seen: RollingShutter, shown: RollingShutter, points: ArrayLike) -> Floats:
+    def _map_rolling_points(self, seen: RollingShutter, shown: RollingShutter, points: ArrayLike) -> Floats:
         px = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         return shown.project(seen.back(px, self.camera), self.camera)
 
@@ -95,7 +95,7 @@ class SceneFrame:
         """Share of the outline's length that is in view and uncovered, 0 to 1; 0 when the object is not present."""
         if not self.present or not self.outline:
             return 0.0
-        points, weights = stations(self.outline, STEP)
+        points, weights = sample_outline(self.outline, STEP)
         return float(weights[self.visible(points)].sum() / weights.sum())
 
     @property
@@ -104,7 +104,7 @@ class SceneFrame:
         return float(sum(polygon_moments(polygon)[0] for polygon in self.outline))
 
 
-def stations(polygons: Sequence[Floats], step: float) -> tuple[Floats, Floats]:
+def sample_outline(polygons: Sequence[Floats], step: float) -> tuple[Floats, Floats]:
     """Points (N, 2) along all sides of polygons, at most `step` apart, and the length (N,) that each stands for."""
     starts = np.concatenate(polygons)
     sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in polygons])

@@ -12,7 +12,7 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import HORIZON, behind
+from grasptrack.geometry.homographies import HORIZON, behind_camera_error
 from grasptrack.grasp.contact_regions.regions import Regions, regions_of
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import Analyzer, GraspAnalysis
@@ -101,9 +101,9 @@ class ClosureCheck:
         self._points, self._offsets = view.points, view.offsets
         self._built: float | None = None  # margin at which the regions were found
         self._share = width / math.sqrt(kernels.inertia(view.points, view.offsets)[0])
-        self._rectify(FRONTAL)
+        self._update_rectification(FRONTAL)
 
-    def _rectify(self, plane: Rectifications) -> None:
+    def _update_rectification(self, plane: Rectifications) -> None:
         """What is the same for all images as long as nothing more is known of the plane."""
         frontal = np.array_equal(plane.best, FRONTAL.best)
         view = self._view if frontal else self._view.transformed(plane.best)
@@ -116,19 +116,22 @@ class ClosureCheck:
             # for three fingers it takes some tens of ms
             self._regions = regions_of(Grasp.of(contacts), view, self._friction, width)
             self._regions_to_view, self._built = self._to_view, self._analysis.margin
-        self._margin_sd, self._closes, self._settled = self._spread(contacts, view, width)
+        self._margin_sd, self._closes, self._settled = self._margin_uncertainty(contacts, view, width)
 
-    def _spread(self, contacts: Floats, view: View, width: float) -> tuple[float, float, bool]:
+    def _margin_uncertainty(self, contacts: Floats, view: View, width: float) -> tuple[float, float, bool]:
         """Standard deviation of the margin, how probably it is above 0 (1: nothing is said of the plane), and `settled`."""
-        noise, (_, maps, weights, _) = self._noise(contacts, view, width), self._plane
+        noise, (_, maps, weights, _) = self._margin_noise_variance(contacts, view, width), self._plane
         if not len(maps):
             return math.sqrt(noise), 1.0, True
-        margins = np.array([self._margin(each @ self._to_view, contacts) for each in maps])
-        closes = sum(w * within(-math.inf, m, noise) for m, w in zip(margins.tolist(), weights.tolist(), strict=True))
+        margins = np.array([self._margin_under_homography(each @ self._to_view, contacts) for each in maps])
+        closes = sum(
+            w * interval_probability(-math.inf, m, noise)
+            for m, w in zip(margins.tolist(), weights.tolist(), strict=True)
+        )
         tilted = float(weights @ (margins - self._analysis.margin) ** 2)
         return math.sqrt(tilted + noise), closes, tilted < noise
 
-    def _noise(self, contacts: Floats, view: View, width: float) -> float:
+    def _margin_noise_variance(self, contacts: Floats, view: View, width: float) -> float:
         """rad^2, variance of the margin by what the first view's outline is off: across it, and by what bends under a finger.
 
         A bend is seen where it is only to within the blur of the image, which a tilted view makes longer in the plane.
@@ -144,16 +147,16 @@ class ClosureCheck:
             for i in range(len(contacts)):
                 changed = normals.copy()
                 changed[i] = there[i]
-                most = max(most, abs(self._closing(contacts, changed) - margin))
+                most = max(most, abs(self._closure_margin(contacts, changed) - margin))
         across = NORMAL_PX * math.sqrt(2.0) / width
         return most**2 + across**2
 
-    def _margin(self, H: Floats, contacts: Floats) -> float:
+    def _margin_under_homography(self, H: Floats, contacts: Floats) -> float:
         """Margin of contacts of the plane, with their normals, under a homography."""
         moved = kernels.carry_normals(np.ascontiguousarray(H), contacts, self._analysis.normals)
-        return self._closing(np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4]))
+        return self._closure_margin(np.ascontiguousarray(moved[:, :2]), np.ascontiguousarray(moved[:, 2:4]))
 
-    def _closing(self, contacts: Floats, normals: Floats) -> float:
+    def _closure_margin(self, contacts: Floats, normals: Floats) -> float:
         """rad; about which point torque is taken is of no account to it."""
         (x, y), friction = contacts[0].tolist(), self._friction
         needed = kernels.force_closure(contacts, normals, x, y, self._analysis.rho, friction)[1]
@@ -165,12 +168,12 @@ class ClosureCheck:
         width = self._share * math.sqrt(kernels.inertia(points, self._offsets)[0])
         places = kernels.locate(points, self._offsets, contacts)
         frames = kernels.contact_frames(points, self._offsets, places, width)
-        return self._closing(contacts, np.ascontiguousarray(frames[:, :2]))
+        return self._closure_margin(contacts, np.ascontiguousarray(frames[:, :2]))
 
     def first(self, plane: Rectifications) -> Judgement:
         """In the view of the choice, where the contacts are by definition."""
         if plane is not self._plane:
-            self._rectify(plane)
+            self._update_rectification(plane)
         stays = 1.0 if self._analysis.stable else 0.0
         return Judgement(
             self._analysis,
@@ -207,12 +210,12 @@ class ClosureCheck:
         if plane is not self._plane or friction != self._friction:
             self._built = self._built if friction == self._friction else None
             self._friction = friction
-            self._rectify(plane)
+            self._update_rectification(plane)
         contacts = np.ascontiguousarray(contacts)
         inverse = np.ascontiguousarray(np.linalg.inv(carried), dtype=np.float64)
         back, in_front = kernels.carry_points(inverse, contacts)
         if not in_front > HORIZON:
-            raise behind(carried)
+            raise behind_camera_error(carried)
         analysis = self._analysis
         if not np.abs(back - self._contacts).max() < SAME:
             analysis = self._analyzer.analyze(carried_points(plane.best, back), self._friction)
@@ -266,11 +269,13 @@ def chance_of_closing(
         for i, (u, v) in enumerate(rows):
             project[i, 2 * i : 2 * i + 2] = u, v
         slips = project @ covariance @ project.T
-        leaving = sum(1.0 - within(a, b, v) for a, b, v in zip(low, high, np.diag(slips).tolist(), strict=True))
+        leaving = sum(
+            1.0 - interval_probability(a, b, v) for a, b, v in zip(low, high, np.diag(slips).tolist(), strict=True)
+        )
         return 1.0 - leaving if leaving <= SURE else in_box(low, high, slips)
     chance = 1.0
     for (u, v), ((xx, xy), (yx, yy)), a, b in zip(rows, covariance.tolist(), low, high, strict=True):
-        chance *= within(a, b, u * (u * xx + v * (xy + yx)) + v * v * yy)
+        chance *= interval_probability(a, b, u * (u * xx + v * (xy + yx)) + v * v * yy)
     return chance
 
 
@@ -304,7 +309,7 @@ def _slip_rows(regions: Regions, homography: Floats | None) -> tuple[_Pairs, _Pa
 # --- how much of a Gaussian lies between bounds ----------------------------------------------
 
 
-def within(low: float, high: float, variance: float) -> float:
+def interval_probability(low: float, high: float, variance: float) -> float:
     """The chance of a Gaussian of mean 0 to lie between two bounds."""
     if not math.isfinite(variance):
         return math.nan
@@ -319,21 +324,25 @@ def in_box(low: list[float], high: list[float], covariance: Floats) -> float:
     if not np.isfinite(covariance).all():
         return math.nan
     if len(low) > 3:
-        out = sum(1.0 - within(a, b, float(v)) for a, b, v in zip(low, high, np.diag(covariance), strict=True))
+        out = sum(
+            1.0 - interval_probability(a, b, float(v)) for a, b, v in zip(low, high, np.diag(covariance), strict=True)
+        )
         return max(0.0, 1.0 - out)
     values, vectors = np.linalg.eigh(covariance)
     # Any square root serves; the lower triangular one lets the bounds of one follow from those before it.
     L = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]).T
-    found = float(_nested(np.array(low), np.array(high), L * np.where(np.diag(L) < 0.0, -1.0, 1.0)))
+    found = float(_nested_box_integral(np.array(low), np.array(high), L * np.where(np.diag(L) < 0.0, -1.0, 1.0)))
     return min(1.0, max(0.0, found))
 
 
-def _nested(low: Floats, high: Floats, L: Floats) -> float:
+def _nested_box_integral(low: Floats, high: Floats, L: Floats) -> float:
     """The chance that low <= L z <= high for z of independent standard Gaussians, L lower triangular, one by one."""
     if len(low) == 1:
-        return within(float(low[0]), float(high[0]), float(L[0, 0]) ** 2)
+        return interval_probability(float(low[0]), float(high[0]), float(L[0, 0]) ** 2)
     if L[0, 0] <= 1e-12 * float(np.abs(L).max()):
-        return _nested(low[1:], high[1:], L[1:, 1:]) if low[0] <= 0.0 <= high[0] and low[0] < high[0] else 0.0
+        return (
+            _nested_box_integral(low[1:], high[1:], L[1:, 1:]) if low[0] <= 0.0 <= high[0] and low[0] < high[0] else 0.0
+        )
     first, last = max(-_FAR, low[0] / L[0, 0]), min(_FAR, high[0] / L[0, 0])
     if not first < last:
         return 0.0
@@ -344,6 +353,6 @@ def _nested(low: Floats, high: Floats, L: Floats) -> float:
     for a, b in itertools.pairwise(cuts):
         z = 0.5 * (a + b) + 0.5 * (b - a) * _NODES
         density = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-        inner = [_nested(low[1:] - L[1:, 0] * t, high[1:] - L[1:, 0] * t, L[1:, 1:]) for t in z]
+        inner = [_nested_box_integral(low[1:] - L[1:, 0] * t, high[1:] - L[1:, 0] * t, L[1:, 1:]) for t in z]
         total += 0.5 * (b - a) * float((_WEIGHTS * density) @ inner)
     return total

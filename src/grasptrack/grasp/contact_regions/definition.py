@@ -30,17 +30,17 @@ def closes_after(outline: Outline, contacts: Floats, slips: Floats, friction: fl
         here = np.interp(position, np.arange(len(s)), s)
         places[:, i, 0] = contour
         places[:, i, 1] = np.interp(np.mod(here + slips[:, i], line.length), s, np.arange(len(s))) % len(line)
-    return _judged(outline, places.reshape(-1, 2), n, k, friction)
+    return _closure_at_places(outline, places.reshape(-1, 2), n, k, friction)
 
 
 def closes_at(outline: Outline, points: Floats, friction: float) -> Bools:
     """(n,) whether contacts at the places of an outline that are nearest to points (n, k, 2) px close."""
     n, k = points.shape[:2]
     places = kernels.locate(outline.points, outline.offsets, np.ascontiguousarray(points.reshape(-1, 2)))
-    return _judged(outline, places, n, k, friction)
+    return _closure_at_places(outline, places, n, k, friction)
 
 
-def _judged(outline: Outline, places: Floats, n: int, k: int, friction: float) -> Bools:
+def _closure_at_places(outline: Outline, places: Floats, n: int, k: int, friction: float) -> Bools:
     area, cx, cy, *_ = kernels.inertia(outline.points, outline.offsets)
     size, angle = math.sqrt(area), math.atan(friction)
     contacts = kernels.point_at(outline.points, outline.offsets, places).reshape(n, k, 2)

@@ -9,7 +9,7 @@ Ends = Sequence[Sequence[int]]
 """For each contact, how many places back and ahead the box reaches."""
 
 
-def grown(contacts: int, most: int, closes: Callable[[int, int, Ends], bool]) -> list[tuple[int, int]]:
+def grow_box(contacts: int, most: int, closes: Callable[[int, int, Ends], bool]) -> list[tuple[int, int]]:
     """The box when no side can grow any farther; it grows evenly, where it can.
 
     Args:

@@ -10,15 +10,15 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline
-from grasptrack.grasp.contact_regions.growth import Ends, grown
-from grasptrack.grasp.contact_regions.slips import SAMPLES, Slips
+from grasptrack.grasp.contact_regions.growth import Ends, grow_box
+from grasptrack.grasp.contact_regions.slips import SAMPLES, BoundarySamples
 from grasptrack.grasp.contact_regions.triples import of_more
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, analyze
 from grasptrack.typing import Bools, Floats
 
 REACH = 0.3
-"""Slips are looked at up to this share of sqrt(area), and no farther than half round a contour."""
+"""BoundarySamples are looked at up to this share of sqrt(area), and no farther than half round a contour."""
 
 
 class Regions(NamedTuple):
@@ -64,7 +64,7 @@ def regions_of(
     width = finger_width or FINGER_WIDTH * size
     places = grasp.on(outline)
     contacts = kernels.point_at(outline.points, outline.offsets, places)
-    slips = [Slips(outline, int(c), p, REACH * size, width) for c, p, _ in places.tolist()]
+    slips = [BoundarySamples(outline, int(c), p, REACH * size, width) for c, p, _ in places.tolist()]
     tangents = np.array([[n[1], -n[0]] for n in (s.normals[SAMPLES] for s in slips)])
     empty = Regions(contacts, tangents, np.zeros(len(grasp)), np.zeros(len(grasp)))
     if len(grasp) == 2:
@@ -80,8 +80,8 @@ def regions_of(
     return Regions(contacts, tangents, back, ahead)
 
 
-def _of_pair(slips: list[Slips], friction: float) -> list[tuple[int, int]] | None:
-    good = _pairs(slips[0], slips[1], math.atan(friction))
+def _of_pair(slips: list[BoundarySamples], friction: float) -> list[tuple[int, int]] | None:
+    good = _closing_pairs(slips[0], slips[1], math.atan(friction))
     if not good[SAMPLES, SAMPLES]:
         return None
 
@@ -90,10 +90,10 @@ def _of_pair(slips: list[Slips], friction: float) -> list[tuple[int, int]] | Non
         others = slice(SAMPLES - back, SAMPLES + ahead + 1)
         return bool((good[SAMPLES + at, others] if contact == 0 else good[others, SAMPLES + at]).all())
 
-    return grown(2, SAMPLES, closes)
+    return grow_box(2, SAMPLES, closes)
 
 
-def _pairs(first: Slips, second: Slips, angle: float) -> Bools:
+def _closing_pairs(first: BoundarySamples, second: BoundarySamples, angle: float) -> Bools:
     """(m, m) which pairs of places close, with room for what lies between them."""
     d = second.contacts[None] - first.contacts[:, None]
     away = np.hypot(d[..., 0], d[..., 1])

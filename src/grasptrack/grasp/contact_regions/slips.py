@@ -10,10 +10,10 @@ from grasptrack.geometry.contours import Outline
 from grasptrack.typing import Bools, Floats
 
 SAMPLES = 60
-"""Slips to each side that are looked at, close together near the contact and wider apart away from it."""
+"""BoundarySamples to each side that are looked at, close together near the contact and wider apart away from it."""
 
 
-class Slips:
+class BoundarySamples:
     """Where one contact may slip to: places on both sides of it, its own in the middle."""
 
     def __init__(self, outline: Outline, contour: int, position: float, reach: float, width: float) -> None:

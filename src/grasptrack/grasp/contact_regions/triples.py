@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from grasptrack.grasp.contact_regions.growth import Ends, grown
+from grasptrack.grasp.contact_regions.growth import Ends, grow_box
 from grasptrack.grasp.contact_regions.slips import SAMPLES
 from grasptrack.typing import Bools, Floats
 
@@ -26,22 +26,22 @@ def of_more(edges: list[Floats], usable: list[Bools]) -> list[tuple[int, int]] |
         usable: for each (m,) where it may be.
     """
     here = np.concatenate([e[SAMPLES] for e in edges])
-    epsilon = float(depth(here[None])[0])
+    epsilon = float(epsilon_quality(here[None])[0])
     if epsilon <= 0.0:
         return None
-    alone = [_unmoved(e, u, epsilon) for e, u in zip(edges, usable, strict=True)]
+    alone = [_places_within_epsilon(e, u, epsilon) for e, u in zip(edges, usable, strict=True)]
     if len(edges) != 3:
         return alone
-    box = [(COARSE * back, COARSE * ahead) for back, ahead in _box(edges, usable)]
-    return box if _size(box) > _size(alone) else alone
+    box = [(COARSE * back, COARSE * ahead) for back, ahead in _grow_coarse_box(edges, usable)]
+    return box if _box_volume(box) > _box_volume(alone) else alone
 
 
-def _size(box: list[tuple[int, int]]) -> float:
+def _box_volume(box: list[tuple[int, int]]) -> float:
     """The volume of a box, its sides in units in which places lie as their squares."""
     return math.prod(back**2 + ahead**2 for back, ahead in box)
 
 
-def depth(wrenches: Floats) -> Floats:
+def epsilon_quality(wrenches: Floats) -> Floats:
     """(n,) radius of the largest ball about the origin in the hulls of wrenches (n, m, 3); 0 or less where it is outside."""
     m = wrenches.shape[1]
     facets = _FACETS if m == 6 else np.array(list(itertools.combinations(range(m), 3)))
@@ -60,21 +60,21 @@ def depth(wrenches: Floats) -> Floats:
     return np.asarray(np.where(np.isfinite(nearest), nearest, 0.0))
 
 
-def _unmoved(edges: Floats, usable: Bools, epsilon: float) -> tuple[int, int]:
+def _places_within_epsilon(edges: Floats, usable: Bools, epsilon: float) -> tuple[int, int]:
     """How many places back and ahead no edge of the cone moves by epsilon."""
-    moved = _apart(edges, edges[SAMPLES])
-    step = _apart(edges[1:], edges[:-1])
+    moved = _cone_edge_distances(edges, edges[SAMPLES])
+    step = _cone_edge_distances(edges[1:], edges[:-1])
     bad = ~usable
     bad[1:] |= moved[1:] + step >= epsilon
     bad[:-1] |= moved[:-1] + step >= epsilon
-    return _until(bad[SAMPLES - 1 :: -1]), _until(bad[SAMPLES + 1 :])
+    return _count_leading_good(bad[SAMPLES - 1 :: -1]), _count_leading_good(bad[SAMPLES + 1 :])
 
 
-def _box(edges: list[Floats], usable: list[Bools]) -> list[tuple[int, int]]:
+def _grow_coarse_box(edges: list[Floats], usable: list[Bools]) -> list[tuple[int, int]]:
     """A box, in coarse places: at each corner of its grid the ball is larger than what moves half way to the next."""
     middle = SAMPLES // COARSE
     few = [e[::COARSE] for e in edges]
-    room = [_room(e, u) for e, u in zip(edges, usable, strict=True)]
+    room = [_edge_motion_bounds(e, u) for e, u in zip(edges, usable, strict=True)]
 
     def closes(contact: int, at: int, ends: Ends) -> bool:
         spans = [np.arange(middle - back, middle + ahead + 1) for back, ahead in ends]
@@ -83,30 +83,30 @@ def _box(edges: list[Floats], usable: list[Bools]) -> list[tuple[int, int]]:
         most = np.maximum(np.maximum(room[0][i], room[1][j]), room[2][k])
         if not np.isfinite(most).all():
             return False
-        return bool((depth(np.concatenate([few[0][i], few[1][j], few[2][k]], axis=1)) > most).all())
+        return bool((epsilon_quality(np.concatenate([few[0][i], few[1][j], few[2][k]], axis=1)) > most).all())
 
     if not closes(0, 0, [(0, 0)] * 3):
         return [(0, 0)] * 3
-    return grown(3, middle, closes)
+    return grow_box(3, middle, closes)
 
 
-def _room(edges: Floats, usable: Bools) -> Floats:
+def _edge_motion_bounds(edges: Floats, usable: Bools) -> Floats:
     """By how much an edge moves at most half way to the next coarse places; infinite where one of these is not usable."""
-    step = _apart(edges[1:], edges[:-1])
+    step = _cone_edge_distances(edges[1:], edges[:-1])
     half = COARSE // 2
     room = np.zeros(2 * (SAMPLES // COARSE) + 1)
     for c in range(len(room)):
         at = COARSE * c
         low, high = max(at - half, 0), min(at + half, len(edges) - 1)
-        moved = _apart(edges[low : high + 1], edges[at])
+        moved = _cone_edge_distances(edges[low : high + 1], edges[at])
         room[c] = float(moved.max()) + float(step[low:high].max()) if usable[low : high + 1].all() else math.inf
     return room
 
 
-def _apart(a: Floats, b: Floats) -> Floats:
+def _cone_edge_distances(a: Floats, b: Floats) -> Floats:
     """(m,) the larger distance between corresponding edges."""
     return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=-1).max(axis=-1)))
 
 
-def _until(bad: Bools) -> int:
+def _count_leading_good(bad: Bools) -> int:
     return int(bad.argmax()) if bad.any() else len(bad)

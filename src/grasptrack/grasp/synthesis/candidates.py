@@ -48,7 +48,7 @@ class Candidates(NamedTuple):
     centroid: Floats
 
 
-def candidates(view: View, area: float, centroid: Floats, width: float) -> Candidates:
+def sample_candidates(view: View, area: float, centroid: Floats, width: float) -> Candidates:
     """Candidates on all contours of a view, for fingers of a width in px."""
     total = sum(c.length for c in view.contours)
     rows, usable, starts, steps = [], [], [0], []
@@ -82,7 +82,7 @@ def candidates(view: View, area: float, centroid: Floats, width: float) -> Candi
     )
 
 
-def thinned(at: Candidates, count: int) -> NDArray[np.int64]:
+def thin_candidates(at: Candidates, count: int) -> NDArray[np.int64]:
     """Indices of about so many usable candidates, evenly spread, at least two for each of a contour's least groups."""
     lengths = np.diff(at.starts) * at.steps
     rows = []

@@ -13,7 +13,7 @@ from grasptrack import kernels
 from grasptrack.geometry.contours import Outline, View, as_view
 from grasptrack.grasp.hand import HandPx
 from grasptrack.grasp.synthesis.candidates import Candidates
-from grasptrack.grasp.synthesis.rectangles import touching
+from grasptrack.grasp.synthesis.rectangles import fingers_overlap
 from grasptrack.grasp.synthesis.terms import Stable
 from grasptrack.typing import Floats, Ints
 
@@ -38,7 +38,7 @@ class Limits(NamedTuple):
     protrusion: float = 0.25
 
 
-def refuse(
+def reject_infeasible(
     found: Stable, at: Candidates, view: View, hand: HandPx, neighbours: Sequence[Outline], limits: Limits
 ) -> tuple[Ints, dict[str, int]]:
     """Rows of the stable candidates that a hand can do, and how many others each reason removed.
@@ -59,26 +59,26 @@ def refuse(
     drop(found.opening[left] < hand.min_opening, too_narrow(hand))
     drop(found.roughness[left] > limits.roughness, NOT_FLAT)
     depth = hand.finger_thickness + hand.clearance
-    protrusion, nearest = _rooms(view, found, left, at.places, hand.finger_width, depth)
+    protrusion, nearest = _finger_clearances(view, found, left, at.places, hand.finger_width, depth)
     askew, blocked = protrusion > limits.protrusion * hand.finger_width, np.isfinite(nearest)
     drop(askew, ASKEW)
     drop(blocked[~askew], NO_ROOM)
     for neighbour in neighbours:
         outer = View(as_view(neighbour).outer)
-        _, nearest = _rooms(outer, found, left, None, hand.finger_width, depth)
+        _, nearest = _finger_clearances(outer, found, left, None, hand.finger_width, depth)
         in_the_way = np.isfinite(nearest)
         counts[NEIGHBOUR] = counts.get(NEIGHBOUR, 0) + int(in_the_way.sum())
         left = left[~in_the_way]
-    drop(touching(found.contacts[left], found.directions[left], hand.finger_width, depth), CROWDED)
+    drop(fingers_overlap(found.contacts[left], found.directions[left], hand.finger_width, depth), CROWDED)
     return left, {reason: n for reason, n in sorted(counts.items(), key=lambda item: -item[1]) if n}
 
 
-def _rooms(
+def _finger_clearances(
     view: View, found: Stable, rows: Ints, places: Floats | None, width: float, depth: float
 ) -> tuple[Floats, Floats]:
     """(g,) largest protrusion under any finger of a grasp, and least distance of what else is in its way, in px."""
     k = found.index.shape[1]
-    rooms = kernels.finger_rooms(
+    rooms = kernels.finger_clearance(
         view.points,
         view.offsets,
         found.contacts[rows].reshape(-1, 2),

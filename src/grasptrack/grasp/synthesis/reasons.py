@@ -56,7 +56,7 @@ def why_none(
         if len(rows):
             nearest = float((sign * openings[rows]).min())
             asked = "" if scale is None else f" ({limit / scale:.4g} mm)"
-            return f"{reason}{asked}: {words} {told(nearest, sign, scale)}"
+            return f"{reason}{asked}: {words} {format_length(nearest, sign, scale)}"
     most = next(iter(refused))
     if most in (too_wide(hand), too_narrow(hand)):
         return f"{most}, and no other opening would do"
@@ -64,12 +64,12 @@ def why_none(
         width, thickness = share * hand.finger_width, share * hand.finger_thickness
         small = hand._replace(finger_width=width, finger_thickness=thickness)
         if finds_any(small):
-            wide, thick = (told(v, -1.0, scale) for v in (-width, -thickness))
+            wide, thick = (format_length(v, -1.0, scale) for v in (-width, -thickness))
             return f"{most}; fingers {wide} wide and {thick} thick would find a place"
     return f"{most}, not even with fingers a quarter as large"
 
 
-def told(value: float, sign: float, px_per_mm: float | None) -> str:
+def format_length(value: float, sign: float, px_per_mm: float | None) -> str:
     """A length in words, rounded to the side that leaves the sentence true.
 
     Args:

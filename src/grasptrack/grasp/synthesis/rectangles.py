@@ -10,7 +10,7 @@ import numpy as np
 from grasptrack.typing import Bools, Floats
 
 
-def rectangles(contacts: Floats, directions: Floats, width: float, depth: float) -> Floats:
+def finger_rectangles(contacts: Floats, directions: Floats, width: float, depth: float) -> Floats:
     """Corners of the rectangles of fingers.
 
     Args:
@@ -28,7 +28,7 @@ def rectangles(contacts: Floats, directions: Floats, width: float, depth: float)
     return corners
 
 
-def touching(contacts: Floats, directions: Floats, width: float, depth: float) -> Bools:
+def fingers_overlap(contacts: Floats, directions: Floats, width: float, depth: float) -> Bools:
     """(g,) whether any two fingers of a grasp overlap, by the axes that would separate their rectangles.
 
     Args:

@@ -11,10 +11,10 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline, View
 from grasptrack.grasp.hand import Hand, HandPx
-from grasptrack.grasp.synthesis.candidates import Candidates, candidates
-from grasptrack.grasp.synthesis.limits import Limits, refuse
+from grasptrack.grasp.synthesis.candidates import Candidates, sample_candidates
+from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
 from grasptrack.grasp.synthesis.reasons import Tried, why_none
-from grasptrack.grasp.synthesis.rectangles import rectangles
+from grasptrack.grasp.synthesis.rectangles import finger_rectangles
 from grasptrack.grasp.synthesis.result import GraspList, RankedGrasp, Terms
 from grasptrack.grasp.synthesis.terms import Stable, stable_pairs, stable_triples
 from grasptrack.typing import Floats, Ints
@@ -42,12 +42,12 @@ def find_grasps(
     px = hand.in_px(math.sqrt(area))
 
     def look(size: HandPx) -> tuple[Candidates, Stable, Ints, dict[str, int]]:
-        at = candidates(view, area, np.array([cx, cy]), size.finger_width)
-        found = _stable(at, fingers, friction)
-        left, refused = refuse(found, at, view, size, neighbours, limits)
+        at = sample_candidates(view, area, np.array([cx, cy]), size.finger_width)
+        found = _stable_candidates(at, fingers, friction)
+        left, refused = reject_infeasible(found, at, view, size, neighbours, limits)
         if fingers == 3 and not len(left) and len(found) < SCARCE:
             found = stable_triples(at, friction, SECOND_LOOK)
-            left, refused = refuse(found, at, view, size, neighbours, limits)
+            left, refused = reject_infeasible(found, at, view, size, neighbours, limits)
         return at, found, left, refused
 
     at, found, left, refused = look(px)
@@ -56,7 +56,7 @@ def find_grasps(
     if not len(left):
         reason = why_none(
             Tried(found.opening, refused, px, hand.px_per_mm),
-            lambda other: refuse(found, at, view, other, neighbours, limits)[0],
+            lambda other: reject_infeasible(found, at, view, other, neighbours, limits)[0],
             lambda other: bool(len(look(other)[2])),
         )
         return GraspList([], reason, refused)
@@ -74,13 +74,13 @@ def find_grasps(
         cy,
         0.5 * at.size,
         far_enough(at.size, px.finger_width),
-        alike(at.size, px.finger_width),
+        duplicate_radius(at.size, px.finger_width),
         max(top, 0),
     )
-    return GraspList(_ranked(found, at, left[chosen], quality, regions, px, friction), "", refused)
+    return GraspList(_ranked_grasps(found, at, left[chosen], quality, regions, px, friction), "", refused)
 
 
-def alike(size: float, width: float) -> float:
+def duplicate_radius(size: float, width: float) -> float:
     """Px within which the contacts of grasps that are alike lie, for an object of sqrt(area) and a finger's width."""
     return max(DISTINCT * size, width)
 
@@ -90,26 +90,26 @@ def far_enough(size: float, width: float) -> float:
     return min(DISTINCT * size, width)
 
 
-def _stable(at: Candidates, fingers: int, friction: float) -> Stable:
+def _stable_candidates(at: Candidates, fingers: int, friction: float) -> Stable:
     return stable_pairs(at, friction) if fingers == 2 else stable_triples(at, friction, FIRST_LOOK)
 
 
 def _nothing_closes(view: View, at: Candidates, fingers: int, friction: float) -> str:
     """Why no candidates are stable."""
     anywhere = at._replace(usable=np.ones_like(at.usable))
-    if view.is_clipped and len(_stable(anywhere, fingers, friction)):
+    if view.is_clipped and len(_stable_candidates(anywhere, fingers, friction)):
         return "the object is cut by the border where the fingers would have to stand"
     contacts = "no pair of contacts closes" if fingers == 2 else "no three contacts close"
     return f"{contacts} with friction {friction:g}"
 
 
-def _ranked(
+def _ranked_grasps(
     found: Stable, at: Candidates, rows: Ints, quality: Floats, regions: Floats, hand: HandPx, friction: float
 ) -> list[RankedGrasp]:
     """The chosen grasps with all that is said of them."""
     contacts, directions, index = found.contacts[rows], found.directions[rows], found.index[rows]
-    standing = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness)
-    swept = rectangles(contacts, directions, hand.finger_width, hand.finger_thickness + hand.clearance)
+    standing = finger_rectangles(contacts, directions, hand.finger_width, hand.finger_thickness)
+    swept = finger_rectangles(contacts, directions, hand.finger_width, hand.finger_thickness + hand.clearance)
     most = far_enough(at.size, hand.finger_width)
     room = 0.2 + 0.8 * np.sqrt(np.minimum(regions.min(axis=1, initial=math.inf) / most, 1.0))
     cx, cy = at.centroid.tolist()

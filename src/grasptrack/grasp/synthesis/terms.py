@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.grasp.synthesis.candidates import GROUP, Candidates, thinned
+from grasptrack.grasp.synthesis.candidates import GROUP, Candidates, thin_candidates
 from grasptrack.typing import Floats, Ints
 
 ROUGH = 0.01
@@ -56,27 +56,27 @@ class Stable:
             distance = (off**2).sum(axis=1) / LINE_OFF**2
             closure = 1.0 - np.exp(-strength / ENOUGH_EPSILON)
         span = 1.0 / (1.0 + (self.opening / (WIDE * at.size)) ** 6)
-        self.terms: Floats = np.column_stack([closure, np.exp(-distance), flatness(self.roughness), span])
+        self.terms: Floats = np.column_stack([closure, np.exp(-distance), flatness_term(self.roughness), span])
 
     def __len__(self) -> int:
         return len(self.index)
 
 
-def flatness(roughness: Floats) -> Floats:
+def flatness_term(roughness: Floats) -> Floats:
     """1 on a straight edge, one half at ROUGH, near 0 at a corner."""
     return 1.0 / (1.0 + (roughness / ROUGH) ** 2)
 
 
 def stable_pairs(at: Candidates, friction: float) -> Stable:
     """For every two stretches of candidates the best stable pair."""
-    worth = np.where(at.usable, flatness(at.roughness), -1.0)
+    worth = np.where(at.usable, flatness_term(at.roughness), -1.0)
     index, sense, need = kernels.opposed_pairs(at.contacts, at.normals, worth, GROUP, friction)
     return Stable(at, index, sense, need, friction)
 
 
 def stable_triples(at: Candidates, friction: float, count: int) -> Stable:
     """All stable triples of some `count` candidates."""
-    few = thinned(at, count)
+    few = thin_candidates(at, count)
     cx, cy = at.centroid.tolist()
     index, sense, epsilon = kernels.closing_triples(at.contacts[few], at.normals[few], cx, cy, 0.5 * at.size, friction)
     return Stable(at, few[index], sense, epsilon, friction)

@@ -3,9 +3,9 @@
 
 from grasptrack.view.report.axis import Axis
 from grasptrack.view.report.chart import Chart
-from grasptrack.view.report.markup import DASH, number, percent
+from grasptrack.view.report.markup import DASH, format_number, format_percent
 from grasptrack.view.report.page import Page
-from grasptrack.view.report.palette import Series, palette
+from grasptrack.view.report.palette import Series, series_palette
 from grasptrack.view.report.parts import Card, Cell, Column, Line
 
 __all__ = [
@@ -18,7 +18,7 @@ __all__ = [
     "Line",
     "Page",
     "Series",
-    "number",
-    "palette",
-    "percent",
+    "format_number",
+    "format_percent",
+    "series_palette",
 ]

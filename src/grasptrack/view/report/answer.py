@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.draw import as_bgr, disc, stroke
+from grasptrack.view.draw import as_bgr, draw_disc, draw_polyline
 from grasptrack.view.style import STATUS_RGB, Colour, Picture
 
 SIZE = (400, 300)
@@ -46,14 +46,14 @@ def draw_answer(
     source = as_bgr(image)
     truth = None if truth is None or not np.isfinite(truth).all() else truth
     answer = None if answer is None or not np.isfinite(answer).all() else answer
-    corner, scale = _window(source.shape[:2], [*outline, truth, answer], size)
-    canvas = _piece(source, corner, scale, size, truth, outline, answer)
+    corner, scale = _crop_window(source.shape[:2], [*outline, truth, answer], size)
+    canvas = _draw_crop(source, corner, scale, size, truth, outline, answer)
     if truth is not None and answer is not None and truth.shape == answer.shape:
-        _inset(canvas, source, corner, scale, truth, outline, answer)
+        _add_inset(canvas, source, corner, scale, truth, outline, answer)
     return canvas
 
 
-def _piece(
+def _draw_crop(
     source: Picture,
     corner: tuple[float, float],
     scale: float,
@@ -74,24 +74,24 @@ def _piece(
 
     for width, colour in ((3.0, _DARK), (1.0, _WHITE)):
         for polygon in outline:
-            stroke(canvas, placed(polygon), colour, width, closed=True)
+            draw_polyline(canvas, placed(polygon), colour, width, closed=True)
     if answer is not None and len(answer) == 2:
-        stroke(canvas, placed(answer), _DARK, 4.0)
-        stroke(canvas, placed(answer), WRONG_RGB, 2.0)
+        draw_polyline(canvas, placed(answer), _DARK, 4.0)
+        draw_polyline(canvas, placed(answer), WRONG_RGB, 2.0)
     if truth is not None:
         for k, at in enumerate(placed(truth)):
             if answer is not None and k < len(answer):
-                stroke(canvas, np.array([at, placed(answer)[k]]), _WHITE, 1.0)
-            disc(canvas, at, 8.0, _DARK, 5.0)
-            disc(canvas, at, 8.0, TRUE_RGB, 3.0)
+                draw_polyline(canvas, np.array([at, placed(answer)[k]]), _WHITE, 1.0)
+            draw_disc(canvas, at, 8.0, _DARK, 5.0)
+            draw_disc(canvas, at, 8.0, TRUE_RGB, 3.0)
     if answer is not None:
         for at in placed(answer):
-            disc(canvas, at, 5.4, _DARK)
-            disc(canvas, at, 4.0, WRONG_RGB)
+            draw_disc(canvas, at, 5.4, _DARK)
+            draw_disc(canvas, at, 4.0, WRONG_RGB)
     return canvas
 
 
-def _inset(
+def _add_inset(
     canvas: Picture,
     source: Picture,
     corner: tuple[float, float],
@@ -108,7 +108,7 @@ def _inset(
     if zoom * off[k] > 0.75 * side:
         return  # so far off that it is plain to see
     start = 0.5 * (truth[k] + answer[k]) - 0.5 * side / zoom
-    piece = _piece(source, (float(start[0]), float(start[1])), zoom, (side, side), truth, outline, answer)
+    piece = _draw_crop(source, (float(start[0]), float(start[1])), zoom, (side, side), truth, outline, answer)
     drawn = [(np.asarray(p, dtype=np.float64) - corner) * scale for p in (*outline, truth, answer)]
     points = np.concatenate([p[np.isfinite(p).all(axis=1)] for p in drawn])
     height, width = canvas.shape[:2]
@@ -122,7 +122,7 @@ def _inset(
     cv2.rectangle(canvas, (x, y), (x + side - 1, y + side - 1), _WHITE, 1)
 
 
-def _window(
+def _crop_window(
     shape: tuple[int, ...], parts: Sequence[Floats | None], size: tuple[int, int]
 ) -> tuple[tuple[float, float], float]:
     """Top-left corner in px and scale of the piece that shows all parts as far as they are in or near the image."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.typing import Floats
-from grasptrack.view.report.markup import number
+from grasptrack.view.report.markup import format_number
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Axis:
 
     def place(self, values: ArrayLike) -> Floats:
         """0 to 1 along the axis, held at its ends; NaN stays."""
-        ends = self._bent(np.array([self.low, self.high]))
+        ends = self._to_scale(np.array([self.low, self.high]))
         clipped = np.clip(np.asarray(values, dtype=np.float64), self.low, self.high)
-        return np.asarray((self._bent(clipped) - ends[0]) / (ends[1] - ends[0]), dtype=np.float64)
+        return np.asarray((self._to_scale(clipped) - ends[0]) / (ends[1] - ends[0]), dtype=np.float64)
 
-    def _bent(self, values: Floats) -> Floats:
+    def _to_scale(self, values: Floats) -> Floats:
         if self.kind == "log":
             return np.asarray(np.log10(values), dtype=np.float64)
         return np.sqrt(np.maximum(values, 0.0)) if self.kind == "root" else values
@@ -51,23 +51,23 @@ class Axis:
         if self.ticks is not None:
             return [t for t in self.ticks if self.low <= t <= self.high]
         if self.kind == "log":
-            return decades(self.low, self.high)
+            return log_ticks(self.low, self.high)
         if self.kind == "root":
             chosen = [self.high]
             for share in (0.5, 0.25, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0):
                 if self.low <= share < self.high and np.ptp(self.place([share, chosen[0]])) >= 0.12:
                     chosen.insert(0, share)
             return chosen
-        return steps(self.low, self.high)
+        return linear_ticks(self.low, self.high)
 
     def written(self, value: float) -> str:
         """A mark's text."""
         if self.unit == "%":
             return f"{100.0 * value:g} %"
-        return f"{value:g}" if abs(value) >= 1e-4 or value == 0.0 else number(value, 1)
+        return f"{value:g}" if abs(value) >= 1e-4 or value == 0.0 else format_number(value, 1)
 
 
-def decades(low: float, high: float) -> list[float]:
+def log_ticks(low: float, high: float) -> list[float]:
     """Powers of ten in a range; 2 and 5 times these too where the powers alone would be few."""
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     chosen = [10.0**p for p in powers if low * 0.999 <= 10.0**p <= high * 1.001]
@@ -76,7 +76,7 @@ def decades(low: float, high: float) -> list[float]:
     return [m * 10.0**p for p in powers for m in (1, 2, 5) if low * 0.999 <= m * 10.0**p <= high * 1.001]
 
 
-def steps(low: float, high: float, most: int = 6) -> list[float]:
+def linear_ticks(low: float, high: float, most: int = 6) -> list[float]:
     """Round values in a range, at most so many."""
     raw = (high - low) / most
     size = 10.0 ** math.floor(math.log10(raw))
@@ -98,10 +98,10 @@ def log_range(values: ArrayLike, least: float, most: float, floor: float = 2.0) 
     low = max(least, min(most, float(array.min()))) if len(array) else least
     high = min(most, max(least, float(array.max()))) if len(array) else most
     high = max(high, low * floor)
-    return _round(low, math.floor), _round(high, math.ceil)
+    return _round_limit(low, math.floor), _round_limit(high, math.ceil)
 
 
-def _round(value: float, toward: Callable[[float], int]) -> float:
+def _round_limit(value: float, toward: Callable[[float], int]) -> float:
     power = math.floor(math.log10(value) + 1e-12)
     lead = value / 10.0**power
     below = max(m for m in (1, 2, 5) if m <= lead + 1e-9)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.typing import Floats
 from grasptrack.view.report.axis import Axis
-from grasptrack.view.report.markup import escape
+from grasptrack.view.report.markup import escape_html
 from grasptrack.view.report.palette import Series
 
 
@@ -53,12 +53,12 @@ class Chart:
 
     def line(self, xs: ArrayLike, ys: ArrayLike, series: Series, name: str = "") -> None:
         """A line; it breaks where a value is none. `name`: shown on hovering in the place of the series' own."""
-        path = _path(self.px(xs), self.py(ys))
+        path = _svg_path(self.px(xs), self.py(ys))
         if path:
             dash = f' stroke-dasharray="{series.dash}"' if series.dash else ""
-            said = f' data-name="{escape(name)}"' if name else ""
+            said = f' data-name="{escape_html(name)}"' if name else ""
             self._parts.append(
-                f'<path class="ln" data-m="{escape(series.name)}"{said} d="{path}" '
+                f'<path class="ln" data-m="{escape_html(series.name)}"{said} d="{path}" '
                 f'style="stroke:var({series.variable})" stroke-width="{series.width:g}"{dash}/>'
             )
 
@@ -72,13 +72,13 @@ class Chart:
         x, a, b = self.px(xs), self.py(low), self.py(high)
         known = np.isfinite(x) & np.isfinite(a) & np.isfinite(b)
         pieces = []
-        for run in _runs(known):
+        for run in _true_runs(known):
             there = [f"{px:.1f},{py:.1f}" for px, py in zip(x[run], b[run], strict=True)]
             back = [f"{px:.1f},{py:.1f}" for px, py in zip(x[run][::-1], a[run][::-1], strict=True)]
             pieces.append("M" + "L".join([*there, *back]) + "Z")
         if pieces:
             self._below.append(
-                f'<path class="band" data-m="{escape(series.name)}" d="{"".join(pieces)}" '
+                f'<path class="band" data-m="{escape_html(series.name)}" d="{"".join(pieces)}" '
                 f'style="fill:var({series.variable})"/>'
             )
 
@@ -86,13 +86,13 @@ class Chart:
         """One value."""
         px, py = float(self.px(x)), float(self.py(y))
         if np.isfinite([px, py]).all():
-            self._at(px, py, series, tip, radius, hollow)
+            self._add_dot(px, py, series, tip, radius, hollow)
 
-    def _at(self, px: float, py: float, series: Series, tip: str, radius: float, hollow: bool) -> None:
+    def _add_dot(self, px: float, py: float, series: Series, tip: str, radius: float, hollow: bool) -> None:
         paint = f"fill:{'var(--surface)' if hollow else f'var({series.variable})'};stroke:var({series.variable})"
-        said = f"<title>{escape(tip)}</title>" if tip else ""
+        said = f"<title>{escape_html(tip)}</title>" if tip else ""
         self._parts.append(
-            f'<circle class="dot" data-m="{escape(series.name)}" cx="{px:.1f}" cy="{py:.1f}" r="{radius:g}" '
+            f'<circle class="dot" data-m="{escape_html(series.name)}" cx="{px:.1f}" cy="{py:.1f}" r="{radius:g}" '
             f'style="{paint}">{said}</circle>'
         )
 
@@ -102,15 +102,15 @@ class Chart:
         if not np.isfinite([low, middle, high]).all():
             return
         self._parts.append(
-            f'<path class="reach" data-m="{escape(series.name)}" d="M{low:.1f},{y:.1f}H{high:.1f}" '
+            f'<path class="reach" data-m="{escape_html(series.name)}" d="M{low:.1f},{y:.1f}H{high:.1f}" '
             f'style="stroke:var({series.variable})"/>'
         )
-        self._at(middle, y, series, tip, 3.4, hollow)
+        self._add_dot(middle, y, series, tip, 3.4, hollow)
 
     def span(self, low: float, high: float, kind: str, tip: str = "") -> None:
         """Shades the values of x between two; `kind` is the class: "gone" or "partly"."""
         a, b = (float(v) for v in self.px([low, high]))
-        said = f"<title>{escape(tip)}</title>" if tip else ""
+        said = f"<title>{escape_html(tip)}</title>" if tip else ""
         self._below.append(
             f'<rect class="span {kind}" x="{a:.1f}" y="{self.top}" width="{max(1.0, b - a):.1f}" '
             f'height="{self.bottom - self.top}">{said}</rect>'
@@ -134,22 +134,23 @@ class Chart:
 
     def text(self, x: float, y: float, text: str, kind: str = "", series: Series | None = None) -> None:
         """A line of text at a place in px; `kind`: classes, "end" and "mid" say where it is held."""
-        marks = f' data-m="{escape(series.name)}"' if series is not None else ""
-        self._texts.append(f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}"{marks}>{escape(text)}</text>')
+        marks = f' data-m="{escape_html(series.name)}"' if series is not None else ""
+        self._texts.append(f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}"{marks}>{escape_html(text)}</text>')
 
     def svg(self) -> str:
         """The whole drawing."""
         hover = (
-            f'data-x="{_told(self.x, self.left, self.right)}" data-y="{_told(self.y, self.bottom, self.top)}" '
-            f'data-xl="{escape(self.x.label)}"'
+            f'data-x="{_axis_attribute(self.x, self.left, self.right)}" '
+            f'data-y="{_axis_attribute(self.y, self.bottom, self.top)}" '
+            f'data-xl="{escape_html(self.x.label)}"'
         )
         return (
             f'<svg class="chart" viewBox="0 0 {self.width} {self.height}" role="img" '
-            f'aria-label="{escape(self.title)}" {hover}>'
-            f"{''.join(self._below)}{self._axes()}{''.join(self._parts)}{''.join(self._texts)}</svg>"
+            f'aria-label="{escape_html(self.title)}" {hover}>'
+            f"{''.join(self._below)}{self._axes_svg()}{''.join(self._parts)}{''.join(self._texts)}</svg>"
         )
 
-    def _axes(self) -> str:
+    def _axes_svg(self) -> str:
         out = []
         last = -1e9
         for value in self.x.marks:
@@ -159,33 +160,37 @@ class Chart:
             out.append(f'<path class="tick" d="M{at:.1f},{self.bottom}v4"/>')
             text = self.x.written(value)
             if at - last > 7.0 * len(text) + 4.0:
-                out.append(f'<text class="mid" x="{at:.1f}" y="{self.bottom + 16}">{escape(text)}</text>')
+                out.append(f'<text class="mid" x="{at:.1f}" y="{self.bottom + 16}">{escape_html(text)}</text>')
                 last = at
         for value in self.y.marks:
             at = float(self.py(value))
             out.append(f'<path class="grid" d="M{self.left},{at:.1f}H{self.right}"/>')
-            out.append(f'<text class="end" x="{self.left - 6}" y="{at + 4:.1f}">{escape(self.y.written(value))}</text>')
+            out.append(
+                f'<text class="end" x="{self.left - 6}" y="{at + 4:.1f}">{escape_html(self.y.written(value))}</text>'
+            )
         out.append(f'<path class="axis" d="M{self.left},{self.bottom}H{self.right}"/>')
         if self.x.label and self.x.marks:
             middle = (self.left + self.right) / 2
-            out.append(f'<text class="label mid" x="{middle:.1f}" y="{self.bottom + 32}">{escape(self.x.label)}</text>')
+            out.append(
+                f'<text class="label mid" x="{middle:.1f}" y="{self.bottom + 32}">{escape_html(self.x.label)}</text>'
+            )
         if self.y.label:
-            out.append(f'<text class="label" x="2" y="{max(9, self.top - 14)}">{escape(self.y.label)}</text>')
+            out.append(f'<text class="label" x="2" y="{max(9, self.top - 14)}">{escape_html(self.y.label)}</text>')
         return "".join(out)
 
 
-def _told(axis: Axis, start: float, end: float) -> str:
+def _axis_attribute(axis: Axis, start: float, end: float) -> str:
     return f"{axis.kind},{axis.low:g},{axis.high:g},{start},{end},{axis.unit}"
 
 
-def _runs(known: NDArray[np.bool_]) -> list[slice]:
+def _true_runs(known: NDArray[np.bool_]) -> list[slice]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(np.int8)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _path(x: Floats, y: Floats) -> str:
+def _svg_path(x: Floats, y: Floats) -> str:
     pieces = []
-    for run in _runs(np.isfinite(x) & np.isfinite(y)):
+    for run in _true_runs(np.isfinite(x) & np.isfinite(y)):
         points = [f"{px:.1f},{py:.1f}" for px, py in zip(x[run], y[run], strict=True)]
         if len(points) == 1:
             points.append(f"{x[run][0] + 0.6:.1f},{y[run][0]:.1f}")

@@ -17,24 +17,24 @@ DASH = "–"
 _QUALITY = 86
 
 
-def escape(text: object) -> str:
+def escape_html(text: object) -> str:
     """Text that is safe in HTML, in attributes too."""
     return html.escape(str(text), quote=True)
 
 
-def slug(text: str) -> str:
+def make_slug(text: str) -> str:
     """A name that may stand in an id or a CSS variable."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "x"
 
 
-def rich(text: str) -> str:
+def inline_markup(text: str) -> str:
     """Escaped text in which `code` and **weight** are marked as in Markdown."""
-    safe = escape(text)
+    safe = escape_html(text)
     safe = re.sub(r"`([^`]+)`", r"<code>\1</code>", safe)
     return re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
 
 
-def number(value: float | int | None, digits: int = 3, unit: str = "") -> str:
+def format_number(value: float | int | None, digits: int = 3, unit: str = "") -> str:
     """A number to so many significant digits, a dash for one that is none, a sign for an infinite one."""
     if value is None or math.isnan(value):
         return DASH
@@ -50,14 +50,14 @@ def number(value: float | int | None, digits: int = 3, unit: str = "") -> str:
     return f"{text}\u00a0{unit}" if unit else text
 
 
-def fixed(value: float | None, decimals: int) -> str:
+def format_fixed(value: float | None, decimals: int) -> str:
     """A number with so many decimals, so that a column of them lines up."""
     if value is None or math.isnan(value):
         return DASH
-    return number(value) if math.isinf(value) else f"{value:.{decimals}f}".replace("-", "−")
+    return format_number(value) if math.isinf(value) else f"{value:.{decimals}f}".replace("-", "−")
 
 
-def percent(share: float | None, decimals: int = 1) -> str:
+def format_percent(share: float | None, decimals: int = 1) -> str:
     """A share 0 to 1 in per cent; what is not quite all or none is never rounded to it."""
     if share is None or math.isnan(share):
         return DASH

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from grasptrack.view.report.markup import slug
-from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, Colour, hexadecimal
+from grasptrack.view.report.markup import make_slug
+from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, Colour, hex_colour
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Series:
     @property
     def variable(self) -> str:
         """Name of its CSS variable."""
-        return f"--m-{slug(self.name)}"
+        return f"--m-{make_slug(self.name)}"
 
 
 OURS: dict[str, Colour] = {"auto": STATUS_RGB["tracked"], **STRATEGY_RGB}
@@ -53,26 +53,28 @@ OTHERS: tuple[tuple[Colour, str], ...] = (
 """For names that are not known here, one after the other."""
 
 
-def palette(names: Iterable[str]) -> dict[str, Series]:
+def series_palette(names: Iterable[str]) -> dict[str, Series]:
     """A series for each name, always the same one for a name that is known."""
     found: dict[str, Series] = {}
     strangers = 0
     for name in names:
         if name in OURS:
             width = 2.6 if name == "auto" else 1.8
-            found[name] = _series(name, OURS[name], "", width)
+            found[name] = _make_series(name, OURS[name], "", width)
         elif name in PEERS:
-            found[name] = _series(name, *PEERS[name], 1.5)
+            found[name] = _make_series(name, *PEERS[name], 1.5)
         else:
-            found[name] = _series(name, *OTHERS[strangers % len(OTHERS)], 1.5)
+            found[name] = _make_series(name, *OTHERS[strangers % len(OTHERS)], 1.5)
             strangers += 1
     return found
 
 
-def _series(name: str, colour: Colour, dash: str, width: float) -> Series:
-    return Series(name, hexadecimal(_mixed(colour, 0, 0.16)), hexadecimal(_mixed(colour, 255, 0.3)), dash, width)
+def _make_series(name: str, colour: Colour, dash: str, width: float) -> Series:
+    return Series(
+        name, hex_colour(_mix_colour(colour, 0, 0.16)), hex_colour(_mix_colour(colour, 255, 0.3)), dash, width
+    )
 
 
-def _mixed(colour: Colour, level: int, share: float) -> Colour:
+def _mix_colour(colour: Colour, level: int, share: float) -> Colour:
     r, g, b = (round((1.0 - share) * part + share * level) for part in colour)
     return r, g, b

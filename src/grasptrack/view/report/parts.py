@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from grasptrack.view.report.markup import DASH, escape, number, rich, slug
+from grasptrack.view.report.markup import DASH, escape_html, format_number, inline_markup, make_slug
 
 Tone = Literal["", "good", "bad", "muted", "warm"]
 
@@ -33,11 +33,11 @@ class Card:
 
     def html(self) -> str:
         """As a part of a list."""
-        unit = f'<span class="unit">{escape(self.unit)}</span>' if self.unit else ""
-        note = f'<span class="note">{rich(self.note)}</span>' if self.note else ""
+        unit = f'<span class="unit">{escape_html(self.unit)}</span>' if self.unit else ""
+        note = f'<span class="note">{inline_markup(self.note)}</span>' if self.note else ""
         return (
-            f'<div class="card {self.tone}"><dt>{escape(self.label)}</dt>'
-            f'<dd><span class="value">{escape(self.value)}{unit}</span>{note}</dd></div>'
+            f'<div class="card {self.tone}"><dt>{escape_html(self.label)}</dt>'
+            f'<dd><span class="value">{escape_html(self.value)}{unit}</span>{note}</dd></div>'
         )
 
 
@@ -106,18 +106,18 @@ def cell_of(value: Cell | str | float | int | None) -> Cell:
         return Cell(DASH)
     if isinstance(value, str):
         return Cell(value)
-    return Cell(number(value), float(value))
+    return Cell(format_number(value), float(value))
 
 
 def head_html(column: Column, first: bool) -> str:
     """A column's head, to sort by."""
     names = " ".join(n for n, on in (("words", column.words or first), ("rule", column.rule)) if on)
-    marks = f' data-m="{escape(column.series)}"' if column.series else ""
-    tip = f' title="{escape(column.tip)}"' if column.tip else ""
-    unit = f'<span class="unit">{escape(column.unit)}</span>' if column.unit else ""
+    marks = f' data-m="{escape_html(column.series)}"' if column.series else ""
+    tip = f' title="{escape_html(column.tip)}"' if column.tip else ""
+    unit = f'<span class="unit">{escape_html(column.unit)}</span>' if column.unit else ""
     key = key_html(column.series) if column.series else ""
     return (
-        f'<th scope="col" class="{names}"{marks}{tip}><button type="button" class="sort">{key}{escape(column.label)}'
+        f'<th scope="col" class="{names}"{marks}{tip}><button type="button" class="sort">{key}{escape_html(column.label)}'
         f"{unit}</button></th>"
     )
 
@@ -131,19 +131,19 @@ def line_html(line: Line, columns: Sequence[Column]) -> str:
         names += ["heat", cell.tone] if cell.heat is not None else [cell.tone] if cell.tone else []
         style = "" if cell.heat is None else f' style="--h:{min(1.0, max(0.0, cell.heat)):.2f}"'
         value = "" if math.isnan(cell.value) else f' data-v="{cell.value:.6g}"'
-        tip = f' title="{escape(cell.tip)}"' if cell.tip else ""
-        marks = f' data-m="{escape(column.series)}"' if column.series else ""
+        tip = f' title="{escape_html(cell.tip)}"' if cell.tip else ""
+        marks = f' data-m="{escape_html(column.series)}"' if column.series else ""
         if i == 0:
             key = key_html(line.series) if line.series else ""
-            parts.append(f'<th scope="row" class="{" ".join(names)}"{value}{tip}>{key}{rich(cell.text)}</th>')
+            parts.append(f'<th scope="row" class="{" ".join(names)}"{value}{tip}>{key}{inline_markup(cell.text)}</th>')
         else:
             css = f' class="{" ".join(names)}"' if names else ""
-            parts.append(f"<td{css}{style}{value}{tip}{marks}>{rich(cell.text)}</td>")
-    marks = f' data-m="{escape(line.series)}"' if line.series else ""
+            parts.append(f"<td{css}{style}{value}{tip}{marks}>{inline_markup(cell.text)}</td>")
+    marks = f' data-m="{escape_html(line.series)}"' if line.series else ""
     rule = ' class="apart"' if line.rule else ""
     return f"<tr{marks}{rule}>{''.join(parts)}</tr>"
 
 
 def key_html(name: str) -> str:
     """The mark of a method: a short piece of its line."""
-    return f'<svg class="key" viewBox="0 0 22 8" aria-hidden="true"><use href="#key-{slug(name)}"/></svg>'
+    return f'<svg class="key" viewBox="0 0 22 8" aria-hidden="true"><use href="#key-{make_slug(name)}"/></svg>'

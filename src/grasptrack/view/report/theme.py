@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from grasptrack.view.report.markup import escape
+from grasptrack.view.report.markup import escape_html
 from grasptrack.view.report.palette import Series
 
 LIGHT = {
@@ -48,11 +48,11 @@ _STYLE = (
 )
 
 
-def colours(series: Iterable[Series]) -> str:
+def colour_variables(series: Iterable[Series]) -> str:
     """The variables of a page: light, dark where the reader's system is, or as the switch says; paper is light."""
     listed = list(series)
-    light = _block({**LIGHT, **{s.variable.removeprefix("--"): s.light for s in listed}}, "light")
-    dark = _block({**DARK, **{s.variable.removeprefix("--"): s.dark for s in listed}}, "dark")
+    light = _css_block({**LIGHT, **{s.variable.removeprefix("--"): s.light for s in listed}}, "light")
+    dark = _css_block({**DARK, **{s.variable.removeprefix("--"): s.dark for s in listed}}, "dark")
     return (
         f":root{{{light}}}"
         f"@media screen and (prefers-color-scheme:dark){{:root:not([data-theme=light]){{{dark}}}}}"
@@ -60,7 +60,7 @@ def colours(series: Iterable[Series]) -> str:
     )
 
 
-def standalone(svg: str, series: Iterable[Series], bands: str = "") -> str:
+def standalone_svg(svg: str, series: Iterable[Series], bands: str = "") -> str:
     """A chart as a file of its own, in light colours and without variables, which not every program knows.
 
     Args:
@@ -74,7 +74,7 @@ def standalone(svg: str, series: Iterable[Series], bands: str = "") -> str:
     found = re.search(r'viewBox="0 0 (\d+) (\d+)"', kept)
     assert found is not None
     width, height = int(found[1]), int(found[2])
-    keys, below = _legend([s for s in series if f'data-m="{s.name}"' in kept], width, height)
+    keys, below = _legend_svg([s for s in series if f'data-m="{s.name}"' in kept], width, height)
     size = f'xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height + below}" '
     ground = f'<style>{_STYLE}</style><rect width="{width}" height="{height + below}" fill="{LIGHT["surface"]}"/>'
     kept = kept.replace(found[0], f'viewBox="0 0 {width} {height + below}"', 1).replace("</svg>", f"{keys}</svg>")
@@ -82,7 +82,7 @@ def standalone(svg: str, series: Iterable[Series], bands: str = "") -> str:
     return re.sub(r"var\((--[a-z0-9-]+)\)", lambda m: values.get(m[1], LIGHT["ink"]), kept)
 
 
-def _legend(series: list[Series], width: int, top: int) -> tuple[str, int]:
+def _legend_svg(series: list[Series], width: int, top: int) -> tuple[str, int]:
     """Keys of all series in rows below a chart, and the px that they take."""
     x, y, parts = 10.0, top + 12.0, []
     for s in series:
@@ -92,11 +92,11 @@ def _legend(series: list[Series], width: int, top: int) -> tuple[str, int]:
         dash = f' stroke-dasharray="{s.dash}"' if s.dash else ""
         parts.append(
             f'<path d="M{x:g},{y - 4:g}h22" fill="none" stroke="{s.light}" stroke-width="{s.width + 0.6:g}"{dash}/>'
-            f'<text x="{x + 27:g}" y="{y:g}">{escape(s.name)}</text>'
+            f'<text x="{x + 27:g}" y="{y:g}">{escape_html(s.name)}</text>'
         )
         x += wide + 12.0
     return "".join(parts), round(y - top + 10.0) if parts else 0
 
 
-def _block(values: dict[str, str], scheme: str) -> str:
+def _css_block(values: dict[str, str], scheme: str) -> str:
     return f"color-scheme:{scheme};" + "".join(f"--{name}:{value};" for name, value in values.items())
