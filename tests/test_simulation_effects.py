@@ -459,3 +459,12 @@ def test_prints_are_stronger_than_bare_surfaces_and_are_exchanged(seed: int) -> 
 def test_a_surface_and_a_table_of_ones_own_win() -> None:
     assert (scene("print", surface=flat(90), frames=2)._renderer._surface.image == 90).all()
     assert (scene("gravel", table=flat(190), frames=2)._renderer._table.image == 190).all()
+
+
+def test_a_cover_that_reaches_behind_the_camera_is_not_in_view() -> None:
+    ring = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    cover = Drifting(ring, np.zeros((1, 2)))
+    H = np.array([[100.0, 0.0, 320.0], [0.0, 100.0, 240.0], [0.0, 1.5, 1.0]])  # the horizon runs through the cover
+    assert cover.polygon(0, H, Camera()) is None
+    H[2, 1] = 0.5
+    assert cover.polygon(0, H, Camera()) is not None

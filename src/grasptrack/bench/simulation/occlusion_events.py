@@ -10,6 +10,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from grasptrack.bench.simulation.camera import Camera
+from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.typing import Floats
 
@@ -143,11 +144,14 @@ class Drifting:
         return np.asarray(ring + self.way[index], dtype=np.float64)
 
     def polygon(self, index: int, H: Floats, camera: Camera) -> Floats | None:
-        """(N, 2) px where it is in a frame; None where it is not in view."""
+        """(N, 2) px where it is in a frame; None where it is not in view, or reaches behind the camera."""
         ring = self.placed(index)
         if ring is None:
             return None
-        ring = camera.distort(apply_homography(H, ring))
+        try:
+            ring = camera.distort(apply_homography(H, ring))
+        except ConditioningError:
+            return None
         low, high = ring.min(axis=0), ring.max(axis=0)
         seen = np.all(high >= 0.0) and np.all(low <= np.array([camera.width - 1, camera.height - 1]))
         return ring if seen else None
