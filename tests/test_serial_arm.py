@@ -17,6 +17,7 @@ from grasptrack.bench.physics.resolved import LENGTH, NEAR, joint_rates
 from grasptrack.bench.physics.setting import SCENARIOS, sample_setting
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import InputError
+from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
 
 anywhere = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).map(lambda shares: math.pi * np.array(shares))
@@ -87,7 +88,7 @@ def test_the_hand_on_the_part_and_lifted_is_within_reach(scenario: str) -> None:
         for travel in (0.0, 0.5, 1.0, 1.5):
             for height in (0.0, 0.12):
                 at = np.array([*(travel * along), height])
-                pose = frames.make_pose(frames.about_z(yaw) @ frames.DOWN, at)
+                pose = frames.make_pose(rotation_about_z(yaw) @ frames.DOWN, at)
                 assert serial.start_joints(frames.invert_pose(base) @ pose) is not None
 
 

@@ -61,6 +61,12 @@ def similarity_transform(
     )
 
 
+def rotation_about_z(angle: float) -> Floats:
+    """(3, 3) rotation by an angle in rad: of the plane about its origin, or of space about z."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 def check_plausible(H: Floats, points: Floats) -> None:
     """Refuse a homography that no view of a flat object could give.
 

@@ -6,13 +6,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline
+from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.matching.rating import rate_homography
 from grasptrack.matching.samples import Sampled, as_sampled
-from grasptrack.typing import Floats
 
 TOLERANCE = 0.01
 """Share of sqrt(area), rms: an outline that is turned and differs by no more from what it was is its own twin."""
@@ -86,14 +84,9 @@ def find_symmetries(outline: Outline | Sampled) -> Symmetries:
     return Symmetries(exact, near, False)
 
 
-def _rotation_matrix(turn: float) -> Floats:
-    c, s = math.cos(turn), math.sin(turn)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
 def _rotation_residual(a: Sampled, turn: float) -> float:
     """px rms that a turn about the centroid leaves."""
-    found = rate_homography(_rotation_matrix(turn), a, a)
+    found = rate_homography(rotation_about_z(turn), a, a)
     return math.inf if found is None else found.misfit
 
 

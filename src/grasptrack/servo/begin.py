@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import GraspTrackError
+from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.servo.camera import HandCamera, NominalCamera
 from grasptrack.servo.estimate import Estimate, Prior, place_object
 from grasptrack.servo.features import rms_diameter
@@ -70,7 +71,7 @@ def initialize_calibration(
         raise UnexploredError("the hand's moves do not show in the image")
     L, phi = 1.0 / abs(m), -float(np.angle(m))
     focal = _estimate_focal_length(poses[ok, 2, 3], length[ok], L, FOCAL_LENGTHS * side)
-    camera = HandCamera(focal, centre, _about_z(phi), np.zeros(3))
+    camera = HandCamera(focal, centre, rotation_about_z(phi), np.zeros(3))
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
     depth = focal * L / rms_diameter(chosen[0].points[: chosen[0].contacts])
     origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
@@ -134,8 +135,3 @@ def _estimate_focal_length(z: Floats, length: Floats, L: float, guess: float) ->
     slope = -float(d @ (inverse_length - inverse_length.mean())) / float(d @ d)
     found = 1.0 / (slope * L) if slope > 0.0 else np.inf
     return float(np.clip(found, 0.4 * guess, 3.0 * guess))
-
-
-def _about_z(angle: float) -> Floats:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -50,21 +50,16 @@ def alignments_of_points(points1: Floats, arc1: Floats, points2: Floats, arc2: F
     return [Alignment(shift, angle, radius * left) for shift, angle, left in found]
 
 
-def align_contours(first: Contour, second: Contour, expected_angle: float = 0.0) -> Alignment:
-    """The alignment of two views: the best, or among those that fit alike the one with the smallest turn.
+def choose_alignment(found: list[Alignment], expected_angle: float = 0.0) -> Alignment:
+    """The one meant of some alignments that fit alike: the best, or the one with the smallest turn.
 
     Args:
-        first, second: the two outlines.
+        found: the alignments.
         expected_angle: rad; turns are measured from it.
 
     Raises:
         AmbiguousError: several fit alike and none turns clearly less than the others.
     """
-    return choose_alignment(find_alignments(first, second), expected_angle)
-
-
-def choose_alignment(found: list[Alignment], expected_angle: float = 0.0) -> Alignment:
-    """The one meant of some alignments that fit alike; arguments and errors as for `align_contours`."""
     if not found:
         raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
     if len(found) == 1:

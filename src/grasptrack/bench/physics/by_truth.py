@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from grasptrack.bench.physics import frames
 from grasptrack.bench.physics.world import World
+from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
 
 ABOVE = 0.05
@@ -47,7 +48,7 @@ def _twist_toward_grasp(world: World, grasp: Floats, height: float) -> tuple[Flo
     way = math.atan2(last[1], last[0]) + world.hand.azimuths[-1]
     now, alike = math.atan2(hand[1, 0], hand[0, 0]), 2.0 * math.pi / world.hand.fingers
     way += alike * round((now - way) / alike)  # equal fingers change places
-    R = frames.about_z(way) @ frames.DOWN
+    R = rotation_about_z(way) @ frames.DOWN
     turn = _rotation_vector(hand[:3, :3].T @ R)
     shift = hand[:3, :3].T @ (middle - hand[:3, 3])
     carried = hand[:3, :3].T @ np.array([*world.setting.belt, 0.0])

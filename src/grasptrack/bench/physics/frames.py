@@ -11,6 +11,7 @@ import math
 import cv2
 import numpy as np
 
+from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
 
 DOWN: Floats = np.diag([1.0, -1.0, -1.0])
@@ -31,15 +32,9 @@ def about_y(angle: float) -> Floats:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def about_z(angle: float) -> Floats:
-    """(3, 3) rotation by an angle in rad."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
 def tilt_rotation(angle: float, toward: float) -> Floats:
     """(3, 3) rotation by `angle` rad about the horizontal axis in direction `toward`."""
-    return about_z(toward) @ about_x(angle) @ about_z(-toward)
+    return rotation_about_z(toward) @ about_x(angle) @ rotation_about_z(-toward)
 
 
 def make_pose(R: Floats, at: Floats) -> Floats:

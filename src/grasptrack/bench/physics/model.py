@@ -11,6 +11,7 @@ import numpy as np
 from grasptrack.bench.physics import frames, linkage
 from grasptrack.bench.physics.gripper import MAX_OPENING, Gripper
 from grasptrack.bench.physics.setting import Arm, Setting
+from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
 
 TIMESTEP = 0.002
@@ -91,7 +92,7 @@ def _mesh_assets_xml(setting: Setting) -> str:
 def _part_body_xml(setting: Setting) -> str:
     part = setting.part
     at, q = setting.place[:3, 3], frames.rotation_to_quaternion(setting.place[:3, :3])
-    turned = frames.rotation_to_quaternion(frames.about_z(part.axis))
+    turned = frames.rotation_to_quaternion(rotation_about_z(part.axis))
     pieces = "".join(f'<geom class="piece" mesh="piece{n}"/>' for n in range(len(part.pieces)))
     feet = "".join(f'<geom class="foot" pos="{x:.7g} {y:.7g} {FOOT}"/>' for x, y in part.feet)
     return f"""<body name="part" pos="{_format_numbers(at)}" quat="{_format_numbers(q)}"><freejoint name="part"/>

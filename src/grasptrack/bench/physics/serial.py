@@ -14,6 +14,7 @@ import numpy as np
 
 from grasptrack.bench.physics import frames
 from grasptrack.errors import InputError
+from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
 
 JOINTS = ("base", "shoulder", "elbow", "wrist_pitch", "wrist_yaw", "wrist_roll")
@@ -43,7 +44,7 @@ ASIDE = 0.95
 AHEAD, BESIDE = 1.15, 0.45
 """m of the base down a belt and beside it: most of the reach is then before the part, and no place below the base."""
 
-ZERO: Floats = frames.about_z(-math.pi / 2.0) @ frames.DOWN
+ZERO: Floats = rotation_about_z(-math.pi / 2.0) @ frames.DOWN
 """Of the hand when all joints are at 0: its back, where palm and wrist stand, toward the base."""
 
 
@@ -65,7 +66,7 @@ def base_for(hand: Floats, part: Floats, belt: Floats) -> Floats:
         at = part + ASIDE * back / max(float(np.hypot(*back)), 1e-9)
     centre = hand[:3, :3] @ WRIST + hand[:3, 3]
     way = centre[:2] - at
-    return frames.make_pose(frames.about_z(math.atan2(way[1], way[0])), np.array([*at, HIGH]))
+    return frames.make_pose(rotation_about_z(math.atan2(way[1], way[0])), np.array([*at, HIGH]))
 
 
 def forward_kinematics(joints: Floats) -> Floats:
@@ -76,8 +77,8 @@ def forward_kinematics(joints: Floats) -> Floats:
         0.0,
         -UPPER * math.sin(shoulder) - FORE * math.sin(shoulder + elbow),
     ])  # fmt: skip
-    turn = frames.about_z(yaw)
-    wrist = frames.about_y(shoulder + elbow + pitch) @ frames.about_x(aside) @ frames.about_z(roll)
+    turn = rotation_about_z(yaw)
+    wrist = frames.about_y(shoulder + elbow + pitch) @ frames.about_x(aside) @ rotation_about_z(roll)
     R = turn @ wrist @ ZERO
     return frames.make_pose(R, turn @ flat - R @ WRIST)
 
@@ -94,7 +95,7 @@ def inverse_kinematics(hand: Floats) -> list[Floats]:
     found = []
     for front in (1.0, -1.0):
         yaw = math.atan2(front * centre[1], front * centre[0])
-        left = frames.about_z(yaw).T @ R @ ZERO.T  # what the pitches, the wrist's yaw and its roll have to do
+        left = rotation_about_z(yaw).T @ R @ ZERO.T  # what the pitches, the wrist's yaw and its roll have to do
         pitch = math.atan2(left[0, 2], left[2, 2])
         # after that pitch, whatever it is: where the wrist is singular, pitch and roll share one turn
         rest = frames.about_y(pitch).T @ left
@@ -129,7 +130,7 @@ def start_joints(hand: Floats) -> Floats:
 def link_rods(joints: Floats) -> list[tuple[Floats, Floats, float]]:
     """The links as rods in the base's frame: both ends (3,) and the radius, m."""
     yaw, shoulder, elbow, *_ = (float(q) for q in joints)
-    turn = frames.about_z(yaw)
+    turn = rotation_about_z(yaw)
     bend = turn @ frames.about_y(shoulder) @ np.array([UPPER, 0.0, 0.0])
     centre = bend + turn @ frames.about_y(shoulder + elbow) @ np.array([FORE, 0.0, 0.0])
     palm = centre + FLANGE * forward_kinematics(joints)[:3, 2]

@@ -18,7 +18,7 @@ from grasptrack.bench.physics.part import Body, extrude_body
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack.geometry.homographies import apply_homography, rotation_about_z
 from grasptrack.typing import Floats
 
 Scenario = Literal["static", "pushed", "belt", "blackout"]
@@ -108,7 +108,7 @@ def sample_setting(
     mount = _sample_camera_mount(rng)
     chosen = float(rng.uniform(0.0, math.pi)) if axis is None else axis
     yaw = float(rng.uniform(-math.pi, math.pi))
-    place = frames.make_pose(frames.about_z(yaw), np.zeros(3))
+    place = frames.make_pose(rotation_about_z(yaw), np.zeros(3))
     goal = frames.project_points(camera.matrix, frames.invert_pose(mount), np.zeros((1, 3)))[0]
     depth = float((frames.invert_pose(mount) @ np.array([0.0, 0.0, 0.0, 1.0]))[2])
     blocked = _open_hand_mask(camera, mount, hand)
@@ -121,7 +121,7 @@ def sample_setting(
             + float(rng.uniform(-TURN, TURN))
             + 2.0 * math.pi / hand.fingers * int(rng.integers(hand.fingers))
         )
-        R = frames.about_z(spin) @ frames.tilt_rotation(tilt, float(rng.uniform(-math.pi, math.pi))) @ frames.DOWN
+        R = rotation_about_z(spin) @ frames.tilt_rotation(tilt, float(rng.uniform(-math.pi, math.pi))) @ frames.DOWN
         share = 1.0 - attempt / 800.0
         off = rng.uniform(-ASIDE, ASIDE, 2) * np.array([WIDTH, HEIGHT]) * share
         away = float(rng.uniform(*AWAY)) * depth
@@ -153,7 +153,7 @@ def _sample_camera_mount(rng: np.random.Generator) -> Floats:
     x, y, z = rng.uniform(-0.012, 0.012), -rng.uniform(0.06, 0.08), -rng.uniform(0.25, 0.30)
     aim, aside, roll = (math.radians(float(v)) for v in rng.uniform([0.0, -6.0, -15.0], [12.0, 6.0, 15.0]))
     # y of the image is y of the hand; leaning toward the tips turns the axis from z toward +y
-    R = frames.about_x(-aim) @ frames.about_y(aside) @ frames.about_z(roll)
+    R = frames.about_x(-aim) @ frames.about_y(aside) @ rotation_about_z(roll)
     return frames.make_pose(R, np.array([x, y, z]))
 
 

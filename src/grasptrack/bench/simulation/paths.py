@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.bench.simulation.camera import Camera
+from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
 
 
@@ -49,7 +50,7 @@ class Path:
         """
         homographies = np.empty((len(self), 3, 3))
         for i in range(len(self)):
-            rotation = _about_z(self.roll[i]) @ _about_axis(self.azimuth[i], self.tilt[i])
+            rotation = rotation_about_z(self.roll[i]) @ _about_axis(self.azimuth[i], self.tilt[i])
             shift = np.array([0.0, 0.0, self.distance[i]]) - rotation[:, :2] @ self.target[i]
             if height != 0.0:
                 shift = shift - height * rotation[:, 2]  # the table's normal points away from the camera
@@ -75,14 +76,9 @@ class Path:
         return Path(at[:, :2], at[:, 2], at[:, 3], np.hypot(at[:, 4], at[:, 5]), np.arctan2(at[:, 5], at[:, 4]))
 
 
-def _about_z(angle: float) -> Floats:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
 def _about_axis(azimuth: float, angle: float) -> Floats:
     """Rotation by `angle` about the axis (cos azimuth, sin azimuth, 0)."""
-    turn = _about_z(azimuth)
+    turn = rotation_about_z(azimuth)
     c, s = math.cos(angle), math.sin(angle)
     lean = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     return np.asarray(turn @ lean @ turn.T, dtype=np.float64)
