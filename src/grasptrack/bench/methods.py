@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every method that can be measured, by name: this tracker's strategies first, then its peers."""
+"""Every method that can be measured, by name: this tracker's strategies, its peers, and what other packages register.
+
+A package adds a method of its own by the entry point `grasptrack.methods`: a `Maker`, called with a `Start`.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from numpy.typing import NDArray
 from grasptrack.bench import baselines
 from grasptrack.bench.method import Maker, Method, Start
 from grasptrack.errors import GraspError, InputError, StrategyError
+from grasptrack.plugins import load_plugin, plugin_names
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
@@ -67,10 +71,14 @@ def method_makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str,
             if name in missing:
                 raise InputError(f'method "{name}" cannot be used here: {missing[name]}', method=name)
             found[name] = baselines.PEERS[name]
+        elif name in plugin_names("grasptrack.strategies"):
+            found[name] = _tracker_maker(name, risk)
+        elif (maker := load_plugin("grasptrack.methods", name)) is not None:
+            found[name] = maker
         else:
-            raise InputError(
-                f'unknown method "{name}"; choose from {", ".join((*OURS, *baselines.PEERS))}', method=name
-            )
+            others = plugin_names("grasptrack.strategies") + plugin_names("grasptrack.methods")
+            choices = ", ".join((*OURS, *baselines.PEERS, *others))
+            raise InputError(f'unknown method "{name}"; choose from {choices}', method=name)
     return found
 
 

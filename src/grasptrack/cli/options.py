@@ -77,9 +77,11 @@ def strategy_choice(name: str) -> str:
     Raises:
         StrategyError: unknown; the message lists the choices.
     """
-    from grasptrack.transfer import STRATEGIES
+    from grasptrack.transfer import STRATEGIES, strategy_names
 
-    choices = ("auto", *STRATEGIES)
+    if name in ("auto", *STRATEGIES):
+        return name
+    choices = ("auto", *strategy_names())
     if name not in choices:
         raise StrategyError(f'unknown strategy "{name}"; choose from {", ".join(choices)}', name=name)
     return name

@@ -39,6 +39,10 @@ def track(
         str | None,
         typer.Option(metavar="DIR", help="Your own segmentation, an image for each frame, by name or by order."),
     ] = None,
+    segmenter: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="A segmenter that an installed package registered, asked for every mask."),
+    ] = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     length: options.ObjectLength = None,
@@ -96,6 +100,7 @@ def track(
         "object": object_,
         "box": box,
         "masks": masks,
+        "segmenter": segmenter,
         "ignore": ignore,
         "camera": camera,
         "length": length,
@@ -117,9 +122,12 @@ def track(
     from grasptrack.io.masks import open_masks
     from grasptrack.io.run import run_track
     from grasptrack.io.sources import open_source
+    from grasptrack.segmentation.objects import segmenter_named
     from grasptrack.tracking.tracker import GraspTracker
 
     images = open_source(source, fps)
+    if masks is not None and segmenter is not None:
+        raise InputError("--masks and --segmenter both say where the object is: give one of them")
     segmentation = None if masks is None else open_masks(masks, images)
     tracker = GraspTracker(
         fingers=count,
@@ -131,6 +139,7 @@ def track(
         ignore=options.ignore_mask(ignore),
         resynthesize=resynthesize,
         hand=hand,
+        segmenter=None if segmenter is None else segmenter_named(segmenter),
         camera=calibration,
         risk=risk,
         length=None if measure is None else measure.value,

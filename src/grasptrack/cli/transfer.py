@@ -143,9 +143,9 @@ class _Found(NamedTuple):
         """Every strategy refuses for one reason."""
         from grasptrack.tracking.follower import REGISTRATION
         from grasptrack.tracking.image_pair import Outcome
-        from grasptrack.transfer import STRATEGIES
+        from grasptrack.transfer import strategy_names
 
-        names = (REGISTRATION, *STRATEGIES)
+        names = (REGISTRATION, *strategy_names())
         return cls(None, [Outcome(name, None, None, None, math.nan, reason) for name in names], [], "")
 
     @classmethod

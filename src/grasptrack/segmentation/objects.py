@@ -8,14 +8,15 @@ and the best become contours.
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import ObservationError
+from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import View
+from grasptrack.plugins import load_plugin, plugin_names
 from grasptrack.segmentation.candidate import Candidate, contains_pixel, of_closed_edges, of_one_level
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
 from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_grey, to_mask
@@ -44,6 +45,19 @@ class Segmenter(Protocol):
     def segment(self, image: NDArray[Any]) -> NDArray[Any]:
         """(H, W) nonzero on objects, of an image (H, W) or (H, W, 3)."""
         ...
+
+
+def segmenter_named(name: str) -> Segmenter:
+    """A segmenter that a package registered by the entry point `grasptrack.segmenters`; a class is instantiated.
+
+    Raises:
+        InputError: none of that name, or it cannot be had.
+    """
+    found = load_plugin("grasptrack.segmenters", name)
+    if found is None:
+        known = ", ".join(plugin_names("grasptrack.segmenters")) or "none is installed"
+        raise InputError(f'unknown segmenter "{name}"; packages register them ({known})', name=name)
+    return cast(Segmenter, found() if isinstance(found, type) else found)
 
 
 def segment_object(

@@ -43,7 +43,7 @@ from grasptrack.tracking.single import (
 )
 from grasptrack.tracking.strategies import Carried, Silhouettes, Snakes
 from grasptrack.tracking.target import build_pyramid
-from grasptrack.transfer import STRATEGIES
+from grasptrack.transfer import strategy_names
 from grasptrack.typing import Floats
 
 LOOKED_AT = 6
@@ -334,7 +334,7 @@ class _Scene:
         share = places[0].share if places else 1.0
         outcomes = [
             self._registration_outcome(decision),
-            *(self._strategy_outcome(name, H, current, share) for name in STRATEGIES),
+            *(self._strategy_outcome(name, H, current, share) for name in strategy_names()),
         ]
         return Pair(outcomes, current, turns, told, places or self._rival_places(decision))
 

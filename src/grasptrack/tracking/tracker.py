@@ -35,7 +35,7 @@ from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import Beforehand, rectifying_view
 from grasptrack.tracking.result import Status, TrackResult
 from grasptrack.tracking.strategies import Carrier, carrier_for
-from grasptrack.transfer import STRATEGIES
+from grasptrack.transfer import STRATEGIES, strategy_names
 from grasptrack.typing import Floats
 
 
@@ -77,7 +77,7 @@ class GraspTracker:
 
     Args:
         fingers: number of contacts to synthesise, 2 or 3.
-        strategy: "auto", "rrp", "grasp-line" or "homography".
+        strategy: "auto", "rrp", "grasp-line", "homography", or one that a package registered as `grasptrack.strategies`.
         friction: Coulomb coefficient for synthesis and analysis.
         grasp: (k, 2) px contacts in the first image, in place of synthesis; they choose the object.
         object_at: (x, y) px of the object in the first image.
@@ -350,8 +350,8 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
     Raises:
         StrategyError, GraspError: what cannot be synthesised or carried.
     """
-    if strategy not in (AUTO, *STRATEGIES):
-        raise StrategyError(f'unknown strategy "{strategy}"; choose from {", ".join((AUTO, *STRATEGIES))}')
+    if strategy not in (AUTO, *STRATEGIES) and strategy not in strategy_names():
+        raise StrategyError(f'unknown strategy "{strategy}"; choose from {", ".join((AUTO, *strategy_names()))}')
     if fingers < 2:
         raise GraspError(f"a grasp has at least 2 fingers, not {fingers}", fingers=fingers)
     if strategy == "grasp-line" and fingers != 2:

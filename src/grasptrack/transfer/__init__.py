@@ -12,25 +12,33 @@ from numpy.typing import NDArray
 from grasptrack.errors import StrategyError
 from grasptrack.geometry.contours import Outline
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.plugins import load_plugin, plugin_names
 from grasptrack.transfer import grasp_line, homography, rrp
 from grasptrack.transfer.base import Transfer, TransferStrategy
 
-__all__ = ["STRATEGIES", "Transfer", "TransferStrategy", "strategy_named", "transfer"]
+__all__ = ["STRATEGIES", "Transfer", "TransferStrategy", "strategy_named", "strategy_names", "transfer"]
 
 _MODULES: dict[str, ModuleType] = {"rrp": rrp, "grasp-line": grasp_line, "homography": homography}
 STRATEGIES: tuple[str, ...] = tuple(_MODULES)
+"""The paper's. Other packages add theirs by the entry point `grasptrack.strategies`."""
+
+
+def strategy_names() -> tuple[str, ...]:
+    """The paper's strategies, then those of other packages."""
+    return (*STRATEGIES, *(name for name in plugin_names("grasptrack.strategies") if name not in STRATEGIES))
 
 
 def strategy_named(name: str) -> TransferStrategy:
-    """The strategy of that name.
+    """The strategy of that name: one of the paper's, or one that a package registered.
 
     Raises:
         StrategyError: unknown; the message lists the choices.
+        InputError: a package's strategy cannot be imported.
     """
-    try:
-        return cast(TransferStrategy, _MODULES[name])
-    except KeyError:
-        raise StrategyError(f'unknown strategy "{name}"; choose from {", ".join(STRATEGIES)}', name=name) from None
+    found = _MODULES.get(name) or load_plugin("grasptrack.strategies", name)
+    if found is None:
+        raise StrategyError(f'unknown strategy "{name}"; choose from {", ".join(strategy_names())}', name=name)
+    return cast(TransferStrategy, found)
 
 
 def transfer(
@@ -43,13 +51,13 @@ def transfer(
         reference: outline of the reference view.
         current: outline of the current view.
         strategy: "rrp" (point i of both outlines must be the same physical point), "grasp-line" (motions within the
-            image plane and scale, the object whole in view) or "homography" (any motion, four curvature peaks in view).
+            image plane and scale, the object whole in view), "homography" (any motion, four curvature peaks in view), or
+            one that a package registered.
         prior: (3, 3) predicted H_current_reference, which settles what one pair leaves open.
 
     Raises:
         StrategyError: unknown strategy, or a grasp or pair of outlines that it cannot carry.
         TransferError: the views do not allow it; the message is the reason.
     """
-    chosen = _MODULES.get(strategy) or strategy_named(strategy)
-    result: Transfer = chosen.apply(chosen.describe(grasp, reference), current, prior)
-    return result
+    chosen = strategy_named(strategy)
+    return chosen.apply(chosen.describe(grasp, reference), current, prior)

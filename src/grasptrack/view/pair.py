@@ -22,6 +22,7 @@ _INK = "#1d232b"
 # Nested sizes: where strategies agree, none hides another.
 _MARKS = {"registration": ("h", 19), "rrp": ("s", 15), "grasp-line": ("D", 9.5), "homography": ("o", 5.5)}
 _RGB = {"registration": (0, 158, 115), **STRATEGY_RGB}
+_OTHER = ("^", 12), (120, 100, 80)  # of a strategy that another package registered
 _GRASP_RGB = STATUS_RGB["tracked"]
 _LEGEND: dict[str, Any] = {
     "loc": "upper left",
@@ -69,7 +70,7 @@ def write_pair(
         _draw_number(left, i + 1, at, contacts.mean(axis=0))
     handles = []
     for name, found in transferred.items():
-        colour, (mark, size) = hex_colour(_RGB[name]), _MARKS[name]
+        colour, (mark, size) = hex_colour(_RGB.get(name, _OTHER[1])), _MARKS.get(name, _OTHER[0])
         _draw_grasp(right, found, colour, mark, size)
         handles.append(Line2D([], [], color=colour, marker=mark, ms=min(size, 10.0), mec="white", lw=2, label=name))
     if transferred:

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A package from outside adds a strategy, a segmenter and a method without touching a file of this one."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+OUTSIDER = '''
+import numpy as np
+from grasptrack.tracking.result import TrackResult
+from grasptrack.transfer import strategy_named
+from grasptrack.transfer.base import Transfer
+
+CALLS = []
+
+
+class Bounding:
+    """A strategy: contacts keep their place in the outline's bounding box."""
+
+    def describe(self, grasp, view):
+        points = getattr(view, "outer", view).points
+        low, high = points.min(axis=0), points.max(axis=0)
+        return (grasp.contacts - low) / (high - low)
+
+    def apply(self, description, view, prior=None):
+        from grasptrack import Grasp
+        points = getattr(view, "outer", view).points
+        low, high = points.min(axis=0), points.max(axis=0)
+        H = np.eye(3) if prior is None else prior
+        return Transfer(Grasp(low + description * (high - low)), H, None, 0.0)
+
+
+bounding = Bounding()
+
+
+class Dark:
+    """A segmenter: whatever is dark."""
+
+    def segment(self, image):
+        grey = image if image.ndim == 2 else image.mean(axis=2)
+        return grey < 100
+
+
+class Fixed:
+    """A method: says where the contacts were, for ever."""
+
+    def __init__(self, start):
+        self.contacts, self.frame = start.contacts, -1
+
+    def update(self, image, time):
+        self.frame += 1
+        return TrackResult(self.frame, time, "tracked", "", contacts=self.contacts, confidence=1.0)
+'''
+ENTRIES = """
+[grasptrack.strategies]
+bounding = outsider:bounding
+broken = outsider:missing
+
+[grasptrack.segmenters]
+dark = outsider:Dark
+
+[grasptrack.methods]
+fixed = outsider:Fixed
+"""
+
+
+@pytest.fixture
+def outside(tmp_path: Path) -> Path:
+    """A folder as pip would fill it for another package, and three images that shift."""
+    site = tmp_path / "site"
+    info = site / "outsider-1.0.dist-info"
+    info.mkdir(parents=True)
+    (site / "outsider.py").write_text(OUTSIDER)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: outsider\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(ENTRIES)
+    plate = np.array([[200, 150], [450, 170], [440, 240], [310, 250], [290, 340], [190, 320]])
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for i in range(3):
+        image = np.full((480, 640), 210, np.uint8)
+        cv2.fillPoly(image, [plate + 4 * i], (40,), cv2.LINE_AA)
+        cv2.imwrite(str(frames / f"frame{i}.png"), cv2.GaussianBlur(image, (0, 0), 0.8))
+    return tmp_path
+
+
+def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "grasptrack.cli.main", *words]
+    environment = {**os.environ, "PYTHONPATH": str(folder / "site")}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "grasps.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_strategy_from_outside_tracks_and_transfers(outside: Path) -> None:
+    done = run(outside, "track", "frames", "--strategy", "bounding", "--output", "out", "--no-video", "--quiet")
+    assert done.returncode == 0, done.stderr
+    found = rows(outside / "out")
+    assert [row["status"] for row in found] == ["tracked"] * 3
+    assert {row["strategy"] for row in found} == {"bounding"}
+    assert float(found[2]["x1"]) - float(found[0]["x1"]) == pytest.approx(8.0, abs=0.3)
+
+    done = run(outside, "transfer", "frames/frame0.png", "frames/frame2.png", "--output", "pair")
+    assert done.returncode == 0, done.stderr
+    assert "bounding" in done.stdout
+    assert '"bounding"' in next((outside / "pair").glob("*.json")).read_text()
+
+
+def test_a_segmenter_from_outside_says_where_the_object_is(outside: Path) -> None:
+    done = run(outside, "track", "frames", "--segmenter", "dark", "--output", "out", "--no-video", "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert [row["status"] for row in rows(outside / "out")] == ["tracked"] * 3
+    assert json.loads((outside / "out" / "run.json").read_text())["options"]["segmenter"] == "dark"
+
+
+def test_a_method_from_outside_is_measured_beside_ours(outside: Path) -> None:
+    words = "--methods auto,fixed --shapes bracket --disturbances noise --frames 4 --workers 1 --output out"
+    done = run(outside, "evaluate", "scenes", *words.split())
+    assert done.returncode == 0, done.stderr
+    assert "fixed" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("track", "frames", "--strategy", "bouncing"), "bounding"),
+        (("track", "frames", "--strategy", "broken"), "cannot be loaded"),
+        (("track", "frames", "--segmenter", "bright"), "dark"),
+        (("evaluate", "scenes", "--methods", "floating"), "fixed"),
+    ],
+)
+def test_what_is_not_registered_is_told_in_one_line(outside: Path, words: tuple[str, ...], said: str) -> None:
+    done = run(outside, *words)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
