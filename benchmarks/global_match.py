@@ -25,8 +25,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.matching import Sampled, judge_hypotheses, match_outlines
-from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, rate_homography
-from grasptrack.matching.starts import perturb_homography
+from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, perturb_homography, rate_homography
 from grasptrack.tracking.image_pair import transfer_between_images
 
 DATA = File(os.environ.get("GRASPTRACK_DATA", File(__file__).resolve().parents[2] / "shared" / "data"))

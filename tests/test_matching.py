@@ -14,7 +14,7 @@ from grasptrack.bench.simulation.lookalikes import mirrored_shape
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.matching import Sampled, find_symmetries, judge_hypotheses, match_outlines
-from grasptrack.matching.judgement import fits_alike
+from grasptrack.matching.rating import fits_alike
 from outlines import BRACKET, dense, similarities, stars
 
 CAMERA = Camera(640, 480, focal=320.0 / math.tan(math.radians(30.0)))

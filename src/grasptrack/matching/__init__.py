@@ -2,8 +2,7 @@
 """Two outlines of one flat object matched without a prior: every way in which they fit, and which of them fit alike."""
 
 from grasptrack.matching.hypotheses import match_outlines
-from grasptrack.matching.judgement import MatchOutcome, judge_hypotheses
-from grasptrack.matching.rating import Match
+from grasptrack.matching.rating import Match, MatchOutcome, judge_hypotheses
 from grasptrack.matching.samples import Sampled
 from grasptrack.matching.symmetry import Symmetries, Symmetry, find_symmetries
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline
-from grasptrack.matching import starts
 from grasptrack.matching.rating import Match, measure_observability, rate_homography
-from grasptrack.matching.samples import Sampled, as_sampled
+from grasptrack.matching.samples import Sampled, align_parts, align_wholes, as_sampled
 from grasptrack.typing import Floats
 
 Steps = tuple[Floats, Floats]
@@ -56,12 +55,12 @@ def match_outlines(
 
     Returns:
         Distinct hypotheses, never a mirror image, none that asks for more tilt than `MAX_STRETCH` and `MAX_DEPTH` allow,
-        the least cost first. Empty where nothing fits at all. `judge` says what they amount to.
+        the least cost first. Empty where nothing fits at all. `judge_hypotheses` says what they amount to.
     """
     a, b = as_sampled(first), as_sampled(second)
-    found = _refine_starts(starts.of_wholes(a, b), a, b)
+    found = _refine_starts(align_wholes(a, b), a, b)
     if thorough and not (found and found[0].share >= FITS):
-        again = np.concatenate([starts.of_wholes(a, b, more=True), starts.of_parts(a, b)])
+        again = np.concatenate([align_wholes(a, b, more=True), align_parts(a, b)])
         found = _merge_duplicates(found + _refine_starts(again, a, b), a)
     if found:
         found[0] = found[0]._replace(slack=measure_observability(found[0], a, b))

@@ -4,20 +4,45 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import Contour, Outline, View
-from grasptrack.snake.edge_search import Model
-from grasptrack.snake.fit import fit_to_edges
-from grasptrack.snake.motion_model import ConstantVelocity
-from grasptrack.snake.result import SnakeFit
-from grasptrack.snake.shape_space import Shape, ShapeSpace
+from grasptrack.snake.fit import Match, Model, fit_to_edges
+from grasptrack.snake.shape_space import ConstantVelocity, Shape, ShapeSpace
 from grasptrack.snake.template import Grey, Template, sampled_outline
-from grasptrack.snake.verification import Match
-from grasptrack.typing import Floats
+from grasptrack.typing import Bools, Floats
+
+
+@dataclass(frozen=True, slots=True)
+class SnakeFit:
+    """What one image said.
+
+    Attributes:
+        ok: whether the fit is believed.
+        reason: why not; empty when ok.
+        homography: (3, 3) H_current_reference as measured in this image, not filtered: it does not lag.
+        points: (n, 2) px, the fitted curve at the template's samples.
+        seen: (n,) whether an edge like the template's lies within 1.75 px of the curve there.
+        residual: px, rms distance of the supporting edges; inf where there are none.
+        misfit: px, rms over the outline of what a homography would still move it: tilt that the shape space lacks.
+        support: share of the samples inside the image that are seen, of those that had an edge in the first image.
+        outside: share of the samples outside the image, which speak neither for nor against the fit.
+    """
+
+    ok: bool
+    reason: str
+    homography: Floats
+    points: Floats
+    seen: Bools
+    residual: float
+    misfit: float
+    support: float
+    outside: float
+
 
 __all__ = ["Snake", "SnakeFit"]
 

@@ -20,7 +20,6 @@ from grasptrack.geometry.homographies import apply_homography, homography_jacobi
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import FINGER_WIDTH, GraspAnalysis, analyze
 from grasptrack.matching import Match, MatchOutcome, Sampled, find_symmetries, judge_hypotheses, match_outlines
-from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
 from grasptrack.segmentation.candidate import Candidate, contains_pixel
 from grasptrack.segmentation.images import PLAIN, Grey, to_bgr, to_mask
 from grasptrack.segmentation.objects import dilate_mask, find_candidates
@@ -266,8 +265,7 @@ class _Scene:
         assert told.best is not None
         estimate, best = decision.estimate, told.best
         shown = 0.0 if estimate is None else texture_evidence(estimate, self._state.usual, NUMBERS)
-        slides = best.slack <= max(SLIDES * best.size, SLIDES_NOISE * best.residual)
-        if NUMBERS.temper * shown >= -math.log(self._strict.risk) or (told.others and not slides):
+        if NUMBERS.temper * shown >= -math.log(self._strict.risk) or (told.others and not best.slides):
             return MatchOutcome("matched", best, [], "")
         return told
 

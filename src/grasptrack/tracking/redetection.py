@@ -13,8 +13,7 @@ from grasptrack import kernels
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import HORIZON
 from grasptrack.matching import MatchOutcome, Sampled, judge_hypotheses, match_outlines
-from grasptrack.matching.judgement import SLIDES, SLIDES_NOISE
-from grasptrack.matching.starts import BENDS
+from grasptrack.matching.samples import BENDS
 from grasptrack.segmentation.candidate import Candidate, sign_of
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
@@ -189,7 +188,7 @@ class Outlines:
 def _match_homographies(told: MatchOutcome, outline: Contour, last: Contour, H: Floats) -> list[Floats]:
     """(3, 3) each, first image -> image: the ways in which the object lies on an outline, `last` being where H had it."""
     assert told.best is not None
-    if told.best.slack > max(SLIDES * told.best.size, SLIDES_NOISE * told.best.residual) or told.others:
+    if not told.best.slides or told.others:
         return [m.homography for m in (told.best, *told.others)]
     found = [as_similarity(fit, last, outline) @ H for fit in find_alignments(last, outline)]
     return found or [told.best.homography]
