@@ -23,12 +23,11 @@ from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.hand import parse_measure
 from grasptrack.segmentation.undistortion import Undistortion
-from grasptrack.tracking import single
 from grasptrack.tracking.distance import Ruler, outline_extent
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.plane import Beforehand, Mode, Plane
 from grasptrack.tracking.result import TrackResult
-from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.state import TrackState, first_state
 from grasptrack.tracking.target import Grey, Target
 from test_plane import FOCAL, HEIGHT, WIDTH, Followed, camera, rendered, slopes, turned
 
@@ -242,10 +241,16 @@ def test_every_verb_takes_the_focal_length_of_a_calibration(
 ) -> None:
     """Whatever makes a state of the object knows it, and as exactly as the calibration does."""
     known: list[tuple[float, float]] = []
-    begin = single.first_state
+    begin = first_state
 
-    def noted(target: Target, levels: list[Grey], numbers: Numbers, focal: Beforehand | None = None) -> TrackState:
-        state = begin(target, levels, numbers, focal)
+    def noted(
+        target: Target,
+        levels: list[Grey],
+        numbers: Numbers,
+        focal: Beforehand | None = None,
+        time: float | None = None,
+    ) -> TrackState:
+        state = begin(target, levels, numbers, focal, time)
         theta, covariance = state.plane.theta_and_covariance()
         known.append((float(theta[0]), math.sqrt(covariance[0, 0])))
         return state

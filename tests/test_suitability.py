@@ -14,7 +14,7 @@ import pytest
 import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.trackability import Suitability, inspect
-from grasptrack.trackability.words import expected, report_rows
+from grasptrack.trackability.report import expected, report_rows
 from grasptrack.tracking.tracker import GraspTracker
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 

@@ -16,7 +16,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.images import PLAIN
 from grasptrack.trackability import inspect
-from grasptrack.trackability.edges import Edges, edge_direction_noise
+from grasptrack.trackability.appearance import QUANTUM, Edges, edge_direction_noise, gradient_statistics
 from grasptrack.trackability.motions import MODELS, NAMES, SLIDING, Frame, Motions, motions_of, sliding_displacement
 from grasptrack.trackability.prediction import (
     FILE,
@@ -28,7 +28,6 @@ from grasptrack.trackability.prediction import (
     predict_run,
     shares_of,
 )
-from grasptrack.trackability.relief import QUANTUM, gradient_statistics
 from grasptrack.trackability.synthetic_view import REST, SHIFT, Setting, Stage, Step, denoise_image, draw_run
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Beforehand

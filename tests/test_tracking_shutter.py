@@ -17,7 +17,7 @@ from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.shutter import Shutter
+from grasptrack.tracking.state import Shutter
 from grasptrack.tracking.target import Target
 from test_tracking_blur import target
 

@@ -17,12 +17,11 @@ from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     decide_single,
-    first_state,
     pose_hypothesis,
     single_estimate,
     turned_hypotheses,
 )
-from grasptrack.tracking.state import TrackState
+from grasptrack.tracking.state import TrackState, first_state
 from grasptrack.tracking.target import Target, build_pyramid
 from scenery import L_PLATE, SQUARE, drawn
 

@@ -90,7 +90,7 @@ def inspect(
     from grasptrack.io.run import prepare_folder
     from grasptrack.segmentation.undistortion import Told, Undistortion
     from grasptrack.trackability import inspect as look
-    from grasptrack.trackability.contact_visibility import as_seen
+    from grasptrack.trackability.result import as_seen
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.tracking.plane import Beforehand
     from grasptrack.view.inspect import write_inspection
@@ -151,7 +151,7 @@ def inspect(
 
 def _show_results(found: Suitability, last: list[str]) -> None:
     from grasptrack.cli.report import show_rows
-    from grasptrack.trackability.words import expected, report_rows
+    from grasptrack.trackability.report import expected, report_rows
 
     told = expected(found)
     notes = [f"Expected: {told}"] if told else []

@@ -17,16 +17,23 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, analyze
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.images import PLAIN
-from grasptrack.trackability.advice import Findings, is_lost, level_of, reasons_of
-from grasptrack.trackability.edges import Edges, edge_direction_noise, edges_of
+from grasptrack.trackability.appearance import Edges, Relief, edge_direction_noise, edges_of, gradient_statistics
+from grasptrack.trackability.evidence import (
+    Likeness,
+    Settled,
+    contact_evidence,
+    equals_of,
+    loose,
+    peaks_of,
+    recommended_strategy,
+    strategies_of,
+    symmetry_of,
+)
 from grasptrack.trackability.first import FirstView, first_view
 from grasptrack.trackability.motions import TURN, Frame, motions_of
 from grasptrack.trackability.prediction import RUNS, Drawn, Looked, Prediction, Run, drawn_runs, predict_run, rehearse
-from grasptrack.trackability.relief import Relief, gradient_statistics
+from grasptrack.trackability.report import Findings, is_lost, level_of, reasons_of
 from grasptrack.trackability.result import Held, Looks, Reason, Suitability, Texture
-from grasptrack.trackability.settled import Settled, contact_evidence, loose
-from grasptrack.trackability.strategies import peaks_of, recommended_strategy, strategies_of
-from grasptrack.trackability.symmetry import Likeness, equals_of, symmetry_of
 from grasptrack.trackability.synthetic_view import Setting, Stage
 from grasptrack.tracking.decision import contact_tolerance, largest_sigma
 from grasptrack.tracking.initialization import AUTO

@@ -4,16 +4,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from grasptrack.geometry.contours import View
-from grasptrack.trackability.edges import Edges
+from grasptrack.segmentation.undistortion import Undistortion
+from grasptrack.trackability.appearance import Edges
+from grasptrack.trackability.evidence import By, Settled, Symmetry, Usable
 from grasptrack.trackability.motions import Motions
 from grasptrack.trackability.prediction import Prediction
-from grasptrack.trackability.settled import By, Settled
-from grasptrack.trackability.strategies import Usable
-from grasptrack.trackability.symmetry import Symmetry
 from grasptrack.typing import Floats
 
 Level = Literal["good", "fair", "poor"]
@@ -110,7 +111,7 @@ class Suitability:
     """How well an object can be tracked, told from one image.
 
     Attributes:
-        level: "good", "fair" or "poor", by the prediction (`trackability.advice:level_of`).
+        level: "good", "fair" or "poor", by the prediction (`trackability.report:level_of`).
         reasons: what speaks against it.
         strategy: to be recommended; empty where none can carry the grasp.
         looks: the object as the image shows it.
@@ -176,3 +177,27 @@ class Suitability:
         """One line: the level, and what speaks against the object."""
         why = "; ".join(r.text for r in self.reasons)
         return f"{self.level}: {why}" if why else self.level
+
+
+def as_seen(found: Suitability, lens: Undistortion) -> Suitability:
+    """Outlines, peaks, contacts and the errors to be expected of contacts as they are seen.
+
+    All else stays that of the straight image: motions, widths, and what is predicted of a run.
+
+    Args:
+        found: in the straight image, with a grasp or without.
+        lens: that made it straight.
+    """
+    grasp = found.grasp
+    if grasp is not None:
+        J = lens.stretch(grasp.contacts)
+        covariance = np.asarray(J @ grasp.covariance @ np.swapaxes(J, 1, 2))
+        sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+        grasp = grasp._replace(contacts=lens.seen(grasp.contacts), covariance=covariance, sigma=sigma)
+    return replace(
+        found,
+        grasp=grasp,
+        view=lens.view(found.view),
+        equals=tuple(lens.view(view) for view in found.equals),
+        peaks=lens.seen(found.peaks),
+    )

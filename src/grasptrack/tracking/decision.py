@@ -105,6 +105,11 @@ def largest_sigma(area: float, numbers: Numbers) -> float:
     return contact_tolerance(area, numbers) / math.sqrt(-2.0 * math.log(numbers.risk))
 
 
+def is_certain(covariance: Floats, area: float, numbers: Numbers) -> bool:
+    """Whether contacts of covariance (k, 2, 2) px^2, on an object of `area` px^2, are as surely known as is asked for."""
+    return math.sqrt(worst_variance(covariance)) < largest_sigma(area, numbers)
+
+
 def pose_evidence(estimate: PoseEstimate, usual: list[Floats], numbers: Numbers) -> float:
     """Log-likelihood ratio of an estimate: this object there, partly covered, against nothing of its kind."""
     surface = max(0.0, texture_evidence(estimate, usual, numbers))

@@ -12,7 +12,6 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.tracking.decision import pose_evidence, surface_expected
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.shutter import NO_BEND
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
@@ -109,6 +108,8 @@ class PoseEstimate:
     confirmed: bool = False
 
 
+NO_BEND = np.zeros((3, 8))
+"""Of what does not move, or moves nobody knows how."""
 UNKNOWN = np.full((3, 3), np.nan)
 """The last pose, where none tells what moved."""
 BEGAN = 1.0
@@ -135,13 +136,8 @@ def estimate_pose(
     """
     if not sane_area(target, hypothesis.G):
         return None
-    shutter, readout = state.shutter, state.shutter.readout
-    if still:
-        bend = NO_BEND
-    elif levels is state.last.levels:  # it was found there
-        bend = shutter.shown
-    else:
-        bend = shutter.bend(target, hypothesis.G, state.steps)
+    readout = state.shutter.readout
+    bend = NO_BEND if still else state.bend(target, levels, hypothesis.G)
     found = target.handle.solve(
         levels,
         hypothesis.G,
@@ -248,22 +244,25 @@ class Solutions:
         state: what is known of it so far.
         levels: the image's pyramid.
         numbers: the core's.
+        hypotheses: to begin with.
 
     Attributes:
         found: one estimate of each hypothesis that has one.
     """
 
-    def __init__(self, target: Target, state: TrackState, levels: list[Grey], numbers: Numbers) -> None:
+    def __init__(
+        self, target: Target, state: TrackState, levels: list[Grey], numbers: Numbers, hypotheses: list[Hypothesis]
+    ) -> None:
         self.found: list[PoseEstimate] = []
         self._target, self._state, self._levels, self._numbers = target, state, levels, numbers
-        self._second: list[
-            tuple[PoseEstimate, PoseEstimate | None]
-        ] = []  # an answer, and what it led to from farther away
+        # an answer, and what it led to from farther away
+        self._second: list[tuple[PoseEstimate, PoseEstimate | None]] = []
+        self.add(hypotheses)
 
     def add(self, hypotheses: list[Hypothesis]) -> None:
         """Make hypotheses exact; of a lost object those that do not lead to what was found already."""
         for hypothesis in hypotheses:
-            state = self._state
+            state, numbers = self._state, self._numbers
             if state.lost and self._is_answered(hypothesis):
                 continue
             # where it was a moment ago does not tell how it moves
@@ -272,14 +271,13 @@ class Solutions:
             if estimate is None:
                 continue
             # of a lost object only what shows it can be nearly right
-            lost = self._state.lost and pose_evidence(estimate, self._state.usual, self._numbers) < 0.0
+            lost = state.lost and pose_evidence(estimate, state.usual, numbers) < 0.0
             # what lay elsewhere a moment ago, whatever was tried, lies there still
-            more = estimate.elsewhere - (0.0 if self._state.lost else self._state.elsewhere)
-            if (more > self._numbers.elsewhere or self.falls_short(estimate)) and not lost:
+            more = estimate.elsewhere - (0.0 if state.lost else state.elsewhere)
+            if (more > numbers.elsewhere or self.falls_short(estimate)) and not lost:
                 other = self._from_farther(estimate, still=still)
-                if other is not None and self._score_estimate(other, hypothesis) > self._score_estimate(
-                    estimate, hypothesis
-                ):
+                score = self._score_estimate
+                if other is not None and score(other, hypothesis) > score(estimate, hypothesis):
                     estimate = other
                 else:
                     estimate = replace(estimate, confirmed=True)
@@ -320,7 +318,7 @@ class Solutions:
 
     def _score_estimate(self, estimate: PoseEstimate, hypothesis: Hypothesis) -> float:
         """Evidence for an estimate, and how far it went from the hypothesis that it was made from."""
-        away = self._target.difference(hypothesis.G, estimate.G)
+        away: Floats = self._target.handle.difference(hypothesis.G, estimate.G)
         distance = float(away @ np.linalg.solve(hypothesis.P, away))
         freedom = self._numbers.prior_freedom
         prior = -0.5 * (freedom + len(away)) * math.log1p(distance / freedom)

@@ -50,8 +50,7 @@ from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.redetection import Redetection, best_sighted_pose
 from grasptrack.tracking.selection import make_target
-from grasptrack.tracking.single import first_state
-from grasptrack.tracking.state import Look, TrackState
+from grasptrack.tracking.state import Look, TrackState, first_state
 from grasptrack.tracking.target import Grey, build_pyramid
 from grasptrack.typing import Floats
 
@@ -74,6 +73,22 @@ Proposals = Iterable[Sequence[Proposal]]
 """In the order in which they are to be tried, those that are rivals together."""
 
 
+class _Expectation(NamedTuple):
+    """Of an image that is not looked at yet.
+
+    Attributes:
+        levels: its pyramid.
+        predictions: hypotheses of continuity.
+        expected: where the object should lie.
+        presence: prior probability that it is there.
+    """
+
+    levels: list[Grey]
+    predictions: Predictions
+    expected: Expected
+    presence: float
+
+
 class Follower:
     """One target, from its first image on.
 
@@ -89,6 +104,7 @@ class Follower:
 
     Attributes:
         target, state: of the object.
+        plane: its own, as of the state.
         mended: the share of the first outline that was none, once that was found out; else 0.
     """
 
@@ -106,33 +122,29 @@ class Follower:
         levels = build_pyramid(grey)
         self.numbers = numbers
         self.target = make_target(levels, view, contacts, numbers, hidden)
-        self.state: TrackState = first_state(self.target, levels, numbers, before)
-        self.state.time = time
+        self.state: TrackState = first_state(self.target, levels, numbers, before, time)
+        self.plane = self.state.plane
         self.redetection = Redetection(self.target, levels, observer, hidden)
         self.mended = 0.0
         self._mended: Mended | None = None
         self._observer, self._hidden, self._mender = observer, hidden, Mender(self.target, levels, hidden)
-        self.state.lookalike = self._has_lookalike(self.state.last)
+        if self._has_lookalike(self.state.last):
+            self.state.note_lookalike(anywhere=True)
 
     def update(self, grey: Grey, time: float | None = None) -> Decision:
         """The best pose in the next image (H, W), taken at a time in s, and whether it is believed."""
-        self._apply_mended_outline()
+        levels, predictions, expected, presence = self._predict(grey, time)
         state, target, numbers = self.state, self.target, self.numbers
-        levels, steps = build_pyramid(grey), self._elapsed_intervals(time)
-        state.steps = steps
-        presence = self._presence_prior()
-        predictions = predict_hypotheses(target, state, levels, steps, numbers)
-        expected = self._expected_location(predictions, steps)
-        solutions = Solutions(target, state, levels, numbers)
-        solutions.add(self.redetection.continued(levels, predictions.first) if state.lost else predictions.first)
+        first = self.redetection.continued(levels, predictions.first) if state.lost else predictions.first
+        solutions = Solutions(target, state, levels, numbers, first)
         decision = decide_pose(state, solutions.found, expected, presence, numbers)
         if decision.accepted and decision.estimate is not None and self._is_sudden(decision.estimate):
             # texture may have slid along itself
-            first = decision.estimate
+            before = decision.estimate
             solutions.add(distinct_hypotheses(target, predictions.second))
             decision = decide_pose(state, solutions.found, expected, presence, numbers)
-            if decision.estimate is not None and lead_alike(target, decision.estimate, first):
-                state.confirmed = outline_surprisal(decision.estimate, numbers)
+            if decision.estimate is not None and lead_alike(target, decision.estimate, before):
+                state.confirm(decision.estimate, numbers)
         # what this image alone shows to be there is not looked for elsewhere
         e, told = decision.estimate, decision.evidence > -math.log(numbers.risk)
         shown = decision.code == "uncertain" and told and not state.lost and e is not None and not self._is_sudden(e)
@@ -147,9 +159,9 @@ class Follower:
             decision = decide_pose(state, solutions.found, expected, presence, numbers)
         decision = self._against_slides(decision, solutions, expected, presence)
         decision = self._against_turns(decision, solutions, expected, presence)
-        self._learn_from_image(levels, decision, predictions, steps)
+        self._learn_from_image(levels, decision, predictions)
         if state.lost:
-            state.sighted = best_sighted_pose(state, solutions.found, expected.steps, numbers)
+            state.sight(best_sighted_pose(state, solutions.found, expected.steps, numbers))
         return decision
 
     def judge(
@@ -161,15 +173,9 @@ class Follower:
             grey, time: as for `update`.
             propose: the proposals, given the pose (3, 3) that is expected; they are asked for until one is accepted.
         """
-        self._apply_mended_outline()
-        state, target, numbers = self.state, self.target, self.numbers
-        levels, steps = build_pyramid(grey), self._elapsed_intervals(time)
-        state.steps = steps
-        presence = self._presence_prior()
-        predictions = predict_hypotheses(target, state, levels, steps, numbers)
-        expected = self._expected_location(predictions, steps)
-        solutions = Solutions(target, state, levels, numbers)
-        solutions.add(predictions.first)
+        levels, predictions, expected, presence = self._predict(grey, time)
+        state, numbers = self.state, self.numbers
+        solutions = Solutions(self.target, state, levels, numbers, predictions.first)
         found = answer = decide_pose(state, solutions.found, expected, presence, numbers)
         if not found.accepted:
             expected = self._if_gone(levels, predictions, expected)
@@ -186,8 +192,17 @@ class Follower:
             answer = check_strategy_contacts(found, nearest.contacts)
             if answer.accepted:
                 break
-        self._learn_from_image(levels, found, predictions, steps)  # whatever the strategy makes of it
+        self._learn_from_image(levels, found, predictions)  # whatever the strategy makes of it
         return answer, nearest
+
+    def _predict(self, grey: Grey, time: float | None) -> _Expectation:
+        """What continuity says of the next image, before it is looked at."""
+        self._apply_mended_outline()
+        state, numbers = self.state, self.numbers
+        levels, steps = build_pyramid(grey), state.advance(time)
+        predictions = predict_hypotheses(self.target, state, levels, steps, numbers)
+        presence = min(max(state.presence * (1.0 - numbers.hazard), numbers.redetected), 1.0 - numbers.hazard)
+        return _Expectation(levels, predictions, self._expected_location(predictions), presence)
 
     def _is_sudden(self, estimate: PoseEstimate) -> bool:
         """Whether the outline lies elsewhere all at once, or much of it is covered, by what may have carried texture along."""
@@ -195,11 +210,6 @@ class Follower:
         cover = -numbers.cover_power * math.log1p(-min(estimate.hidden, 0.999))
         noticed = -numbers.cover_power * math.log1p(-numbers.elsewhere)
         return outline_surprisal(estimate, numbers) - usual > SUDDEN or cover - usual > noticed
-
-    def _presence_prior(self) -> float:
-        """Prior probability that the object is there."""
-        numbers = self.numbers
-        return min(max(self.state.presence * (1.0 - numbers.hazard), numbers.redetected), 1.0 - numbers.hazard)
 
     def _against_slides(
         self, decision: Decision, solutions: Solutions, expected: Expected, presence: float
@@ -214,7 +224,7 @@ class Follower:
             e = decision.estimate
             if e is None:
                 break
-            moved = self.target.difference(state.last.G, e.G)
+            moved = self.target.handle.difference(state.last.G, e.G)
             near = float(np.hypot(*moved[:2])) < 0.5 * float(np.hypot(*slides[0]))
             if near and not state.lost and solutions.surface_missing(e) < missing:
                 break
@@ -272,10 +282,10 @@ class Follower:
         away = np.hypot(*(a[:: max(1, len(a) // OUTLINE), None] - b[None]).transpose(2, 0, 1)).min(axis=1)
         return bool(away.max() < allowed)
 
-    def _expected_location(self, predictions: Predictions, steps: float) -> Expected:
+    def _expected_location(self, predictions: Predictions) -> Expected:
         """Where it is expected, how long it may have moved freely, and how large it would be."""
         state, target, numbers = self.state, self.target, self.numbers
-        passed = max(1.0, steps)
+        passed = max(1.0, state.steps)
         if not state.lost:
             G, unseen, adrift = predictions.first[0].G, passed, 0.0 if predictions.ground is not None else passed
         elif predictions.ground is not None and state.anchored:
@@ -299,7 +309,7 @@ class Follower:
             G = predictions.first[0].G if not state.lost else state.expected
             if state.lost and predictions.ground is not None and state.anchored:
                 G = predictions.ground
-            state.gone = place_is_empty(self.target, state.located, levels, G)
+            state.note_gone(gone=place_is_empty(self.target, state.located, levels, G))
         return expected._replace(steps=LONG) if state.gone else expected
 
     def _has_lookalike(self, look: Look) -> bool:
@@ -330,32 +340,18 @@ class Follower:
         away = max(one, other, key=lambda e: math.dist(e.middle, place))
         return wrong_object_probability(state, away, 1.0, self.numbers) < 0.5
 
-    def _elapsed_intervals(self, time: float | None) -> float:
-        """Time since the last image in usual intervals, 1 where times are not told."""
-        state = self.state
-        if time is None or state.time is None or time <= state.time:
-            return 1.0
-        passed = time - state.time
-        state.interval = passed if state.interval is None else min(state.interval, passed)
-        state.time = time
-        return passed / state.interval
-
-    def _learn_from_image(self, levels: list[Grey], decision: Decision, predictions: Predictions, steps: float) -> None:
+    def _learn_from_image(self, levels: list[Grey], decision: Decision, predictions: Predictions) -> None:
         state, e = self.state, decision.estimate
         if self._shows_both(decision):
-            if state.lost:  # which of them came to its place, nobody saw
-                state.lookalike = True
-            else:
-                state.beside = True
+            state.note_lookalike()
         roughly = decision.code == "uncertain" and decision.evidence > 0.0
         if state.lost:  # what is found anew must be the object, wherever its contacts are
             roughly = roughly and any_of(1.0 - decision.presence, decision.exchanged) < self.numbers.risk
         if e is not None and (decision.accepted or roughly):
-            state.learn(self.target, levels, decision, e, predictions, steps)
+            state.learn(self.target, levels, decision, e, predictions)
         else:
-            if not state.lost:
-                state.lookalike = state.lookalike or self._has_lookalike(state.located)
-            state.lose(self.target, levels, decision, predictions, steps)
+            alike = not state.lost and (state.lookalike or self._has_lookalike(state.located))
+            state.lose(self.target, levels, decision, predictions, lookalike=alike)
         if not self._mender.is_over:
             self._mended = self._mender.look(state, levels, decision)
 

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from grasptrack.kernels import seen_area
-from grasptrack.tracking.decision import largest_sigma, worst_variance
+from grasptrack.tracking.decision import is_certain
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
@@ -85,9 +84,8 @@ def predict_hypotheses(
 
 def _fixes_contacts(target: Target, flow: dict[str, Any], numbers: Numbers) -> bool:
     """Whether its own texture tells where every contact is, as surely as an answer is asked for."""
-    area = abs(seen_area(flow["G"], target.outline))
-    most = worst_variance(target.handle.placed(flow["G"], flow["P"])[1])
-    return math.sqrt(most) < largest_sigma(area, numbers)
+    covariance = target.handle.placed(flow["G"], flow["P"])[1]
+    return is_certain(covariance, abs(seen_area(flow["G"], target.outline)), numbers)
 
 
 GROUND = 4

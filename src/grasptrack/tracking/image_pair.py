@@ -33,13 +33,13 @@ from grasptrack.tracking.redetection import Keypoints
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
     decide_single,
-    first_state,
     pose_hypothesis,
     same_place,
     single_estimate,
     told_apart,
     turned_hypotheses,
 )
+from grasptrack.tracking.state import first_state
 from grasptrack.tracking.strategies import Carried, Silhouettes, Snakes
 from grasptrack.tracking.target import build_pyramid
 from grasptrack.transfer import strategy_names

@@ -22,8 +22,7 @@ from grasptrack.tracking.decision import (
 )
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.plane import Beforehand
-from grasptrack.tracking.state import TrackState, initial_state
+from grasptrack.tracking.state import TrackState
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
@@ -31,20 +30,6 @@ UNCERTAIN = 4.0
 """Grey levels of texture that compression, light and dust make in one image, and another of the same surface need not show."""
 PRESENT = 0.5
 """Prior probability that an image of which nothing is known shows the object."""
-
-
-def first_state(target: Target, levels: list[Grey], numbers: Numbers, before: Beforehand | None = None) -> TrackState:
-    """The state in the first image's pyramid, each patch of the surface expected to look alike as far as noise allows.
-
-    `before` as for `Plane`.
-    """
-    state = initial_state(target, levels, numbers, before)
-    own = estimate_pose(target, state, levels, Hypothesis("first", target.A, state.P))
-    if own is None:
-        return state
-    # V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look
-    usual = [np.clip(2.0 * np.nan_to_num(r) - 1.0, 0.0, 1.0) for r in own.correlation]
-    return replace(state, usual=usual)
 
 
 def pose_hypothesis(target: Target, origin: str, H: Floats, numbers: Numbers) -> Hypothesis:

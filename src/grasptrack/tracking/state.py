@@ -5,20 +5,137 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from grasptrack.tracking.decision import Decision, is_near, mean_point, outline_surprisal
-from grasptrack.tracking.estimator import CONTINUOUS, PoseEstimate
+from grasptrack.tracking.estimator import CONTINUOUS, NO_BEND, Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.plane import Beforehand, Plane
-from grasptrack.tracking.shutter import Shutter
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
     from grasptrack.tracking.hypotheses import Predictions
+
+
+FAR = 500.0
+"""Log of odds beyond which nothing changes."""
+
+
+class Readout(NamedTuple):
+    """Share of a usual interval between two images in which rows are read out, first to last, and the variance of that."""
+
+    share: float
+    variance: float
+
+
+class Shutter:
+    """How the object moves and moved when it was seen first, and what is known of the readout.
+
+    Rows are exposed one after another, so that each place is seen at the time of its own row. To first order it lies beside
+    where all would be seen at once by its speed times the time between its row and that of the object's middle, in the first
+    view as in this one. Most of this a pose's error makes as well; the rest is what tells of the readout.
+
+    Args:
+        A: (3, 3) the pose in the first view.
+        height: px of the image.
+        numbers: the core's.
+
+    Attributes:
+        readout: as it is believed. Either all rows are exposed at once, or of a readout that there is the images told.
+        shown: (3, 8) the bend of the last image in which the object was found.
+    """
+
+    def __init__(self, A: Floats, height: int, numbers: Numbers) -> None:
+        self._height, self._numbers = height, numbers
+        self._rigid, self.shown = A, NO_BEND
+        self._velocity: Floats | None = None
+        self._first: Floats | None = None
+        self._information, self._views, self._sums = 0.0, 0, (0.0, 0.0, 0.0)
+        self.readout = self._believed()
+
+    def bend(self, target: Target, G: Floats, steps: float) -> Floats:
+        """(3, 8) where places are seen beside the pose, for a readout of 1, as `kernels.PoseTarget.solve` takes it.
+
+        The pose is the homography that carries the contacts exactly, up to four of them, and the outline as well as it can.
+
+        Args:
+            target: the object.
+            G: (3, 3) the pose through which it is seen, roughly.
+            steps: time since the last image in usual intervals.
+        """
+        velocity = self._speed(target, target.handle.moved(G, self.readout.share * self.shown[0]), steps)
+        if velocity is None:
+            return NO_BEND
+        first = velocity if self._first is None else self._first
+        if self._velocity is not None:  # between two images it is that in the middle of them, and goes on changing
+            velocity = velocity + (velocity - self._velocity) * (steps / (steps + 1.0))
+        bend = np.outer(self._rows(target, G), velocity) - np.outer(self._rows(target, target.A), first)
+        bend[0] = -(target.error_of_bend @ bend[1:].ravel())
+        return bend
+
+    def follow(self, target: Target, G: Floats, bend: Floats, steps: float) -> Floats:
+        """Where the object was found: its pose (3, 3), and the bend (3, 8) of that.
+
+        Returns:
+            (3, 3) the pose in which it would be seen if all rows were exposed at once.
+        """
+        rigid = np.asarray(target.handle.moved(G, self.readout.share * bend[0]), dtype=np.float64)
+        self._velocity = self._speed(target, rigid, steps)
+        self._rigid, self.shown = rigid, bend
+        if self._first is None:
+            self._first = self._velocity
+        return rigid
+
+    def lose(self) -> None:
+        """It was not found: how it moves is not known."""
+        self._rigid, self._velocity, self.shown = np.full((3, 3), math.nan), None, NO_BEND
+        if self._first is None:
+            self._first = np.zeros(8)
+
+    def learn(self, share: float, variance: float, new: float) -> None:
+        """What an image tells of the readout, of which the share `new` (0 to 1) is new: near views err alike.
+
+        The mean is that of all images. What is known of it is the better of what was known and what is told, and of the other
+        one that which is new; and all the less, the more the images contradict each other.
+        """
+        if not (variance > 0.0 and math.isfinite(variance) and math.isfinite(share)):
+            return
+        known, told = self._information, 1.0 / variance
+        self._information = known + told - (1.0 - new) * min(known, told)
+        self._views += 1
+        weight, first, second = self._sums
+        self._sums = weight + told, first + told * share, second + told * share**2
+        self.readout = self._believed()
+
+    def _believed(self) -> Readout:
+        prior, rolling = self._numbers.readout_sd**2, self._numbers.rolling
+        if not self._views:
+            return Readout(0.0, rolling * prior)
+        weight, first, second = self._sums
+        told = first / weight
+        uneven = max(1.0, (second - weight * told**2) / self._views)
+        information = self._information / uneven
+        variance = 1.0 / (information + 1.0 / prior)
+        mean = variance * information * told
+        odds = 0.5 * (mean**2 / variance + math.log(variance / prior)) + math.log(rolling / (1.0 - rolling))
+        some = 1.0 / (1.0 + math.exp(min(-odds, FAR)))
+        return Readout(some * mean, some * (variance + mean**2) - (some * mean) ** 2)
+
+    def _speed(self, target: Target, rigid: Floats, steps: float) -> Floats | None:
+        """(8,) the pose's change in a usual interval; None where it is not known."""
+        velocity: Floats = target.handle.difference(self._rigid, rigid) / max(steps, 1e-3)
+        return velocity if math.isfinite(float(velocity @ velocity)) else None
+
+    def _rows(self, target: Target, G: Floats) -> tuple[float, float, float]:
+        """0, and the share of the image's rows by which places lie lower, at the middle, half a size to the right, and down."""
+        _, (a, b, c), (d, e, f) = G.tolist()
+        x, y = target.centre.tolist()
+        w = d * x + e * y + f
+        row, unit = (a * x + b * y + c) / w, 0.5 * target.size / self._height / w
+        return 0.0, (a - row * d) * unit, (b - row * e) * unit
 
 
 MOST_SEEN = 0.7
@@ -143,6 +260,41 @@ class TrackState:
     beside: bool
     sighted: Floats | None
 
+    def advance(self, time: float | None) -> float:
+        """The next image was taken at a time in s: usual intervals since the last one, 1 where times are not told."""
+        self.steps = 1.0
+        if time is not None and self.time is not None and time > self.time:
+            passed = time - self.time
+            self.interval = passed if self.interval is None else min(self.interval, passed)
+            self.time = time
+            self.steps = passed / self.interval
+        return self.steps
+
+    def bend(self, target: Target, levels: list[Grey], G: Floats) -> Floats:
+        """(3, 8) how a rolling shutter bends the object in the image of this pyramid, seen about a pose (3, 3)."""
+        if levels is self.last.levels:  # it was found there
+            return self.shutter.shown
+        return self.shutter.bend(target, G, self.steps)
+
+    def confirm(self, estimate: PoseEstimate, numbers: Numbers) -> None:
+        """Other hypotheses led to the same answer."""
+        self.confirmed = outline_surprisal(estimate, numbers)
+
+    def sight(self, G: Floats | None) -> None:
+        """What may be the object, but is not believed to be it, was seen at a pose (3, 3), or nowhere."""
+        self.sighted = G
+
+    def note_gone(self, *, gone: bool) -> None:
+        """Whether its place is seen without it."""
+        self.gone = gone
+
+    def note_lookalike(self, *, anywhere: bool = False) -> None:
+        """An image shows the object where it was, and something just like it elsewhere, or anywhere in the first image."""
+        if self.lost or anywhere:  # which of them came to its place, nobody saw
+            self.lookalike = True
+        else:
+            self.beside = True
+
     def learn(
         self,
         target: Target,
@@ -150,7 +302,6 @@ class TrackState:
         decision: Decision,
         estimate: PoseEstimate,
         predictions: Predictions,
-        steps: float,
     ) -> None:
         """What an image teaches in which the object was located; all of it only if it was accepted.
 
@@ -159,12 +310,11 @@ class TrackState:
             levels: the image's pyramid.
             decision, estimate: what was found in it.
             predictions: where it was expected.
-            steps: time since the last image in usual intervals.
         """
-        numbers, e = target.numbers, estimate
+        numbers, e, steps = target.numbers, estimate, self.steps
         way = float(np.linalg.norm(target.handle.difference(self.last.G, e.G)))
         new = min(1.0, way / (numbers.new_view * target.size)) if math.isfinite(way) else 1.0
-        self._learn_motion(target, e, predictions, steps)
+        self._learn_motion(target, e, predictions)
         rigid = self.shutter.follow(target, e.G, e.bend, steps)
         before = target.carried(self.last.G)
         px = math.sqrt(2.0 * float(((e.contacts - before) ** 2).mean()))
@@ -194,14 +344,15 @@ class TrackState:
             self.inner_spread = _clamp_value(0.9 * self.inner_spread + 0.1 * 1.3 * e.look, 6.0, 30.0)
 
     def lose(
-        self,
-        target: Target,
-        levels: list[Grey],
-        decision: Decision,
-        predictions: Predictions,
-        steps: float,
+        self, target: Target, levels: list[Grey], decision: Decision, predictions: Predictions, *, lookalike: bool
     ) -> None:
-        """What remains known of an object that was not located; arguments as for `learn`."""
+        """What remains known of an object that was not located.
+
+        Args:
+            target, levels, decision, predictions: as for `learn`.
+            lookalike: the last look at it shows something just like it elsewhere.
+        """
+        self.lookalike = self.lookalike or lookalike
         numbers, e, ground = target.numbers, decision.estimate, predictions.ground
         self.lost += 1
         seen = e is not None and bool(len(e.visible)) and float(np.mean(e.visible)) > MOST_SEEN
@@ -225,7 +376,7 @@ class TrackState:
             self.unseen += 0.0 if at_place else self.wander
             self.adrift = 0.0
         else:
-            passed = 0.0 if at_place else max(1.0, steps)
+            passed = 0.0 if at_place else max(1.0, self.steps)
             self.adrift += passed
             self.unseen += passed
             self.last = Look(levels, self.last.G if e is None else e.G)
@@ -239,7 +390,7 @@ class TrackState:
         self.usual, self.exchanged, self.visible = usual, False, UNKNOWN
         self.strange = self.elsewhere = self.confirmed = 0.0
 
-    def _learn_motion(self, target: Target, estimate: PoseEstimate, predictions: Predictions, steps: float) -> None:
+    def _learn_motion(self, target: Target, estimate: PoseEstimate, predictions: Predictions) -> None:
         """How it moves; how far even motion and rest on the ground are off."""
         numbers, ground = target.numbers, predictions.ground
         if predictions.even is not None:
@@ -255,7 +406,7 @@ class TrackState:
             self.wanders += 1
             rate = 1.0 / min(self.wanders, MEMORY)
             self.wander = _clamp_value(self.wander + (share - self.wander) * rate, STILL, 1.0)
-        velocity = target.handle.difference(self.last.G, estimate.G) / max(steps, 1e-3)
+        velocity = target.handle.difference(self.last.G, estimate.G) / max(self.steps, 1e-3)
         self.velocity_P = self.P + estimate.P
         self.velocity = velocity if not self.lost and math.isfinite(float(velocity @ velocity)) else None
 
@@ -297,12 +448,24 @@ FIRST_SPREAD = 12.0
 """Grey levels; measured from the first image on."""
 
 
-def initial_state(target: Target, levels: list[Grey], numbers: Numbers, before: Beforehand | None = None) -> TrackState:
-    """The state in the first image, where the pose is known by definition; `before` as for `Plane`."""
+def first_state(
+    target: Target, levels: list[Grey], numbers: Numbers, before: Beforehand | None = None, time: float | None = None
+) -> TrackState:
+    """The state in the first image, where the pose is known by definition.
+
+    Each patch of the surface is expected to look alike as far as noise allows.
+
+    Args:
+        target: the object.
+        levels: pyramid of the first image.
+        numbers: the core's.
+        before: what is known of camera and tilt, as for `Plane`.
+        time: s, of the image.
+    """
     nuisance_covariance = np.diag([(numbers.thickness_sd * target.size) ** 2, 0.0, 0.0, 0.0])
     look, before = Look(levels, target.A), before or Beforehand.usual(numbers)
     nuisance_covariance[1:, 1:] = before.scale
-    return TrackState(
+    state = TrackState(
         last=look,
         visible=UNKNOWN,
         velocity=None,
@@ -323,7 +486,7 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers, before: 
         blur=0.0,
         light=(1.0, 0.0),
         lost=0,
-        time=None,
+        time=time,
         interval=None,
         accepted=0,
         strange=0.0,
@@ -345,3 +508,8 @@ def initial_state(target: Target, levels: list[Grey], numbers: Numbers, before: 
         expected=target.A,
         usual=[np.zeros(n) for n in target.counts],
     )
+    own = estimate_pose(target, state, levels, Hypothesis("first", target.A, state.P))
+    if own is not None:
+        # V / (V + grain) is what a patch of variance V has with itself, (V - grain) / (V + grain) with another look
+        state.usual = [np.clip(2.0 * np.nan_to_num(r) - 1.0, 0.0, 1.0) for r in own.correlation]
+    return state

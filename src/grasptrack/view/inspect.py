@@ -91,7 +91,7 @@ def ellipse_magnification(found: Suitability, px_per_point: float) -> float:
 
 def _draw_outline(panel: Panel, found: Suitability) -> None:
     """The outline, each part in the colour of its edge, on one dark casing."""
-    from grasptrack.trackability.advice import FAINT
+    from grasptrack.trackability.report import FAINT
 
     edges = found.edges
     for i, contour in enumerate(found.view.contours):

@@ -7,7 +7,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from grasptrack.trackability.motions import SLIDING
-from grasptrack.trackability.words import Row, expected, report_rows
+from grasptrack.trackability.report import Row, expected, report_rows
 from grasptrack.view.grasp_panel import LINE, NEIGHBOUR
 from grasptrack.view.grasp_text import INK, MUTED, RULE
 from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hex_colour, text_width
@@ -137,7 +137,7 @@ def draw_legend(axes: Any, found: Suitability, times: float) -> None:
     """What is what, below the large panel."""
     from matplotlib.lines import Line2D
 
-    from grasptrack.trackability.advice import FAINT
+    from grasptrack.trackability.report import FAINT
 
     edges = found.edges
     weak = edges.clear & (edges.strength < FAINT)
