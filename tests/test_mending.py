@@ -182,7 +182,7 @@ def test_an_outline_that_agrees_is_looked_at_no_more() -> None:
     for frame in frames[: VIEWS + 2]:
         tracker.update(frame.image, frame.time)
         assert tracker._track is not None
-        over.append(tracker._track.carrier.follower._mender.is_over)
+        over.append(tracker._track.follower._mender.is_over)
     assert over == [False] * VIEWS + [True] * 2
 
 

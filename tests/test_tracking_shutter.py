@@ -142,7 +142,7 @@ def followed(part: str, name: str) -> tuple[Scene, list[SceneFrame], np.ndarray,
     tracker = GraspTracker(grasp=contacts)
     told = [tracker.update(frame.image, time=frame.time) for frame in frames]
     assert tracker._track is not None
-    return scene, frames, contacts, told, tracker._track.carrier.follower.state.shutter
+    return scene, frames, contacts, told, tracker._track.follower.state.shutter
 
 
 @pytest.mark.parametrize(("part", "most"), [("bracket", 0.25), ("bottle", 0.15)])

@@ -17,7 +17,8 @@ from grasptrack.bench.metrics.score import FrameScore, Score
 from grasptrack.bench.metrics.truth import Truth
 from grasptrack.errors import GraspError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.tracking.initialization import AUTO, synthesize_grasps
+from grasptrack.tracking.follower import AUTO
+from grasptrack.tracking.initialization import synthesize_grasps
 from grasptrack.typing import Floats
 
 

@@ -14,7 +14,7 @@ from grasptrack.errors import InputError
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contact_regions import chance_of_closing, regions_of
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, analyze
+from grasptrack.grasp.force_closure import DEFAULT_FRICTION, analyze
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.images import PLAIN
 from grasptrack.trackability.appearance import Edges, Relief, edge_direction_noise, edges_of, gradient_statistics
@@ -36,7 +36,8 @@ from grasptrack.trackability.report import Findings, is_lost, level_of, reasons_
 from grasptrack.trackability.result import Held, Looks, Reason, Suitability, Texture
 from grasptrack.trackability.synthetic_view import Setting, Stage
 from grasptrack.tracking.decision import contact_tolerance, largest_sigma
-from grasptrack.tracking.initialization import AUTO
+from grasptrack.tracking.follower import AUTO
+from grasptrack.tracking.initialization import Wish
 from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.plane import Beforehand
@@ -98,7 +99,8 @@ def inspect(
     given = None if grasp is None else Grasp(grasp)
     if runs < 1:
         raise InputError(f"at least 1 run must be drawn, not {runs}", runs=runs)
-    first = first_view(image, given, asked.fingers, friction, object_at, box, mask, ignore, hand, strategy, risk, focal)
+    wish = Wish(asked.fingers, strategy, friction, given, object_at, box, hand, ignore=ignore)
+    first = first_view(image, mask, wish, risk, focal)
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)
     surface, ground = gradient_statistics(grey, view, first.hidden)
@@ -117,7 +119,7 @@ def inspect(
         adrift = min(fixed.deviations[2], contact_tolerance(view.outer.area, NUMBERS)) if fixed.by == "nothing" else 0.0
         prediction = predict_run(Drawn.of(runs_drawn, math.sqrt(view.outer.area), adrift))
     refusal = "" if fixed is None else _refusal_reason(fixed.by != "nothing", fixed.covariance, limit)
-    grip = None if first.grasp is None else _assess_grasp(first, friction, limit, motions.frame.size, fixed, prediction)
+    grip = None if first.grasp is None else _assess_grasp(first, friction, limit, fixed, prediction)
     usable = strategies_of(first.held, view, grey, refusal)
     likeness = Likeness(first, target, stage)
     symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
@@ -209,7 +211,7 @@ def _measure_appearance(first: FirstView, target: Target, edges: Edges, surface:
 
 
 def _assess_grasp(
-    first: FirstView, friction: float, limit: float, size: float, fixed: Settled | None, prediction: Prediction | None
+    first: FirstView, friction: float, limit: float, fixed: Settled | None, prediction: Prediction | None
 ) -> Held:
     """The grasp with the errors to be expected of its contacts: in the ratios of their covariances, as large as predicted."""
     grasp, view = first.held, first.candidate.view
@@ -217,14 +219,13 @@ def _assess_grasp(
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     expected = math.nan if prediction is None else prediction.error_px
     known = 1.0 if math.isnan(expected) else expected / float(sigma.max())
-    width = FINGER_WIDTH * size
-    analysis = analyze(grasp, view, friction, width, "reference")
+    analysis = analyze(grasp, view, friction, judged_in="reference")
     return Held(
         contacts=grasp.contacts,
         opening=grasp.opening,
         margin=analysis.margin,
         stable=analysis.stable,
-        chance=chance_of_closing(regions_of(grasp, view, friction, width), known**2 * covariance),
+        chance=chance_of_closing(regions_of(grasp, view, friction), known**2 * covariance),
         sigma=known * sigma,
         covariance=known**2 * covariance,
         limit=limit,

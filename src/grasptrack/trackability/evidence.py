@@ -21,7 +21,7 @@ from grasptrack.trackability.prediction import Looked
 from grasptrack.trackability.synthetic_view import REST, Stage
 from grasptrack.tracking.decision import texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
-from grasptrack.tracking.initialization import AUTO
+from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (

@@ -8,18 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import ObservationError, TransferError
+from grasptrack.errors import ObservationError
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
-from grasptrack.segmentation.objects import dilate_mask
+from grasptrack.segmentation.images import Grey, to_bgr
 from grasptrack.segmentation.outline_detector import OutlineDetector
-from grasptrack.segmentation.proposals import Box
 from grasptrack.tracking import initialization
-from grasptrack.tracking.initialization import Wish
+from grasptrack.tracking.initialization import Wish, hidden_mask, image_size, mask_as_scene, start_tracking
 from grasptrack.tracking.plane import Beforehand
-from grasptrack.tracking.strategies import Carrier, carrier_for
+from grasptrack.tracking.strategies import Carrier
 
 
 class FirstView(NamedTuple):
@@ -58,59 +55,34 @@ class FirstView(NamedTuple):
 
 
 def first_view(
-    image: NDArray[Any],
-    given: Grasp | None,
-    fingers: int,
-    friction: float,
-    object_at: tuple[float, float] | None,
-    box: Box | None,
-    mask: NDArray[Any] | None,
-    ignore: NDArray[Any] | None,
-    hand: Hand | None,
-    strategy: str,
-    risk: float,
-    focal: Beforehand | None,
+    image: NDArray[Any], mask: NDArray[Any] | None, wish: Wish, risk: float, focal: Beforehand | None
 ) -> FirstView:
-    """Object and grasp as `GraspTracker.update` chooses them in a first image; arguments as there, `focal` as for `Plane`.
+    """Object and grasp as `GraspTracker.update` chooses them in a first image; `focal` as for `Plane`.
 
     Raises:
         ObservationError: no object.
         SourceError, InputError: an image or mask that cannot be used.
         GraspError: given contacts that are not on an object.
     """
-    colours = to_bgr(image)
-    shape = colours.shape[:2]
-    hidden = None if ignore is None else dilate_mask(to_mask(ignore, shape, "ignore mask"))
-    observer = OutlineDetector(hidden)
-    seen = colours if mask is None else as_scene(to_mask(mask, shape, "mask"))
-    observer.look(seen)
-    masked = mask is not None
-    wish = Wish(fingers, strategy, friction, given, object_at, box, hand)
-    chosen = initialization.first_view(observer, wish, masked)
+    shape = image_size(image)
+    observer = OutlineDetector(hidden_mask(wish.ignore, shape))
+    colours = to_bgr(image) if mask is None else mask_as_scene(mask, shape)
+    observer.look(colours)
+    chosen = initialization.first_view(observer, wish, mask is not None)
     candidate, reason = chosen.candidate, chosen.reason.sentence
     if candidate is None:
         raise ObservationError(reason)
-    grey = observer.choose(candidate)
-    others = _other_objects(observer, chosen.found, candidate, masked, object_at is not None or box is not None)
-    for i, grasp in enumerate(chosen.grasps):
+    grey, found = observer.choose(candidate), chosen.found
+    if wish.object_at is not None or wish.box is not None:  # only one place in the image was looked at
         try:
-            carrier = carrier_for(strategy, grasp, candidate.view, grey, None, observer, risk, focal)
-        except TransferError as error:
-            if i == 0:
-                reason = f"no grasp that {strategy} can carry: {error}"
-            continue
-        return FirstView(candidate, seen, observer, grey, others, grasp, carrier, "")
-    held = chosen.grasps[0] if chosen.grasps else None
-    return FirstView(candidate, seen, observer, grey, others, held, None, reason)
-
-
-def _other_objects(
-    observer: OutlineDetector, found: list[Candidate], candidate: Candidate, masked: bool, asked: bool
-) -> list[Candidate]:
-    """Further objects of the whole image, also where only one place in it was looked at."""
-    if asked:
-        try:
-            found = observer.first(masked)
+            found = observer.first(mask is not None)
         except ObservationError:
             found = []
-    return initialization.other_objects(found, candidate)
+    others = initialization.other_objects(found, candidate)
+    start = start_tracking(chosen, wish.strategy, grey, observer, risk=risk, before=focal)
+    if start.carrier is None:
+        start = start._replace(grasp=chosen.grasps[0] if chosen.grasps else None)
+        reason = f"no grasp that {wish.strategy} can carry: {start.refusal}" if start.refusal else reason
+    return FirstView(
+        candidate, colours, observer, grey, others, start.grasp, start.carrier, "" if start.carrier else reason
+    )

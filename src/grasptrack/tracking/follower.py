@@ -58,15 +58,26 @@ OUTLINE = 60
 """Points of an outline at which it is compared with another."""
 ALIKE = 0.5
 """Share of the evidence for the object that something has to show to be just like it."""
+AUTO = "auto"
+"""Name of the strategy that registers all that is seen."""
 REGISTRATION = "registration"
-"""Name of what `auto` answers with."""
+"""Name of what it answers with."""
 
 
 class Proposal(NamedTuple):
-    """What a strategy by itself makes of an image: the pose that it suggests, and (k, 2) px where it puts the contacts."""
+    """What a strategy by itself makes of an image.
+
+    Attributes:
+        hypothesis: the pose that it suggests.
+        contacts: (k, 2) px where it puts them.
+        homography: (3, 3) H_current_reference by which it carried them.
+        view: the outline that this was made on.
+    """
 
     hypothesis: Hypothesis
     contacts: Floats
+    homography: Floats
+    view: View
 
 
 Proposals = Iterable[Sequence[Proposal]]
@@ -194,6 +205,12 @@ class Follower:
                 break
         self._learn_from_image(levels, found, predictions)  # whatever the strategy makes of it
         return answer, nearest
+
+    def pose_covariance(self, estimate: PoseEstimate) -> Floats:
+        """(8, 8) of the error of a pose in the last image, with what the model does not know."""
+        exposed = np.zeros(8)
+        exposed[:2] = self.numbers.exposed * min(self.state.moved)
+        return np.asarray(estimate.P * self.numbers.inflate**2 + np.diag(exposed**2), dtype=np.float64)
 
     def _predict(self, grey: Grey, time: float | None) -> _Expectation:
         """What continuity says of the next image, before it is looked at."""
@@ -373,6 +390,7 @@ class Moved(NamedTuple):
         contacts: (k, 2) px; None where there are none.
         homography: (3, 3) H_current_reference by which they were carried: the strategy's own.
         view: the outline that was laid on the image, or found in it.
+        covariance: (8, 8) of the pose's error, with what the model does not know.
         reason: why it is not believed.
     """
 
@@ -380,6 +398,7 @@ class Moved(NamedTuple):
     contacts: Floats | None = None
     homography: Floats | None = None
     view: View | None = None
+    covariance: Floats | None = None
     reason: Reason = Reason()
 
 
@@ -399,7 +418,9 @@ class Registration:
     def move(self, grey: Grey, time: float | None) -> Moved:
         """The grasp in the next image (H, W), taken at a time in s."""
         decision, target = self.follower.update(grey, time).at(self._risk), self.follower.target
-        if decision.estimate is None or not decision.accepted:
+        estimate = decision.estimate
+        if estimate is None or not decision.accepted:
             return Moved(decision, reason=Reason(decision.code, decision.figures))
-        H = target.homography(decision.estimate.G)
-        return Moved(decision, decision.estimate.contacts, H, target.view.transformed(H))
+        H = target.homography(estimate.G)
+        view, covariance = target.view.transformed(H), self.follower.pose_covariance(estimate)
+        return Moved(decision, estimate.contacts, H, view, covariance)

@@ -13,19 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack import kernels
 from grasptrack.errors import AmbiguousError, GraspTrackError, ObservationError, TransferError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, homography_jacobian, normalize_homography
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import FINGER_WIDTH, GraspAnalysis, analyze
+from grasptrack.grasp.force_closure import GraspAnalysis, analyze
 from grasptrack.matching import Match, MatchOutcome, Sampled, find_symmetries, judge_hypotheses, match_outlines
 from grasptrack.segmentation.candidate import Candidate, contains_pixel
-from grasptrack.segmentation.images import PLAIN, Grey, to_bgr, to_mask
-from grasptrack.segmentation.objects import dilate_mask, find_candidates
+from grasptrack.segmentation.images import PLAIN, Grey, to_bgr
+from grasptrack.segmentation.objects import find_candidates
 from grasptrack.tracking.decision import Decision, check_strategy_contacts, max_contact_distance, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
 from grasptrack.tracking.follower import REGISTRATION
+from grasptrack.tracking.initialization import hidden_mask, image_size
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
 from grasptrack.tracking.plane import Beforehand
@@ -145,7 +145,7 @@ def transfer_between_images(
     """
     numbers = NUMBERS.with_risk(risk)
     before, colours = to_bgr(first), to_bgr(second)
-    hidden = None if ignore is None else dilate_mask(to_mask(ignore, colours.shape[:2], "ignore mask"))
+    hidden = hidden_mask(ignore, image_size(colours))
     outline = Sampled(reference)
     try:
         found, ways, told = _by_outline(colours, outline, object_at, hidden)
@@ -216,7 +216,6 @@ class _Scene:
     ) -> None:
         self._numbers, self._strict = numbers, NUMBERS.learning(numbers.risk)
         self._grasp, self._view, self._friction, self._object_at = grasp, reference, friction, object_at
-        self._width = FINGER_WIDTH * math.sqrt(kernels.inertia(reference.points, reference.offsets)[0])
         self._found = found
         channel = PLAIN if found is None else found.channel
         self._first, self._second = channel.grey(first), channel.grey(second)
@@ -345,7 +344,7 @@ class _Scene:
         off = math.nan if again is None else max_contact_distance(again.contacts, estimate.contacts)
         reason, analysis = _refusal_sentence(decision), None
         try:
-            analysis = analyze(self._grasp, self._view, self._friction, self._width, "reference")
+            analysis = analyze(self._grasp, self._view, self._friction, judged_in="reference")
         except GraspTrackError as problem:
             reason = reason or str(problem)
         return Outcome(REGISTRATION, estimate.contacts, H, analysis, off, reason, decision.confidence, decision.code)
@@ -365,7 +364,7 @@ class _Scene:
         off = math.nan if estimate is None else max_contact_distance(contacts, estimate.contacts)
         try:
             back = Grasp.of(apply_homography(np.linalg.inv(carried), contacts))
-            analysis = analyze(back, self._view, self._friction, self._width, "reference")
+            analysis = analyze(back, self._view, self._friction, judged_in="reference")
         except GraspTrackError as problem:
             reason = reason or str(problem)
         return Outcome(name, contacts, carried, analysis, off, reason, decision.confidence, decision.code)

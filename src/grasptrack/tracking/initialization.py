@@ -26,15 +26,18 @@ from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
 from grasptrack.grasp.hand import Hand
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.objects import remove_nested
+from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
+from grasptrack.segmentation.objects import dilate_mask, remove_nested
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.proposals import Box
 from grasptrack.segmentation.undistortion import Told, Undistortion
+from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.messages import Reason
+from grasptrack.tracking.numbers import DEFAULT_RISK
+from grasptrack.tracking.plane import Beforehand
+from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import strategy_named
 from grasptrack.typing import Floats
-
-AUTO = "auto"
 
 NEARLY_AS_GOOD = 0.7
 """Share of the best quality that a grasp needs to be preferred for being easier to carry."""
@@ -127,6 +130,71 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
         return FirstView(None, [], Reason("object-gone"), found)
     chosen, why = _choose_grasps(candidate, found, wish)
     return FirstView(candidate, chosen, Reason() if chosen else Reason("no-grasp", detail=why), found)
+
+
+class Start(NamedTuple):
+    """How a grasp is begun to be followed.
+
+    Attributes:
+        grasp: the first that the strategy can carry; None where there is none.
+        carrier: takes it to later images.
+        refusal: why the strategy cannot carry the first one of all; empty where it can.
+    """
+
+    grasp: Grasp | None
+    carrier: Carrier | None
+    refusal: str
+
+
+def start_tracking(
+    first: FirstView,
+    strategy: str,
+    grey: Grey,
+    observer: OutlineDetector,
+    time: float | None = None,
+    risk: float = DEFAULT_RISK,
+    before: Beforehand | None = None,
+) -> Start:
+    """The first grasp of a first view that the strategy can carry, and what carries it; arguments as for `carrier_for`."""
+    refusal = ""
+    if first.candidate is None:
+        return Start(None, None, refusal)
+    for grasp in first.grasps:
+        try:
+            carrier = carrier_for(strategy, grasp, first.candidate.view, grey, time, observer, risk, before)
+        except TransferError as error:
+            refusal = refusal or str(error)
+            continue
+        return Start(grasp, carrier, refusal)
+    return Start(None, None, refusal)
+
+
+def image_size(image: NDArray[Any]) -> tuple[int, int]:
+    """Height and width of an image, once it is one.
+
+    Raises:
+        SourceError: it is none.
+    """
+    height, width = to_bgr(image).shape[:2]
+    return height, width
+
+
+def hidden_mask(ignore: NDArray[Any] | None, shape: tuple[int, int]) -> Grey | None:
+    """(H, W) nonzero where nothing belongs to the scene, with some room, of a mask as the user gives it; None without.
+
+    Raises:
+        InputError: a mask of another size.
+    """
+    return None if ignore is None else dilate_mask(to_mask(ignore, shape, "ignore mask"))
+
+
+def mask_as_scene(mask: NDArray[Any], shape: tuple[int, int]) -> Grey:
+    """(H, W) the user's segmentation of an image, softened: it takes the image's place.
+
+    Raises:
+        InputError: a mask of another size.
+    """
+    return as_scene(to_mask(mask, shape, "mask"))
 
 
 def _choose_candidate(found: list[Candidate], wish: Wish) -> Candidate | None:

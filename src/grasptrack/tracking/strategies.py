@@ -19,8 +19,7 @@ from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.outline_detector import ANYWHERE, OutlineDetector
 from grasptrack.snake.active_contour import Snake
 from grasptrack.tracking.estimator import Hypothesis
-from grasptrack.tracking.follower import Follower, Moved, Proposal, Registration
-from grasptrack.tracking.initialization import AUTO
+from grasptrack.tracking.follower import AUTO, Follower, Moved, Proposal, Registration
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.plane import Beforehand
@@ -196,27 +195,27 @@ class Alone:
 
     def move(self, grey: Grey, time: float | None) -> Moved:
         """See Carrier."""
-        tried: list[tuple[Proposal, Carried]] = []
+        tried: list[Proposal] = []
         refused: list[str] = []
         decision, chosen = self.follower.judge(grey, time, lambda G: self._propose_transfers(grey, G, tried, refused))
-        carried = next((c for proposal, c in tried if proposal is chosen), None)
-        if carried is None:  # of its contacts nothing can be said
+        if chosen is None:  # of its contacts nothing can be said
             self._missed += 1
             decision = replace(decision, probability_off=1.0, doubt=decision.code or "no-transfer")
             why = Reason(decision.doubt, decision.figures)
             return Moved(decision, reason=why if tried or not refused else Reason("no-transfer", detail=refused[0]))
         if decision.accepted:
             self._missed = 0
-            self._observer.believe(carried.view)
+            self._observer.believe(chosen.view)
         else:
             self._missed += 1
         answer = decision.at(self._risk)
-        if not answer.accepted:
+        if answer.estimate is None or not answer.accepted:
             return Moved(answer, reason=Reason(answer.code, answer.figures))
-        return Moved(answer, *carried)
+        covariance = self.follower.pose_covariance(answer.estimate)
+        return Moved(answer, chosen.contacts, chosen.homography, chosen.view, covariance)
 
     def _propose_transfers(
-        self, grey: Grey, G: Floats, tried: list[tuple[Proposal, Carried]], refused: list[str]
+        self, grey: Grey, G: Floats, tried: list[Proposal], refused: list[str]
     ) -> Iterator[list[Proposal]]:
         """Transfers to contours near an expected pose first, then to any that are alike; notes them, and why there is none."""
         target, missed = self.follower.target, self._missed
@@ -230,9 +229,8 @@ class Alone:
                 except TransferError as error:
                     refused.append(str(error))
                     continue
-                hypothesis = Hypothesis(self.name, target.pose(carried.homography), P)
-                found.append(Proposal(hypothesis, carried.contacts))
-                tried.append((found[-1], carried))
+                found.append(Proposal(Hypothesis(self.name, target.pose(carried.homography), P), *carried))
+            tried.extend(found)
             return found
 
         if not self._extractor.segments:

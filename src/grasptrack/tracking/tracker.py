@@ -14,27 +14,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import kernels
-from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError, TransferError
+from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contact_regions import CHANCE, ClosureCheck, Judgement
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.grasp.hand import Hand
-from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
-from grasptrack.segmentation.objects import Segmenter, dilate_mask
+from grasptrack.segmentation.images import Grey
+from grasptrack.segmentation.objects import Segmenter
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking.decision import contact_tolerance
 from grasptrack.tracking.distance import UNKNOWN, Distance, Ruler, make_ruler
 from grasptrack.tracking.estimator import PoseEstimate
-from grasptrack.tracking.follower import Moved
-from grasptrack.tracking.initialization import AUTO, Wish, first_view
+from grasptrack.tracking.follower import AUTO, Follower, Moved
+from grasptrack.tracking.initialization import Wish, first_view, hidden_mask, image_size, mask_as_scene, start_tracking
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import Beforehand, rectifying_view
 from grasptrack.tracking.result import Status, TrackResult
-from grasptrack.tracking.strategies import Carrier, carrier_for
+from grasptrack.tracking.strategies import Carrier
 from grasptrack.transfer import STRATEGIES, strategy_names
 from grasptrack.typing import Floats
 
@@ -47,6 +47,7 @@ class Track:
         number: of the grasp, from 1.
         closure: whether it closes.
         carrier: takes it from image to image.
+        follower: knows where the object is.
         ruler: tells how far it is; None where nobody said how long the object is, or it is cut off in the first view.
         mended: whether the outline is another than the first view's by now.
         false_edge: px by which a contact lies beside that outline, where it is too much; else 0.
@@ -55,6 +56,7 @@ class Track:
     number: int
     closure: ClosureCheck
     carrier: Carrier
+    follower: Follower
     ruler: Ruler | None = None
     mended: bool = False
     false_edge: float = 0.0
@@ -167,7 +169,7 @@ class GraspTracker:
         else:
             # contour extraction, grasp transfer, and whether to believe it
             moved = self._track.carrier.move(grey, time)
-            track, share = self._track, self._track.carrier.follower.mended
+            track, share = self._track, self._track.follower.mended
             if share and not track.mended:
                 track = self._track = self._on_mended(track)
                 result = replace(self._analyzed(moment, track, moved), mended=share)
@@ -184,54 +186,26 @@ class GraspTracker:
         if candidate is None:
             return _make_result(moment, "searching", reason)
         grey = self._observer.choose(candidate)
-        for grasp in first.grasps:
-            try:
-                carrier = carrier_for(
-                    self.strategy,
-                    grasp,
-                    candidate.view,
-                    grey,
-                    moment.time,
-                    self._observer,
-                    self.risk,
-                    before,
-                )
-            except TransferError as error:
-                reason = reason if reason.code else Reason("no-description", detail=str(error))
-                continue
-            self._grasps += 1
-            closure = _make_closure_check(grasp, candidate.view, self.friction)
-            self._track = Track(self._grasps, closure, carrier, self._ruler(carrier))
-            plane = carrier.follower.state.plane
-            still = np.eye(3), np.zeros((9, 9))
-            judged, tilt, distance = (
-                closure.first(plane.rectifications),
-                plane.tilt(*still),
-                self._track.distance(*still),
-            )
-            status, why = _told(judged, plane.rectifications.told)
-            return _make_result(
-                moment,
-                status,
-                why,
-                strategy=carrier.name,
-                grasp_id=self._grasps,
-                contacts=grasp.contacts,
-                seen=np.ones(len(grasp)),
-                analysis=judged.analysis,
-                confidence=1.0,
-                chance=judged.chance,
-                margin_sd=judged.margin_sd,
-                margin_image=judged.margin_image,
-                tilt=tilt.angle,
-                tilt_sd=tilt.sd,
-                rectification=plane.rectifications.best,
-                distance=distance.value,
-                distance_sd=distance.sd,
-                homography=np.eye(3),
-                view=candidate.view,
-            )
-        return _make_result(moment, "searching", reason, view=candidate.view)
+        start = start_tracking(first, self.strategy, grey, self._observer, moment.time, self.risk, before)
+        if start.carrier is None or start.grasp is None:
+            if start.refusal:
+                reason = Reason("no-description", detail=start.refusal)
+            return _make_result(moment, "searching", reason, view=candidate.view)
+        self._grasps += 1
+        grasp, follower = start.grasp, start.carrier.follower
+        closure = _make_closure_check(grasp, candidate.view, self.friction)
+        self._track = track = Track(self._grasps, closure, start.carrier, follower, self._ruler(follower))
+        return _located_result(
+            moment,
+            track,
+            closure.first(follower.plane.rectifications),
+            np.eye(3),
+            np.zeros((9, 9)),
+            contacts=grasp.contacts,
+            seen=np.ones(len(grasp)),
+            confidence=1.0,
+            view=candidate.view,
+        )
 
     def _again(self, view: View, plane: Beforehand) -> None:
         """Another grasp is to be chosen in the next image, on the object that has this outline and lies in this plane."""
@@ -239,16 +213,15 @@ class GraspTracker:
         self._track, self._plane = None, plane
         self._wish = self._wish.again(view, partial(rectifying_view, plane.theta, width=width, height=height))
 
-    def _ruler(self, carrier: Carrier) -> Ruler | None:
+    def _ruler(self, follower: Follower) -> Ruler | None:
         """What tells how far the object is, where its length was told."""
-        follower = carrier.follower
-        return None if self.length is None else make_ruler(follower.target, follower.state.plane, self.length)
+        return None if self.length is None else make_ruler(follower.target, follower.plane, self.length)
 
     def _on_mended(self, track: Track) -> Track:
         """The same grasp, judged on the outline that the first view has by now."""
-        target = track.carrier.follower.target
+        target = track.follower.target
         grasp, view = Grasp(target.contacts), target.view
-        track = replace(track, mended=True, ruler=self._ruler(track.carrier))
+        track = replace(track, mended=True, ruler=self._ruler(track.follower))
         off = float(grasp.on(view)[:, 2].max())
         if off > contact_tolerance(target.area, target.numbers):
             return replace(track, false_edge=off)
@@ -257,53 +230,42 @@ class GraspTracker:
     def _analyzed(self, moment: _Moment, track: Track, moved: Moved) -> TrackResult:
         """Analysis of what is believed."""
         estimate, contacts = moved.decision.estimate, moved.contacts
-        if estimate is None or contacts is None or moved.homography is None or moved.view is None:
+        if (
+            estimate is None
+            or contacts is None
+            or moved.homography is None
+            or moved.view is None
+            or moved.covariance is None
+        ):
             sure = moved.decision.confidence
             return _make_result(moment, "lost", moved.reason, grasp_id=track.number, confidence=sure)
-        follower = track.carrier.follower
-        target, numbers, plane = follower.target, follower.numbers, follower.state.plane
-        exposed = np.zeros(8)
-        exposed[:2] = numbers.exposed * min(follower.state.moved)
-        P = estimate.P * numbers.inflate**2 + np.diag(exposed**2)
-        H, homography_covariance = target.homography_and_covariance(estimate.G, P)
+        target, plane = track.follower.target, track.follower.plane
+        H, homography_covariance = target.homography_and_covariance(estimate.G, moved.covariance)
         if track.false_edge:  # fingers would close on nothing
             if self._resynthesize:
                 self._again(moved.view, plane.beforehand(H, homography_covariance))
             beside = Reason("false-edge", {"distance": track.false_edge})
             return _make_result(moment, "lost", beside, grasp_id=track.number, confidence=moved.decision.confidence)
-        covariance = target.handle.placed(estimate.G, P)[1]
+        covariance = target.handle.placed(estimate.G, moved.covariance)[1]
         try:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
         except (GraspError, ConditioningError) as error:
             return _make_result(moment, "lost", Reason("off-outline", detail=str(error)), grasp_id=track.number)
-        tilt = plane.tilt(H, homography_covariance)
-        distance = track.distance(H, homography_covariance)
-        status, reason = _told(judged, plane.rectifications.told)
         if self._resynthesize and _needs_another(judged, plane.rectifications.told):
             self._again(moved.view, plane.beforehand(H, homography_covariance))
-        return _make_result(
+        if contacts is not estimate.contacts:
+            covariance = covariance + _offset_covariance(contacts, estimate)
+        return _located_result(
             moment,
-            status,
-            reason,
-            strategy=track.carrier.name,
-            grasp_id=track.number,
+            track,
+            judged,
+            H,
+            homography_covariance,
             contacts=contacts,
             seen=target.seen(estimate.visible),
-            analysis=judged.analysis,
             confidence=moved.decision.confidence,
-            chance=judged.chance,
-            margin_sd=judged.margin_sd,
-            margin_image=judged.margin_image,
-            tilt=tilt.angle,
-            tilt_sd=tilt.sd,
-            rectification=plane.rectifications.best,
-            distance=distance.value,
-            distance_sd=distance.sd,
-            homography=H,
             homography_covariance=homography_covariance,
-            covariance=covariance
-            if contacts is estimate.contacts
-            else covariance + _offset_covariance(contacts, estimate),
+            covariance=covariance,
             view=moved.view,
         )
 
@@ -314,8 +276,8 @@ class GraspTracker:
         if self._camera is not None:
             image, mask = self._straight(image, mask, self._camera)
         if self._wish.ignore is not None and self._frame < 0:
-            self._observer = OutlineDetector(dilate_mask(to_mask(self._wish.ignore, _image_size(image), "ignore mask")))
-        grey = self._observer.look(image if mask is None else as_scene(to_mask(mask, _image_size(image), "mask")))
+            self._observer = OutlineDetector(hidden_mask(self._wish.ignore, image_size(image)))
+        grey = self._observer.look(image if mask is None else mask_as_scene(mask, image_size(image)))
         self._shape = self._shape or grey.shape
         if grey.shape != self._shape:
             (height, width), (first_height, first_width) = grey.shape, self._shape
@@ -338,7 +300,7 @@ class GraspTracker:
     ) -> tuple[NDArray[Any], NDArray[Any] | None]:
         """The image and its mask without the lens's distortion."""
         if self._lens is None:
-            height, width = _image_size(image)
+            height, width = image_size(image)
             self._lens = Undistortion(camera, width, height)
             self._wish = self._wish.straight(self._lens)
         return self._lens.image(image), None if mask is None else self._lens.mask(mask)
@@ -369,19 +331,19 @@ def _make_closure_check(grasp: Grasp, view: View, friction: float) -> ClosureChe
     return ClosureCheck(grasp, view, friction, width)
 
 
-def _told(judged: Judgement, told: bool) -> tuple[Status, Reason | None]:
+def _judged_status(judged: Judgement, chance: float, told: bool) -> tuple[Status, Reason | None]:
     """Whether a grasp is stable, and why not or by how much that is open; `told` as of `Rectifications`.
 
     What no view has told yet is no reason to refuse a grasp, and is said.
     """
-    chance = {"chance": judged.chance}
+    figures = {"chance": chance}
     if not judged.analysis.stable:
         return "unstable", Reason("not-closing", detail=judged.analysis.reason)
     if told and judged.closes < CHANCE:
-        return "unstable", Reason("open-margin", chance)
-    if (judged.chance if told else judged.stays) < CHANCE:
-        return "unstable", Reason("slips", chance)
-    return "tracked", Reason("tilt-open", chance) if judged.chance < CHANCE else None
+        return "unstable", Reason("open-margin", figures)
+    if (chance if told else judged.stays) < CHANCE:
+        return "unstable", Reason("slips", figures)
+    return "tracked", Reason("tilt-open", figures) if chance < CHANCE else None
 
 
 def _needs_another(judged: Judgement, told: bool) -> bool:
@@ -391,14 +353,40 @@ def _needs_another(judged: Judgement, told: bool) -> bool:
     return judged.closes < 1.0 - CHANCE or (judged.closes < CHANCE and judged.settled)
 
 
-def _image_size(image: NDArray[Any]) -> tuple[int, int]:
-    """Height and width of an image, once it is one.
+def _located_result(
+    moment: _Moment, track: Track, judged: Judgement, H: Floats, C: Floats, **found: Any
+) -> TrackResult:
+    """The result where the contacts are located.
 
-    Raises:
-        SourceError: it is none.
+    Args:
+        moment: of the update.
+        track: the grasp.
+        judged: whether it closes.
+        H: (3, 3) H_current_reference.
+        C: (9, 9) of its entries.
+        **found: what else the result has.
     """
-    height, width = to_bgr(image).shape[:2]
-    return height, width
+    plane, chance = track.follower.plane, judged.chance
+    tilt, distance = plane.tilt(H, C), track.distance(H, C)
+    status, reason = _judged_status(judged, chance, plane.rectifications.told)
+    return _make_result(
+        moment,
+        status,
+        reason,
+        strategy=track.carrier.name,
+        grasp_id=track.number,
+        analysis=judged.analysis,
+        chance=chance,
+        margin_sd=judged.margin_sd,
+        margin_image=judged.margin_image,
+        tilt=tilt.angle,
+        tilt_sd=tilt.sd,
+        rectification=plane.rectifications.best,
+        distance=distance.value,
+        distance_sd=distance.sd,
+        homography=H,
+        **found,
+    )
 
 
 def _make_result(moment: _Moment, status: Status, reason: Reason | None, **found: Any) -> TrackResult:
