@@ -23,9 +23,9 @@ from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.hand import parse_measure
 from grasptrack.segmentation.undistortion import Undistortion
-from grasptrack.tracking.distance import Ruler, outline_extent
+from grasptrack.tracking.camera import Beforehand, Mode
 from grasptrack.tracking.numbers import NUMBERS, Numbers
-from grasptrack.tracking.plane import Beforehand, Mode, Plane
+from grasptrack.tracking.plane import Plane, Ruler, outline_extent
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import TrackState, first_state
 from grasptrack.tracking.target import Grey, Target

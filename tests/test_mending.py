@@ -18,10 +18,9 @@ from grasptrack.bench.scenes import Part, SceneCase
 from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
-from grasptrack.tracking.distance import outline_extent
 from grasptrack.tracking.mending import TRIALS, VIEWS, Mender, _longest_open_stretch, _mean_log_ratio, _Trial
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.plane import Plane
+from grasptrack.tracking.plane import Plane, outline_extent
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import Look

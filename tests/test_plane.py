@@ -17,10 +17,11 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contact_regions import CHANCE, FRONTAL, ClosureCheck, Rectifications
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
+from grasptrack.tracking.camera import AROUND, Beforehand, Mode, _nodes, plane_in_view, rectifying_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.plane import AROUND, Beforehand, Mode, Plane, _nodes, plane_in_view, rectifying_homography
-from grasptrack.tracking.tracker import _needs_another, _told
+from grasptrack.tracking.plane import Plane
+from grasptrack.tracking.tracker import _judged_status, _needs_another
 from outlines import BRACKET, dense
 
 WIDTH, HEIGHT, FOCAL = 640.0, 480.0, 1.1
@@ -254,12 +255,12 @@ def test_what_no_view_has_told_refuses_no_grasp_but_what_views_have_told_does() 
     plane = Plane(Followed(), WIDTH, HEIGHT)  # type: ignore[arg-type]
     judged = check.first(plane.rectifications)
     assert not plane.rectifications.told and judged.closes < CHANCE
-    assert _told(judged, False)[0] == "tracked" and _told(judged, False)[1].code == "tilt-open"  # type: ignore[union-attr]
-    assert _told(judged, True)[0] == "unstable" and _told(judged, True)[1].code == "open-margin"  # type: ignore[union-attr]
+    assert _judged_status(judged, judged.chance, False)[0] == "tracked" and _told(judged, False)[1].code == "tilt-open"  # type: ignore[union-attr]
+    assert _judged_status(judged, judged.chance, True)[0] == "unstable" and _told(judged, True)[1].code == "open-margin"  # type: ignore[union-attr]
     assert not _needs_another(judged, False) and not _needs_another(judged, True)  # views may make it surer
     plane._believe((Mode(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]), 1.0),))
     surer = check.first(plane.rectifications)
-    assert surer.closes > 0.99 and _told(surer, True) == ("tracked", None)
+    assert surer.closes > 0.99 and _judged_status(surer, surer.chance, True) == ("tracked", None)
     needed = math.tan(math.atan(0.3) - judged.analysis.margin + 1e-4)
     slippery, _ = check_of(OUTLINE, CONTACTS, needed)
     judged = slippery.first(plane.rectifications)

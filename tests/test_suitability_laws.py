@@ -29,8 +29,8 @@ from grasptrack.trackability.prediction import (
     shares_of,
 )
 from grasptrack.trackability.synthetic_view import REST, SHIFT, Setting, Stage, Step, denoise_image, draw_run
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.plane import Beforehand
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 
 

@@ -144,7 +144,7 @@ def test_the_object_that_needs_a_grasp_may_be_gone() -> None:
 
 
 def test_every_code_has_a_sentence() -> None:
-    assert CODES.keys() <= SENTENCES.keys()
+    assert set(CODES) <= SENTENCES.keys()
     for code in SENTENCES:
         assert Reason(code, detail="details").sentence
     assert all(Reason(code).sentence for code in CODES)

@@ -23,8 +23,8 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.segmentation.images import to_bgr
 from grasptrack.segmentation.undistortion import MOST, Undistortion
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.numbers import NUMBERS
-from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 

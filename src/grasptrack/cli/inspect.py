@@ -91,8 +91,8 @@ def inspect(
     from grasptrack.segmentation.undistortion import Told, Undistortion
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen
+    from grasptrack.tracking.camera import Beforehand
     from grasptrack.tracking.numbers import NUMBERS
-    from grasptrack.tracking.plane import Beforehand
     from grasptrack.view.inspect import write_inspection
 
     picture = only_image(image, "inspect takes one image").image

@@ -81,9 +81,9 @@ def transfer(
 
     from grasptrack.grasp.contacts import Grasp
     from grasptrack.segmentation.undistortion import Told
+    from grasptrack.tracking.camera import Beforehand
     from grasptrack.tracking.image_pair import transfer_between_images
     from grasptrack.tracking.numbers import NUMBERS
-    from grasptrack.tracking.plane import Beforehand
     from grasptrack.tracking.tracker import GraspTracker
 
     lens, one, told = _undistort_input(calibration, first, Told(contacts, place_a, None, hidden))

@@ -47,6 +47,12 @@ def homography_jacobian(H: Floats, x: float, y: float) -> tuple[float, float, fl
     return (a - g * u) / w, (b - h * u) / w, (d - g * v) / w, (e - h * v) / w
 
 
+def rotation_at(H: Floats, x: float, y: float) -> float:
+    """rad by which a homography (3, 3) turns what lies at a point."""
+    a, b, c, d = homography_jacobian(H, x, y)
+    return math.atan2(c - b, a + d)
+
+
 def similarity_transform(
     scale: float, angle: float, source: tuple[float, float], target: tuple[float, float]
 ) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.errors import GraspTrackError
 from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import homography_jacobian
+from grasptrack.geometry.homographies import rotation_at
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.matching import Sampled, find_symmetries
 from grasptrack.trackability.first import FirstView
@@ -206,8 +206,7 @@ class Likeness:
             if other is None or same_place(own, other, NUMBERS) or told_apart(self._state, own, other, NUMBERS):
                 continue
             x, y = self.target.outline.mean(axis=0).tolist()
-            a, b, c, d = homography_jacobian(np.linalg.inv(own.G) @ other.G, x, y)
-            found.append(math.degrees(math.atan2(c - b, a + d)) % 360.0)
+            found.append(math.degrees(rotation_at(np.linalg.inv(own.G) @ other.G, x, y)) % 360.0)
         return sorted(found)
 
     def is_equal(self, other: View) -> bool:

@@ -14,8 +14,8 @@ from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.images import Grey, to_bgr
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking import initialization
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.initialization import Wish, hidden_mask, image_size, mask_as_scene, start_tracking
-from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.strategies import Carrier
 
 

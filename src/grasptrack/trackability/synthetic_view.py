@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.segmentation.images import Channel, Grey
-from grasptrack.tracking.plane import Beforehand
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.typing import Floats
 
 TURN, TILT = 30.0, 30.0

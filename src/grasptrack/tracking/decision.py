@@ -79,19 +79,19 @@ class Decision:
 NOTHING = Decision(None, 1.0, 0.0, math.inf, 0.0, 0.0, 0.0, "not-found", {}, None)
 """Of an image in which no pose was found."""
 
-CODES = {
-    "not-found": "no pose was found",
-    "out-of-view": "the place where it should be lies outside the image",
-    "hidden": "too little of it is seen",
-    "not-there": "its place shows something else, or nothing",
-    "other-place": "it fits elsewhere as well",
-    "uncertain": "a contact is not fixed by what is seen",
-    "other-shape": "the outline differs from the object's",
-    "other-surface": "the surface differs from the object's",
-    "ambiguous": "its outline fits itself in more than one way, and nothing tells them apart",
-    "strategy-off": "the strategy puts a contact elsewhere than the outline and the surface do",
-    "lookalike": "something just like it was seen, and which of them this is cannot be told",
-}
+CODES = (
+    "not-found",
+    "out-of-view",
+    "hidden",
+    "not-there",
+    "other-place",
+    "uncertain",
+    "other-shape",
+    "other-surface",
+    "ambiguous",
+    "strategy-off",
+    "lookalike",
+)
 """Reasons for which an answer is not given. `messages` makes sentences of them."""
 
 

@@ -14,6 +14,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import seen_area
 from grasptrack.segmentation.outline_detector import OutlineDetector
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import (
     LONG,
     SAME_PLACE,
@@ -43,12 +44,11 @@ from grasptrack.tracking.estimator import (
     lead_alike,
     with_origin,
 )
-from grasptrack.tracking.hypotheses import Predictions, place_is_empty, predict_hypotheses
+from grasptrack.tracking.hypotheses import Predictions, predict_hypotheses
 from grasptrack.tracking.mending import Mended, Mender
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
-from grasptrack.tracking.plane import Beforehand
-from grasptrack.tracking.redetection import Redetection, best_sighted_pose
+from grasptrack.tracking.redetection import Redetection, best_sighted_pose, place_is_empty
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import Look, TrackState, first_state
 from grasptrack.tracking.target import Grey, build_pyramid

@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import AmbiguousError, GraspTrackError, ObservationError, TransferError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography, homography_jacobian, normalize_homography
+from grasptrack.geometry.homographies import apply_homography, normalize_homography, rotation_at
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import GraspAnalysis, analyze
 from grasptrack.matching import Match, MatchOutcome, Sampled, find_symmetries, judge_hypotheses, match_outlines
 from grasptrack.segmentation.candidate import Candidate, contains_pixel
 from grasptrack.segmentation.images import PLAIN, Grey, to_bgr
 from grasptrack.segmentation.objects import find_candidates
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import Decision, check_strategy_contacts, max_contact_distance, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
 from grasptrack.tracking.follower import REGISTRATION
 from grasptrack.tracking.initialization import hidden_mask, image_size
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, Numbers
-from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.redetection import Keypoints
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.single import (
@@ -296,7 +296,7 @@ class _Scene:
         """Degrees by which the object lies turned in one estimate against another."""
         back = np.linalg.inv(self.target.homography(own.G))
         centre = self._view.outer.points.mean(axis=0)
-        return math.degrees(_rotation_at(back @ self.target.homography(other.G), centre))
+        return math.degrees(rotation_at(back @ self.target.homography(other.G), *centre.tolist()))
 
     def _rival_places(self, decision: Decision) -> tuple[Place, ...]:
         """Where else a decision that refuses has the contacts, if it knows."""
@@ -411,15 +411,9 @@ def _by_turn(made: list[tuple[Match, PoseEstimate]], outline: Sampled) -> list[t
 
     def order(each: tuple[Match, PoseEstimate]) -> tuple[bool, float]:
         way = each[0]
-        return way.stretch > HARDLY_MORE * least, abs(_rotation_at(way.homography, outline.centre))
+        return way.stretch > HARDLY_MORE * least, abs(rotation_at(way.homography, *outline.centre.tolist()))
 
     return sorted(made, key=order)
-
-
-def _rotation_at(H: Floats, at: Floats) -> float:
-    """rad by which a homography turns what lies at a point (2,)."""
-    a, b, c, d = homography_jacobian(H, float(at[0]), float(at[1]))
-    return math.atan2(c - b, a + d)
 
 
 def _most_alike(found: list[Candidate], outline: Sampled) -> tuple[Candidate, list[Match]]:

@@ -31,10 +31,10 @@ from grasptrack.segmentation.objects import dilate_mask, remove_nested
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.proposals import Box
 from grasptrack.segmentation.undistortion import Told, Undistortion
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK
-from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.strategies import Carrier, carrier_for
 from grasptrack.transfer import strategy_named
 from grasptrack.typing import Floats

@@ -1,20 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The object's own plane as the views so far let it be known: how it is tilted, and what rectifies the first view."""
+"""The object's own plane as the views so far let it be known: its tilt, what rectifies the first view, and how far it is."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from grasptrack.geometry.contours import View
-from grasptrack.geometry.homographies import HORIZON, apply_homography
+from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contact_regions import Rectifications
-from grasptrack.tracking.numbers import Numbers
+from grasptrack.tracking.camera import Beforehand, Mode, PlaneSolver, SeenPose
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats
 
@@ -22,102 +19,10 @@ NEW_SHAPE = 0.08
 """Change of the object's image, but for its place, as a share of sqrt(area), after which a view tells anew of the plane."""
 MOST_VIEWS = 16
 """Views that are kept; of more every other one is left out."""
-FEW = 4
-"""Views up to which explanations are sought from all sides."""
-MOST_MODES = 2
-"""Explanations that are kept: two views of a plane have two."""
-LEAST_SD = 1e-3
-"""Of theta, below which a standard deviation is not looked at more closely."""
 DOUBT = 0.1
 """Of theta: so far a pose may be from a view of the plane that is believed."""
 STEP = 1e-3
 """Of the differences that stand for derivatives, in units of theta."""
-RINGS, AROUND = 10, 10
-"""Of what stands for slopes that are open: rings about the most probable ones, and places on each."""
-FEW_RINGS, FEW_AROUND = 2, 8
-"""The same about each of many explanations."""
-FOCALS = np.linspace(-2.1, 2.1, 7)
-"""Standard deviations of the focal length's log, at which few views are looked at."""
-WIDER = 2.0
-"""By which a variance is taken larger where it says where to look."""
-NEGLIGIBLE = 1e-3
-"""Probability below which what is open is left out."""
-HELD = 1e12
-"""Precision of what shall not move."""
-
-
-class Mode(NamedTuple):
-    """An explanation of the views.
-
-    Attributes:
-        theta: (3,) log of the focal length in image widths, and the slopes of the first view's normal (theta_1, theta_2, 1).
-        covariance: (3, 3) of it.
-        probability: that it is this one.
-    """
-
-    theta: Floats
-    covariance: Floats
-    probability: float
-
-
-@dataclass(frozen=True)
-class Beforehand:
-    """What is known of theta before a view has told anything.
-
-    Attributes:
-        theta: (3,) the most probable.
-        scale: (3, 3) its covariance, where the slopes are Gaussian, as the focal length's log always is.
-        freedom: of the slopes' t distribution, above 2, the scale then being its own; infinite where they are Gaussian.
-    """
-
-    theta: Floats
-    scale: Floats
-    freedom: float = math.inf
-
-    @staticmethod
-    def usual(numbers: Numbers) -> Beforehand:
-        """Of a camera of which nothing is told: about one image width, looking down, and now and then from far aside."""
-        return Beforehand.calibrated(0.0, numbers.focal_sd, numbers)
-
-    @staticmethod
-    def calibrated(log: float, sd: float, numbers: Numbers) -> Beforehand:
-        """The same where the focal length's log, in image widths, is told and how far that is known."""
-        scale = np.diag(np.square([sd, numbers.normal_sd, numbers.normal_sd]))
-        return Beforehand(np.array([log, 0.0, 0.0]), scale, numbers.prior_freedom)
-
-    @staticmethod
-    def by_calibration(told: tuple[float, float] | None, numbers: Numbers) -> Beforehand | None:
-        """The same by a calibration, as `Undistortion.focal` has it; None where that tells nothing."""
-        if told is None:
-            return None
-        focal, uneven = told
-        return Beforehand.calibrated(math.log(focal), math.hypot(numbers.calibrated_sd, 0.5 * uneven), numbers)
-
-    @property
-    def covariance(self) -> Floats:
-        """(3, 3) of theta."""
-        C = self.scale.copy()
-        if math.isfinite(self.freedom):
-            C[1:, 1:] *= self.freedom / (self.freedom - 2.0)
-        return C
-
-    def cost(self, theta: Floats) -> tuple[float, Floats, Floats]:
-        """Twice the negative log of its density at theta; and the normal equations' matrix (3, 3) and right side (3,) there."""
-        inverse, row, left = self._parts
-        off, A, n = self.theta - theta, left.copy(), self.freedom
-        far, weight = float(off[1:] @ inverse @ off[1:]), 1.0
-        if math.isfinite(n):
-            far, weight = (n + 2.0) * math.log1p(far / n), (n + 2.0) / (n + far)
-        A[1:, 1:] += weight * inverse
-        return far + float(row @ off) ** 2, A, A @ off
-
-    @cached_property
-    def _parts(self) -> tuple[Floats, Floats, Floats]:
-        """Of the slopes (2, 2) the inverse scale; of the focal length, beyond what goes with them, (3,) and (3, 3)."""
-        C = self.scale
-        by_slopes = np.linalg.solve(C[1:, 1:], C[1:, 0])
-        row = np.array([1.0, *-by_slopes]) / math.sqrt(float(C[0, 0] - by_slopes @ C[1:, 0]))
-        return np.asarray(np.linalg.inv(C[1:, 1:]), dtype=np.float64), row, np.outer(row, row)
 
 
 class Tilt(NamedTuple):
@@ -127,75 +32,8 @@ class Tilt(NamedTuple):
     sd: float
 
 
-def plane_in_view(theta: Floats, centre: tuple[float, float], width: float, height: float) -> Floats:
-    """(3, 3) homography from the object's plane, in px as if seen frontally, to px of the first view.
-
-    Both have the same px at the centre, and the same scale but for the tilt there.
-
-    Args:
-        theta: as of `Mode`.
-        centre: (x, y) px of the first view.
-        width, height: px of the image.
-
-    Returns:
-        NaN where the plane is not seen from its front.
-    """
-    f = width * math.exp(theta[0])
-    x, y = (centre[0] - 0.5 * width) / f, (centre[1] - 0.5 * height) / f
-    s1, s2 = float(theta[1]), float(theta[2])
-    across, n = math.hypot(1.0, s1), math.sqrt(1.0 + s1 * s1 + s2 * s2)
-    if not s1 * x + s2 * y + 1.0 > 0.0:
-        return np.full((3, 3), math.nan)
-    # axes of the plane: the first without y, the second normal x first; f / (f, u) px from the centre
-    first = (1.0 / across, 0.0, -s1 / across)
-    second = (-s1 * s2 / (n * across), across / n, -s2 / (n * across))
-    columns = np.array([[first[0], second[0], x], [first[1], second[1], y], [first[2], second[2], 1.0]])
-    columns[:, :2] /= f
-    columns[:, 2] -= columns[:, 0] * centre[0] + columns[:, 1] * centre[1]
-    K = np.array([[f, 0.0, 0.5 * width], [0.0, f, 0.5 * height], [0.0, 0.0, 1.0]])
-    return np.asarray(K @ columns, dtype=np.float64)
-
-
-def rectifying_homography(theta: Floats, centre: tuple[float, float], width: float, height: float) -> Floats:
-    """(3, 3) homography from px of the first view to the object's plane: the inverse of `plane_in_view`."""
-    H = np.linalg.inv(plane_in_view(theta, centre, width, height))
-    return np.asarray(H / H[2, 2], dtype=np.float64)
-
-
-def rectifying_view(theta: Floats, view: View, *, width: float, height: float) -> Floats:
-    """(3, 3) homography from px of a view, of which theta is known, to the plane of the object whose outline it shows."""
-    x, y = view.outer.points.mean(axis=0).tolist()
-    return rectifying_homography(theta, (x, y), width, height)
-
-
-@dataclass(frozen=True)
-class SeenPose:
-    """A view that told of the plane: its pose (3, 3), work px -> px, and covariance (8, 8)."""
-
-    G: Floats
-    P: Floats
-
-
-class Open(NamedTuple):
-    """What stands for what the views leave open.
-
-    Attributes:
-        thetas: (m, 3) that show the whole outline, the focal length as it goes with the slopes.
-        weights: (m,) their probabilities, which add up to 1.
-        focal: (m,) variance of the focal length's log that is left there.
-    """
-
-    thetas: Floats
-    weights: Floats
-    focal: Floats
-
-
-class Plane:
+class Plane(PlaneSolver):
     """Learns the first view's tilt and the focal length from poses in views that differ.
-
-    A rigid plane seen by a pinhole has six freedoms of a homography's eight: each view gives two equations for theta. They
-    are solved together and from several starts, for near views of a plane have two explanations, one tilted the other way;
-    a filter that takes one view after another settles on one of them, which can be the wrong one.
 
     Args:
         target: what is followed.
@@ -204,23 +42,13 @@ class Plane:
     """
 
     def __init__(self, target: Target, width: float, height: float, before: Beforehand | None = None) -> None:
-        self._target, self._width, self._height = target, float(width), float(height)
-        self._before = before = before or Beforehand.usual(target.numbers)
-        x, y, w = (target.A @ np.array([*target.outline.mean(axis=0), 1.0])).tolist()
-        self._centre = x / w, y / w
-        self.mend(target)
-        self._views: list[SeenPose] = []
+        super().__init__(target, width, height, before or Beforehand.usual(target.numbers))
         self._last, self._way = target.A, NEW_SHAPE * target.size
         # entries of a homography are as small as px make them
         far = 1e3 / (self._width + self._height)
         self.steps = STEP * np.array([1.0, 1.0, 1.0 / far, 1.0, 1.0, 1.0 / far, far * 1e-3, far * 1e-3, 1.0])
         self.entries = np.eye(9).reshape(9, 3, 3) * self.steps[:, None, None]
-        self._believe((Mode(before.theta, before.covariance, 1.0),))
-
-    def mend(self, target: Target) -> None:
-        """The first view has this outline, in the same work px."""
-        hull = cv2.convexHull(apply_homography(target.A, target.outline).astype(np.float32))[:, 0]
-        self._target, self.hull = target, np.asarray(hull, dtype=np.float64)
+        self._believe(self.modes)
 
     def learn(self, G: Floats, P: Floats) -> bool:
         """What a view teaches in which the object was located: its pose and covariance (8, 8). Whether it was new."""
@@ -299,207 +127,6 @@ class Plane:
         told = bool(self._views) or not math.isfinite(self._before.freedom)
         self.rectifications = Rectifications(self._rectifying_homography(theta), maps, self.open.weights, told)
 
-    def rays(self, theta: Floats) -> Floats:
-        """(3, 3) from px of an image to rays of the camera, the optical axis last."""
-        f = self._width * math.exp(theta[0])
-        return np.array(
-            [[1.0 / f, 0.0, -0.5 * self._width / f], [0.0, 1.0 / f, -0.5 * self._height / f], [0.0, 0.0, 1.0]]
-        )
-
-    def in_view(self, theta: Floats) -> Floats:
-        """(3, 3) from px of the plane to px of the first view, see `plane_in_view`."""
-        return plane_in_view(theta, self._centre, self._width, self._height)
-
-    def _rectifying_homography(self, theta: Floats) -> Floats:
-        return rectifying_homography(theta, self._centre, self._width, self._height)
-
-    def is_seen(self, theta: Floats) -> bool:
-        """Whether all of the first view's outline lies in front of the camera."""
-        f = self._width * math.exp(theta[0])
-        depth = f + (self.hull - 0.5 * np.array([self._width, self._height])) @ theta[1:]
-        return bool(depth.min() > HORIZON * np.abs(depth).max())
-
-    def _left_open(self) -> Open:
-        """What stands for what all explanations leave open of the slopes; the first is the most probable theta."""
-        if 0 < len(self._views) < FEW:
-            found = self._explored()
-            if found is not None:
-                return found
-        nodes = _nodes(math.inf if self._views else self._before.freedom)
-        parts = []
-        for mode in self.modes:
-            C, tilts = mode.covariance, mode.covariance[1:, 1:]
-            values, vectors = np.linalg.eigh(tilts)
-            focal = np.linalg.solve(tilts, C[1:, 0])  # by what the focal length goes with the slopes
-            slopes = nodes @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
-            thetas = mode.theta + np.column_stack([slopes @ focal, slopes])
-            thetas = thetas[[self.is_seen(theta) for theta in thetas]]
-            left = max(float(C[0, 0] - focal @ C[1:, 0]), 0.0)
-            share = mode.probability / len(thetas)
-            parts.append(Open(thetas, np.full(len(thetas), share), np.full(len(thetas), left)))
-        return Open(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-
-    def _explored(self) -> Open | None:
-        """The same of few views, which may leave open what no two Gaussians describe; None where nothing explains them.
-
-        For each of some focal lengths the slopes that explain the views best are sought, and what lies about these counts as
-        probable as it is: importance sampling, by the Gaussians that were found.
-        """
-        sd = math.sqrt(float(self._before.scale[0, 0]))
-        far = [reach * np.array(way) for reach in (0.4, 1.2) for way in ((1, 0), (-1, 0), (0, 1), (0, -1))]
-        starts = [m.theta[1:] for m in self.modes] + far
-        thetas, costs, odds = [], [], []
-        for log in self._before.theta[0] + sd * FOCALS:
-            bumps: list[tuple[Floats, Floats]] = []
-            for start in starts:
-                _, theta, C = self._minimize_cost(np.array([log, *start]), slopes_alone=True)
-                new = all(((theta[1:] - other) ** 2).sum() > 1e-4 for other, _ in bumps)
-                if new and np.isfinite(C).all() and self.is_seen(theta):
-                    bumps.append((theta[1:], WIDER * C[1:, 1:]))
-            if not bumps:
-                continue
-            starts = [middle for middle, _ in bumps] + far[4:]
-            places = np.concatenate(
-                [m + _nodes(math.inf, FEW_RINGS, FEW_AROUND) @ np.linalg.cholesky(C).T for m, C in bumps]
-            )
-            density = sum(_gaussian(places - middle, C) for middle, C in bumps)
-            for place, d in zip(places, np.asarray(density).tolist(), strict=True):
-                theta = np.array([log, *place])
-                cost = self._normal_equations(theta)[0]
-                if math.isfinite(cost):
-                    thetas.append(theta)
-                    costs.append(cost)
-                    odds.append(1.0 / d)
-        if not thetas:
-            return None
-        weights = np.exp(-0.5 * (np.array(costs) - min(costs))) * odds
-        weights /= weights.sum()
-        kept = np.argsort(-weights)[: int((weights > NEGLIGIBLE).sum())]
-        return Open(np.array(thetas)[kept], weights[kept] / weights[kept].sum(), np.zeros(len(kept)))
-
-    # --- all views together ----------------------------------------------------------------------
-
-    def _solve_modes(self) -> tuple[Mode, ...]:
-        """Explanations of all views, the most probable first."""
-        starts = [m.theta for m in self.modes if self._views[1:]]
-        starts += [t * (1.0, -1.0, -1.0) for t in starts]
-        for reach in (0.4, 1.2) if len(self._views) < FEW else ():
-            starts += [self._before.theta + reach * np.array([0, i, j]) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
-        found: list[tuple[float, Floats, Floats]] = []
-        for start in starts:
-            cost, theta, covariance = self._minimize_cost(start)
-            apart = [theta - other for _, other, _ in found]
-            if math.isfinite(cost) and all(d[1] ** 2 + d[2] ** 2 > 1e-4 for d in apart):
-                found.append((cost, theta, covariance))
-        found.sort(key=lambda each: each[0])
-        if not found:
-            return self.modes
-        least, found = found[0][0], found[:MOST_MODES]
-        found = [(c, t, self._shrink_covariance(c, t, C)) for c, t, C in found if c < least + 20.0]
-        odds = [math.exp(-0.5 * (c - least)) * math.sqrt(max(float(np.linalg.det(C)), 0.0)) for c, _, C in found]
-        modes = [Mode(t, C, o / sum(odds)) for (_, t, C), o in zip(found, odds, strict=True)]
-        return self._merge_modes(modes, least) if len(modes) > 1 else tuple(modes)
-
-    def _merge_modes(self, modes: list[Mode], least: float) -> tuple[Mode, ...]:
-        """Two explanations as one where what lies between them explains the views nearly as well."""
-        one, other = modes
-        middle = one.probability * one.theta + other.probability * other.theta
-        if self._normal_equations(middle)[0] > least + 4.0:
-            return tuple(sorted(modes, key=lambda m: -m.probability))
-        spread = sum(m.probability * (m.covariance + np.outer(m.theta - middle, m.theta - middle)) for m in modes)
-        return (Mode(middle, np.asarray(spread), 1.0),)
-
-    def _minimize_cost(self, theta: Floats, *, slopes_alone: bool = False) -> tuple[float, Floats, Floats]:
-        """Cost, theta and covariance of the explanation that is reached from a start, by Levenberg and Marquardt.
-
-        With `slopes_alone` the focal length stays.
-        """
-        held = np.array([HELD if slopes_alone else 0.0, 0.0, 0.0])
-        cost, A, b = self._normal_equations(theta)
-        damping = 1e-3
-        for _ in range(20):
-            if not math.isfinite(cost):
-                break
-            new = theta + np.linalg.solve(A + np.diag(damping * np.diag(A) + held), b)
-            there = self._normal_equations(new)
-            if there[0] < cost:
-                done, theta = cost - there[0] < 1e-3, new
-                cost, A, b = there
-                damping *= 0.3
-                if done:
-                    break
-            else:
-                damping *= 5.0
-                if damping > 1e5:
-                    break
-        return cost, theta, np.asarray(np.linalg.inv(A + np.diag(held)), dtype=np.float64) if math.isfinite(cost) else A
-
-    def _shrink_covariance(self, cost: float, theta: Floats, covariance: Floats) -> Floats:
-        """A covariance, made smaller along axes on which the cost rises sooner than its second derivative says.
-
-        About a frontal view the equations do not change with the slopes to first order.
-        """
-        values, axes = np.linalg.eigh(covariance)
-        kept = []
-        for value, axis in zip(values.tolist(), axes.T, strict=True):
-            sd = math.sqrt(max(value, 0.0))
-            while (
-                sd > LEAST_SD and sum(self._normal_equations(theta + s * axis)[0] for s in (sd, -sd)) - 2.0 * cost > 4.0
-            ):
-                sd *= 0.7
-            kept.append(sd)
-        return np.asarray((axes * np.square(kept)) @ axes.T, dtype=np.float64)
-
-    def _normal_equations(self, theta: Floats) -> tuple[float, Floats, Floats]:
-        """Cost at theta, its normal equations' matrix (3, 3) and right side (3,).
-
-        A pose can be plainly wrong, as one in an image that is blurred or half covered: its error has heavy tails.
-        """
-        numbers = self._target.numbers
-        cost, A, b = self._before.cost(theta)
-        if not self.is_seen(theta):
-            return math.inf, A, b
-        own, freedom = numbers.pinhole_sd**2, numbers.prior_freedom
-        for view in self._views:
-            misfit, by_pose, by_theta = self._target.handle.pinhole(view.G, theta, self._width, self._height)
-            C = by_pose @ view.P @ by_pose.T
-            (c, d), (_, e) = C.tolist()
-            c, e = c + own, e + own
-            W = np.array([[e, -d], [-d, c]]) / (c * e - d * d)
-            far = float(misfit @ W @ misfit)
-            cost += (freedom + 2.0) * math.log1p(far / freedom)
-            weighed = by_theta.T @ W * ((freedom + 2.0) / (freedom + far))
-            A = A + weighed @ by_theta
-            b = b - weighed @ misfit
-        return (cost if math.isfinite(cost) else math.inf), A, b
-
-
-@lru_cache
-def _nodes(freedom: float, rings: int = RINGS, around: int = AROUND) -> Floats:
-    """(1 + rings * around, 2) slopes, equally probable, of a t distribution of mean 0 and covariance 1; the first is 0.
-
-    About it lie rings, each as far as its share of the distribution is on average, rms, and turned against the one before.
-    """
-    count = 1 + rings * around
-    edges = 1.0 - np.append(0.0, 1.0 + around * np.arange(rings + 1.0)) / count  # probabilities to lie farther out
-    edges[-1] = 0.0
-    if math.isfinite(freedom):
-        share = 1.0 - 2.0 / freedom
-        within = (freedom - 2.0) * (edges**share / share - edges)
-    else:
-        within = 2.0 * (edges - edges * np.log(np.maximum(edges, 1e-300)))
-    squares = (within[:-1] - within[1:])[1:] * count / around
-    squares *= 2.0 * count / (around * squares.sum())  # the middle's is theirs
-    turns = 2.0 * math.pi * (np.arange(around) / around + 0.5 * np.arange(rings)[:, None] / around)
-    places = np.sqrt(squares)[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], axis=2)
-    return np.concatenate([np.zeros((1, 2)), places.reshape(-1, 2)])
-
-
-def _gaussian(off: Floats, C: Floats) -> Floats:
-    """(m,) densities, up to a factor, at places (m, 2) from the mean, of a covariance (2, 2)."""
-    far = (off * np.linalg.solve(C, off.T).T).sum(axis=1)
-    return np.asarray(np.exp(-0.5 * far) / math.sqrt(float(np.linalg.det(C))))
-
 
 def _normal_slopes(seen: Floats) -> Floats:
     """(m, 2) slopes of a plane's normal, of the (m, 3, 3) rays of its axes and its origin."""
@@ -507,3 +134,109 @@ def _normal_slopes(seen: Floats) -> Floats:
     z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     x, y = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1], a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
     return np.stack([x / z, y / z], axis=1)
+
+
+ENDS = 0.25
+"""Of an edge's width, a standard deviation as well, by which each end of the object is off: blur rounds what is pointed."""
+
+
+class Distance(NamedTuple):
+    """From the camera to the object, and its standard deviation, in the unit in which its length was told."""
+
+    value: float
+    sd: float
+
+
+UNKNOWN = Distance(math.nan, math.nan)
+"""Where nobody said how long the object is."""
+
+
+class _Explained(NamedTuple):
+    """For each theta that stands for what the views leave open.
+
+    Attributes:
+        weights: (m,), which add up to 1.
+        back: (m, 3, 3) px of a view to rays.
+        in_view: (m, 3, 3) px of the plane to px of the first view.
+        unit: (m,) of a px of the plane, in the user's unit.
+        focal: (m,) variance of the focal length's log about it.
+    """
+
+    weights: Floats
+    back: Floats
+    in_view: Floats
+    unit: Floats
+    focal: Floats
+
+
+def make_ruler(target: Target, plane: Plane, length: float) -> Ruler | None:
+    """What tells how far a target of this length is; None where it is cut off in the first view."""
+    if target.view.is_clipped:
+        return None
+    ends = ENDS * target.edge_width * float(target.A[0, 0])
+    return Ruler(plane, target.contacts.mean(axis=0), ends, length)
+
+
+class Ruler:
+    """Tells how far the object's plane is from the camera.
+
+    Args:
+        plane: as the views so far let it be known.
+        middle: (2,) px of the first view, to which the distance is told.
+        ends: px of the first view, standard deviation by which each end of the object is off.
+        length: of the object in any unit: the longer side of the smallest rectangle round its outline, as a caliper measures
+            it.
+    """
+
+    def __init__(self, plane: Plane, middle: Floats, ends: float, length: float) -> None:
+        self._plane, self._middle, self._ends, self._length = plane, middle, ends, length
+        self._modes: tuple[Mode, ...] = ()
+
+    def distance(self, homography: Floats, covariance: Floats) -> Distance:
+        """In a view: along the line of sight.
+
+        Args:
+            homography: (3, 3) H_current_reference.
+            covariance: (9, 9) of its entries, row by row.
+        """
+        if self._modes is not self._plane.modes:
+            self._modes, self._all = self._plane.modes, self._sample_modes()
+        weights, back, in_view, unit, focal = self._all
+        ray = np.array([*self._middle, 1.0])
+        told = self._line_of_sight_distances(back, homography, in_view, unit, ray)
+        mean = float(weights @ told)
+        # a camera that is nearer by its focal length shows the same but for perspective: distances go with it
+        variance = float(weights @ ((told - mean) ** 2 + focal * told**2))
+        moved = self._line_of_sight_distances(back[:1], homography + self._plane.entries, in_view[:1], unit[:1], ray)
+        by_entry = (moved - told[0]) / self._plane.steps
+        variance += float(by_entry @ covariance @ by_entry) + (mean * self._off) ** 2
+        return Distance(mean, math.sqrt(variance))
+
+    @staticmethod
+    def _line_of_sight_distances(
+        back: Floats, homography: Floats, in_view: Floats, unit: Floats, middle: Floats
+    ) -> Floats:
+        """(m,) distances along the line of sight to the middle, a (3,) place of the first view."""
+        seen = back @ homography
+        axes = seen @ in_view
+        # of what lies at (u, v) of the plane, u and v such that it is the middle
+        at = np.linalg.solve(in_view, np.broadcast_to(middle, (len(in_view), 3))[..., None])
+        ray = (axes @ (at / at[:, 2:]))[..., 0]
+        lengths = np.linalg.norm(axes[:, :, :2], axis=1)
+        return np.asarray(unit * np.linalg.norm(ray, axis=1) / np.sqrt(lengths[:, 0] * lengths[:, 1]))
+
+    def _sample_modes(self) -> _Explained:
+        """By the plane as it is known now."""
+        plane = self._plane
+        thetas, weights, focal = plane.open
+        in_view = np.array([plane.in_view(theta) for theta in thetas])
+        extents = np.array([outline_extent(apply_homography(np.linalg.inv(H), plane.hull)) for H in in_view])
+        back = np.array([plane.rays(theta) for theta in thetas])
+        self._off = math.sqrt(2.0) * self._ends / float(extents[0])
+        return _Explained(weights, back, in_view, self._length / extents, focal)
+
+
+def outline_extent(outline: Floats) -> float:
+    """The longer side of the smallest rectangle round points (n, 2), in their unit."""
+    about = outline - outline.mean(axis=0)  # it counts in single precision
+    return float(max(cv2.minAreaRect(np.ascontiguousarray(about, dtype=np.float32))[1]))

@@ -19,6 +19,7 @@ from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.tracking.decision import TURNED, pose_evidence, wrong_object_probability
 from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, lead_alike, sane_area
+from grasptrack.tracking.hypotheses import FEW
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import GUESSED_TILT, Grey, Target
 from grasptrack.transfer.alignment import as_similarity, find_alignments
@@ -379,3 +380,51 @@ def best_sighted_pose(
     ]
     best = max(found, key=lambda pair: pair[0], default=None)
     return None if best is None or best[0] <= 0.0 else best[1].G
+
+
+# --- its place ------------------------------------------------------------------------------------
+
+BESIDE = 0.06
+"""Share of sqrt(area) from the outline at which object and ground are looked at."""
+ALIKE = 3.0
+"""Standard deviations within which a grey level is the ground's."""
+
+
+def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) -> bool:
+    """Whether an image shows, where the object is expected, the ground that was round it, and nothing in front of either.
+
+    Args:
+        target: the object.
+        look: the last one at it.
+        levels: the image's pyramid.
+        G: (3, 3) where it is expected.
+    """
+    depth = max(4.0, BESIDE * target.size)
+    sides = [target.points + sign * depth * target.normals for sign in (-1.0, 1.0)]
+    inside, ground = (_sample_grey_levels(look.levels[0], look.G, points) for points in sides)
+    inside_now, ground_now = (_sample_grey_levels(levels[0], G, points) for points in sides)
+    if np.isfinite(ground).sum() < FEW or np.isfinite(inside_now + ground_now).mean() < 0.5:
+        return False
+    level = float(np.nanmedian(ground))
+    spread = 1.4826 * float(np.nanmedian(np.abs(ground - level))) + target.noise + 2.0
+    change = float(np.nanmedian(ground_now)) - level
+    light = float(np.median(levels[-1])) - float(np.median(look.levels[-1]))
+    if min(abs(change), abs(change - light)) > ALIKE * spread:  # a cover may be as even as the ground
+        return False
+
+    def of_ground(values: Floats, level: float) -> float:
+        return float(np.mean(np.abs(values[np.isfinite(values)] - level) < ALIKE * spread))
+
+    told_apart = of_ground(inside, level) < 0.5
+    return told_apart and of_ground(ground_now, level + change) > 0.7 and of_ground(inside_now, level + change) > 0.8
+
+
+def _sample_grey_levels(grey: Grey, G: Floats, points: Floats) -> Floats:
+    """(n,) grey levels of an image (H, W) at work points (n, 2) seen through G (3, 3); NaN outside."""
+    lam = points @ G[2, :2] + G[2, 2]
+    x, y = ((points @ G[:2, :2].T + G[:2, 2]) / lam[:, None]).T
+    height, width = grey.shape
+    held = (lam > 0) & (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
+    out = np.full(len(points), np.nan)
+    out[held] = grey[np.round(y[held]).astype(int), np.round(x[held]).astype(int)]
+    return out

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import Decision, is_near, mean_point, outline_surprisal
 from grasptrack.tracking.estimator import CONTINUOUS, NO_BEND, Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.plane import Beforehand, Plane
+from grasptrack.tracking.plane import Plane
 from grasptrack.tracking.target import Grey, Target
 from grasptrack.typing import Floats
 

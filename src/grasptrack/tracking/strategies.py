@@ -18,11 +18,11 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.outline_detector import ANYWHERE, OutlineDetector
 from grasptrack.snake.active_contour import Snake
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.follower import AUTO, Follower, Moved, Proposal, Registration
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
-from grasptrack.tracking.plane import Beforehand
 from grasptrack.tracking.redetection import wide_prior
 from grasptrack.transfer import rrp, strategy_named
 from grasptrack.transfer.alignment import as_similarity, find_alignments

@@ -25,14 +25,14 @@ from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.objects import Segmenter
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.undistortion import Undistortion
+from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.decision import contact_tolerance
-from grasptrack.tracking.distance import UNKNOWN, Distance, Ruler, make_ruler
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import AUTO, Follower, Moved
 from grasptrack.tracking.initialization import Wish, first_view, hidden_mask, image_size, mask_as_scene, start_tracking
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
-from grasptrack.tracking.plane import Beforehand, rectifying_view
+from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler, make_ruler
 from grasptrack.tracking.result import Status, TrackResult
 from grasptrack.tracking.strategies import Carrier
 from grasptrack.transfer import STRATEGIES, strategy_names
