@@ -255,8 +255,9 @@ def test_what_no_view_has_told_refuses_no_grasp_but_what_views_have_told_does() 
     plane = Plane(Followed(), WIDTH, HEIGHT)  # type: ignore[arg-type]
     judged = check.first(plane.rectifications)
     assert not plane.rectifications.told and judged.closes < CHANCE
-    assert _judged_status(judged, judged.chance, False)[0] == "tracked" and _told(judged, False)[1].code == "tilt-open"  # type: ignore[union-attr]
-    assert _judged_status(judged, judged.chance, True)[0] == "unstable" and _told(judged, True)[1].code == "open-margin"  # type: ignore[union-attr]
+    for told, expected in ((False, ("tracked", "tilt-open")), (True, ("unstable", "open-margin"))):
+        status, reason = _judged_status(judged, judged.chance, told)
+        assert reason is not None and (status, reason.code) == expected
     assert not _needs_another(judged, False) and not _needs_another(judged, True)  # views may make it surer
     plane._believe((Mode(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]), 1.0),))
     surer = check.first(plane.rectifications)
