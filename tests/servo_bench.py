@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.geometry import apply_twist, interpolate_pose, pose_of, rotation_matrix
+from grasptrack.servo.camera import HandCamera, apply_twist, interpolate_pose, pose_of, rotation_matrix
 
 WIDTH, HEIGHT, PERIOD, MARGIN = 640, 480, 0.04, 20
 

@@ -15,12 +15,8 @@ from hypothesis import strategies as st
 import grasptrack as gt
 from grasptrack import kernels
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.servo.aim import compute_aim
-from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.closing import CloseGate
-from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.features import Features, rms_diameter, wrap_angle
-from grasptrack.servo.geometry import (
+from grasptrack.servo.camera import (
+    HandCamera,
     apply_twist,
     check_pose,
     interpolate_pose,
@@ -29,10 +25,11 @@ from grasptrack.servo.geometry import (
     rotation_matrix,
     rotation_vector,
 )
-from grasptrack.servo.law import twist_for
-from grasptrack.servo.model import SHAPE, Placed, pack_state, unpack_state
-from grasptrack.servo.poses import Poses
-from grasptrack.servo.sighting import FLOOR, MOST, Observation, Sighter
+from grasptrack.servo.closing import CloseGate
+from grasptrack.servo.estimate import SHAPE, Estimate, Placed, pack_state, unpack_state
+from grasptrack.servo.features import Features, rms_diameter, wrap_angle
+from grasptrack.servo.law import compute_aim, twist_for
+from grasptrack.servo.observation import FLOOR, MOST, Observation, Poses, Sighter
 from servo_bench import Bench
 
 SEEDS = st.integers(0, 10_000)

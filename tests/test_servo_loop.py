@@ -14,9 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import grasptrack as gt
-from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.geometry import apply_twist, pose_of, rotation_matrix
-from grasptrack.servo.refine import refine_estimate
+from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
+from grasptrack.servo.estimate import Estimate, refine_estimate
 from servo_bench import PERIOD, Bench
 
 SEEDS = range(6)

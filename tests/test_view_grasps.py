@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.grasp.contacts import GraspList
 from grasptrack.grasp.hand import HandPx
-from grasptrack.grasp.synthesis.result import GraspList
 from grasptrack.view.fingers import contour_strip, grasp_opening, inward_normals, sector_polygon, slip_strips
 from grasptrack.view.grasp_text import describe_hand, format_quality
 from grasptrack.view.grasps import Planned, write_grasps

@@ -15,8 +15,8 @@ from grasptrack.errors import InputError, ObservationError
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
+    from grasptrack.grasp.contacts import RankedGrasp
     from grasptrack.grasp.hand import Hand
-    from grasptrack.grasp.synthesis.result import RankedGrasp
     from grasptrack.segmentation.undistortion import Undistortion
     from grasptrack.view.grasps import Planned
 

@@ -17,7 +17,7 @@ from grasptrack.view.fingers import grasp_opening
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
-    from grasptrack.grasp.synthesis.result import RankedGrasp
+    from grasptrack.grasp.contacts import RankedGrasp
     from grasptrack.view.grasps import Planned
 
 FORMAT = 1

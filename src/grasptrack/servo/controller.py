@@ -10,20 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
-from grasptrack.servo.aim import Aim, compute_aim
-from grasptrack.servo.camera import NominalCamera
+from grasptrack.servo.camera import NominalCamera, check_pose
 from grasptrack.servo.closing import CloseGate, Closing
-from grasptrack.servo.command import OVER, Command, Intent, State
-from grasptrack.servo.explore import Exploration
-from grasptrack.servo.geometry import check_pose
 from grasptrack.servo.goal import Goal
-from grasptrack.servo.knowledge import SelfCalibration
-from grasptrack.servo.law import AXES, Gain
-from grasptrack.servo.limits import Limits
-from grasptrack.servo.loss import LossPolicy
-from grasptrack.servo.poses import Poses
-from grasptrack.servo.sighting import Observation, Sighter
-from grasptrack.servo.unseen import LossHandler
+from grasptrack.servo.law import AXES, Aim, Gain, compute_aim
+from grasptrack.servo.limits import OVER, Command, Intent, Limits, State
+from grasptrack.servo.loss import LossHandler, LossPolicy
+from grasptrack.servo.observation import Observation, Poses, Sighter
+from grasptrack.servo.self_calibration import Exploration, SelfCalibration
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 

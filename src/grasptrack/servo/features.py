@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from grasptrack.errors import InputError
-from grasptrack.servo.geometry import complex_numbers
+from grasptrack.servo.camera import complex_numbers
 from grasptrack.typing import Floats
 
 SMALL = 1e-6

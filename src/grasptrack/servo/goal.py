@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
-from grasptrack.servo.camera import HandCamera
+from grasptrack.servo.camera import HandCamera, align_rigid
 from grasptrack.servo.features import SMALL, rms_diameter
-from grasptrack.servo.geometry import align_rigid
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from grasptrack.grasp.contact_regions import CHANCE
+from grasptrack.grasp.closure_probability import CHANCE
 from grasptrack.kernels.reference_edges import WINDOW
 from grasptrack.trackability.edges import MIN_STRENGTH, RELATIVE_STRENGTH
 from grasptrack.trackability.motions import SLIDING, Motions

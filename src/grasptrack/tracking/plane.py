@@ -13,7 +13,7 @@ import numpy as np
 
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import HORIZON, apply_homography
-from grasptrack.grasp.contact_regions import Rectifications
+from grasptrack.grasp.closure_probability import Rectifications
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats

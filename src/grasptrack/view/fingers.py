@@ -13,7 +13,7 @@ from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
-    from grasptrack.grasp.synthesis.result import RankedGrasp
+    from grasptrack.grasp.contacts import RankedGrasp
 
 
 def grasp_opening(grasp: RankedGrasp) -> float:

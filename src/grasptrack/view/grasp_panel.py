@@ -18,7 +18,7 @@ from grasptrack.view.style import CONE_RGB, FINGER_RGB, NEIGHBOUR_RGB, PANEL_RGB
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
-    from grasptrack.grasp.synthesis.result import RankedGrasp
+    from grasptrack.grasp.contacts import RankedGrasp
 
 DARK = "#0c0e12"
 FINGER, CONE, REGION, NEIGHBOUR = (hex_colour(c) for c in (FINGER_RGB, CONE_RGB, REGION_RGB, NEIGHBOUR_RGB))

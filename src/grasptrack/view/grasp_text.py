@@ -12,8 +12,8 @@ from grasptrack.view.grasp_panel import CONE, FINGER, LINE, NEIGHBOUR, REGION
 from grasptrack.view.style import text_width
 
 if TYPE_CHECKING:
+    from grasptrack.grasp.contacts import GraspList, RankedGrasp
     from grasptrack.grasp.hand import HandPx
-    from grasptrack.grasp.synthesis.result import GraspList, RankedGrasp
 
 INK, MUTED, RULE = "#1d232b", "#5a6472", "#d5dae1"
 _ROW = 0.29

@@ -17,8 +17,8 @@ from grasptrack.view.layout import Box, Window, aspect_of, image_window, panel_g
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
+    from grasptrack.grasp.contacts import GraspList
     from grasptrack.grasp.hand import HandPx
-    from grasptrack.grasp.synthesis.result import GraspList
 
 WIDTH, HEIGHT = 16.0, 9.0
 """inches; at 100 px each, a slide of 1600 by 900 px."""

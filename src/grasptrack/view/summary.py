@@ -158,7 +158,7 @@ def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
     from matplotlib.patches import Patch
     from matplotlib.ticker import MaxNLocator
 
-    from grasptrack.grasp.contact_regions import CHANCE
+    from grasptrack.grasp.closure_probability import CHANCE
 
     panels = figure.subplots(len(_CURVES), 1, sharex=True)
     at = curves.at

@@ -10,13 +10,11 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline, View
+from grasptrack.grasp.contacts import GraspList, RankedGrasp, Terms
+from grasptrack.grasp.force_closure import Closure
 from grasptrack.grasp.hand import Hand, HandPx
-from grasptrack.grasp.synthesis.candidates import Candidates, sample_candidates
-from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
-from grasptrack.grasp.synthesis.reasons import Tried, why_none
-from grasptrack.grasp.synthesis.rectangles import finger_rectangles
-from grasptrack.grasp.synthesis.result import GraspList, RankedGrasp, Terms
-from grasptrack.grasp.synthesis.terms import Stable, stable_pairs, stable_triples
+from grasptrack.grasp.synthesis.candidates import Candidates, Stable, sample_candidates, stable_pairs, stable_triples
+from grasptrack.grasp.synthesis.limits import Limits, Tried, finger_rectangles, reject_infeasible, why_none
 from grasptrack.typing import Floats, Ints
 
 DISTINCT = 0.12
@@ -117,16 +115,16 @@ def _ranked_grasps(
     grasps = []
     for i, row in enumerate(rows.tolist()):
         if index.shape[1] == 2:
-            needed = math.atan(found.strength[row])
+            margin = math.atan(friction) - math.atan(found.strength[row])
         else:
-            _, needed = kernels.force_closure(contacts[i], at.normals[index[i]], cx, cy, 0.5 * at.size, friction)
+            margin = Closure.of(contacts[i], at.normals[index[i]], (cx, cy), 0.5 * at.size, friction).margin
         grasps.append(
             RankedGrasp(
                 contacts[i],
                 float(quality[i]),
                 Terms(closure[i], centre[i], flat[i], float(room[i]), span[i]),
                 spread=bool(found.sense[row] < 0.0),
-                margin=math.atan(friction) - needed,
+                margin=margin,
                 directions=directions[i],
                 regions=regions[i],
                 fingers=standing[i],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a grasp closes where its contacts are, and the chance that it does although they may be off."""
+"""Whether a grasp closes where its contacts are, and the probability that it does although they may be off."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from grasptrack import kernels
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import HORIZON, behind_camera_error
-from grasptrack.grasp.contact_regions.regions import Regions, regions_of
+from grasptrack.grasp.contact_regions import Regions, regions_of
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import Analyzer, GraspAnalysis
+from grasptrack.grasp.force_closure import Analyzer, Closure, GraspAnalysis
 from grasptrack.typing import Floats
 
 CHANCE = 0.9
@@ -158,9 +158,8 @@ class ClosureCheck:
 
     def _closure_margin(self, contacts: Floats, normals: Floats) -> float:
         """rad; about which point torque is taken is of no account to it."""
-        (x, y), friction = contacts[0].tolist(), self._friction
-        needed = kernels.force_closure(contacts, normals, x, y, self._analysis.rho, friction)[1]
-        return math.atan(friction) - needed
+        x, y = contacts[0].tolist()
+        return Closure.of(contacts, normals, (x, y), self._analysis.rho, self._friction).margin
 
     def in_image(self, contacts: Floats, carried: Floats) -> float:
         """Margin, rad, of contacts (k, 2) px in a view as it is, the outline carried there by H_current_reference (3, 3)."""
