@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.progress import with_progress
+from grasptrack.cli.terminal import format_number, show_rows, with_progress
 
 _HEADS = (
     ("strategy", "left"),
@@ -44,7 +43,6 @@ def demo(
       grasptrack demo --risk 1e-5
     """
     from grasptrack.bench.demo import run_demo
-    from grasptrack.cli.report import show_rows
 
     rate = options.risk_rate(risk)
     rows = with_progress(
@@ -63,11 +61,7 @@ def _row_cells(row: dict[str, Any]) -> list[str]:
     names = ("error_median_px", "error_p95_px", "error_max_px")
     return [
         *(str(row[name]) for name in ("strategy", "tracked", "unstable", "lost")),
-        *(_format_number(row[name]) for name in names),
+        *(format_number(row[name]) for name in names),
         str(row["false_accepts"]),
-        *(_format_number(row[name], 1) for name in ("latency_median_ms", "latency_p99_ms")),
+        *(format_number(row[name], 1) for name in ("latency_median_ms", "latency_p99_ms")),
     ]
-
-
-def _format_number(value: float, decimals: int = 2) -> str:
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"

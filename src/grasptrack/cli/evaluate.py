@@ -9,12 +9,47 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.evaluate_paper import paper
-from grasptrack.cli.progress import command_line, with_progress
+from grasptrack.cli.terminal import command_line, show_rows, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
     from grasptrack.bench.fill import Filled, Progress
+    from grasptrack.bench.paper import PaperRun
+
+
+def paper(
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path(
+        "evaluation-paper"
+    ),
+    frames: Annotated[int, typer.Option(metavar="N", min=4, help="Frames of the synthetic path.")] = 100,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Of the path, light and noise.")] = 0,
+    quiet: options.Quiet = False,
+) -> None:
+    """Rerun Tables I to VII of the paper in the paper's form, beside the printed values where there are any.
+
+    Three objects, others than the paper's: sizes compare, digits do not. On ideal contours and on rendered images.
+    Writes tables.txt, tables.md, tables/*.csv, evaluation.json, figures and report.html.
+
+    \b
+    Examples:
+      grasptrack evaluate paper
+      grasptrack evaluate paper --frames 40 --output short
+    """
+    from grasptrack.bench.paper import run_paper
+    from grasptrack.bench.paper.folder import write_paper
+    from grasptrack.bench.report.table import to_text
+    from grasptrack.io.run import prepare_folder
+
+    prepare_folder(output)
+
+    def work(tell: Progress) -> tuple[PaperRun, Path]:
+        run = run_paper(frames=frames, seed=seed, progress=tell)
+        return run, write_paper(output, run, options={"frames": frames, "seed": seed}, command=command_line())
+
+    run, report = with_progress(output, quiet, work)
+    if not quiet:
+        typer.echo("\n".join([*(to_text(table) for table in run.tables), str(report)]))
+
 
 Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; a finished run in it is replaced.")]
 MethodNames = Annotated[
@@ -24,8 +59,6 @@ MethodNames = Annotated[
 Peers = Annotated[
     bool, typer.Option("--peers", help="Measure also what else one could use, as far as it is installed.")
 ]
-Workers = Annotated[int | None, typer.Option(metavar="N", help="Processes; one for each core if not given.")]
-Address = Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster's scheduler.")]
 ManyFingers = Annotated[int, typer.Option(metavar="K", help="Fingers of the grasps that are chosen, 2 or 3.")]
 
 MOST_NAMED = 10
@@ -46,9 +79,7 @@ def scenes(
     shapes: Annotated[
         str | None, typer.Option(metavar="A,B", help="Built-in outlines; all if no part is named.")
     ] = None,
-    silhouettes: Annotated[
-        str | None, typer.Option(metavar="DIR", help="Parts from images: what is not black is material.")
-    ] = None,
+    silhouettes: options.Silhouettes = None,
     photos: Annotated[str | None, typer.Option(metavar="DIR", help="Parts from photos, with --masks.")] = None,
     masks: Annotated[str | None, typer.Option(metavar="DIR", help="Masks of the photos, by name.")] = None,
     disturbances: Annotated[str | None, typer.Option(metavar="A,B", help="Disturbances; all if not given.")] = None,
@@ -60,8 +91,8 @@ def scenes(
     fingers: ManyFingers = 2,
     friction: options.Friction = 0.5,
     risk: options.Risk = 1e-3,
-    workers: Workers = None,
-    scheduler: Address = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Render parts under many disturbances, follow a grasp by every method, and compare with the exact truth.
@@ -119,8 +150,8 @@ def real(
             show_default=False,
         ),
     ] = None,
-    workers: Workers = None,
-    scheduler: Address = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Follow a grasp through real videos by every method, and compare with reference homographies.
@@ -160,7 +191,6 @@ def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], qu
     from grasptrack.bench.fill import fill_run_folder
     from grasptrack.bench.report.closing_table import closing_table
     from grasptrack.bench.report.report import write_report
-    from grasptrack.cli.report import show_rows
 
     def score(tell: Progress) -> Filled:
         return fill_run_folder(

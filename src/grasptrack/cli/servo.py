@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.progress import with_progress
+from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
 def servo(
     shape: Annotated[str | None, typer.Option(metavar="NAME", help="A built-in outline; drawn if not given.")] = None,
-    silhouettes: Annotated[
-        str | None, typer.Option(metavar="DIR", help="Parts from images: what is not black is material.")
-    ] = None,
+    silhouettes: options.Silhouettes = None,
     scenario: Annotated[str, typer.Option(metavar="NAME", help="static, pushed, belt or blackout.")] = "static",
     arm: Annotated[str, typer.Option(metavar="NAME", help="gantry (4 DoF) or arm (6 DoF).")] = "gantry",
     fingers: Annotated[
@@ -36,10 +34,8 @@ def servo(
     seed: Annotated[int, typer.Option(metavar="S", min=0, help="Of all that is drawn at random.")] = 0,
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path("servo"),
     no_video: Annotated[bool, typer.Option("--no-video", help="Write no approach.mp4.")] = False,
-    workers: Annotated[int | None, typer.Option(metavar="N", help="Processes; one for each core if not given.")] = None,
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster's scheduler.")
-    ] = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Look, choose a grasp, approach, close and lift, in a physical world (MuJoCo) whose camera nobody calibrated.
@@ -96,7 +92,6 @@ def _run_single(shapes: list[Any], asked: dict[str, Any], images: str, output: P
 
     from grasptrack.bench.approach.film import run_and_film
     from grasptrack.bench.approach.trials import draw_cases
-    from grasptrack.cli.report import show_rows
 
     changed: dict[str, Any] = {"seed": asked["seed"], "images": images}
     case = replace(draw_cases(shapes, 1, **asked)[0], **changed)
@@ -149,8 +144,6 @@ def _run_many(
 
 
 def _show_results(found: Trials, asked: dict[str, Any], output: Path) -> None:
-    from grasptrack.cli.report import show_rows
-
     figures = found.figures()
     low, high = found.interval()
     rows = [

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.terminal import INTERRUPTED, Interruption, tell_error
+from grasptrack.cli.terminal import INTERRUPTED, Interruption, Progress, show_run, tell_error
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
 
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame
-    from grasptrack.io.tally import RunSummary
+    from grasptrack.io.run import RunSummary
     from grasptrack.tracking.result import TrackResult
 
 
@@ -84,13 +84,7 @@ def track(
       grasptrack track video.mp4 --camera camera.yaml --length 120mm
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
-    lengths = {
-        "min_opening": min_opening,
-        "max_opening": max_opening,
-        "finger_width": finger_width,
-        "finger_thickness": finger_thickness,
-        "clearance": clearance,
-    }
+    lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     asked = {
         "strategy": options.strategy_choice(strategy),
         "fingers": fingers,
@@ -111,14 +105,11 @@ def track(
         "video": not no_video,
     }
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    place, frame = options.parse_point(object_, "--object"), options.parse_rectangle(box, "--box")
-    if place is not None and frame is not None:
-        raise InputError("--object and --box both say which object is meant: give one of them")
+    meant = options.object_meant(object_, box)
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
     calibration = options.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
 
-    from grasptrack.cli.report import Progress, show_run
     from grasptrack.io.masks import open_masks
     from grasptrack.io.run import run_track
     from grasptrack.io.sources import open_source
@@ -134,8 +125,8 @@ def track(
         strategy=strategy,
         friction=friction,
         grasp=contacts,
-        object_at=place,
-        box=frame,
+        object_at=meant.place,
+        box=meant.box,
         ignore=options.ignore_mask(ignore),
         resynthesize=resynthesize,
         hand=hand,

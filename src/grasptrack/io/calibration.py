@@ -11,7 +11,6 @@ from typing import Any
 
 from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera, Model
-from grasptrack.io.plain_yaml import read_yaml
 
 _MATRIX = ("camera_matrix", "k", "mtx", "intrinsic_matrix", "intrinsics", "camera")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distortion_coeffs", "distortion", "dist", "d")
@@ -65,6 +64,35 @@ def _read_content(file: Path) -> dict[str, Any]:
     else:
         found = read_yaml(text)
     return found if isinstance(found, dict) else {}
+
+
+def read_yaml(text: str) -> Any:
+    """The first document of YAML as dictionaries, lists, numbers and words; also as OpenCV writes it, whose dialect is 1.0.
+
+    Raises:
+        InputError: it cannot be read; the message names the line.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.constructor import SafeConstructor
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+    class Constructor(SafeConstructor):
+        """Knows OpenCV's matrices, and takes a key that is there twice, as OpenCV does."""
+
+    Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", lambda made, node: made.construct_mapping(node, True))
+    yaml = YAML(typ="safe", pure=True)
+    yaml.Constructor, yaml.allow_duplicate_keys = Constructor, True
+    if _ALIAS.search(text):
+        raise InputError("has aliases (*), which no calibration needs")
+    try:
+        # OpenCV's "%YAML:1.0" is no directive of YAML's
+        return next(iter(yaml.load_all(re.sub(r"\A%YAML[^\n]*", "", text))), None)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = 1 if mark is None else mark.line + 1
+        raise InputError(f"line {line} is no YAML that can be read: {error.problem or error.context}") from None
+    except (YAMLError, ValueError, RecursionError) as error:
+        raise InputError(f"line 1 begins what is no YAML that can be read: {type(error).__name__}") from None
 
 
 def _read_opencv_xml(text: str) -> Any:
