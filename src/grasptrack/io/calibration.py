@@ -12,6 +12,8 @@ from typing import Any
 from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera, Model
 
+LARGEST = 1 << 20
+"""Characters of a file; no tool writes nearly as many, and YAML takes seconds to read more."""
 _MATRIX = ("camera_matrix", "k", "mtx", "intrinsic_matrix", "intrinsics", "camera")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distortion_coeffs", "distortion", "dist", "d")
 _MODEL = ("distortion_model", "camera_model", "model")
@@ -54,6 +56,8 @@ def _read_content(file: Path) -> dict[str, Any]:
         raise InputError("is no text file") from None
     if not text.strip():
         raise InputError("is empty")
+    if len(text) > LARGEST:
+        raise InputError("is too large for a calibration")
     if text.lstrip().startswith("{"):
         try:
             found = json.loads(text)
@@ -67,32 +71,44 @@ def _read_content(file: Path) -> dict[str, Any]:
 
 
 def read_yaml(text: str) -> Any:
-    """The first document of YAML as dictionaries, lists, numbers and words; also as OpenCV writes it, whose dialect is 1.0.
+    """The first document of YAML as dictionaries, lists, numbers and words: as people and ROS write it, and OpenCV's dialect.
 
     Raises:
         InputError: it cannot be read; the message names the line.
     """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.constructor import SafeConstructor
-    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+    from ruamel.yaml import YAML, SafeConstructor
+    from ruamel.yaml.error import MarkedYAMLError
+    from ruamel.yaml.nodes import MappingNode, ScalarNode
 
     class Constructor(SafeConstructor):
-        """Knows OpenCV's matrices, and takes a key that is there twice, as OpenCV does."""
+        """A safe one that takes what has a tag of its own, such as OpenCV's matrices, as if it had none."""
 
-    Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", lambda made, node: made.construct_mapping(node, True))
+        def construct_tagged(self, node: Any) -> Any:
+            if isinstance(node, ScalarNode):
+                return self.construct_scalar(node)
+            if isinstance(node, MappingNode):
+                return self.construct_mapping(node, deep=True)
+            return self.construct_sequence(node, deep=True)
+
+    Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", Constructor.construct_tagged)
+    Constructor.add_constructor(None, Constructor.construct_tagged)
     yaml = YAML(typ="safe", pure=True)
-    yaml.Constructor, yaml.allow_duplicate_keys = Constructor, True
-    if _ALIAS.search(text):
-        raise InputError("has aliases (*), which no calibration needs")
+    yaml.Constructor = Constructor
     try:
-        # OpenCV's "%YAML:1.0" is no directive of YAML's
-        return next(iter(yaml.load_all(re.sub(r"\A%YAML[^\n]*", "", text))), None)
+        found = next(iter(yaml.load_all(text)), None)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        line = 1 if mark is None else mark.line + 1
-        raise InputError(f"line {line} is no YAML that can be read: {error.problem or error.context}") from None
-    except (YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"line 1 begins what is no YAML that can be read: {type(error).__name__}") from None
+        why = error.problem or error.context or "unknown"
+        raise InputError(
+            f"line {mark.line + 1 if mark else 1} is no YAML that can be read: {' '.join(why.split())}"
+        ) from None
+    except RecursionError:
+        raise InputError("line 1 begins what is nested too deeply") from None
+    except Exception as error:  # of ruamel's own, on what no rule foresees
+        raise InputError(f"line 1 is no YAML that can be read: {' '.join(str(error).split())}") from None
+    if isinstance(found, str):
+        raise InputError("line 1 is no YAML that can be read: it has no key")
+    return found
 
 
 def _read_opencv_xml(text: str) -> Any:
@@ -124,10 +140,10 @@ def _node_to_python(node: Any) -> Any:
 
 
 def _camera_from_content(content: dict[str, Any]) -> Camera:
-    known = {_normalized_key(name): value for name, value in content.items()}
+    known = {_normalized_key(str(name)): value for name, value in content.items()}
     first = known.get("cam0")
     if isinstance(first, dict):  # Kalibr
-        known = {_normalized_key(name): value for name, value in first.items()}
+        known = {_normalized_key(str(name)): value for name, value in first.items()}
     size = _image_size(known)
     matrix = _camera_matrix(known, size)
     name = _find_value(known, _MODEL[:1])
