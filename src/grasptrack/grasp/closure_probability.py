@@ -87,6 +87,14 @@ class Judgement(NamedTuple):
         return self.closes * self.stays
 
 
+class _MarginUncertainty(NamedTuple):
+    """How well the margin is known: as in Judgement; `closes` is 1 where nothing is said of the plane."""
+
+    margin_sd: float
+    closes: float
+    settled: bool
+
+
 class ClosureCheck:
     """Judges a grasp in the object's own plane, image after image: perspective bends friction cones.
 
@@ -118,18 +126,17 @@ class ClosureCheck:
             self._regions_to_view, self._built = self._to_view, self._analysis.margin
         self._margin_sd, self._closes, self._settled = self._margin_uncertainty(contacts, view, width)
 
-    def _margin_uncertainty(self, contacts: Floats, view: View, width: float) -> tuple[float, float, bool]:
-        """Standard deviation of the margin, how probably it is above 0 (1: nothing is said of the plane), and `settled`."""
+    def _margin_uncertainty(self, contacts: Floats, view: View, width: float) -> _MarginUncertainty:
         noise, (_, maps, weights, _) = self._margin_noise_variance(contacts, view, width), self._plane
         if not len(maps):
-            return math.sqrt(noise), 1.0, True
+            return _MarginUncertainty(math.sqrt(noise), 1.0, True)
         margins = np.array([self._margin_under_homography(each @ self._to_view, contacts) for each in maps])
         closes = sum(
             w * interval_probability(-math.inf, m, noise)
             for m, w in zip(margins.tolist(), weights.tolist(), strict=True)
         )
         tilted = float(weights @ (margins - self._analysis.margin) ** 2)
-        return math.sqrt(tilted + noise), closes, tilted < noise
+        return _MarginUncertainty(math.sqrt(tilted + noise), closes, tilted < noise)
 
     def _margin_noise_variance(self, contacts: Floats, view: View, width: float) -> float:
         """rad^2, variance of the margin by what the first view's outline is off: across it, and by what bends under a finger.

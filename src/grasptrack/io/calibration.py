@@ -76,7 +76,8 @@ def read_yaml(text: str) -> Any:
     Raises:
         InputError: it cannot be read; the message names the line.
     """
-    from ruamel.yaml import YAML, SafeConstructor
+    from ruamel.yaml import YAML
+    from ruamel.yaml.constructor import SafeConstructor
     from ruamel.yaml.error import MarkedYAMLError
     from ruamel.yaml.nodes import MappingNode, ScalarNode
 

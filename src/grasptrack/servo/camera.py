@@ -121,12 +121,12 @@ class HandCamera:
             seen = self.focal * P[:, :2] / P[:, 2:] + self.centre
         return np.where(P[:, 2:] > NEAREST, seen, np.nan)
 
-    def rays(self, pixels: Floats) -> Floats:
+    def ray_directions(self, pixels: Floats) -> Floats:
         """Directions (N, 3) in the hand's frame of what is seen at pixels (N, 2), of depth 1 along the optical axis."""
         flat = (np.asarray(pixels) - self.centre) / self.focal
         return np.asarray(flat @ self.turn[:, :2].T + self.turn[:, 2])
 
-    def interaction(self, points: Floats) -> Floats:
+    def interaction_matrices(self, points: Floats) -> Floats:
         """Interaction matrices (N, 2, 6): px/s of still points for the hand's twist in m/s and rad/s.
 
         A still point moves by -v - w x P in the hand's frame (Chaumette and Hutchinson 2006, eq. 6).

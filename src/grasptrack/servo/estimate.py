@@ -172,7 +172,7 @@ class Estimate:
         return size
 
     @property
-    def elsewhere(self) -> bool:
+    def is_displaced(self) -> bool:
         """Whether this and the images before it agree that the object is not where it was expected."""
         return len(self._away) >= AGREEING
 
@@ -182,7 +182,7 @@ class Estimate:
         if size >= FAR:
             self._away.append(off)
 
-    def release(self, time: float) -> None:
+    def release_object(self, time: float) -> None:
         """The object has been displaced: let its place, turn and velocity be found anew; camera and shape stay."""
         self.displaced_at = time
         self._away.clear()
@@ -190,6 +190,10 @@ class Estimate:
         P[PLACE, PLACE] += 0.05**2 * axes @ axes.T
         P[POSE.stop - 1, POSE.stop - 1] += 0.3**2
         P[SPEED, SPEED] += 0.2**2 * np.eye(3)
+
+    def settle(self) -> None:
+        """The object rests, or moves evenly again."""
+        self.displaced_at = -np.inf
 
     def follow(self, other: Estimate) -> None:
         """Remember what another estimate of the same object saw last that did not fit."""
@@ -199,7 +203,7 @@ class Estimate:
         """The points in the object's plane, (n, 2) m."""
         return self.object.points
 
-    def moving(self) -> Floats:
+    def object_velocity(self) -> Floats:
         """The object's velocity in the base, (3,) m/s; 0 where that is no more than noise."""
         speed, velocity = self.object.speed, self.object.velocity()
         if float(velocity @ velocity) <= LEAST_SPEED**2:
@@ -230,7 +234,7 @@ def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Fl
         facing: (3, 3), axes and normal of its plane in the base.
         slope: rad, by how much the plane in which it moves may be tilted against that.
     """
-    rays = camera.rays(seen.points) @ seen.hand[:3, :3].T  # in the base
+    rays = camera.ray_directions(seen.points) @ seen.hand[:3, :3].T  # in the base
     origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
     height = rays @ facing[:, 2]
     points = origin + depth * rays * (height.mean() / height)[:, None]
@@ -240,7 +244,7 @@ def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Fl
 
 def on_plane(camera: HandCamera, object_: Placed, seen: Observation) -> Floats | None:
     """Where other points of the object lie in its plane, (n, 2) m; None where they are not seen on it."""
-    rays = camera.rays(seen.points) @ seen.hand[:3, :3].T
+    rays = camera.ray_directions(seen.points) @ seen.hand[:3, :3].T
     origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
     normal = object_.turn[:, 2]
     far = ((object_.place - origin) @ normal) / (rays @ normal)
@@ -314,11 +318,11 @@ def refine_estimate(
         start: where an earlier search had come to; default the prior's camera and object.
         steps: most steps. A search that has not settled can go on from what is returned.
     """
-    times, hands, points, noise = stack_observations(seen)
+    all_seen = stack_observations(seen)
     now = start or Search(origin.state)
     state, covariance, damping, settled, scale = kernels.calibrate_batch(
-        origin.state, origin.known, hands, times - origin.time, points, noise, now.state, now.damping, steps,
-        ROBUST, SETTLED, HOPELESS,
+        origin.state, origin.known, all_seen.hands, all_seen.times - origin.time, all_seen.points, all_seen.noise,
+        now.state, now.damping, steps, ROBUST, SETTLED, HOPELESS,
     )  # fmt: skip
     made = Estimate(state, covariance, origin.time)
     made.advance(seen[-1].time, evenly=True)
@@ -356,7 +360,7 @@ class ClassicalIBVS:
         """The points in the object's plane, (n, 2) m."""
         return self.object.points
 
-    def moving(self) -> Floats:
+    def object_velocity(self) -> Floats:
         """(3,) m/s: none is estimated."""
         return np.zeros(3)
 

@@ -94,6 +94,25 @@ SLOPE = 0.01
 
 
 @dataclass(frozen=True)
+class Approach:
+    """The way to the goal.
+
+    Attributes:
+        goal: of the contacts.
+        order: the finger of each contact.
+        dof: 4 or 6.
+        standoff: m before the goal at which the hand aligns first.
+        gain: of the law.
+    """
+
+    goal: Goal
+    order: tuple[int, ...]
+    dof: int
+    standoff: float
+    gain: Gain
+
+
+@dataclass(frozen=True)
 class Aim:
     """A step.
 
@@ -118,15 +137,10 @@ class Aim:
 
 def compute_aim(
     known: Estimate | ClassicalIBVS,
-    goal: Goal,
-    order: tuple[int, ...],
+    how: Approach,
     seen: Observation | None,
     hand: Floats,
     time: float,
-    *,
-    dof: int,
-    standoff: float,
-    gain: Gain,
 ) -> Aim | None:
     """The next step toward the goal; None where the goal would not be in front of the camera.
 
@@ -135,18 +149,14 @@ def compute_aim(
 
     Args:
         known: camera and object.
-        goal: of the contacts.
-        order: the finger of each contact.
+        how: the goal, and the way to it.
         seen: the latest sighting; None while the object is out of sight.
         hand: (4, 4), its pose now.
         time: s, now.
-        dof: 4 or 6.
-        standoff: m before the goal at which the hand aligns first.
-        gain: of the law.
     """
-    k, camera = len(order), known.camera
+    k, camera, dof, standoff = len(how.order), known.camera, how.dof, how.standoff
     points = known.in_hand(hand, time)[:k]
-    right = goal.targets(camera, known.shape()[:k], order)
+    right = how.goal.targets(camera, known.shape()[:k], how.order)
     normal = known.normal(hand)
     places = [points] if seen is None else [points, known.in_hand(seen.hand, seen.time)[:k]]
     pixels = camera.project(np.concatenate(places)).reshape(-1, k, 2)
@@ -163,9 +173,9 @@ def compute_aim(
         return None
     last, features = Features(final, camera.centre), Features(goal_px, camera.centre)
     at, there = (wanted, goal_px) if known.linearised_at_goal else (points, pixels[0])
-    slopes = features.slopes(there)
+    slopes = features.jacobian_at(there)
     error, in_the_end = features.error(contacts), last.error(contacts)
-    jacobian = slopes @ camera.interaction(at).reshape(2 * k, 6)
+    jacobian = slopes @ camera.interaction_matrices(at).reshape(2 * k, 6)
     covariance = slopes @ _contact_covariance(seen, k) @ slopes.T
     if dof == 6:
         by_normal = np.hstack([np.zeros((2, 3)), skew_matrix(normal)[:2]])
@@ -175,16 +185,16 @@ def compute_aim(
         wide[:4, :4] = covariance
         covariance = wide
     length = math.dist(points[0].tolist(), points[1].tolist())
-    twist = twist_for(error, jacobian, covariance, dof=dof, length=length, gain=gain)
+    twist = twist_for(error, jacobian, covariance, dof=dof, length=length, gain=how.gain)
     aligned = raised <= 0.5 * standoff
     doing = "goes down" if aligned else "aligns at the stand-off"
     height = float((points - right)[:, 2].sum()) / k
-    return Aim(twist, in_the_end, last.off(contacts), height, final, doing, aligned)
+    return Aim(twist, in_the_end, last.farthest_error(contacts), height, final, doing, aligned)
 
 
 def _at_depth(camera: HandCamera, contacts: Floats, points: Floats) -> Floats:
     """Contacts (k, 2) px as points (k, 3) m in the hand's frame, each as far along the approach direction as that given."""
-    rays = camera.rays(contacts)
+    rays = camera.ray_directions(contacts)
     return np.asarray(camera.offset + rays * ((points[:, 2] - camera.offset[2]) / rays[:, 2])[:, None])
 
 

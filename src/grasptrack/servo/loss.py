@@ -75,15 +75,15 @@ class LossHandler:
         self.policy, self._limits = policy, limits
         self._last, self._retreated = math.nan, 0.0
 
-    def seen(self, time: float) -> None:
+    def note_seen(self, time: float) -> None:
         """The grasp is seen at a time, s."""
         self._last, self._retreated = time, 0.0
 
-    def blinks(self, time: float) -> bool:
+    def seen_recently(self, time: float) -> bool:
         """Whether it was seen a moment ago."""
         return time - self._last < BLINK
 
-    def intent(
+    def choose_intent(
         self,
         why: str,
         time: float,

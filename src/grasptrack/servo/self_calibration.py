@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,9 +92,23 @@ class UnexploredError(GraspTrackError):
     """The moves so far do not tell enough: the message says what is missing. Caught by the servo."""
 
 
+class FirstEstimate(NamedTuple):
+    """A first estimate.
+
+    Attributes:
+        origin: what was known before.
+        estimate: after the observations.
+        search: where the search for it has come to, to go on from.
+    """
+
+    origin: Origin
+    estimate: Estimate
+    search: Search
+
+
 def initialize_calibration(
     seen: Sequence[Observation], centre: Floats, side: float, slope: float, seed: int = 0
-) -> tuple[Origin, Estimate, Search]:
+) -> FirstEstimate:
     """What was known before, and the estimate after all sightings of exploratory moves.
 
     Args:
@@ -126,7 +141,7 @@ def initialize_calibration(
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
     depth = focal * L / rms_diameter(chosen[0].points[: chosen[0].contacts])
     origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
-    return origin, *refine_estimate(origin, chosen, steps=INITIAL_STEPS)
+    return FirstEstimate(origin, *refine_estimate(origin, chosen, steps=INITIAL_STEPS))
 
 
 def origin_of(seen: Observation, camera: HandCamera, depth: float, prior: Prior) -> Origin:
@@ -135,13 +150,11 @@ def origin_of(seen: Observation, camera: HandCamera, depth: float, prior: Prior)
     return Origin(camera, object_, prior.covariance(camera, object_, seen.hand), seen.time)
 
 
-def initialize_from_nominal(
-    seen: Observation, believed: NominalCamera, centre: Floats, slope: float
-) -> tuple[Origin, Estimate, Search]:
+def initialize_from_nominal(seen: Observation, believed: NominalCamera, centre: Floats, slope: float) -> FirstEstimate:
     """What is known before from a nominal camera, and the estimate from a single sighting."""
     prior = replace(NOMINAL, slope=slope)
     origin = origin_of(seen, believed.camera(centre), believed.distance, prior)
-    return origin, *refine_estimate(origin, [seen])
+    return FirstEstimate(origin, *refine_estimate(origin, [seen]))
 
 
 def _estimate_mounting(
@@ -222,9 +235,9 @@ class SelfCalibration:
         self._fixed = fixed
         self._slope = 0.01 if dof == 4 else 0.3
         self.restarts = 0
-        self.forget()
+        self.begin_anew()
 
-    def forget(self) -> None:
+    def begin_anew(self) -> None:
         """Begin anew: another object, or an estimate that proved wrong."""
         self._seen: list[Observation] = []
         self._origin: Origin | None = None
@@ -238,19 +251,24 @@ class SelfCalibration:
         self._regrasp = self._sure = False
         self._asked = self._nominal is None
 
-    def another(self) -> None:
+    def restart(self) -> None:
+        """Begin anew with an estimate that proved wrong; how often is counted."""
+        self.restarts += 1
+        self.begin_anew()
+
+    def change_grasp(self) -> None:
         """Another grasp is followed from now on, on the same object: the camera stays known, and where the object lies."""
         if isinstance(self.estimate, Estimate):
             self._regrasp, self._sure = True, False
         else:
-            self.forget()
+            self.begin_anew()
 
     @property
     def exploring(self) -> bool:
         """Whether there are exploratory moves to make."""
         return self._asked and self._stage < len(self._order)
 
-    def make_sure(self) -> bool:
+    def explore_again(self) -> bool:
         """Explore once more where the length of the grasp is not known well, once for each grasp; whether it will."""
         known = self.estimate
         if self._sure or not isinstance(known, Estimate) or known.relative_error() < SURE:
@@ -259,7 +277,7 @@ class SelfCalibration:
         self._stage, self._began, self._larger = 0, float("nan"), 1.0
         return True
 
-    def take(self, seen: Observation, centre: Floats, side: float) -> bool:
+    def take_observation(self, seen: Observation, centre: Floats, side: float) -> bool:
         """Take in a sighting; whether it fits what is known."""
         if self._regrasp:
             self._begin_from_the_same_object(seen)
@@ -267,7 +285,7 @@ class SelfCalibration:
         self._last.append(seen)
         if isinstance(self.estimate, Estimate):
             fits = self.estimate.observe(seen) < FAR
-            if self.estimate.elsewhere:
+            if self.estimate.is_displaced:
                 fits = self._explain_mismatch(self.estimate, seen)
         elif self.estimate is not None:
             self.estimate.observe(seen)
@@ -281,8 +299,7 @@ class SelfCalibration:
         self._keep_observation(seen)
         self._fits.append(fits)
         if sum(not f for f in self._fits) >= STRANGE:
-            self.restarts += 1
-            self.forget()
+            self.restart()
             return False
         if self.exploring:
             self._go_on(seen.time, centre, side)
@@ -295,7 +312,7 @@ class SelfCalibration:
         known.advance(seen.time)
         points = on_plane(known.camera, known.object, seen)
         if points is None:
-            self.forget()
+            self.begin_anew()
             return
         o = known.object
         covariance = np.eye(SHAPE + points.size) * ANYWHERE**2
@@ -314,7 +331,7 @@ class SelfCalibration:
             if all(normalized_residual(anew, one) < FAR for one in self._last):
                 self.estimate, self._search = anew, search
                 return True
-        known.release(seen.time)
+        known.release_object(seen.time)
         return known.observe(seen) < FAR
 
     def _keep_observation(self, seen: Observation) -> None:
@@ -339,7 +356,8 @@ class SelfCalibration:
                 known.time > known.displaced_at + ASTIR
             ):  # it rests, or moves evenly again: what came before is the prior
                 self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
-                self._seen, self._search, known.displaced_at = [], None, -np.inf
+                self._seen, self._search = [], None
+                known.settle()
             return
         settled = self._search is None or self._search.settled
         if len(self._seen) < FEWEST or (settled and self._since < min(EVERY, len(self._seen) // FEWEST)):
@@ -373,7 +391,7 @@ class SelfCalibration:
                 self.failed = str(found)
         self._began = time
 
-    def interrupted(self, centre: Floats, side: float) -> None:
+    def interrupt_move(self, centre: Floats, side: float) -> None:
         """The grasp went out of sight: the present move is made again, the other way. Until then what it told must do."""
         if not np.isnan(self._began):
             self._larger *= -1.0
@@ -390,7 +408,7 @@ class SelfCalibration:
             return np.zeros(6)
         return self._how.twist(self._order[self._stage], time - self._began, self._larger)
 
-    def telling(self) -> str:
+    def move_name(self) -> str:
         """Which move is being made."""
         names = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
         return names[self._order[min(self._stage, len(self._order) - 1)]]

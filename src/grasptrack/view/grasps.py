@@ -68,20 +68,20 @@ def describe_grasp(grasp: RankedGrasp, px_per_mm: float | None) -> str:
 class GraspColumn(TextColumn):
     """What the picture says beside its panels: the best grasp, or why there is none, and captions."""
 
-    def free(self) -> tuple[float, float, float, float]:
+    def free_box(self) -> tuple[float, float, float, float]:
         """left, bottom, width and height in inches of what is left of the column."""
         return self._left, self._bottom, self._width, self._y - self._bottom
 
-    def heading(self, text: str) -> None:
+    def write_heading(self, text: str) -> None:
         """A line in bold."""
         self._y -= 0.3
         self._write_text(self._left, self._y, text, 13.0, weight="bold")
         self._y -= 0.1
 
-    def best(self, grasp: RankedGrasp, px_per_mm: float | None, cut: bool) -> None:
+    def write_best(self, grasp: RankedGrasp, px_per_mm: float | None, cut: bool) -> None:
         """The best grasp: what it is, and its quality with the terms that it is the product of."""
         kind = "spread: pushed outward" if grasp.spread else "squeezed"
-        self.heading(f"Grasp 1, {kind}")
+        self.write_heading(f"Grasp 1, {kind}")
         mm = "" if px_per_mm is None else f" ({grasp_opening(grasp) / px_per_mm:.1f} mm)"
         slip = "/".join(f"{r:.0f}" if r >= 9.5 else f"{r:.1f}" for r in grasp.regions.tolist())
         facts = (
@@ -96,17 +96,17 @@ class GraspColumn(TextColumn):
             self._draw_bar(name, value, FINGER)
         self._y -= 0.14
 
-    def nothing(self, grasps: GraspList) -> None:
+    def write_no_grasp(self, grasps: GraspList) -> None:
         """Why there is no grasp, and how many candidates fell to what."""
-        self.heading("No grasp")
+        self.write_heading("No grasp")
         self._write_lines(grasps.reason)
         if grasps.refused:
             self._y -= 0.1
-            self.heading("Candidates refused")
+            self.write_heading("Candidates refused")
             for reason, count in list(grasps.refused.items())[:12]:
                 self._write_lines(f"{count} ×  {reason}")
 
-    def caption(self, box: tuple[float, float, float, float], rank: str, text: str) -> None:
+    def write_caption(self, box: tuple[float, float, float, float], rank: str, text: str) -> None:
         """Rank and a few words above a small panel."""
         left, y = box[0], box[1] + box[3] + 0.07
         start = 0.13 + 0.09 * len(rank)
@@ -205,14 +205,14 @@ def write_grasps(
     _draw_main_panel(figure, picture, objects, friction)
     hands = {describe_hand(o.hand, px_per_mm) for o in objects}
     size = f" {hands.pop()}" if len(hands) == 1 else ""
-    column.title(title, _MAIN[0], f"{fingers} fingers{size}, friction {friction:g}")
+    column.write_title(title, _MAIN[0], f"{fingers} fingers{size}, friction {friction:g}")
     if len(objects) > 1:
         _draw_each_object(figure, picture, objects, column, px_per_mm)
     elif objects[0].grasps:
-        column.best(objects[0].grasps[0], px_per_mm, objects[0].outline.is_clipped)
+        column.write_best(objects[0].grasps[0], px_per_mm, objects[0].outline.is_clipped)
         _draw_next_best(figure, picture, objects[0], column, px_per_mm)
     else:
-        column.nothing(objects[0].grasps)
+        column.write_no_grasp(objects[0].grasps)
     save_whole(figure, path, PAGE_DPI)
 
 
@@ -223,16 +223,16 @@ def _draw_main_panel(figure: Any, picture: NDArray[np.uint8], objects: Sequence[
     shown = image_window(outlines, fingers, _image_size(picture), _MAIN[2] / _MAIN[3], 0.1, 1.7)
     panel = add_panel(figure, picture, shown, _MAIN)
     if not several:
-        panel.neighbours(objects[0].neighbours)
+        panel.draw_neighbours(objects[0].neighbours)
     for o in objects:
-        panel.outline(o.outline, 1.8)
+        panel.draw_outline(o.outline, 1.8)
     for i, o in enumerate(objects):
         if o.grasps and several:
-            panel.small_grasp(o.grasps[0])
+            panel.draw_small_grasp(o.grasps[0])
         elif o.grasps and not _close_up(figure, picture, panel, o, friction):
-            panel.grasp(o.grasps[0], o.outline, friction)
+            panel.draw_grasp(o.grasps[0], o.outline, friction)
         if several:
-            panel.label(str(i + 1), _number_position(o), 9.0)
+            panel.draw_label(str(i + 1), _number_position(o), 9.0)
     draw_legend(panel.axes, bool(best), several, any(o.neighbours for o in objects))
 
 
@@ -250,12 +250,12 @@ def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Plan
         return False
     place = left + (width - size[0]) * (corner % 2), bottom + (height - size[1]) * (corner < 2), *size
     inset = add_panel(figure, picture, near, place)
-    inset.frame()
-    inset.neighbours(found.neighbours)
-    inset.outline(found.outline, 1.6)
-    inset.grasp(grasp, found.outline, friction)
-    panel.small_grasp(grasp)
-    panel.mark(inset.window)
+    inset.draw_border()
+    inset.draw_neighbours(found.neighbours)
+    inset.draw_outline(found.outline, 1.6)
+    inset.draw_grasp(grasp, found.outline, friction)
+    panel.draw_small_grasp(grasp)
+    panel.draw_rectangle(inset.window)
     return True
 
 
@@ -267,15 +267,15 @@ def _draw_next_best(
     if not rest:
         return
     left = len(found.grasps) - 1 - len(rest)
-    column.heading("The next best" + (f", and {left} more in grasps.json" if left else ""))
+    column.write_heading("The next best" + (f", and {left} more in grasps.json" if left else ""))
     outline, fingers = found.outline.points, [g.fingers for g in rest]
-    boxes = panel_grid(column.free(), len(rest), aspect_of(outline))
+    boxes = panel_grid(column.free_box(), len(rest), aspect_of(outline))
     for i, (box, grasp) in enumerate(zip(boxes, rest, strict=True)):
         shown = image_window([outline], fingers, _image_size(picture), box[2] / box[3], 0.05)
         panel = add_panel(figure, picture, shown, box)
-        panel.outline(found.outline, 1.0)
-        panel.small_grasp(grasp)
-        column.caption(box, str(i + 2), describe_grasp(grasp, px_per_mm))
+        panel.draw_outline(found.outline, 1.0)
+        panel.draw_small_grasp(grasp)
+        column.write_caption(box, str(i + 2), describe_grasp(grasp, px_per_mm))
 
 
 def _draw_each_object(
@@ -283,17 +283,17 @@ def _draw_each_object(
 ) -> None:
     """Every object with its best grasp, or the word that there is none."""
     left = len(objects) - SHOWN
-    column.heading("The best on each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
-    boxes = panel_grid(column.free(), min(len(objects), SHOWN), 1.0)
+    column.write_heading("The best on each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
+    boxes = panel_grid(column.free_box(), min(len(objects), SHOWN), 1.0)
     for i, (box, found) in enumerate(zip(boxes, objects, strict=False)):
         best = found.grasps[:1]
         fingers = [g.fingers for g in best]
         shown = image_window([found.outline.points], fingers, _image_size(picture), box[2] / box[3], 0.05)
         panel = add_panel(figure, picture, shown, box)
-        panel.outline(found.outline, 1.0)
+        panel.draw_outline(found.outline, 1.0)
         for grasp in best:
-            panel.small_grasp(grasp)
-        column.caption(box, str(i + 1), describe_grasp(best[0], px_per_mm) if best else "no grasp")
+            panel.draw_small_grasp(grasp)
+        column.write_caption(box, str(i + 1), describe_grasp(best[0], px_per_mm) if best else "no grasp")
 
 
 def _number_position(found: Planned) -> Floats:

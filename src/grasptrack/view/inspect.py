@@ -57,7 +57,7 @@ _REASONS = 3
 class Sheet(TextColumn):
     """The verdict with its reasons, bars of the motions, and the table of the terminal."""
 
-    def verdict(self, found: Suitability) -> None:
+    def write_verdict(self, found: Suitability) -> None:
         """The level on a coloured field, what a run will give, and what speaks against it with what would help."""
         self._draw_box(self._left, PAGE[1] - 0.62, 1.2, 0.46, LEVEL[found.level])
         self._write_text(
@@ -80,7 +80,7 @@ class Sheet(TextColumn):
                 f"and {len(found.reasons) - _REASONS} more in inspect.json", 10.5, indent=0.2, color=MUTED
             )
 
-    def motions(self, motions: Motions) -> None:
+    def draw_motions(self, motions: Motions) -> None:
         """A bar for each motion, as much of it as moves the edges, and whether it is told from the others."""
         self._y -= 0.36
         self._write_text(self._left, self._y, "What moves the edges", 12.5, weight="bold")
@@ -100,7 +100,7 @@ class Sheet(TextColumn):
         self._draw_box(mark, self._y - 0.05, 0.015, top - self._y - 0.05, INK)
         self._y -= 0.03
 
-    def table(self, found: Suitability) -> None:
+    def write_table(self, found: Suitability) -> None:
         """The rows of the terminal's table, as far as they fit."""
         self._y -= 0.14
         for row in report_rows(found):
@@ -204,7 +204,7 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
     shown = image_window(seen, [], (picture.shape[0], picture.shape[1]), _MAIN[2] / _MAIN[3], 0.16, 1.3)
     panel = add_panel(figure, picture, shown, _MAIN)
     times = ellipse_magnification(found, panel.px_per_point)
-    panel.neighbours(found.equals, 1.6)
+    panel.draw_neighbours(found.equals, 1.6)
     _draw_outline(panel, found)
     _draw_symmetry(panel, found)
     _draw_slides(panel, found)
@@ -214,10 +214,10 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
         _draw_grasp(panel, found.grasp, times)
     draw_legend(panel.axes, found, times)
     sheet = Sheet(figure, _RIGHT)
-    sheet.title(title, _MAIN[0])
-    sheet.verdict(found)
-    sheet.motions(found.motions)
-    sheet.table(found)
+    sheet.write_title(title, _MAIN[0])
+    sheet.write_verdict(found)
+    sheet.draw_motions(found.motions)
+    sheet.write_table(found)
     save_whole(figure, path, PAGE_DPI)
 
 
@@ -264,7 +264,7 @@ def _draw_slides(panel: Panel, found: Suitability) -> None:
     for point, way in zip(points - inward, moved * reach / longest, strict=True):
         if float(np.hypot(*way)) < 0.25 * reach:
             continue
-        panel.arrow(point - 0.5 * way, point + 0.5 * way, BAD, 0.3)
+        panel.draw_arrow(point - 0.5 * way, point + 0.5 * way, BAD, 0.3)
 
 
 def _draw_symmetry(panel: Panel, found: Suitability) -> None:
@@ -275,12 +275,12 @@ def _draw_symmetry(panel: Panel, found: Suitability) -> None:
     radius = min(max(0.13 * found.looks.size, 26.0 * panel.px_per_point), 60.0 * panel.px_per_point)
     centre = _free_place(panel, found, radius)
     around = np.linspace(0.0, 2.0 * math.pi, 121)
-    panel.line(centre + radius * np.column_stack([np.cos(around), np.sin(around)]), "white", 1.6)
+    panel.draw_line(centre + radius * np.column_stack([np.cos(around), np.sin(around)]), "white", 1.6)
     start = math.degrees(math.atan2(frame.axes[0, 1], frame.axes[0, 0]))
     if not symmetry.every and len(symmetry.turns) < _MANY:
         for turn in (0.0, *symmetry.turns):
             way = np.array([math.cos(math.radians(start + turn)), math.sin(math.radians(start + turn))])
-            panel.line(centre + radius * np.outer([0.72, 1.28], way), "white", 2.4)
+            panel.draw_line(centre + radius * np.outer([0.72, 1.28], way), "white", 2.4)
     text = "every turn" if symmetry.every else f"alike {symmetry.order} ×"
     style = {"ha": "center", "va": "center", "fontsize": 11.0, "fontweight": "bold", "color": "white", "zorder": 6}
     box = {"boxstyle": "round,pad=0.25", "fc": DARK, "ec": "none", "alpha": 0.75}
@@ -308,7 +308,7 @@ def _draw_grasp(panel: Panel, grasp: Held, times: float) -> None:
     contacts = grasp.contacts
     middle = contacts.mean(axis=0)
     for spoke in grasp_spokes(contacts):
-        panel.line(spoke, LINE, 2.0)
+        panel.draw_line(spoke, LINE, 2.0)
     for i, (contact, covariance) in enumerate(zip(contacts, grasp.covariance, strict=True)):
         size, V = np.linalg.eigh(covariance)
         half = times * _INSIDE_95 * np.sqrt(np.maximum(size, 0.0))
@@ -333,4 +333,6 @@ def _draw_grasp(panel: Panel, grasp: Held, times: float) -> None:
         away = contact - middle
         away /= max(float(np.hypot(*away)), 1e-9)
         reach = math.sqrt(float(away @ V @ np.diag(half**2) @ V.T @ away))
-        panel.label(str(i + 1), contact + (min(reach, 60.0 * panel.px_per_point) + 15.0 * panel.px_per_point) * away)
+        panel.draw_label(
+            str(i + 1), contact + (min(reach, 60.0 * panel.px_per_point) + 15.0 * panel.px_per_point) * away
+        )

@@ -248,59 +248,59 @@ class Panel:
         for side in axes.spines.values():
             side.set_visible(False)
 
-    def frame(self) -> None:
+    def draw_border(self) -> None:
         """A white border, for a panel that lies on another one."""
         for side in self.axes.spines.values():
             side.set(visible=True, color="white", linewidth=2.0)
 
-    def mark(self, part: Window) -> None:
+    def draw_rectangle(self, part: Window) -> None:
         """A white rectangle round a part."""
         left, top, right, bottom = part
         corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
-        self.line(corners, "white", 1.2)
+        self.draw_line(corners, "white", 1.2)
 
-    def line(self, points: Floats, colour: str, width: float, **more: Any) -> None:
+    def draw_line(self, points: Floats, colour: str, width: float, **more: Any) -> None:
         """A line through (n, 2) px, `width` points wide, on a dark casing."""
         self.axes.plot(points[:, 0], points[:, 1], color=DARK, lw=width + 1.6, alpha=0.75, solid_capstyle="butt")
         self.axes.plot(points[:, 0], points[:, 1], color=colour, lw=width, **more)
 
-    def outline(self, view: View, width: float = 1.4) -> None:
+    def draw_outline(self, view: View, width: float = 1.4) -> None:
         """The object's outline."""
         for contour in view.contours:
-            self.line(np.vstack([contour.points, contour.points[:1]]), "white", width)
+            self.draw_line(np.vstack([contour.points, contour.points[:1]]), "white", width)
 
-    def neighbours(self, views: Sequence[View], width: float = 1.0) -> None:
+    def draw_neighbours(self, views: Sequence[View], width: float = 1.0) -> None:
         """Outlines of what else lies there."""
         for view in views:
             points = view.outer.points
-            self.line(np.vstack([points, points[:1]]), NEIGHBOUR, width, linestyle=(0, (4, 3)))
+            self.draw_line(np.vstack([points, points[:1]]), NEIGHBOUR, width, linestyle=(0, (4, 3)))
 
-    def polygon(self, corners: Floats, colour: str, opacity: float, width: float) -> None:
+    def draw_polygon(self, corners: Floats, colour: str, opacity: float, width: float) -> None:
         """A translucent area with a solid edge."""
         self.axes.fill(corners[:, 0], corners[:, 1], facecolor=colour, alpha=opacity, lw=0)
         if width > 0.0:
-            self.line(np.vstack([corners, corners[:1]]), colour, width)
+            self.draw_line(np.vstack([corners, corners[:1]]), colour, width)
 
-    def small_grasp(self, grasp: RankedGrasp) -> None:
+    def draw_small_grasp(self, grasp: RankedGrasp) -> None:
         """Fingers and the line between them."""
         for finger in grasp.fingers:
-            self.polygon(finger, FINGER, 0.45, 1.0)
+            self.draw_polygon(finger, FINGER, 0.45, 1.0)
         self._grasp_line(grasp, 1.6, 3.5)
 
-    def grasp(self, grasp: RankedGrasp, view: View, friction: float) -> None:
+    def draw_grasp(self, grasp: RankedGrasp, view: View, friction: float) -> None:
         """All of a grasp: ways in, fingers, cones, regions, line, and the contacts' numbers."""
         self._draw_cones(grasp, view, friction)
         for swept, finger in zip(grasp.swept, grasp.fingers, strict=True):
-            self.line(np.vstack([swept, swept[:1]]), FINGER, 1.2, linestyle=(0, (3, 2)))
-            self.polygon(finger, FINGER, 0.42, 2.0)
+            self.draw_line(np.vstack([swept, swept[:1]]), FINGER, 1.2, linestyle=(0, (3, 2)))
+            self.draw_polygon(finger, FINGER, 0.42, 2.0)
         for piece in slip_strips(grasp, view):
             if len(piece):
-                self.line(piece, REGION, 5.0, solid_capstyle="butt")
+                self.draw_line(piece, REGION, 5.0, solid_capstyle="butt")
         self._grasp_line(grasp, 2.2, 7.0)
         for i, (contact, way) in enumerate(zip(grasp.contacts, grasp.directions, strict=True)):
             self._draw_motion(contact, way, grasp.swept[i], str(i + 1), grasp.spread)
 
-    def arrow(self, tail: Floats, tip: Floats, colour: str, head: float) -> None:
+    def draw_arrow(self, tail: Floats, tip: Floats, colour: str, head: float) -> None:
         """An arrow between two places, its head `head` ems wide, with a dark casing."""
         from matplotlib.patheffects import withStroke
 
@@ -309,7 +309,7 @@ class Panel:
         style["path_effects"] = [withStroke(linewidth=4.0, foreground=DARK)]
         self.axes.annotate("", tip, xytext=tail, arrowprops=style, zorder=5, annotation_clip=True)
 
-    def label(self, text: str, at: Floats, size: float = 10.0) -> None:
+    def draw_label(self, text: str, at: Floats, size: float = 10.0) -> None:
         """Bold text on a dark disc, within the window."""
         left, top, right, bottom = self.window
         inset = 1.1 * size * self.px_per_point
@@ -323,12 +323,12 @@ class Panel:
         reach = float(np.linalg.norm(grasp.contacts - grasp.contacts.mean(axis=0), axis=1).mean())
         length = min(max(0.6 * reach, 16.0 * self.px_per_point), 90.0 * self.px_per_point)
         for contact, normal in zip(grasp.contacts, inward_normals(grasp, view, friction), strict=True):
-            self.polygon(sector_polygon(contact, normal, math.atan(friction), length), CONE, 0.38, 1.0)
+            self.draw_polygon(sector_polygon(contact, normal, math.atan(friction), length), CONE, 0.38, 1.0)
 
     def _grasp_line(self, grasp: RankedGrasp, width: float, mark: float) -> None:
         contacts = grasp.contacts
         for spoke in grasp_spokes(contacts):
-            self.line(spoke, LINE, width)
+            self.draw_line(spoke, LINE, width)
         self.axes.plot(contacts[:, 0], contacts[:, 1], "o", color=LINE, ms=mark, mec="white", mew=0.2 * mark, zorder=4)
 
     def _distance_to_border(self, start: Floats, way: Floats) -> float:
@@ -349,10 +349,10 @@ class Panel:
         back = depth if depth > 1.5 * length else depth + 1.15 * length
         back = max(min(back, self._distance_to_border(contact, -way) - 1.4 * length), length)
         tail, tip = contact - back * way, contact - (back - length) * way
-        self.arrow(tail, tip, "white", 0.32)
+        self.draw_arrow(tail, tip, "white", 0.32)
         away = 14.0 * self.px_per_point
         # Fingers that spread stand back to back, so there the number goes to the other side of the contact.
-        self.label(number, contact + 2.4 * away * way if spread else tail - away * way)
+        self.draw_label(number, contact + 2.4 * away * way if spread else tail - away * way)
 
 
 # --- pages ---------------------------------------------------------------------------------------
@@ -382,7 +382,7 @@ class TextColumn:
         self._left, self._bottom, self._width, height = box
         self._y = self._bottom + height
 
-    def title(self, name: str, left: float, more: str = "") -> None:
+    def write_title(self, name: str, left: float, more: str = "") -> None:
         """What the picture is of, above everything."""
         y = PAGE[1] - 0.42
         short = name if len(name) <= 60 else name[:28] + "…" + name[-28:]

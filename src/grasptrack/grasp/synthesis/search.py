@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,22 @@ SCARCE = 2000
 """So many stable triples that a second look would hardly find what a hand refused of all of them."""
 
 
+class _Look(NamedTuple):
+    """What a search for one hand found.
+
+    Attributes:
+        at: places for contacts.
+        found: what is stable.
+        left: rows of `found` that the hand can do.
+        refused: how many of the others each reason removed.
+    """
+
+    at: Candidates
+    found: Stable
+    left: Ints
+    refused: dict[str, int]
+
+
 def find_grasps(
     view: View,
     fingers: int,
@@ -39,14 +56,14 @@ def find_grasps(
     area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
 
-    def look(size: HandPx) -> tuple[Candidates, Stable, Ints, dict[str, int]]:
+    def look(size: HandPx) -> _Look:
         at = sample_candidates(view, area, np.array([cx, cy]), size.finger_width)
         found = _stable_candidates(at, fingers, friction)
         left, refused = reject_infeasible(found, at, view, size, neighbours, limits)
         if fingers == 3 and not len(left) and len(found) < SCARCE:
             found = stable_triples(at, friction, SECOND_LOOK)
             left, refused = reject_infeasible(found, at, view, size, neighbours, limits)
-        return at, found, left, refused
+        return _Look(at, found, left, refused)
 
     at, found, left, refused = look(px)
     if not len(found):
@@ -55,7 +72,7 @@ def find_grasps(
         reason = why_none(
             Tried(found.opening, refused, px, hand.px_per_mm),
             lambda other: reject_infeasible(found, at, view, other, neighbours, limits)[0],
-            lambda other: bool(len(look(other)[2])),
+            lambda other: bool(len(look(other).left)),
         )
         return GraspList([], reason, refused)
     chosen, quality, regions = kernels.rank_grasps(
