@@ -26,13 +26,15 @@ _HEADS = (
 
 
 def demo(
-    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path("demo"),
-    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Frames of the scene.")] = 120,
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
+    ] = Path("demo"),
+    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Number of frames.")] = 120,
     risk: options.Risk = 1e-3,
     no_video: options.NoVideo = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Render a scene seen by a tilting camera, track a grasp by every strategy, and compare with the truth.
+    """Render a scene seen by a tilting camera, track a grasp by every strategy, and compare with ground truth.
 
     Each strategy gets a folder of its own under the output folder, as `grasptrack track` writes it.
 

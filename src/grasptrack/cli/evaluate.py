@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 
 def paper(
-    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path(
-        "evaluation-paper"
-    ),
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
+    ] = Path("evaluation-paper"),
     frames: Annotated[int, typer.Option(metavar="N", min=4, help="Frames of the synthetic path.")] = 100,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Of the path, light and noise.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed of path, light and noise.")] = 0,
     quiet: options.Quiet = False,
 ) -> None:
-    """Rerun Tables I to VII of the paper in the paper's form, beside the printed values where there are any.
+    """Recompute Tables I to VII of the paper in the paper's form, next to the printed values where there are any.
 
-    Three objects, others than the paper's: sizes compare, digits do not. On ideal contours and on rendered images.
+    The three objects are not the paper's: orders of magnitude compare, digits do not. Ideal contours and rendered images.
     Writes tables.txt, tables.md, tables/*.csv, evaluation.json, figures and report.html.
 
     \b
@@ -51,21 +51,19 @@ def paper(
         typer.echo("\n".join([*(to_text(table) for table in run.tables), str(report)]))
 
 
-Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; a finished run in it is replaced.")]
+Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")]
 MethodNames = Annotated[
     str | None,
-    typer.Option(metavar="A,B", help="Methods to measure; auto, rrp, grasp-line and homography if not given."),
+    typer.Option(metavar="A,B", help="Methods to measure.  [default: auto,rrp,grasp-line,homography]"),
 ]
-Peers = Annotated[
-    bool, typer.Option("--peers", help="Measure also what else one could use, as far as it is installed.")
-]
-ManyFingers = Annotated[int, typer.Option(metavar="K", help="Fingers of the grasps that are chosen, 2 or 3.")]
+Peers = Annotated[bool, typer.Option("--peers", help="Also measure the baselines that are installed.")]
+ManyFingers = Annotated[int, typer.Option(metavar="K", help="Number of fingers, 2 or 3.")]
 
 MOST_NAMED = 10
 """Sequences without results that are named one by one."""
 
 evaluate = typer.Typer(
-    help="Measure every method: on scenes with known truth, on real videos, or as the paper did.",
+    help="Measure every method: on rendered scenes, on real videos, or as the paper did.",
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -77,17 +75,17 @@ evaluate.command(short_help="Tables I to VII of the paper.")(paper)
 def scenes(
     output: Output = Path("evaluation-scenes"),
     shapes: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Built-in outlines; all if no part is named.")
+        str | None, typer.Option(metavar="A,B", help="Built-in outlines.  [default: all, unless other parts are given]")
     ] = None,
     silhouettes: options.Silhouettes = None,
     photos: Annotated[str | None, typer.Option(metavar="DIR", help="Parts from photos, with --masks.")] = None,
-    masks: Annotated[str | None, typer.Option(metavar="DIR", help="Masks of the photos, by name.")] = None,
-    disturbances: Annotated[str | None, typer.Option(metavar="A,B", help="Disturbances; all if not given.")] = None,
+    masks: Annotated[str | None, typer.Option(metavar="DIR", help="Masks of the photos, matched by name.")] = None,
+    disturbances: Annotated[str | None, typer.Option(metavar="A,B", help="Disturbances.  [default: all]")] = None,
     methods: MethodNames = None,
     peers: Peers = False,
-    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Frames of each scene.")] = 100,
-    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Scenes for each part and disturbance.")] = 1,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Of paths, textures, light and noise.")] = 0,
+    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Frames per scene.")] = 100,
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Scenes per part and disturbance.")] = 1,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed of paths, textures, light and noise.")] = 0,
     fingers: ManyFingers = 2,
     friction: options.Friction = 0.5,
     risk: options.Risk = 1e-3,
@@ -95,10 +93,10 @@ def scenes(
     scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Render parts under many disturbances, follow a grasp by every method, and compare with the exact truth.
+    """Render parts under many disturbances, track a grasp by every method, and compare with the exact ground truth.
 
     Writes evaluation.json, cases/*.csv (every frame of every method), summary.csv, figures and report.html. After
-    Ctrl-C, or when the machine stopped, the same command goes on where it was.
+    Ctrl-C or a crash, the same command continues where it stopped.
 
     \b
     Examples:
@@ -146,7 +144,7 @@ def real(
         str | None,
         typer.Option(
             metavar="WHAT",
-            help="Of each object, from scenes.csv: pixel, quad or nothing; pixel if there is that table.",
+            help="What the tracker is told of each object: pixel, quad or nothing.  [default: pixel, with scenes.csv]",
             show_default=False,
         ),
     ] = None,
@@ -154,15 +152,15 @@ def real(
     scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Follow a grasp through real videos by every method, and compare with reference homographies.
+    """Track a grasp through real videos by every method, and compare with reference homographies.
 
     A table has the columns frame, h11 ... h33: H maps pixels of frame 0 to pixels of the frame. The grasp is chosen in
     the first frame and given to all methods. Writes what `grasptrack evaluate scenes` writes.
 
     scenes.csv in DIR says which object is meant: name of the video, object (a pixel of it, x,y, in the first frame that
-    its table lists) and quad (its corners in frame 0 of the table). That frame is then the first. The pixel is told to
-    the tracker; or the quad, on two sides of which the contacts are put; or nothing. A video in which another object
-    is taken is left out, and named.
+    its table lists) and quad (its corners in frame 0 of the table). Tracking then starts at that frame. --given says what the
+    tracker is told: the pixel; the quad, on two of whose sides the contacts are placed; or nothing. A video in which
+    the tracker selects another object is left out and named.
 
     \b
     Examples:

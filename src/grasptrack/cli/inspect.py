@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 _HEADS = (("", "left"), ("found", "left"), ("", "left"))
 Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for inspect.json and inspect.png.")]
-StrategyName = Annotated[str, typer.Option(metavar="NAME", help="That is to carry the grasp.")]
+StrategyName = Annotated[str, typer.Option(metavar="NAME", help="Strategy: auto, rrp, grasp-line or homography.")]
 Runs = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Runs that are drawn, of 12 images each; more tell more exactly.")
+    int, typer.Option(min=1, metavar="N", help="Simulated runs of 12 images each; more give narrower intervals.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print inspect.json in place of the table.")]
+Json = Annotated[bool, typer.Option("--json", help="Print inspect.json instead of the table.")]
 
 
 def inspect(
@@ -47,10 +47,10 @@ def inspect(
     json_: Json = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Tell before a run how well the object in an image can be tracked.
+    """Predict how well the object in an image can be tracked.
 
-    The share of frames that will be located and how far contacts will be off, from runs of the tracker on the image itself,
-    moved as an approach would move it; which motions its outline shows, its symmetries, edges and contrast, which strategies
+    Runs the tracker on the image itself, moved as an approach would move it, and gives the share of frames that will be located
+    and the error of the contacts; which motions the outline shows, its symmetries, edges and contrast; which strategies
     can carry the grasp and why the others cannot; a verdict, and what would help.
 
     Writes inspect.json and inspect.png, the picture of it.

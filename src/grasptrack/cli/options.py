@@ -24,63 +24,69 @@ if TYPE_CHECKING:
 
 Fingers = Annotated[
     int | None,
-    typer.Option(metavar="K", help="Fingers of the hand, 2 unless --grasp says otherwise.", show_default=False),
+    typer.Option(
+        metavar="K", help="Number of fingers.  [default: 2, or as many as --grasp has contacts]", show_default=False
+    ),
 ]
 Risk = Annotated[
     float,
-    typer.Option(metavar="R", help="Probability below which an answer may be wrong, between 0 and 1."),
+    typer.Option(metavar="R", help="Accepted probability of a wrong answer, between 0 and 1."),
 ]
-Friction = Annotated[float, typer.Option(metavar="MU", help="Coulomb friction between finger and object.")]
+Friction = Annotated[float, typer.Option(metavar="MU", help="Coulomb friction coefficient between finger and object.")]
 GraspText = Annotated[
     str | None,
     typer.Option(
-        metavar='"X1,Y1 X2,Y2"', help="Contacts in the first image, px, in place of synthesis; they choose the object."
+        metavar='"X1,Y1 X2,Y2"',
+        help="Contacts in the first image, in px, instead of synthesis; they also select the object.",
     ),
 ]
 IgnorePath = Annotated[
     str | None,
-    typer.Option(
-        metavar="MASK", help="Image that is not black where nothing belongs to the scene, as the hand's own fingers."
-    ),
+    typer.Option(metavar="MASK", help="Mask: white where pixels are ignored, such as the gripper."),
 ]
 CameraPath = Annotated[
     str | None,
     typer.Option(
         "--camera",
         metavar="FILE",
-        help="Its calibration (ROS, OpenCV, JSON): the lens's distortion is taken out first.",
+        help="Camera calibration (ROS, OpenCV, Kalibr or JSON); lens distortion is removed first.",
     ),
 ]
-ObjectText = Annotated[str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object.")]
+ObjectText = Annotated[str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object.")]
 BoxText = Annotated[
-    str | None, typer.Option("--box", metavar="X,Y,W,H", help="A rectangle round the object: left, top, width, height.")
+    str | None,
+    typer.Option("--box", metavar="X,Y,W,H", help="Rectangle around the object in px: left, top, width, height."),
 ]
-MinOpening = Annotated[str | None, typer.Option(metavar="L", help="Least opening of the hand.")]
-MaxOpening = Annotated[str | None, typer.Option(metavar="L", help="Largest opening of the hand.")]
+MinOpening = Annotated[str | None, typer.Option(metavar="L", help="Smallest opening of the hand.  [default: 0]")]
+MaxOpening = Annotated[str | None, typer.Option(metavar="L", help="Largest opening of the hand.  [default: unlimited]")]
 FingerWidth = Annotated[
-    str | None, typer.Option(metavar="L", help="Of a finger, along the outline; 10 % if not given.")
+    str | None, typer.Option(metavar="L", help="Width of a finger, along the outline.  [default: 10%]")
 ]
-FingerThickness = Annotated[str | None, typer.Option(metavar="L", help="Of a finger, across; 10 % if not given.")]
-Clearance = Annotated[str | None, typer.Option(metavar="L", help="Way of a finger to its contact; 3 % if not given.")]
+FingerThickness = Annotated[
+    str | None, typer.Option(metavar="L", help="Thickness of a finger, away from the outline.  [default: 10%]")
+]
+Clearance = Annotated[
+    str | None, typer.Option(metavar="L", help="Gap between finger and object before closing.  [default: 3%]")
+]
 ObjectLength = Annotated[
     str | None,
     typer.Option(
         "--length",
         metavar="L",
-        help="Of the object: the longer side of the smallest rectangle round it, as 120mm, 12cm, 0.12m or 4.7in.",
+        help="Length of the object, the longer side of its smallest enclosing rectangle: 120mm, 12cm, 0.12m, 4.7in.",
     ),
 ]
-Scale = Annotated[float | None, typer.Option(metavar="PX_PER_MM", help="Scale of the image, for lengths in mm.")]
-NoVideo = Annotated[bool, typer.Option("--no-video", help="Write no overlay.mp4.")]
+Scale = Annotated[float | None, typer.Option(metavar="PX_PER_MM", help="Image scale in px per mm, for lengths in mm.")]
+NoVideo = Annotated[bool, typer.Option("--no-video", help="Do not write overlay.mp4.")]
 MaskPath = Annotated[
-    str | None, typer.Option(metavar="MASK", help="Your own segmentation: an image that is not black on objects.")
+    str | None, typer.Option(metavar="MASK", help="Your own segmentation: a mask that is white on objects.")
 ]
 Silhouettes = Annotated[
-    str | None, typer.Option(metavar="DIR", help="Parts from images: what is not black is material.")
+    str | None, typer.Option(metavar="DIR", help="Parts from silhouette images, black outside the part.")
 ]
-Workers = Annotated[int | None, typer.Option(metavar="N", help="Processes; one for each core if not given.")]
-Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster's scheduler.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
+Workers = Annotated[int | None, typer.Option(metavar="N", help="Number of processes.  [default: one per core]")]
+Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Address of a Dask scheduler.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
 class ObjectMeant(NamedTuple):

@@ -33,31 +33,30 @@ _HEADS = (
 
 
 def transfer(
-    image_a: Annotated[str, typer.Argument(metavar="IMAGE_A", help="The reference view.")],
-    image_b: Annotated[str, typer.Argument(metavar="IMAGE_B", help="The view to carry the grasp to.")],
+    image_a: Annotated[str, typer.Argument(metavar="IMAGE_A", help="Reference image.")],
+    image_b: Annotated[str, typer.Argument(metavar="IMAGE_B", help="Image to transfer the grasp to.")],
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
     risk: options.Risk = 1e-3,
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for transfer.json and transfer.png.")] = Path(),
     grasp: options.GraspText = None,
     object_: Annotated[
-        str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object in IMAGE_A.")
+        str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object in IMAGE_A.")
     ] = None,
-    object_b: Annotated[str | None, typer.Option(metavar="X,Y", help="A pixel of the object in IMAGE_B.")] = None,
+    object_b: Annotated[str | None, typer.Option(metavar="X,Y", help="Pixel on the object in IMAGE_B.")] = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
-    json_: Annotated[bool, typer.Option("--json", help="Print transfer.json in place of the table.")] = False,
+    json_: Annotated[bool, typer.Option("--json", help="Print transfer.json instead of the table.")] = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Carry a grasp from one view of an object to another: what each strategy makes of it, or why it is not believed.
+    """Transfer a grasp from one view of an object to another: each strategy's contacts, or why they are rejected.
 
     The views may differ by any turn, by scale and by tilts up to 60 degrees. "registration" lays outline and surface on
     IMAGE_B; the three strategies of the paper follow.
 
-    "off by" is how far IMAGE_B says that the worst contact is from where the strategy puts it, "confidence" the
-    probability that no contact is off by more than 3 px and 4 % of the root of the object's area, or on another object: what
-    is wrong with a probability of --risk or more is refused. Where the image does not tell which of several places is
-    right, all are told.
+    "off by" is the error of the worst contact as measured in IMAGE_B. "confidence" is the probability that no contact is off by
+    more than 3 px and 4 % of the root of the object's area, or on another object; a strategy is refused where the
+    probability of being wrong is --risk or more. Where several places fit equally well, all are listed.
 
     Writes transfer.json, and transfer.png, both views side by side. Exit status 3 when every strategy refuses.
 
