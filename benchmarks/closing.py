@@ -13,8 +13,9 @@ import numpy as np
 import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.grasp.contact_regions import chance_of_closing, regions_of
-from grasptrack.grasp.contact_regions.definition import closes_after, closes_at
+from grasptrack.grasp.closure_probability import chance_of_closing
+from grasptrack.grasp.contact_regions import regions_of
+from grasptrack.grasp.force_closure import closes_after, closes_at
 from steps_contour import resampled
 
 SIZE, FRICTION = 175.0, 0.5

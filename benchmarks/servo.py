@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.servo.geometry import pose_of, rotation_matrix
+from grasptrack.servo.camera import pose_of, rotation_matrix
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from servo_bench import Bench

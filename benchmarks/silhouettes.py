@@ -18,9 +18,8 @@ import numpy as np
 import grasptrack as gt
 from grasptrack import kernels
 from grasptrack.grasp.hand import HandPx
-from grasptrack.grasp.synthesis.candidates import Candidates, sample_candidates
+from grasptrack.grasp.synthesis.candidates import Candidates, Stable, sample_candidates
 from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
-from grasptrack.grasp.synthesis.terms import Stable
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 
 DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))

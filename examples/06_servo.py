@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.servo.geometry import apply_twist, pose_of, rotation_matrix
+from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
 
 WIDTH, HEIGHT, PERIOD, FOCAL = 640, 480, 0.04, 570.0
 MOUNTING = pose_of(

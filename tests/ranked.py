@@ -8,9 +8,8 @@ import math
 import numpy as np
 
 from grasptrack.geometry.contours import Contour, Outline, as_view
-from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.contacts import Grasp, GraspList, RankedGrasp, Terms
 from grasptrack.grasp.hand import HandPx
-from grasptrack.grasp.synthesis.result import GraspList, RankedGrasp, Terms
 
 
 def ellipse(a: float, b: float, centre: tuple[float, float], count: int = 200, hole: bool = False) -> Contour:

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.geometry import apply_twist, interpolate_pose, pose_of, rotation_matrix
+from grasptrack.servo.camera import HandCamera, apply_twist, interpolate_pose, pose_of, rotation_matrix
 
 WIDTH, HEIGHT, PERIOD, MARGIN = 640, 480, 0.04, 20
 
@@ -114,7 +113,7 @@ class Bench:
         distance = depth * rng.uniform(1.3, self.distance)
         while True:  # all contacts in view, with a margin
             where = rng.uniform(-self.aside, self.aside, 2) * (WIDTH, HEIGHT) + self.centre
-            ray = self.camera.rays(where[None])[0]
+            ray = self.camera.ray_directions(where[None])[0]
             hand = pose_of(turned, self.at - turned @ (self.camera.offset + distance * ray))
             seen = self.camera.project((self.contacts() - hand[:3, 3]) @ hand[:3, :3])
             if in_view(seen):

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from grasptrack.bench.simulation.camera import Camera as Rendered
 from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera
-from grasptrack.io.calibration import read_camera
-from grasptrack.io.plain_yaml import read_yaml
+from grasptrack.io.calibration import LARGEST, read_camera, read_yaml
 
 K = [[700.1, 0.0, 319.5], [0.0, 702.0, 239.5], [0.0, 0.0, 1.0]]
 D = [-0.1, 0.02, 0.001, -0.002, 0.0]
@@ -188,7 +187,13 @@ GOOD_K, GOOD_D = "K: [700,0,320,0,700,240,0,0,1]\n", "D: [0,0,0,0]\n"
     [
         ("", "is empty"),
         ("hello world", "line 1 is no YAML"),
-        ("K: [1, 2\nD: 3", "line 1 has a list that does not end"),
+        ("K: [1, 2\nD: 3", "line 2 is no YAML that can be read: expected"),
+        ("K: 1\nK: 2", "line 2 .* duplicate key"),
+        ("K: [700,0,320,0,700,240,0,0,*b]", "undefined alias"),
+        ("[" * 3000, "nested too deeply"),
+        ("- 1\n- 2\n", "no camera_matrix"),
+        ("K: 2020-13-45\n", "no YAML"),
+        ("#" * (LARGEST + 1), "too large"),
         ('{"K":', "is no JSON"),
         ('<?xml version="1.0"?><a>', "is no XML"),
         (GOOD_D, "no camera_matrix"),
@@ -250,7 +255,20 @@ def test_plain_yaml_is_read_as_it_was_written(content: dict) -> None:
     assert read_yaml(written(content)) == content
 
 
-@given(st.text("ab:[]-# ,\n\t\"'{}1.", max_size=40))
+def test_aliases_that_refer_to_aliases_cost_nothing(tmp_path: Path) -> None:
+    rows = ["a0: &a0 [1, 2, 3, 4, 5, 6, 7, 8, 9]"]
+    rows += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 60)]
+    (tmp_path / "bomb.yaml").write_text("\n".join([*rows, "K: *a59", "D: [0, 0, 0, 0]"]))
+    with pytest.raises(InputError, match="no number"):
+        read_camera(tmp_path / "bomb.yaml")
+
+
+@pytest.mark.parametrize("text", ["a: 1e-5", "%YAML:1.0\n---\na: 1e-5", "a: !!anything 1e-5\n", "a: .00001 # b"])
+def test_a_number_is_one_without_a_point_too(text: str) -> None:
+    assert float(read_yaml(text)["a"]) == 1e-5
+
+
+@given(st.text("ab:[]-# ,\n\t\"'{}1.&*!%|>?@`\\~", max_size=40))
 @settings(max_examples=150)
 def test_any_text_is_read_or_refused(text: str) -> None:
     try:

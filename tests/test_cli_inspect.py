@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
-from grasptrack.io.inspection import inspection_to_dict
+from grasptrack.io.json_results import inspection_to_dict
 from grasptrack.trackability import inspect
 from grasptrack.view.inspect import ellipse_magnification
 from recordings import movie, plate, write

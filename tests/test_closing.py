@@ -19,12 +19,10 @@ from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import ConditioningError, GraspError, InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography, homography_jacobian
-from grasptrack.grasp.contact_regions import ClosureCheck, Regions, chance_of_closing, regions_of
-from grasptrack.grasp.contact_regions.chance import in_box
-from grasptrack.grasp.contact_regions.definition import closes_after, closes_at
-from grasptrack.grasp.contact_regions.triples import epsilon_quality
+from grasptrack.grasp.closure_probability import ClosureCheck, chance_of_closing, in_box
+from grasptrack.grasp.contact_regions import Regions, epsilon_quality, regions_of
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import analyze
+from grasptrack.grasp.force_closure import analyze, closes_after, closes_at
 from grasptrack.grasp.synthesis import synthesize
 
 SIZE, FRICTION = 175.0, 0.5

@@ -18,8 +18,7 @@ from grasptrack import InputError, SourceError, TrackResult, open_source
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.results import UNITS, csv_columns
-from grasptrack.io.run import FILES, run_track
-from grasptrack.io.tally import Tally
+from grasptrack.io.run import FILES, Tally, run_track
 from recordings import movie, picture, write
 
 SQUARE = Contour([[10, 10], [25, 10], [40, 10], [40, 25], [40, 40], [25, 40], [10, 40], [10, 25]])

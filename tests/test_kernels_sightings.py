@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from grasptrack import kernels
 from grasptrack.kernels import reference
 from grasptrack.kernels.reference_sightings import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, state_difference
-from grasptrack.servo.geometry import apply_twist, pose_of, rotation_matrix
+from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
 
 native = pytest.importorskip("grasptrack._native")
 

@@ -14,7 +14,7 @@ from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.bench.simulation import SHAPES, Conditions, Path, Scene
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.grasp.contact_regions import CHANCE, FRONTAL, ClosureCheck, Rectifications
+from grasptrack.grasp.closure_probability import CHANCE, FRONTAL, ClosureCheck, Rectifications
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
 from grasptrack.tracking.camera import AROUND, Beforehand, Mode, _nodes, plane_in_view, rectifying_homography

@@ -99,8 +99,7 @@ def test_turn_and_width_do_not_ask_which_finger_is_which(k: int, turn: float, sc
 
 def test_the_goal_takes_each_of_three_fingers_for_the_nearest_contact() -> None:
     """Of the orders of the fingers that fit, a third of a turn apart, the first asks for 60 degrees at most."""
-    from grasptrack.servo.camera import HandCamera
-    from grasptrack.servo.geometry import align_rigid
+    from grasptrack.servo.camera import HandCamera, align_rigid
 
     camera = HandCamera(600.0, np.array([320.0, 240.0]), np.eye(3), np.array([0.0, -0.07, -0.28]))
     tips = np.column_stack([make_gripper(3).tips(0.088)[:, :2], np.zeros(3)])

@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from grasptrack.bench.metrics.curves import out_of_view, over_time, precision_curve, recovery_curve
 from grasptrack.view.report import DASH, Axis, Cell, Chart, Page, format_number, format_percent, series_palette
 from grasptrack.view.report.answer import TRUE_RGB, WRONG_RGB, draw_answer
-from grasptrack.view.report.axis import linear_ticks, log_range
-from grasptrack.view.report.markup import format_fixed
-from grasptrack.view.report.parts import cell_of
+from grasptrack.view.report.chart import linear_ticks, log_range
+from grasptrack.view.report.parts import cell_of, format_fixed
 from reported import made_up
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)

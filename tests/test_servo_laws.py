@@ -15,12 +15,8 @@ from hypothesis import strategies as st
 import grasptrack as gt
 from grasptrack import kernels
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.servo.aim import compute_aim
-from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.closing import CloseGate
-from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.features import Features, rms_diameter, wrap_angle
-from grasptrack.servo.geometry import (
+from grasptrack.servo.camera import (
+    HandCamera,
     apply_twist,
     check_pose,
     interpolate_pose,
@@ -29,10 +25,11 @@ from grasptrack.servo.geometry import (
     rotation_matrix,
     rotation_vector,
 )
-from grasptrack.servo.law import twist_for
-from grasptrack.servo.model import SHAPE, Placed, pack_state, unpack_state
-from grasptrack.servo.poses import Poses
-from grasptrack.servo.sighting import FLOOR, MOST, Observation, Sighter
+from grasptrack.servo.closing import CloseGate
+from grasptrack.servo.estimate import SHAPE, Estimate, Placed, pack_state, unpack_state
+from grasptrack.servo.features import Features, rms_diameter, wrap_angle
+from grasptrack.servo.law import Approach, compute_aim, twist_for
+from grasptrack.servo.observation import FLOOR, MOST, Observation, Poses, ResultObserver
 from servo_bench import Bench
 
 SEEDS = st.integers(0, 10_000)
@@ -47,7 +44,7 @@ def camera(rng: np.random.Generator, tilt: float = 0.2) -> HandCamera:
 def in_front(rng: np.random.Generator, cam: HandCamera, k: int) -> np.ndarray:
     """(k, 3) m in the hand's frame, in view."""
     depth = rng.uniform(0.15, 0.6)
-    rays = cam.rays(rng.uniform((120.0, 90.0), (520.0, 390.0), (k, 2)))
+    rays = cam.ray_directions(rng.uniform((120.0, 90.0), (520.0, 390.0), (k, 2)))
     return np.asarray(cam.offset + depth * rays * rng.uniform(0.95, 1.05, (k, 1)))
 
 
@@ -97,7 +94,7 @@ def test_slopes_of_features(seed: int, k: int) -> None:
     features = Features(goal, np.array([319.5, 239.5]))
     if abs(features.turn(contacts)) < 0.05 * rms_diameter(contacts) * rms_diameter(goal):
         return  # no turn to speak of
-    found, step = features.slopes(contacts), 1e-3
+    found, step = features.jacobian_at(contacts), 1e-3
     for i in range(2 * k):
         d = np.zeros(2 * k)
         d[i] = step
@@ -112,7 +109,7 @@ def test_the_interaction_matrix_is_what_the_hand_does(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cam = camera(rng)
     points = in_front(rng, cam, 3)
-    found = cam.interaction(points)
+    found = cam.interaction_matrices(points)
     for axis, step in itertools.product(range(6), (1e-5,)):
         twist = np.eye(6)[axis]
         seen = [
@@ -129,7 +126,7 @@ def test_derivatives_by_all_that_is_unknown(seed: int) -> None:
     cam, n = camera(rng), 3
     turn = rotation_matrix((np.pi, 0.0, 0.0)) @ rotation_matrix(rng.normal(0.0, 0.1, 3))
     hand = pose_of(rotation_matrix((np.pi, 0.0, 0.0)), (0.0, 0.0, 0.5))
-    middle = hand[:3, :3] @ (cam.offset + 0.4 * cam.rays(np.array([[320.0, 240.0]]))[0]) + hand[:3, 3]
+    middle = hand[:3, :3] @ (cam.offset + 0.4 * cam.ray_directions(np.array([[320.0, 240.0]]))[0]) + hand[:3, 3]
     object_ = Placed(rng.uniform(-0.03, 0.03, (n, 2)), turn, middle, rng.normal(0.0, 0.1, 3), turn * (1.0, 1.0, 0.3))
     hands = np.array([apply_twist(hand, rng.normal(0.0, 0.1, 6), 0.3) for _ in range(2)])
     later = np.array([0.0, 0.4])
@@ -176,7 +173,7 @@ def test_a_segment_parallel_to_the_image_decouples(seed: int) -> None:
     points = np.array([middle - half, middle + half])
     goal = cam.project(np.array([(-L / 2, 0.0, 0.15), (L / 2, 0.0, 0.15)]))
     features = Features(goal, cam.centre)
-    J = features.slopes(cam.project(points)) @ cam.interaction(points).reshape(4, 6)
+    J = features.jacobian_at(cam.project(points)) @ cam.interaction_matrices(points).reshape(4, 6)
     wanted = np.zeros((4, 6))
     wanted[0, 0] = wanted[1, 1] = -1.0 / L
     wanted[2, 2], wanted[3, 5] = -1.0 / 0.15, -1.0
@@ -255,7 +252,7 @@ def test_contacts_at_the_goal_lie_between_the_fingertips(seed: int, k: int) -> N
     cam, opening = camera(rng), rng.uniform(0.05, 0.1)
     around = 2.0 * np.pi * np.arange(k) / k
     radius = 0.5 * opening / math.sin(math.pi / k)
-    middle = cam.offset + rng.uniform(0.15, 0.3) * cam.rays(np.array([[300.0, 260.0]]))[0]
+    middle = cam.offset + rng.uniform(0.15, 0.3) * cam.ray_directions(np.array([[300.0, 260.0]]))[0]
     tips = np.column_stack([radius * np.cos(around), radius * np.sin(around), np.zeros(k)]) + middle
     goal = gt.Goal.fingertips(cam.project(tips), opening, beyond_m=0.002)
     spin, share = rng.uniform(-3.0, 3.0), rng.uniform(0.3, 0.9)
@@ -329,7 +326,7 @@ def test_covariances_of_sightings_are_bounded_and_else_as_told(seed: int, spoilt
     if spoilt is not None:
         told[0, 0, 0] = spoilt
     result = gt.TrackResult(0, 0.0, "tracked", "", contacts=np.array(GOOD), covariance=told)
-    seen = Sighter(square=False).sighting(result, 0.0, np.eye(4))
+    seen = ResultObserver(square=False).observe_result(result, 0.0, np.eye(4))
     assert seen is not None
     np.testing.assert_allclose(seen.noise[1], told[1] + FLOOR**2 * np.eye(2), rtol=1e-12)
     sizes = np.linalg.eigvalsh(seen.noise)
@@ -338,25 +335,25 @@ def test_covariances_of_sightings_are_bounded_and_else_as_told(seed: int, spoilt
 
 @pytest.mark.parametrize("needed", [False, True])
 def test_a_homography_shows_a_square_round_the_contacts(needed: bool) -> None:
-    sighter = Sighter(square=needed)
+    sighter = ResultObserver(square=needed)
     first = gt.TrackResult(0, 0.0, "tracked", "", grasp_id=1, contacts=np.array(GOOD), homography=np.eye(3))
     H = np.array([[1.1, 0.1, 5.0], [-0.1, 1.2, 3.0], [0.0, 0.0, 1.0]])
     later = replace(first, contacts=apply_homography(H, np.array(GOOD)), homography=H)
-    one, two = (sighter.sighting(r, 0.0, np.eye(4)) for r in (first, later))
+    one, two = (sighter.observe_result(r, 0.0, np.eye(4)) for r in (first, later))
     assert one is not None and two is not None
     assert one.contacts == two.contacts == 2 and len(one.points) == len(two.points) == 6
     np.testing.assert_allclose(two.points, apply_homography(H, one.points), atol=1e-9)
     middle = one.points[:2].mean(axis=0)
     np.testing.assert_allclose(one.points[2:].mean(axis=0), middle, atol=1e-9)
     # an image without one shows other points than those before, and nothing can be made of it
-    assert sighter.sighting(replace(later, homography=None), 0.0, np.eye(4)) is None
+    assert sighter.observe_result(replace(later, homography=None), 0.0, np.eye(4)) is None
 
 
 def test_without_a_homography_contacts_serve_for_four_degrees_of_freedom_alone() -> None:
     bare = gt.TrackResult(0, 0.0, "tracked", "", grasp_id=1, contacts=np.array(GOOD))
-    seen = Sighter(square=False).sighting(bare, 0.0, np.eye(4))
+    seen = ResultObserver(square=False).observe_result(bare, 0.0, np.eye(4))
     assert seen is not None and len(seen.points) == seen.contacts == 2
-    assert Sighter(square=True).sighting(bare, 0.0, np.eye(4)) is None
+    assert ResultObserver(square=True).observe_result(bare, 0.0, np.eye(4)) is None
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.05, -0.3])
@@ -370,7 +367,7 @@ def test_what_is_seen_at_the_goal_is_there_whatever_was_predicted(seed: int, tur
     known = Estimate(pack_state(bench.camera, object_), 1e-10 * np.eye(SHAPE + 2 * len(right)), 0.0)
     bench.hand = hand
     seen = Observation(0.0, hand, bench.seen(), np.tile(1e-4 * np.eye(2), (2, 1, 1)), 2)
-    found = compute_aim(known, goal, (0, 1), seen, hand, 0.0, dof=4, standoff=0.04, gain=gt.Gain())
+    found = compute_aim(known, Approach(goal, (0, 1), 4, 0.04, gt.Gain()), seen, hand, 0.0)
     assert found is not None
     assert found.aligned and found.error_px < 1e-6
     assert np.abs(found.twist).max() < 1e-6

@@ -14,9 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import grasptrack as gt
-from grasptrack.servo.estimate import Estimate
-from grasptrack.servo.geometry import apply_twist, pose_of, rotation_matrix
-from grasptrack.servo.refine import refine_estimate
+from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
+from grasptrack.servo.estimate import Estimate, refine_estimate
 from servo_bench import PERIOD, Bench
 
 SEEDS = range(6)
@@ -158,7 +157,7 @@ def test_what_cannot_be_compared_does_no_harm() -> None:
     """Sightings for which the object would lie behind the camera have no weight, and leave everything finite."""
     bench = Bench(seed=2)
     servo = bench.run(servo_for(bench), seconds=2.5)
-    known = servo.knowledge
+    known = servo.calibration
     assert isinstance(known.estimate, Estimate) and known._origin is not None and known._search is not None
     turned = [
         replace(s, hand=s.hand @ pose_of(rotation_matrix((np.pi, 0.0, 0.0)), (0.0, 0.0, 0.0))) for s in known._seen[:6]

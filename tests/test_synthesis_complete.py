@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from grasptrack import Hand, kernels
 from grasptrack.geometry.contours import Contour, as_view
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.grasp.synthesis.candidates import GROUP, GROUPS, sample_candidates
+from grasptrack.grasp.synthesis.candidates import GROUP, GROUPS, sample_candidates, stable_pairs
 from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
 from grasptrack.grasp.synthesis.search import duplicate_radius, find_grasps
-from grasptrack.grasp.synthesis.terms import stable_pairs
 from outlines import blobs, stars
 from synthesis_shapes import SHAPES, SILHOUETTES, every_stable_pair, firm, traced
 

@@ -13,7 +13,7 @@ from grasptrack import GraspTracker
 from grasptrack.bench.simulation import SHAPES, Shape, brushed_texture, plain_texture
 from grasptrack.errors import GraspError, InputError, SourceError, StrategyError
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.grasp.contact_regions import CHANCE
+from grasptrack.grasp.closure_probability import CHANCE
 from grasptrack.tracking.result import TrackResult
 from stages import EVEN, HEIGHT, WIDTH, Run, photo, pose, regular
 

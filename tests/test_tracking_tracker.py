@@ -12,7 +12,7 @@ import pytest
 from grasptrack.bench.simulation import SHAPES, plain_texture
 from grasptrack.errors import GraspError
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.grasp.contact_regions import CHANCE
+from grasptrack.grasp.closure_probability import CHANCE
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.tracking.decision import CODES, NOTHING, check_strategy_contacts
 from grasptrack.tracking.estimator import PoseEstimate

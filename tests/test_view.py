@@ -14,9 +14,8 @@ import pytest
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.results import GraspsCsv
-from grasptrack.io.tally import Tally
-from grasptrack.view.draw import MAX_SIDE, draw_overlay
-from grasptrack.view.geometry import friction_cones, jacobian_at
+from grasptrack.io.run import Tally
+from grasptrack.view.draw import MAX_SIDE, draw_overlay, friction_cones, jacobian_at
 from grasptrack.view.pair import write_pair
 from grasptrack.view.style import STATUS_RGB, ellipsise_text, rgb_to_bgr, text_width
 from grasptrack.view.summary import Curves, Filmstrip, write_summary

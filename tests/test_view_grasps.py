@@ -11,12 +11,19 @@ import numpy as np
 import pytest
 
 from grasptrack.geometry.contours import Contour, View
+from grasptrack.grasp.contacts import GraspList
 from grasptrack.grasp.hand import HandPx
-from grasptrack.grasp.synthesis.result import GraspList
-from grasptrack.view.fingers import contour_strip, grasp_opening, inward_normals, sector_polygon, slip_strips
-from grasptrack.view.grasp_text import describe_hand, format_quality
-from grasptrack.view.grasps import Planned, write_grasps
-from grasptrack.view.layout import image_window, panel_grid, quiet_corner
+from grasptrack.view.grasps import Planned, describe_hand, format_quality, write_grasps
+from grasptrack.view.panel import (
+    contour_strip,
+    grasp_opening,
+    image_window,
+    inward_normals,
+    panel_grid,
+    quiet_corner,
+    sector_polygon,
+    slip_strips,
+)
 from ranked import across, ellipse, hand_for, ranked
 
 SQUARE = Contour([[10, 10], [25, 10], [40, 10], [40, 25], [40, 40], [25, 40], [10, 40], [10, 25]])

@@ -15,7 +15,7 @@ from types import ModuleType
 MOVED = {
     "analysis": "grasp.force_closure",
     "calibration": "geometry.cameras",
-    "closing": "grasp.contact_regions",
+    "closing": "grasp.closure_probability",
     "contour": "geometry.contours",
     "evaluation": "bench",
     "hand": "grasp.hand",
@@ -25,6 +25,27 @@ MOVED = {
     "simulation": "bench.simulation",
     "suitability": "trackability",
     "synthesis": "grasp.synthesis",
+    "grasp.synthesis.reasons": "grasp.synthesis.limits",
+    "grasp.synthesis.rectangles": "grasp.synthesis.limits",
+    "grasp.synthesis.result": "grasp.contacts",
+    "grasp.synthesis.terms": "grasp.synthesis.candidates",
+    "io.camera": "io.sources",
+    "io.tally": "io.run",
+    "io.video_source": "io.video",
+    "servo.aim": "servo.law",
+    "servo.begin": "servo.self_calibration",
+    "servo.command": "servo.limits",
+    "servo.explore": "servo.self_calibration",
+    "servo.geometry": "servo.camera",
+    "servo.knowledge": "servo.self_calibration",
+    "servo.model": "servo.estimate",
+    "servo.poses": "servo.observation",
+    "servo.refine": "servo.estimate",
+    "servo.sighting": "servo.observation",
+    "servo.textbook": "servo.estimate",
+    "servo.unseen": "servo.loss",
+    "view.fingers": "view.panel",
+    "view.geometry": "view.draw",
 }
 """Below `grasptrack`: a module that moved with all that is below it, and where it is now."""
 
@@ -52,11 +73,10 @@ class _Finder(MetaPathFinder):
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         root, _, below = fullname.partition(".")
-        head, _, rest = below.partition(".")
-        if root != "grasptrack" or head not in MOVED:
+        moved = next((m for m in MOVED if f"{below}.".startswith(f"{m}.")), None) if root == "grasptrack" else None
+        if moved is None:
             return None
-        new = ".".join(filter(None, ("grasptrack", MOVED[head], rest)))
-        return spec_from_loader(fullname, _Alias(fullname, new))
+        return spec_from_loader(fullname, _Alias(fullname, f"grasptrack.{MOVED[moved]}{below[len(moved) :]}"))
 
 
 def install() -> None:

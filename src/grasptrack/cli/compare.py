@@ -15,17 +15,17 @@ WORSE = 1
 
 
 def compare(
-    before: Annotated[Path, typer.Argument(metavar="A", help="Folder of an evaluation.")],
-    after: Annotated[Path, typer.Argument(metavar="B", help="Folder of another, of the same kind.")],
+    before: Annotated[Path, typer.Argument(metavar="A", help="Folder of the first evaluation.")],
+    after: Annotated[Path, typer.Argument(metavar="B", help="Folder of the second, of the same kind.")],
     output: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the comparison as an HTML page, too.")
+        Path | None, typer.Option(metavar="FILE", help="Also write the comparison as an HTML page.")
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with status 1 when anything got worse than its noise.")
+        bool, typer.Option("--strict", help="Exit with status 1 if anything got worse by more than its noise.")
     ] = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Put two evaluations side by side, case by case, and say what got worse from A to B, beyond its noise.
+    """Compare two evaluations case by case, and say what got worse from A to B by more than its noise.
 
     \b
     Examples:

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.progress import with_progress
+from grasptrack.cli.terminal import format_number, show_rows, with_progress
 
 _HEADS = (
     ("strategy", "left"),
@@ -27,13 +26,15 @@ _HEADS = (
 
 
 def demo(
-    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path("demo"),
-    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Frames of the scene.")] = 120,
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
+    ] = Path("demo"),
+    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Number of frames.")] = 120,
     risk: options.Risk = 1e-3,
     no_video: options.NoVideo = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Render a scene seen by a tilting camera, track a grasp by every strategy, and compare with the truth.
+    """Render a scene seen by a tilting camera, track a grasp by every strategy, and compare with ground truth.
 
     Each strategy gets a folder of its own under the output folder, as `grasptrack track` writes it.
 
@@ -44,7 +45,6 @@ def demo(
       grasptrack demo --risk 1e-5
     """
     from grasptrack.bench.demo import run_demo
-    from grasptrack.cli.report import show_rows
 
     rate = options.risk_rate(risk)
     rows = with_progress(
@@ -63,11 +63,7 @@ def _row_cells(row: dict[str, Any]) -> list[str]:
     names = ("error_median_px", "error_p95_px", "error_max_px")
     return [
         *(str(row[name]) for name in ("strategy", "tracked", "unstable", "lost")),
-        *(_format_number(row[name]) for name in names),
+        *(format_number(row[name]) for name in names),
         str(row["false_accepts"]),
-        *(_format_number(row[name], 1) for name in ("latency_median_ms", "latency_p99_ms")),
+        *(format_number(row[name], 1) for name in ("latency_median_ms", "latency_p99_ms")),
     ]
-
-
-def _format_number(value: float, decimals: int = 2) -> str:
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"

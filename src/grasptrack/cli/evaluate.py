@@ -9,30 +9,61 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.evaluate_paper import paper
-from grasptrack.cli.progress import command_line, with_progress
+from grasptrack.cli.terminal import command_line, show_rows, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
     from grasptrack.bench.fill import Filled, Progress
+    from grasptrack.bench.paper import PaperRun
 
-Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; a finished run in it is replaced.")]
+
+def paper(
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
+    ] = Path("evaluation-paper"),
+    frames: Annotated[int, typer.Option(metavar="N", min=4, help="Frames of the synthetic path.")] = 100,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed of path, light and noise.")] = 0,
+    quiet: options.Quiet = False,
+) -> None:
+    """Recompute Tables I to VII of the paper in the paper's form, next to the printed values where there are any.
+
+    The three objects are not the paper's: orders of magnitude compare, digits do not. Ideal contours and rendered images.
+    Writes tables.txt, tables.md, tables/*.csv, evaluation.json, figures and report.html.
+
+    \b
+    Examples:
+      grasptrack evaluate paper
+      grasptrack evaluate paper --frames 40 --output short
+    """
+    from grasptrack.bench.paper import run_paper
+    from grasptrack.bench.paper.folder import write_paper
+    from grasptrack.bench.report.table import to_text
+    from grasptrack.io.run import prepare_folder
+
+    prepare_folder(output)
+
+    def work(tell: Progress) -> tuple[PaperRun, Path]:
+        run = run_paper(frames=frames, seed=seed, progress=tell)
+        return run, write_paper(output, run, options={"frames": frames, "seed": seed}, command=command_line())
+
+    run, report = with_progress(output, quiet, work)
+    if not quiet:
+        typer.echo("\n".join([*(to_text(table) for table in run.tables), str(report)]))
+
+
+Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")]
 MethodNames = Annotated[
     str | None,
-    typer.Option(metavar="A,B", help="Methods to measure; auto, rrp, grasp-line and homography if not given."),
+    typer.Option(metavar="A,B", help="Methods to measure.  [default: auto,rrp,grasp-line,homography]"),
 ]
-Peers = Annotated[
-    bool, typer.Option("--peers", help="Measure also what else one could use, as far as it is installed.")
-]
-Workers = Annotated[int | None, typer.Option(metavar="N", help="Processes; one for each core if not given.")]
-Address = Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster's scheduler.")]
-ManyFingers = Annotated[int, typer.Option(metavar="K", help="Fingers of the grasps that are chosen, 2 or 3.")]
+Peers = Annotated[bool, typer.Option("--peers", help="Also measure the baselines that are installed.")]
+ManyFingers = Annotated[int, typer.Option(metavar="K", help="Number of fingers, 2 or 3.")]
 
 MOST_NAMED = 10
 """Sequences without results that are named one by one."""
 
 evaluate = typer.Typer(
-    help="Measure every method: on scenes with known truth, on real videos, or as the paper did.",
+    help="Measure every method: on rendered scenes, on real videos, or as the paper did.",
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -44,30 +75,28 @@ evaluate.command(short_help="Tables I to VII of the paper.")(paper)
 def scenes(
     output: Output = Path("evaluation-scenes"),
     shapes: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Built-in outlines; all if no part is named.")
+        str | None, typer.Option(metavar="A,B", help="Built-in outlines.  [default: all, unless other parts are given]")
     ] = None,
-    silhouettes: Annotated[
-        str | None, typer.Option(metavar="DIR", help="Parts from images: what is not black is material.")
-    ] = None,
+    silhouettes: options.Silhouettes = None,
     photos: Annotated[str | None, typer.Option(metavar="DIR", help="Parts from photos, with --masks.")] = None,
-    masks: Annotated[str | None, typer.Option(metavar="DIR", help="Masks of the photos, by name.")] = None,
-    disturbances: Annotated[str | None, typer.Option(metavar="A,B", help="Disturbances; all if not given.")] = None,
+    masks: Annotated[str | None, typer.Option(metavar="DIR", help="Masks of the photos, matched by name.")] = None,
+    disturbances: Annotated[str | None, typer.Option(metavar="A,B", help="Disturbances.  [default: all]")] = None,
     methods: MethodNames = None,
     peers: Peers = False,
-    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Frames of each scene.")] = 100,
-    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Scenes for each part and disturbance.")] = 1,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Of paths, textures, light and noise.")] = 0,
+    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Frames per scene.")] = 100,
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Scenes per part and disturbance.")] = 1,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed of paths, textures, light and noise.")] = 0,
     fingers: ManyFingers = 2,
     friction: options.Friction = 0.5,
     risk: options.Risk = 1e-3,
-    workers: Workers = None,
-    scheduler: Address = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Render parts under many disturbances, follow a grasp by every method, and compare with the exact truth.
+    """Render parts under many disturbances, track a grasp by every method, and compare with the exact ground truth.
 
     Writes evaluation.json, cases/*.csv (every frame of every method), summary.csv, figures and report.html. After
-    Ctrl-C, or when the machine stopped, the same command goes on where it was.
+    Ctrl-C or a crash, the same command continues where it stopped.
 
     \b
     Examples:
@@ -115,23 +144,23 @@ def real(
         str | None,
         typer.Option(
             metavar="WHAT",
-            help="Of each object, from scenes.csv: pixel, quad or nothing; pixel if there is that table.",
+            help="What the tracker is told of each object: pixel, quad or nothing.  [default: pixel, with scenes.csv]",
             show_default=False,
         ),
     ] = None,
-    workers: Workers = None,
-    scheduler: Address = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Follow a grasp through real videos by every method, and compare with reference homographies.
+    """Track a grasp through real videos by every method, and compare with reference homographies.
 
     A table has the columns frame, h11 ... h33: H maps pixels of frame 0 to pixels of the frame. The grasp is chosen in
     the first frame and given to all methods. Writes what `grasptrack evaluate scenes` writes.
 
     scenes.csv in DIR says which object is meant: name of the video, object (a pixel of it, x,y, in the first frame that
-    its table lists) and quad (its corners in frame 0 of the table). That frame is then the first. The pixel is told to
-    the tracker; or the quad, on two sides of which the contacts are put; or nothing. A video in which another object
-    is taken is left out, and named.
+    its table lists) and quad (its corners in frame 0 of the table). Tracking then starts at that frame. --given says what the
+    tracker is told: the pixel; the quad, on two of whose sides the contacts are placed; or nothing. A video in which
+    the tracker selects another object is left out and named.
 
     \b
     Examples:
@@ -160,7 +189,6 @@ def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], qu
     from grasptrack.bench.fill import fill_run_folder
     from grasptrack.bench.report.closing_table import closing_table
     from grasptrack.bench.report.report import write_report
-    from grasptrack.cli.report import show_rows
 
     def score(tell: Progress) -> Filled:
         return fill_run_folder(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import options
+from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
 
 if TYPE_CHECKING:
@@ -16,21 +17,18 @@ if TYPE_CHECKING:
 
 _HEADS = (("", "left"), ("found", "left"), ("", "left"))
 Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for inspect.json and inspect.png.")]
-MaskPath = Annotated[
-    str | None, typer.Option(metavar="MASK", help="Your own segmentation: an image that is not black on objects.")
-]
-StrategyName = Annotated[str, typer.Option(metavar="NAME", help="That is to carry the grasp.")]
+StrategyName = Annotated[str, typer.Option(metavar="NAME", help="Strategy: auto, rrp, grasp-line or homography.")]
 Runs = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Runs that are drawn, of 12 images each; more tell more exactly.")
+    int, typer.Option(min=1, metavar="N", help="Simulated runs of 12 images each; more give narrower intervals.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print inspect.json in place of the table.")]
+Json = Annotated[bool, typer.Option("--json", help="Print inspect.json instead of the table.")]
 
 
 def inspect(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, the first of a run.")],
     object_: options.ObjectText = None,
     box: options.BoxText = None,
-    mask: MaskPath = None,
+    mask: options.MaskPath = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     grasp: options.GraspText = None,
@@ -49,10 +47,10 @@ def inspect(
     json_: Json = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Tell before a run how well the object in an image can be tracked.
+    """Predict how well the object in an image can be tracked.
 
-    The share of frames that will be located and how far contacts will be off, from runs of the tracker on the image itself,
-    moved as an approach would move it; which motions its outline shows, its symmetries, edges and contrast, which strategies
+    Runs the tracker on the image itself, moved as an approach would move it, and gives the share of frames that will be located
+    and the error of the contacts; which motions the outline shows, its symmetries, edges and contrast; which strategies
     can carry the grasp and why the others cannot; a verdict, and what would help.
 
     Writes inspect.json and inspect.png, the picture of it.
@@ -64,54 +62,44 @@ def inspect(
       grasptrack inspect photo.jpg --grasp "193,308 157,99" --json
       grasptrack inspect photo.jpg --camera camera.yaml
     """
-    place, frame = options.parse_point(object_, "--object"), options.parse_rectangle(box, "--box")
-    if place is not None and frame is not None:
-        raise InputError("--object and --box both say which object is meant: give one of them")
+    meant = options.object_meant(object_, box)
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     if contacts is None:
         options.two_or_three(count)
     options.positive_friction(friction)
     options.risk_rate(risk)
     options.strategy_choice(strategy)
-    lengths = {
-        "min_opening": min_opening,
-        "max_opening": max_opening,
-        "finger_width": finger_width,
-        "finger_thickness": finger_thickness,
-        "clearance": clearance,
-    }
+    lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.hand_for_first(scale, lengths, grasp, False)
     calibration = options.load_calibration(camera)
 
-    from grasptrack.cli.scene import check_within, only_image
-    from grasptrack.io.inspection import inspection_to_dict
+    from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
     from grasptrack.io.run import prepare_folder
-    from grasptrack.segmentation.undistortion import Told, Undistortion
+    from grasptrack.segmentation.undistortion import Told
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen
     from grasptrack.tracking.camera import Beforehand
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.view.inspect import write_inspection
 
-    picture = only_image(image, "inspect takes one image").image
-    check_within(picture.shape, place, frame)
-    own, told = None if mask is None else read_mask(mask), Told(contacts, place, frame, options.ignore_mask(ignore))
+    picture = options.only_image(image, "inspect takes one image").image
+    options.check_within(picture.shape, meant)
+    own = None if mask is None else read_mask(mask)
+    told = Told(contacts, *meant, options.ignore_mask(ignore))
     prepare_folder(output)
-    scene, lens = picture, None
-    if calibration is not None:
-        lens = Undistortion(calibration, picture.shape[1], picture.shape[0])
-        scene, told, own = lens.image(picture), told.straight(lens), None if own is None else lens.mask(own)
+    scene = options.straighten_scene(picture, told, calibration, own)
+    told, lens = scene.told, scene.lens
     try:
         found = look(
-            scene,
+            scene.image,
             grasp=told.contacts,
             fingers=count,
             friction=friction,
             object_at=told.object_at,
             box=told.box,
-            mask=own,
+            mask=scene.mask,
             ignore=told.ignore,
             hand=hand,
             strategy=strategy,
@@ -137,7 +125,7 @@ def inspect(
         "scale": scale,
     }
     data, page = output / "inspect.json", output / "inspect.png"
-    write_inspection(page, scene, found, title=Path(image).name + (", made straight" if lens is not None else ""))
+    write_inspection(page, scene.image, found, title=Path(image).name + (", made straight" if lens is not None else ""))
     found = found if lens is None else as_seen(found, lens)
     content = inspection_to_dict(found, image, picture.shape, asked)
     write_json(data, content)
@@ -150,7 +138,6 @@ def inspect(
 
 
 def _show_results(found: Suitability, last: list[str]) -> None:
-    from grasptrack.cli.report import show_rows
     from grasptrack.trackability.report import expected, report_rows
 
     told = expected(found)

@@ -32,14 +32,14 @@ _HELP = """Choose a grasp on a flat object once, then find the same physical con
 
 \b
 Examples:
-  grasptrack demo                   a rendered scene, with errors against the truth
+  grasptrack demo                   a rendered scene, with errors against ground truth
   grasptrack track video.mp4        also a folder, "images/*.png", camera:0, an image
   grasptrack track photos --fps 30 --output run --strategy homography
   grasptrack track video.mp4 --grasp "193,308 157,99"
   grasptrack synthesize photo.jpg   the best grasps on the object in one image
   grasptrack inspect photo.jpg      how well that object can be tracked, before the run
   grasptrack transfer a.png b.png   the same grasp in two views
-  grasptrack servo                  look, choose, approach, close and lift, in a physical world
+  grasptrack servo                  look, choose, approach, close and lift, in a physics simulation
   grasptrack evaluate scenes        every method on scenes with exact truth, and a report
 
 Each verb has its own --help. Exit status: 0 done, 2 bad input, 3 from transfer when every strategy
@@ -77,13 +77,13 @@ def _global_options(
 
 
 app.command(short_help="Choose grasps on an object in one image.")(synthesize)
-app.command(short_help="Tell how well the object in an image can be tracked.")(inspect)
-app.command(short_help="Carry a grasp through a sequence of images.")(track)
-app.command(short_help="Carry a grasp from one image to another, by every strategy.")(transfer)
-app.command(short_help="Track in a rendered scene and compare with the truth.")(demo)
-app.command(short_help="Bring a hand to a grasp, close and lift, in a physical world.")(servo)
-app.add_typer(evaluate, name="evaluate", short_help="Measure every method, with a report.")
-app.command(short_help="Put two evaluations side by side.")(compare)
+app.command(short_help="Predict how well the object in an image can be tracked.")(inspect)
+app.command(short_help="Track a grasp through a sequence of images.")(track)
+app.command(short_help="Transfer a grasp from one image to another, by every strategy.")(transfer)
+app.command(short_help="Track a rendered scene and compare with ground truth.")(demo)
+app.command(short_help="Approach a grasp, close and lift, in a physics simulation.")(servo)
+app.add_typer(evaluate, name="evaluate", short_help="Measure every method, and write a report.")
+app.command(short_help="Compare two evaluations.")(compare)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

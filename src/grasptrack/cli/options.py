@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that several verbs share, each checked once, here, before any work."""
+"""Options that several verbs share, each checked once, before any work; one image and the outlines in it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -16,59 +16,105 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grasptrack.geometry.cameras import Camera
+    from grasptrack.geometry.contours import View
     from grasptrack.grasp.hand import Hand
+    from grasptrack.io.base import Frame
+    from grasptrack.segmentation.undistortion import Told, Undistortion
+
 
 Fingers = Annotated[
     int | None,
-    typer.Option(metavar="K", help="Fingers of the hand, 2 unless --grasp says otherwise.", show_default=False),
+    typer.Option(
+        metavar="K", help="Number of fingers.  [default: 2, or as many as --grasp has contacts]", show_default=False
+    ),
 ]
 Risk = Annotated[
     float,
-    typer.Option(metavar="R", help="Probability below which an answer may be wrong, between 0 and 1."),
+    typer.Option(metavar="R", help="Accepted probability of a wrong answer, between 0 and 1."),
 ]
-Friction = Annotated[float, typer.Option(metavar="MU", help="Coulomb friction between finger and object.")]
+Friction = Annotated[float, typer.Option(metavar="MU", help="Coulomb friction coefficient between finger and object.")]
 GraspText = Annotated[
     str | None,
     typer.Option(
-        metavar='"X1,Y1 X2,Y2"', help="Contacts in the first image, px, in place of synthesis; they choose the object."
+        metavar='"X1,Y1 X2,Y2"',
+        help="Contacts in the first image, in px, instead of synthesis; they also select the object.",
     ),
 ]
 IgnorePath = Annotated[
     str | None,
-    typer.Option(
-        metavar="MASK", help="Image that is not black where nothing belongs to the scene, as the hand's own fingers."
-    ),
+    typer.Option(metavar="MASK", help="Mask: white where pixels are ignored, such as the gripper."),
 ]
 CameraPath = Annotated[
     str | None,
     typer.Option(
         "--camera",
         metavar="FILE",
-        help="Its calibration (ROS, OpenCV, JSON): the lens's distortion is taken out first.",
+        help="Camera calibration (ROS, OpenCV, Kalibr or JSON); lens distortion is removed first.",
     ),
 ]
-ObjectText = Annotated[str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object.")]
+ObjectText = Annotated[str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object.")]
 BoxText = Annotated[
-    str | None, typer.Option("--box", metavar="X,Y,W,H", help="A rectangle round the object: left, top, width, height.")
+    str | None,
+    typer.Option("--box", metavar="X,Y,W,H", help="Rectangle around the object in px: left, top, width, height."),
 ]
-MinOpening = Annotated[str | None, typer.Option(metavar="L", help="Least opening of the hand.")]
-MaxOpening = Annotated[str | None, typer.Option(metavar="L", help="Largest opening of the hand.")]
+MinOpening = Annotated[str | None, typer.Option(metavar="L", help="Smallest opening of the hand.  [default: 0]")]
+MaxOpening = Annotated[str | None, typer.Option(metavar="L", help="Largest opening of the hand.  [default: unlimited]")]
 FingerWidth = Annotated[
-    str | None, typer.Option(metavar="L", help="Of a finger, along the outline; 10 % if not given.")
+    str | None, typer.Option(metavar="L", help="Width of a finger, along the outline.  [default: 10%]")
 ]
-FingerThickness = Annotated[str | None, typer.Option(metavar="L", help="Of a finger, across; 10 % if not given.")]
-Clearance = Annotated[str | None, typer.Option(metavar="L", help="Way of a finger to its contact; 3 % if not given.")]
+FingerThickness = Annotated[
+    str | None, typer.Option(metavar="L", help="Thickness of a finger, away from the outline.  [default: 10%]")
+]
+Clearance = Annotated[
+    str | None, typer.Option(metavar="L", help="Gap between finger and object before closing.  [default: 3%]")
+]
 ObjectLength = Annotated[
     str | None,
     typer.Option(
         "--length",
         metavar="L",
-        help="Of the object: the longer side of the smallest rectangle round it, as 120mm, 12cm, 0.12m or 4.7in.",
+        help="Length of the object, the longer side of its smallest enclosing rectangle: 120mm, 12cm, 0.12m, 4.7in.",
     ),
 ]
-Scale = Annotated[float | None, typer.Option(metavar="PX_PER_MM", help="Scale of the image, for lengths in mm.")]
-NoVideo = Annotated[bool, typer.Option("--no-video", help="Write no overlay.mp4.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
+Scale = Annotated[float | None, typer.Option(metavar="PX_PER_MM", help="Image scale in px per mm, for lengths in mm.")]
+NoVideo = Annotated[bool, typer.Option("--no-video", help="Do not write overlay.mp4.")]
+MaskPath = Annotated[
+    str | None, typer.Option(metavar="MASK", help="Your own segmentation: a mask that is white on objects.")
+]
+Silhouettes = Annotated[
+    str | None, typer.Option(metavar="DIR", help="Parts from silhouette images, black outside the part.")
+]
+Workers = Annotated[int | None, typer.Option(metavar="N", help="Number of processes.  [default: one per core]")]
+Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Address of a Dask scheduler.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+
+
+class ObjectMeant(NamedTuple):
+    """Which object of an image is meant: px; None where nothing says.
+
+    Attributes:
+        place: x, y of a pixel of it.
+        box: left, top, width, height of a rectangle round it.
+    """
+
+    place: tuple[float, float] | None
+    box: tuple[float, float, float, float] | None
+
+
+class Scene(NamedTuple):
+    """An image with what the user said of it, made straight where the camera's lens is known.
+
+    Attributes:
+        image: without the lens's distortion.
+        told: contacts, object and what to ignore, in px of `image`.
+        mask: the user's segmentation of it.
+        lens: which was taken out; None without a calibration.
+    """
+
+    image: NDArray[Any]
+    told: Told
+    mask: NDArray[Any] | None
+    lens: Undistortion | None
 
 
 def strategy_choice(name: str) -> str:
@@ -166,6 +212,24 @@ def parse_rectangle(text: str | None, option: str) -> tuple[float, float, float,
     return x, y, w, h
 
 
+def object_meant(object_: str | None, box: str | None) -> ObjectMeant:
+    """Which object is meant, by --object and --box.
+
+    Raises:
+        InputError: both are given, or one cannot be read.
+    """
+    meant = ObjectMeant(parse_point(object_, "--object"), parse_rectangle(box, "--box"))
+    if meant.place is not None and meant.box is not None:
+        raise InputError("--object and --box both say which object is meant: give one of them")
+    return meant
+
+
+def hand_lengths(*lengths: str | None) -> dict[str, str | None]:
+    """Openings, finger's width, thickness and clearance as the user wrote them, by the attributes of Hand."""
+    names = ("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance")
+    return dict(zip(names, lengths, strict=True))
+
+
 def build_hand(scale: float | None, **lengths: str | None) -> Hand:
     """The hand from the options that were given.
 
@@ -261,3 +325,65 @@ def ignore_mask(path: str | None) -> NDArray[Any] | None:
     from grasptrack.io.masks import read_mask
 
     return read_mask(path)
+
+
+def only_image(name: str, taken: str) -> Frame:
+    """The image of a file.
+
+    Args:
+        name: of the file.
+        taken: what the verb takes, for the message.
+
+    Raises:
+        SourceError, InputError: missing, unreadable, or more than one image.
+    """
+    from grasptrack.io.sources import open_source
+
+    with open_source(name) as source:
+        if source.kind != "image":
+            raise InputError(f'"{name}" is a {source.kind}; {taken}')
+        return next(iter(source))
+
+
+def straighten_scene(
+    image: NDArray[Any], told: Told, calibration: Camera | None, mask: NDArray[Any] | None = None
+) -> Scene:
+    """An image and what was said of it, without the lens's distortion where the camera is known."""
+    from grasptrack.segmentation.undistortion import Undistortion
+
+    if calibration is None:
+        return Scene(image, told, mask, None)
+    lens = Undistortion(calibration, image.shape[1], image.shape[0])
+    return Scene(lens.image(image), told.straight(lens), None if mask is None else lens.mask(mask), lens)
+
+
+def check_within(shape: tuple[int, ...], meant: ObjectMeant) -> None:
+    """See that a pixel lies in an image, and that a box overlaps it.
+
+    Raises:
+        InputError: they do not.
+    """
+    (place, box), (height, width) = meant, shape[:2]
+    size = f"the image, which is {width}x{height} px"
+    if place is not None and not (-0.5 <= place[0] <= width - 0.5 and -0.5 <= place[1] <= height - 0.5):
+        raise InputError(f"--object {place[0]:g},{place[1]:g} is outside {size}", place=place)
+    if box is not None and not (box[0] < width and box[1] < height and box[0] + box[2] > 0.0 and box[1] + box[3] > 0.0):
+        raise InputError(f"--box {','.join(f'{v:g}' for v in box)} is outside {size}", box=box)
+
+
+def find_outlines(scene: Scene) -> list[View]:
+    """Outlines in an image, none within another, the object that is meant first.
+
+    Raises:
+        ObservationError: no object, or none where it should be.
+        InputError: a mask of another size.
+    """
+    from grasptrack.segmentation.objects import find_objects
+
+    told, box = scene.told, scene.told.box
+    if box is not None:  # a detector's may reach beyond the image
+        height, width = scene.image.shape[:2]
+        left, top = max(box[0], 0.0), max(box[1], 0.0)
+        box = left, top, min(box[0] + box[2], width) - left, min(box[1] + box[3], height) - top
+    found = find_objects(scene.image, told.object_at, box, told.ignore, scene.mask)
+    return [candidate.view for candidate in found]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`grasptrack servo`: from an image to an object in the hand, in a physical world; once to look at, or many times."""
+"""`grasptrack servo`: from an image to an object in the hand, in a physics simulation; once to look at, or many times."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.progress import with_progress
+from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,36 +18,37 @@ if TYPE_CHECKING:
 
 
 def servo(
-    shape: Annotated[str | None, typer.Option(metavar="NAME", help="A built-in outline; drawn if not given.")] = None,
-    silhouettes: Annotated[
-        str | None, typer.Option(metavar="DIR", help="Parts from images: what is not black is material.")
-    ] = None,
-    scenario: Annotated[str, typer.Option(metavar="NAME", help="static, pushed, belt or blackout.")] = "static",
-    arm: Annotated[str, typer.Option(metavar="NAME", help="gantry (4 DoF) or arm (6 DoF).")] = "gantry",
+    shape: Annotated[str | None, typer.Option(metavar="NAME", help="Built-in outline.  [default: random]")] = None,
+    silhouettes: options.Silhouettes = None,
+    scenario: Annotated[
+        str, typer.Option(metavar="NAME", help="Scenario: static, pushed, belt or blackout.")
+    ] = "static",
+    arm: Annotated[str, typer.Option(metavar="NAME", help="Robot: gantry (4 DoF) or arm (6 DoF).")] = "gantry",
     fingers: Annotated[
-        int, typer.Option(metavar="K", help="Of the hand: 2, or 3 a third of a turn apart on one drive.")
+        int, typer.Option(metavar="K", help="Number of fingers: 2, or 3 at 120 degrees on one drive.")
     ] = 2,
-    law: Annotated[str, typer.Option(metavar="NAME", help="online, nominal or textbook.")] = "online",
+    law: Annotated[str, typer.Option(metavar="NAME", help="Control law: online, nominal or textbook.")] = "online",
     risk: options.Risk = 1e-3,
-    trials: Annotated[int | None, typer.Option(metavar="N", min=1, help="Run so many at random, on all cores.")] = None,
+    trials: Annotated[int | None, typer.Option(metavar="N", min=1, help="Run N random trials, in parallel.")] = None,
     images: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Drawn by mujoco, planar, or auto; planar for trials.")
+        str | None,
+        typer.Option(metavar="NAME", help="Renderer: mujoco, planar or auto.  [default: auto; planar for trials]"),
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Of all that is drawn at random.")] = 0,
-    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path("servo"),
-    no_video: Annotated[bool, typer.Option("--no-video", help="Write no approach.mp4.")] = False,
-    workers: Annotated[int | None, typer.Option(metavar="N", help="Processes; one for each core if not given.")] = None,
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster's scheduler.")
-    ] = None,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed.")] = 0,
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
+    ] = Path("servo"),
+    no_video: Annotated[bool, typer.Option("--no-video", help="Do not write approach.mp4.")] = False,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Look, choose a grasp, approach, close and lift, in a physical world (MuJoCo) whose camera nobody calibrated.
+    """Look, choose a grasp, approach, close and lift, in a physics simulation (MuJoCo) with an uncalibrated camera.
 
     One approach is written as approach.mp4 (the hand's view and a bystander's), approach.png (errors and twist) and
-    approach.json. The hand closes only on answers of the tracker that are wrong with a probability below --risk, as of
-    `grasptrack track`. With --trials, many are drawn at random: trials.csv has a row for each, trials.json the figures, and
-    failures/ a picture of each that failed.
+    approach.json. The hand closes only where the tracker's probability of being wrong is below --risk, as in
+    `grasptrack track`. With --trials, random cases are run: trials.csv has a row for each, trials.json the figures, and
+    failures/ a picture of each failure.
 
     \b
     Examples:
@@ -96,7 +97,6 @@ def _run_single(shapes: list[Any], asked: dict[str, Any], images: str, output: P
 
     from grasptrack.bench.approach.film import run_and_film
     from grasptrack.bench.approach.trials import draw_cases
-    from grasptrack.cli.report import show_rows
 
     changed: dict[str, Any] = {"seed": asked["seed"], "images": images}
     case = replace(draw_cases(shapes, 1, **asked)[0], **changed)
@@ -149,8 +149,6 @@ def _run_many(
 
 
 def _show_results(found: Trials, asked: dict[str, Any], output: Path) -> None:
-    from grasptrack.cli.report import show_rows
-
     figures = found.figures()
     low, high = found.interval()
     rows = [

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import options
+from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
+    from grasptrack.grasp.contacts import RankedGrasp
     from grasptrack.grasp.hand import Hand
-    from grasptrack.grasp.synthesis.result import RankedGrasp
     from grasptrack.segmentation.undistortion import Undistortion
     from grasptrack.view.grasps import Planned
 
@@ -40,13 +41,11 @@ def synthesize(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, seen from above.")],
     object_: options.ObjectText = None,
     box: options.BoxText = None,
-    mask: Annotated[
-        str | None, typer.Option(metavar="MASK", help="Your own segmentation: an image that is not black on objects.")
-    ] = None,
+    mask: options.MaskPath = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
-    fingers: Annotated[int, typer.Option(metavar="K", help="Fingers of the hand, 2 or 3.")] = 2,
-    top: Annotated[int, typer.Option(metavar="N", help="At most so many grasps.")] = 10,
+    fingers: Annotated[int, typer.Option(metavar="K", help="Number of fingers, 2 or 3.")] = 2,
+    top: Annotated[int, typer.Option(metavar="N", help="Maximum number of grasps.")] = 10,
     friction: options.Friction = 0.5,
     min_opening: options.MinOpening = None,
     max_opening: options.MaxOpening = None,
@@ -73,48 +72,37 @@ def synthesize(
       grasptrack synthesize photo.jpg --camera camera.yaml
       grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
     """
-    place, frame = options.parse_point(object_, "--object"), options.parse_rectangle(box, "--box")
-    if all_ and (place is not None or frame is not None):
+    meant = options.object_meant(object_, box)
+    if all_ and meant != (None, None):
         raise InputError("--all takes every object in the image: leave out --object and --box")
-    if place is not None and frame is not None:
-        raise InputError("--object and --box both say which object is meant: give one of them")
     if fingers not in (2, 3):
         raise InputError(f"--fingers is 2 or 3, not {fingers}", fingers=fingers)
     if top < 1:
         raise InputError(f"--top is at least 1, not {top}", top=top)
     options.positive_friction(friction)
-    lengths = {
-        "min_opening": min_opening,
-        "max_opening": max_opening,
-        "finger_width": finger_width,
-        "finger_thickness": finger_thickness,
-        "clearance": clearance,
-    }
+    lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.build_hand(scale, **lengths)
     calibration = options.load_calibration(camera)
 
-    from grasptrack.cli.scene import check_within, find_outlines, only_image
-    from grasptrack.io.grasps import write_grasps_json
+    from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.io.masks import read_mask
+    from grasptrack.io.results import write_json
     from grasptrack.io.run import prepare_folder
-    from grasptrack.segmentation.undistortion import Told, Undistortion
+    from grasptrack.segmentation.undistortion import Told
     from grasptrack.view.grasps import write_grasps
 
-    picture = only_image(image, "synthesize takes one image").image
-    check_within(picture.shape, place, frame)
-    own, told = None if mask is None else read_mask(mask), Told(None, place, frame, options.ignore_mask(ignore))
+    picture = options.only_image(image, "synthesize takes one image").image
+    options.check_within(picture.shape, meant)
+    told, own = Told(None, *meant, options.ignore_mask(ignore)), None if mask is None else read_mask(mask)
     prepare_folder(output)
-    scene, lens = picture, None
-    if calibration is not None:
-        lens = Undistortion(calibration, picture.shape[1], picture.shape[0])
-        scene, told, own = lens.image(picture), told.straight(lens), None if own is None else lens.mask(own)
+    scene = options.straighten_scene(picture, told, calibration, own)
     try:
-        views = find_outlines(scene, told.object_at, told.box, own, told.ignore)
+        views = options.find_outlines(scene)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     planned = _plan_grasps(views, all_, fingers, friction, top, hand)
-    if lens is not None:
-        planned = [_map_to_original(found, lens) for found in planned]
+    if scene.lens is not None:
+        planned = [_map_to_original(found, scene.lens) for found in planned]
 
     asked = {
         "object": object_,
@@ -130,7 +118,7 @@ def synthesize(
         "all": all_,
     }
     data, page = output / "grasps.json", output / "grasps.png"
-    write_grasps_json(data, image, (picture.shape[0], picture.shape[1]), planned, asked, scale)
+    write_json(data, grasps_to_dict(planned, image, picture.shape, asked, scale))
     write_grasps(page, picture, planned, fingers=fingers, friction=friction, title=Path(image).name, px_per_mm=scale)
     if not any(found.grasps for found in planned):
         raise InputError(f'"{image}": {_why_none(planned)}')
@@ -168,8 +156,6 @@ def _why_none(planned: Sequence[Planned]) -> str:
 
 
 def _show_results(planned: Sequence[Planned], scale: float | None, notes: list[str]) -> None:
-    from grasptrack.cli.report import show_rows
-
     several = len(planned) > 1
     heads = [*([("object", "right")] if several else []), *_HEADS]
     if scale is not None:
@@ -190,8 +176,8 @@ def _show_results(planned: Sequence[Planned], scale: float | None, notes: list[s
 
 
 def _row_cells(rank: int, grasp: RankedGrasp, scale: float | None) -> list[str]:
-    from grasptrack.view.fingers import grasp_opening
-    from grasptrack.view.grasp_text import format_quality
+    from grasptrack.view.grasps import format_quality
+    from grasptrack.view.panel import grasp_opening
 
     return [
         str(rank),

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.terminal import INTERRUPTED, Interruption, tell_error
+from grasptrack.cli.terminal import INTERRUPTED, Interruption, Progress, show_run, tell_error
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
 
 if TYPE_CHECKING:
     from grasptrack.io.base import Frame
-    from grasptrack.io.tally import RunSummary
+    from grasptrack.io.run import RunSummary
     from grasptrack.tracking.result import TrackResult
 
 
@@ -23,21 +23,23 @@ def track(
     source: Annotated[
         str, typer.Argument(metavar="SOURCE", help='Folder, "glob", video file, camera:0, or one image.')
     ],
-    strategy: Annotated[str, typer.Option(metavar="NAME", help="auto, rrp, grasp-line or homography.")] = "auto",
+    strategy: Annotated[
+        str, typer.Option(metavar="NAME", help="Strategy: auto, rrp, grasp-line or homography.")
+    ] = "auto",
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
     risk: options.Risk = 1e-3,
-    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; written over.")] = Path(
-        "grasptrack-out"
-    ),
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
+    ] = Path("grasptrack-out"),
     grasp: options.GraspText = None,
     object_: Annotated[
-        str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object in the first image.")
+        str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object in the first image.")
     ] = None,
     box: options.BoxText = None,
     masks: Annotated[
         str | None,
-        typer.Option(metavar="DIR", help="Your own segmentation, an image for each frame, by name or by order."),
+        typer.Option(metavar="DIR", help="Your own segmentation, one mask per frame, matched by name or by order."),
     ] = None,
     segmenter: Annotated[
         str | None,
@@ -47,7 +49,8 @@ def track(
     camera: options.CameraPath = None,
     length: options.ObjectLength = None,
     fps: Annotated[
-        float | None, typer.Option(metavar="RATE", help="Frames/s: gives times to folders and globs, which have none.")
+        float | None,
+        typer.Option(metavar="RATE", help="Frame rate in frames/s, for folders and globs, which have no times."),
     ] = None,
     min_opening: options.MinOpening = None,
     max_opening: options.MaxOpening = None,
@@ -56,20 +59,20 @@ def track(
     clearance: options.Clearance = None,
     scale: options.Scale = None,
     resynthesize: Annotated[
-        bool, typer.Option("--resynthesize", help="Choose a new grasp when the analysis refuses the present one.")
+        bool, typer.Option("--resynthesize", help="Choose a new grasp when the current one is no longer stable.")
     ] = False,
     no_video: options.NoVideo = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Carry a grasp through a sequence of images, or say for each why not.
+    """Track a grasp through a sequence of images, or say for each image why not.
 
     The grasp is chosen in the first image with an object, for a hand as in `grasptrack synthesize`: a length L is
     written 120px, 40mm (with --scale) or 30%, a share of the root of the object's area.
 
-    Contacts are given where they are wrong with a probability below --risk: one is off by more than 3 px and 4 % of the
-    root of the object's area, or it is another object. Every other frame is lost, with a reason.
+    Contacts are reported where the probability that they are wrong is below --risk. Wrong means that one is off by more than
+    3 px and 4 % of the root of the object's area, or that it is another object. Other frames are lost, with a reason.
 
-    With --length, the object's length as a caliper measures it, every frame tells how far it is, in that unit.
+    With --length, the object's length as a caliper measures it, every frame gives its distance, in that unit.
 
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
 
@@ -84,13 +87,7 @@ def track(
       grasptrack track video.mp4 --camera camera.yaml --length 120mm
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
     """
-    lengths = {
-        "min_opening": min_opening,
-        "max_opening": max_opening,
-        "finger_width": finger_width,
-        "finger_thickness": finger_thickness,
-        "clearance": clearance,
-    }
+    lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     asked = {
         "strategy": options.strategy_choice(strategy),
         "fingers": fingers,
@@ -111,14 +108,11 @@ def track(
         "video": not no_video,
     }
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    place, frame = options.parse_point(object_, "--object"), options.parse_rectangle(box, "--box")
-    if place is not None and frame is not None:
-        raise InputError("--object and --box both say which object is meant: give one of them")
+    meant = options.object_meant(object_, box)
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
     calibration = options.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
 
-    from grasptrack.cli.report import Progress, show_run
     from grasptrack.io.masks import open_masks
     from grasptrack.io.run import run_track
     from grasptrack.io.sources import open_source
@@ -134,8 +128,8 @@ def track(
         strategy=strategy,
         friction=friction,
         grasp=contacts,
-        object_at=place,
-        box=frame,
+        object_at=meant.place,
+        box=meant.box,
         ignore=options.ignore_mask(ignore),
         resynthesize=resynthesize,
         hand=hand,

@@ -10,16 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from grasptrack.cli import options
-from grasptrack.cli.scene import only_image
-from grasptrack.cli.terminal import tell_error
+from grasptrack.cli.terminal import format_number, show_rows, tell_error
 from grasptrack.errors import GraspTrackError, InputError, TransferError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from grasptrack.geometry.cameras import Camera
     from grasptrack.geometry.contours import View
-    from grasptrack.segmentation.undistortion import Told, Undistortion
+    from grasptrack.segmentation.undistortion import Undistortion
     from grasptrack.tracking.image_pair import Outcome, Pair, Place
 
 REFUSED = 3
@@ -35,31 +33,30 @@ _HEADS = (
 
 
 def transfer(
-    image_a: Annotated[str, typer.Argument(metavar="IMAGE_A", help="The reference view.")],
-    image_b: Annotated[str, typer.Argument(metavar="IMAGE_B", help="The view to carry the grasp to.")],
+    image_a: Annotated[str, typer.Argument(metavar="IMAGE_A", help="Reference image.")],
+    image_b: Annotated[str, typer.Argument(metavar="IMAGE_B", help="Image to transfer the grasp to.")],
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
     risk: options.Risk = 1e-3,
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for transfer.json and transfer.png.")] = Path(),
     grasp: options.GraspText = None,
     object_: Annotated[
-        str | None, typer.Option("--object", metavar="X,Y", help="A pixel of the object in IMAGE_A.")
+        str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object in IMAGE_A.")
     ] = None,
-    object_b: Annotated[str | None, typer.Option(metavar="X,Y", help="A pixel of the object in IMAGE_B.")] = None,
+    object_b: Annotated[str | None, typer.Option(metavar="X,Y", help="Pixel on the object in IMAGE_B.")] = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
-    json_: Annotated[bool, typer.Option("--json", help="Print transfer.json in place of the table.")] = False,
+    json_: Annotated[bool, typer.Option("--json", help="Print transfer.json instead of the table.")] = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Carry a grasp from one view of an object to another: what each strategy makes of it, or why it is not believed.
+    """Transfer a grasp from one view of an object to another: each strategy's contacts, or why they are rejected.
 
     The views may differ by any turn, by scale and by tilts up to 60 degrees. "registration" lays outline and surface on
     IMAGE_B; the three strategies of the paper follow.
 
-    "off by" is how far IMAGE_B says that the worst contact is from where the strategy puts it, "confidence" the
-    probability that no contact is off by more than 3 px and 4 % of the root of the object's area, or on another object: what
-    is wrong with a probability of --risk or more is refused. Where the image does not tell which of several places is
-    right, all are told.
+    "off by" is the error of the worst contact as measured in IMAGE_B. "confidence" is the probability that no contact is off by
+    more than 3 px and 4 % of the root of the object's area, or on another object; a strategy is refused where the
+    probability of being wrong is --risk or more. Where several places fit equally well, all are listed.
 
     Writes transfer.json, and transfer.png, both views side by side. Exit status 3 when every strategy refuses.
 
@@ -76,30 +73,40 @@ def transfer(
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     place_a, place_b = options.parse_point(object_, "--object"), options.parse_point(object_b, "--object-b")
     hidden, calibration = options.ignore_mask(ignore), options.load_calibration(camera)
-    first, second = (only_image(name, "transfer takes two images").image for name in (image_a, image_b))
-    _check_folder(output)
+    first, second = (options.only_image(name, "transfer takes two images").image for name in (image_a, image_b))
 
     from grasptrack.grasp.contacts import Grasp
+    from grasptrack.io.run import prepare_folder
     from grasptrack.segmentation.undistortion import Told
     from grasptrack.tracking.camera import Beforehand
     from grasptrack.tracking.image_pair import transfer_between_images
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.tracking.tracker import GraspTracker
 
-    lens, one, told = _undistort_input(calibration, first, Told(contacts, place_a, None, hidden))
-    lens_b, other, told_b = _undistort_input(calibration, second, Told(None, place_b, None, hidden))
+    prepare_folder(output)
+    one = options.straighten_scene(first, Told(contacts, place_a, None, hidden), calibration)
+    other = options.straighten_scene(second, Told(None, place_b, None, hidden), calibration)
+    told, lens = one.told, one.lens
     # The first step of a sequence, so that object and grasp are chosen here as they are there.
     begun = GraspTracker(
         fingers=count, friction=friction, grasp=told.contacts, object_at=told.object_at, ignore=told.ignore
     )
-    chosen = begun.update(one)
+    chosen = begun.update(one.image)
     if chosen.contacts is None or chosen.view is None:
         raise InputError(f'"{image_a}": {chosen.reason}')
     pair, refusal = None, ""
     focal = None if lens is None else Beforehand.by_calibration(lens.focal, NUMBERS)
     try:
         pair = transfer_between_images(
-            Grasp(chosen.contacts), chosen.view, one, other, friction, told_b.object_at, told_b.ignore, risk, focal
+            Grasp(chosen.contacts),
+            chosen.view,
+            one.image,
+            other.image,
+            friction,
+            other.told.object_at,
+            other.told.ignore,
+            risk,
+            focal,
         )
     except TransferError as error:
         refusal = str(error)
@@ -109,7 +116,7 @@ def transfer(
     view, at = chosen.view, chosen.contacts
     if lens is not None:
         view, at = lens.view(view), lens.seen(at)
-    found = _Found.none(refusal) if pair is None else _Found.of(pair, lens_b)
+    found = _Found.none(refusal) if pair is None else _Found.of(pair, other.lens)
     asked = {
         "fingers": count,
         "friction": friction,
@@ -175,8 +182,8 @@ def _write_files(
     asked: dict[str, Any],
 ) -> list[Path]:
     """transfer.json, and transfer.png where the object was found; an older picture goes."""
+    from grasptrack.io.json_results import transfer_to_dict
     from grasptrack.io.results import write_json
-    from grasptrack.io.transferred import transfer_to_dict
     from grasptrack.view.pair import write_pair
 
     data, picture = output / "transfer.json", output / "transfer.png"
@@ -193,11 +200,9 @@ def _write_files(
 
 def _show_results(analysis: Any, at: NDArray[Any], found: _Found, notes: list[str], files: list[Path]) -> None:
     """The table."""
-    from grasptrack.cli.report import show_rows
-
     rows, notes = [["(reference)", _format_contacts(at), "", "", *_stability_cells(analysis)]], notes[:]
     for o in found.outcomes:
-        cells = [_format_confidence(o.confidence), _format_number(o.off)]
+        cells = [_format_confidence(o.confidence), format_number(o.off)]
         if o.reason:
             rows.append([o.strategy, "refused", *cells, "", ""])
             notes.append(f"{o.strategy} refused: {o.reason}")
@@ -211,18 +216,6 @@ def _show_results(analysis: Any, at: NDArray[Any], found: _Found, notes: list[st
             f"{'or' if i else 'either'} {_format_contacts(place.contacts)}{turned}: {100.0 * place.share:.3g} %"
         )
     show_rows("The grasp in both views", _HEADS, rows, [*notes, ", ".join(map(str, files))])
-
-
-def _undistort_input(
-    calibration: Camera | None, image: NDArray[Any], told: Told
-) -> tuple[Undistortion | None, NDArray[Any], Told]:
-    """An image and what was said of it, without the lens's distortion where the camera is known."""
-    from grasptrack.segmentation.undistortion import Undistortion
-
-    if calibration is None:
-        return None, image, told
-    lens = Undistortion(calibration, image.shape[1], image.shape[0])
-    return lens, lens.image(image), told.straight(lens)
 
 
 def _stability_cells(analysis: Any) -> list[str]:
@@ -240,13 +233,3 @@ def _format_confidence(confidence: float) -> str:
     """A confidence with as many digits as tell how far from 1 it is."""
     off = 1.0 - confidence
     return f"{confidence:.{min(9, max(3, 1 - math.floor(math.log10(off))))}f}" if off > 0.0 else "1"
-
-
-def _format_number(value: float) -> str:
-    return f"{value:.2f}" if math.isfinite(value) else "-"
-
-
-def _check_folder(output: Path) -> None:
-    from grasptrack.io.run import prepare_folder
-
-    prepare_folder(output)

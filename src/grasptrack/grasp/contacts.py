@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A grasp: two or more contacts on the outline of an object (Section I)."""
+"""A grasp: two or more contacts on the outline of an object (Section I), and a ranked one as synthesis returns it."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,3 +79,70 @@ def parse_contacts(text: str) -> Floats:
     if len(pairs) < 2 or any(len(p) != 2 for p in pairs) or not np.isfinite(np.array(pairs)).all():
         raise GraspError(f'contacts are written "x1,y1 x2,y2", not "{text}"', text=text)
     return np.array(pairs, dtype=np.float64)
+
+
+class Terms(NamedTuple):
+    """The terms of a quality, each from 0 (useless) to 1 (could not be better); the quality is their product.
+
+    Attributes:
+        closure: how much of the friction can be done without.
+        centre: how near the grasp lies to the centroid.
+        flatness: how straight the outline is under the pads and beside them.
+        room: how far the contacts may slip along the outline before the grasp no longer closes.
+        span: how little the hand opens for the object's size: across a body rather than from tip to tip.
+    """
+
+    closure: float
+    centre: float
+    flatness: float
+    room: float
+    span: float
+
+
+class RankedGrasp(Grasp):
+    """A grasp as synthesis found it.
+
+    Attributes:
+        contacts, quality: as in Grasp.
+        terms: what the quality is made of.
+        spread: the fingers push outward, inside a hole or a notch.
+        margin: rad, how much smaller the friction angle could be.
+        directions: (k, 2) unit vectors, the direction in which each finger moves to touch.
+        regions: (k,) px, the half-length along the outline within which each contact may lie, whatever the others do
+            within theirs, and the grasp still closes (independent contact regions).
+        fingers: (k, 4, 2) px, corners of each finger's rectangle at the contact.
+        swept: (k, 4, 2) px, the same with its way in: finger and clearance.
+    """
+
+    __slots__ = ("directions", "fingers", "margin", "regions", "spread", "swept", "terms")
+
+    def __init__(
+        self,
+        contacts: Floats,
+        quality: float,
+        terms: Terms,
+        *,
+        spread: bool,
+        margin: float,
+        directions: Floats,
+        regions: Floats,
+        fingers: Floats,
+        swept: Floats,
+    ) -> None:
+        super().__init__(contacts, quality)
+        self.terms, self.spread, self.margin = terms, spread, margin
+        self.directions, self.regions, self.fingers, self.swept = directions, regions, fingers, swept
+
+
+class GraspList(list[RankedGrasp]):
+    """Grasps, best first, and why others were refused.
+
+    Attributes:
+        reason: empty where there are grasps, else one sentence: why there is none.
+        refused: how many stable candidates each reason removed, the most frequent first.
+    """
+
+    def __init__(self, grasps: list[RankedGrasp], reason: str = "", refused: dict[str, int] | None = None) -> None:
+        super().__init__(grasps)
+        self.reason = reason
+        self.refused: dict[str, int] = dict(refused or {})

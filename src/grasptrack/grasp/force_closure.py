@@ -12,7 +12,7 @@ from grasptrack import kernels
 from grasptrack.errors import GraspError, InputError
 from grasptrack.geometry.contours import Outline
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.typing import Floats
+from grasptrack.typing import Bools, Floats
 
 DEFAULT_FRICTION = 0.5
 FINGER_WIDTH = 0.1
@@ -49,6 +49,35 @@ class GraspAnalysis(NamedTuple):
     friction: float
     judged_in: Literal["reference", "image", "plane"]
     reason: str
+
+
+class Closure(NamedTuple):
+    """Force closure of contacts with given normals: everything that says "it closes" asks here.
+
+    Attributes:
+        epsilon: as in GraspAnalysis.
+        needed: rad, the least friction angle with which they close; pi / 2 where none does.
+        friction: the coefficient.
+    """
+
+    epsilon: float
+    needed: float
+    friction: float
+
+    @property
+    def margin(self) -> float:
+        """rad by which the friction angle could be smaller."""
+        return math.atan(self.friction) - self.needed
+
+    @property
+    def closes(self) -> bool:
+        """Strictly."""
+        return self.margin > 0.0 and self.epsilon > 0.0
+
+    @classmethod
+    def of(cls, contacts: Floats, normals: Floats, centre: tuple[float, float], rho: float, friction: float) -> Closure:
+        """Of contacts (k, 2) px with normals (k, 2) into the material; torques are about `centre`, divided by rho."""
+        return cls(*kernels.force_closure(contacts, normals, *centre, rho, friction), friction)
 
 
 def check_friction(friction: float) -> None:
@@ -129,20 +158,18 @@ class Analyzer:
                 )
         frames = kernels.contact_frames(self._points, self._offsets, places, self._width)
         normals = np.ascontiguousarray(frames[:, :2])
-        epsilon, needed = kernels.force_closure(contacts, normals, cx, cy, rho, friction)
-        margin = math.atan(friction) - needed
-        stable = margin > 0.0 and epsilon > 0.0
+        closure = Closure.of(contacts, normals, self._centroid, rho, friction)
         return GraspAnalysis(
-            stable,
-            margin,
-            epsilon,
+            closure.closes,
+            closure.margin,
+            closure.epsilon,
             rho,
             _centroid_distance(contacts, cx, cy),
             frames[:, 2],
             normals,
             friction,
             self._judged_in,
-            "" if stable else _refusal_reason(len(contacts), needed, friction),
+            "" if closure.closes else _refusal_reason(len(contacts), closure),
         )
 
 
@@ -157,10 +184,47 @@ def _centroid_distance(contacts: Floats, cx: float, cy: float) -> float:
     return float(abs((cx - x1) * (y2 - y1) - (cy - y1) * (x2 - x1)) / opening)
 
 
-def _refusal_reason(fingers: int, needed: float, friction: float) -> str:
+def _refusal_reason(fingers: int, closure: Closure) -> str:
+    needed, friction = closure.needed, closure.friction
     if needed > math.radians(89.9):
         return "the fingers do not oppose each other: no friction closes this grasp"
     what = (
         "the grasp line leaves a friction cone" if fingers == 2 else "the contact wrenches do not surround the origin"
     )
     return f"{what}: closing needs friction {math.tan(needed):.2f}, there is {friction:.2f}"
+
+
+def closes_after(outline: Outline, contacts: Floats, slips: Floats, friction: float) -> Bools:
+    """(n,) whether a grasp closes after its contacts have slipped along the outline: what independent regions promise.
+
+    Args:
+        outline: a Contour or View.
+        contacts: (k, 2) px, the grasp's; they are moved onto the outline.
+        slips: (n, k) px of arc length, along the direction of the contours.
+        friction: Coulomb coefficient.
+    """
+    n, k = slips.shape
+    places = np.empty((n, k, 2))
+    for i, (contour, position, _) in enumerate(kernels.locate(outline.points, outline.offsets, contacts).tolist()):
+        line = outline.contours[int(contour)]
+        s = line.arc_length
+        here = np.interp(position, np.arange(len(s)), s)
+        places[:, i, 0] = contour
+        places[:, i, 1] = np.interp(np.mod(here + slips[:, i], line.length), s, np.arange(len(s))) % len(line)
+    return _closes_at_places(outline, places.reshape(-1, 2), k, friction)
+
+
+def closes_at(outline: Outline, points: Floats, friction: float) -> Bools:
+    """(n,) whether contacts at the places of an outline that are nearest to points (n, k, 2) px close."""
+    places = kernels.locate(outline.points, outline.offsets, np.ascontiguousarray(points.reshape(-1, 2)))
+    return _closes_at_places(outline, places, points.shape[1], friction)
+
+
+def _closes_at_places(outline: Outline, places: Floats, k: int, friction: float) -> Bools:
+    area, *centre = kernels.inertia(outline.points, outline.offsets)[:3]
+    size = math.sqrt(area)
+    contacts = kernels.point_at(outline.points, outline.offsets, places).reshape(-1, k, 2)
+    frames = kernels.contact_frames(outline.points, outline.offsets, places, FINGER_WIDTH * size)
+    normals = np.ascontiguousarray(frames[:, :2]).reshape(-1, k, 2)
+    at = (centre[0], centre[1])
+    return np.array([Closure.of(c, n, at, 0.5 * size, friction).closes for c, n in zip(contacts, normals, strict=True)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image files as a source: one, a folder of them, or those that a pattern names.
+"""Image files as a source: one, a folder of them, or those that a pattern names; and whether a file is whole.
 
 Depth: 8-bit values stay as they are. Deeper images are scaled to 8 bits by one factor for the whole sequence, that of
 the smallest usual full scale (1 for fractions, else 255 for float images, 10, 12, 14 or 16 bits) that holds the first
@@ -19,7 +19,24 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
-from grasptrack.io.whole import is_whole_image
+
+
+def is_whole_image(data: bytes) -> bool:
+    """False for a JPEG or PNG without its end marker; True where the format keeps none."""
+    if data.startswith(b"\xff\xd8"):
+        return data.find(b"\xff\xd9", _scan_of(data)) > 0
+    if data.startswith(b"\x89PNG"):
+        return b"IEND" in data
+    return True
+
+
+def _scan_of(data: bytes) -> int:
+    """Where the first scan of a JPEG begins; what comes before may hold a thumbnail with an end marker of its own."""
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != 0xDA:
+        at += 1 if data[at + 1] == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return at
+
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".pgm"})
 NAMED = "jpg, png, tif, bmp, pgm"

@@ -1,16 +1,123 @@
 # SPDX-License-Identifier: Apache-2.0
-"""H.264 in MP4, as browsers play it, through PyAV (OpenCV's wheels write none)."""
+"""Video files, through PyAV: read as a source, and written as H.264 in MP4 as browsers play it (OpenCV writes none)."""
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import InputError
+from grasptrack.errors import InputError, SourceError
+from grasptrack.io.base import Image, Source
+
+_TEXT_ART = frozenset({"ansi", "bintext", "xbin", "idf"})
+"""Decoders with which FFmpeg draws any text file as a video of letters."""
+
+
+class VideoSource(Source):
+    """The first video stream of a file: grey where it is recorded so, else BGR, turned upright as its header asks.
+
+    Times are presentation times in s, as the file has them. A file that is damaged or cut short raises SourceError
+    after the frames that can be read.
+    """
+
+    kind = "video"
+
+    def __init__(self, path: Path, fps: float | None = None) -> None:
+        super().__init__(str(path), fps)
+        self._path = path
+        if path.stat().st_size == 0:
+            raise SourceError(f'video "{path}" is empty', path=str(path))
+        with self._open_container() as container:
+            stream = container.streams.video[0]
+            rate = float(stream.average_rate or 0)
+            self.fps = fps or (rate if rate > 0 else None)
+            self.exact = stream.frames > 0
+            self.count = stream.frames or _estimate_frame_count(container, rate)
+
+    def _open_container(self) -> Any:
+        import av
+
+        try:
+            container = av.open(str(self._path))
+        except (av.FFmpegError, OSError) as error:
+            if not is_whole_video(self._path):
+                reason = "is truncated: no frame of it can be read"
+            elif isinstance(error, PermissionError):
+                reason = "cannot be read: Permission denied"
+            else:
+                reason = "is no video that can be read"
+            raise SourceError(f'"{self._path}" {reason}', path=str(self._path)) from None
+        codec = container.streams.video[0].codec_context if container.streams.video else None
+        if codec is None or codec.name in _TEXT_ART:
+            container.close()
+            why = "it has no video stream" if codec is None else "it is text"
+            raise SourceError(f'"{self._path}" is no video that can be read: {why}', path=str(self._path))
+        return container
+
+    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+        import av
+
+        index = 0
+        with self._open_container() as container:
+            try:
+                base = container.streams.video[0].time_base
+                for frame in _decode_frames(container):
+                    time = None if frame.pts is None else float(frame.pts * (frame.time_base or base))
+                    yield _upright_image(frame), time, f"frame {index} of {self._path.name}"
+                    index += 1
+            except av.FFmpegError:
+                kind = "damaged" if is_whole_video(self._path) else "truncated"
+                raise SourceError(
+                    f'video "{self._path}" is {kind}: it can be read up to frame {index}',
+                    path=str(self._path),
+                    frame=index,
+                ) from None
+        if not is_whole_video(self._path):
+            raise SourceError(
+                f'video "{self._path}" is truncated: it ends after {index} frames', path=str(self._path), frame=index
+            )
+        if index == 0:
+            raise SourceError(f'video "{self._path}" holds no frame that can be read', path=str(self._path))
+
+
+def _decode_frames(container: Any) -> Iterator[Any]:
+    """All frames; before a decoding error is raised, those that the decoder still holds."""
+    import av
+
+    stream = container.streams.video[0]
+    try:
+        for packet in container.demux(stream):
+            for frame in packet.decode():
+                if getattr(frame, "is_corrupt", False):
+                    raise av.InvalidDataError(1, "damaged frame")
+                yield frame
+    except av.FFmpegError:
+        try:
+            held = [f for f in stream.codec_context.decode(None) if not getattr(f, "is_corrupt", False)]
+        except av.FFmpegError:
+            held = []
+        yield from held
+        raise
+
+
+def _upright_image(frame: Any) -> Image:
+    """The picture as (H, W) or (H, W, 3) uint8, turned by the rotation that the file's header gives."""
+    grey = frame.format.name.startswith(("gray", "mono"))
+    image: Image = frame.to_ndarray(format="gray" if grey else "bgr24")
+    quarters = round(getattr(frame, "rotation", 0) / 90) % 4
+    return np.ascontiguousarray(np.rot90(image, quarters)) if quarters else image
+
+
+def _estimate_frame_count(container: Any, rate: float) -> int | None:
+    """Number of frames from the duration in microseconds, where the header gives one."""
+    count = round((container.duration or 0) * 1e-6 * rate)
+    return count if count > 0 else None
+
 
 DEFAULT_FPS = 25.0
 MAX_FPS = 240.0
@@ -79,3 +186,59 @@ class VideoWriter:
             container.mux(self._stream.encode(None))
         finally:
             container.close()
+
+
+# --- is a file as long as it says of itself? ------------------------------------------------------
+
+_MATROSKA, _SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"
+
+
+def is_whole_video(path: Path) -> bool:
+    """False for an MP4, MOV, Matroska, WebM or AVI file that ends before its own tables say; True for other formats."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(12)
+        if head[4:8] in (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide"):
+            return _boxes_end(file, size) <= size
+        if head.startswith(_MATROSKA):
+            return _segment_end(file) <= size
+        if head.startswith(b"RIFF"):
+            return int.from_bytes(head[4:8], "little") + 8 <= size
+    return True
+
+
+def _boxes_end(file: BinaryIO, size: int) -> int:
+    """Where the last top-level box of an ISO media file ends."""
+    end = 0
+    while end + 8 <= size:
+        file.seek(end)
+        head = file.read(16)
+        length = int.from_bytes(head[:4], "big")
+        if length == 1:
+            length = int.from_bytes(head[8:16], "big")
+        if length == 0:
+            return size
+        if length < 8:
+            break
+        end += length
+    return end
+
+
+def _segment_end(file: BinaryIO) -> int:
+    """Where the segment of a Matroska file ends; 0 for one of unknown size, as a live recording has."""
+    file.seek(len(_MATROSKA))
+    file.seek(_read_ebml_number(file)[0], 1)
+    if file.read(len(_SEGMENT)) != _SEGMENT:
+        return 0
+    length, unknown = _read_ebml_number(file)
+    return 0 if unknown else file.tell() + length
+
+
+def _read_ebml_number(file: BinaryIO) -> tuple[int, bool]:
+    """An EBML number, whose leading zeros count its bytes; all ones mean that the size is unknown."""
+    first = file.read(1)
+    if not first or first[0] == 0:
+        return 0, True
+    extra = 8 - first[0].bit_length()
+    value = int.from_bytes(bytes([first[0] & (0x7F >> extra)]) + file.read(extra), "big")
+    return value, value == (1 << (7 * (extra + 1))) - 1

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack.errors import SourceError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.grasp.synthesis.result import RankedGrasp
+from grasptrack.grasp.contacts import RankedGrasp
 from grasptrack.segmentation.images import to_bgr, to_mask
 from grasptrack.typing import Floats
 

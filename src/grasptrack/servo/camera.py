@@ -1,16 +1,94 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pinhole camera that a hand carries: what it sees of points, and how that changes with the hand's twist."""
+"""A pinhole camera that a hand carries, and the rigid motions of both."""
 
 from __future__ import annotations
 
+import cmath
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
-from grasptrack.servo.geometry import check_pose, skew_matrices
+from grasptrack.kernels.reference_rigid import rotation_matrix, rotation_vector, skew_matrices, skew_matrix
 from grasptrack.typing import Floats
+
+ROUNDING = 1e-3
+"""How far a pose that is handed in may be from a rigid motion: drivers report in single precision."""
+
+
+def pose_of(rotation_: Floats, position: ArrayLike) -> Floats:
+    """A pose (4, 4) from a rotation (3, 3) and a position (3,) in m."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rotation_, position
+    return out
+
+
+def inverse_pose(pose: Floats) -> Floats:
+    """The inverse of a rigid motion (4, 4)."""
+    R = pose[:3, :3].T
+    return pose_of(R, -R @ pose[:3, 3])
+
+
+def apply_twist(pose: Floats, twist: ArrayLike, seconds: float) -> Floats:
+    """The pose (4, 4) after a twist (6,) in m/s and rad/s, told in the moving frame, has been held for `seconds`."""
+    t = np.asarray(twist, dtype=np.float64) * seconds
+    angle = float(np.sqrt(t[3:] @ t[3:]))
+    K = skew_matrix(t[3:])
+    if angle < 1e-6:
+        V = np.eye(3) + 0.5 * K
+    else:
+        V = np.eye(3) + (1.0 - math.cos(angle)) / angle**2 * K + (angle - math.sin(angle)) / angle**3 * K @ K
+    return pose @ pose_of(rotation_matrix(t[3:]), V @ t[:3])
+
+
+def interpolate_pose(first: Floats, second: Floats, share: float) -> Floats:
+    """The pose that lies the given share of the way from the first (0) to the second (1), or beyond."""
+    turn = rotation_vector(first[:3, :3].T @ second[:3, :3])
+    at = first[:3, 3] + share * (second[:3, 3] - first[:3, 3])
+    return pose_of(first[:3, :3] @ rotation_matrix(share * turn), at)
+
+
+def check_pose(pose: ArrayLike) -> Floats:
+    """A pose as it was handed in, as float64.
+
+    Raises:
+        InputError: not (4, 4), not finite, or not rigid.
+    """
+    given = np.asarray(pose, dtype=np.float64)
+    if given.shape != (4, 4) or not np.isfinite(given).all():
+        raise InputError("a pose is a finite 4 x 4 matrix", shape=given.shape)
+    (a, b, c, _), (d, e, f, _), (g, h, i, _), (p, q, r, s) = given.tolist()
+    off = (
+        a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
+        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i, p, q, r, s - 1.0,
+    )  # fmt: skip
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    if max(map(abs, off)) > ROUNDING or determinant < 0.0:
+        raise InputError("a pose is a rotation and a position above the row 0 0 0 1", pose=given.tolist())
+    return given
+
+
+def turn_between(first: Floats, second: Floats) -> float:
+    """The turn in rad that brings points (k, 2 or more) as near to others as a rigid motion of the plane can."""
+    z, w = complex_numbers(first), complex_numbers(second)
+    a, b = sum(z) / len(z), sum(w) / len(w)
+    return cmath.phase(sum((v - b) * (u - a).conjugate() for u, v in zip(z, w, strict=True)))
+
+
+def align_rigid(shape: Floats, onto: Floats) -> tuple[Floats, float]:
+    """Points (k, 2) moved rigidly to lie best on others, and the turn in rad that it took."""
+    z, w, turn = complex_numbers(shape), complex_numbers(onto), turn_between(shape, onto)
+    a, b, by = sum(z) / len(z), sum(w) / len(w), cmath.rect(1.0, turn)
+    there = [(u - a) * by + b for u in z]
+    return np.array([(p.real, p.imag) for p in there]), turn
+
+
+def complex_numbers(points: Floats) -> list[complex]:
+    """x + iy of points (k, 2 or more). Of two or three points Python's own numbers are quicker than arrays."""
+    return [complex(p[0], p[1]) for p in points.tolist()]
+
 
 NEAREST = 1e-3
 """m in front of the camera within which nothing is projected."""
@@ -43,12 +121,12 @@ class HandCamera:
             seen = self.focal * P[:, :2] / P[:, 2:] + self.centre
         return np.where(P[:, 2:] > NEAREST, seen, np.nan)
 
-    def rays(self, pixels: Floats) -> Floats:
+    def ray_directions(self, pixels: Floats) -> Floats:
         """Directions (N, 3) in the hand's frame of what is seen at pixels (N, 2), of depth 1 along the optical axis."""
         flat = (np.asarray(pixels) - self.centre) / self.focal
         return np.asarray(flat @ self.turn[:, :2].T + self.turn[:, 2])
 
-    def interaction(self, points: Floats) -> Floats:
+    def interaction_matrices(self, points: Floats) -> Floats:
         """Interaction matrices (N, 2, 6): px/s of still points for the hand's twist in m/s and rad/s.
 
         A still point moves by -v - w x P in the hand's frame (Chaumette and Hutchinson 2006, eq. 6).

@@ -10,20 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
-from grasptrack.servo.aim import Aim, compute_aim
-from grasptrack.servo.camera import NominalCamera
+from grasptrack.servo.camera import NominalCamera, check_pose
 from grasptrack.servo.closing import CloseGate, Closing
-from grasptrack.servo.command import OVER, Command, Intent, State
-from grasptrack.servo.explore import Exploration
-from grasptrack.servo.geometry import check_pose
 from grasptrack.servo.goal import Goal
-from grasptrack.servo.knowledge import SelfCalibration
-from grasptrack.servo.law import AXES, Gain
-from grasptrack.servo.limits import Limits
-from grasptrack.servo.loss import LossPolicy
-from grasptrack.servo.poses import Poses
-from grasptrack.servo.sighting import Observation, Sighter
-from grasptrack.servo.unseen import LossHandler
+from grasptrack.servo.law import AXES, Aim, Approach, Gain, compute_aim
+from grasptrack.servo.limits import OVER, Command, Intent, Limits, State
+from grasptrack.servo.loss import LossHandler, LossPolicy
+from grasptrack.servo.observation import Observation, Poses, ResultObserver
+from grasptrack.servo.self_calibration import Exploration, SelfCalibration
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
@@ -93,10 +87,10 @@ class GraspServo:
         self._unseen = LossHandler(self.loss, self.limits)
         self._centre = np.array([size[0] - 1.0, size[1] - 1.0]) / 2.0
         self._side, self._latency, self._time_limit = float(max(size)), latency, time_limit
-        self.knowledge = SelfCalibration(
+        self.calibration = SelfCalibration(
             exploration or Exploration(), dof, None if law == "online" else camera, fixed=law == "textbook"
         )
-        self._sighter, self._poses = Sighter(square=dof == 6), Poses()
+        self._observer, self._poses = ResultObserver(square=dof == 6), Poses()
         self._doubt = CloseGate(closing or Closing())
         self.state: State = "searching"
         self.reason = "no image yet"
@@ -154,10 +148,10 @@ class GraspServo:
         """The sighting of a result, and whether it fits what is known."""
         if result.grasp_id is not None and result.grasp_id != self._grasp:
             if self._grasp is not None:
-                self.knowledge.another()
+                self.calibration.change_grasp()
                 self._order = None
             self._grasp = result.grasp_id
-        seen = self._sighter.sighting(result, shot, self._poses.at(shot))
+        seen = self._observer.observe_result(result, shot, self._poses.at(shot))
         if seen is not None and seen.contacts != len(self.goal.points):
             raise InputError(
                 f"the goal has {len(self.goal.points)} points and the grasp {seen.contacts} contacts",
@@ -165,13 +159,13 @@ class GraspServo:
             )  # fmt: skip
         if seen is None:
             return None, False
-        return seen, self.knowledge.take(seen, self._centre, self._side)
+        return seen, self.calibration.take_observation(seen, self._centre, self._side)
 
     def _decide_intent(
         self, result: TrackResult, seen: Observation | None, located: bool, time: float, hand: Floats, step: float
     ) -> Intent:
         """What the states say, the most urgent first."""
-        known = self.knowledge
+        known = self.calibration
         if time - self._began > self._time_limit:
             return Intent("failed", f"not done after {self._time_limit:g} s: {self.reason}")
         if known.failed or known.restarts > RESTARTS:
@@ -179,24 +173,23 @@ class GraspServo:
         if self.state == "closing":
             return Intent("closing", "waits to be told whether something is held", self._following_twist(hand))
         if seen is not None:
-            self._unseen.seen(time)
+            self._unseen.note_seen(time)
         else:
             self._doubt.reset()
-            if not (known.exploring and self._unseen.blinks(time)):
+            if not (known.exploring and self._unseen.seen_recently(time)):
                 return self._handle_loss(result, located, time, hand, step)
         if seen is None or known.exploring:
             twist = known.twist(time - self._latency) + self._following_twist(hand)
-            return Intent("approaching", f"exploratory move: {known.telling()}", twist)
+            return Intent("approaching", f"exploratory move: {known.move_name()}", twist)
         return self._approach_goal(result, seen, time, hand)
 
     def _approach_goal(self, result: TrackResult, seen: Observation, time: float, hand: Floats) -> Intent:
         found = self._compute_aim(time, hand, seen)
         if found is None:
-            self.knowledge.restarts += 1
-            self.knowledge.forget()
+            self.calibration.restart()
             return Intent("holding", "the goal would lie behind the camera: begins anew")
         carried = self._following_twist(hand)
-        if found.aligned and found.height > 0.5 * self.standoff and self.knowledge.make_sure():
+        if found.aligned and found.height > 0.5 * self.standoff and self.calibration.explore_again():
             return Intent("approaching", "explores again before it goes down", carried, found)
         why = self._doubt.why_not(result, found.error_px, found.final, time)
         if not why:
@@ -207,9 +200,9 @@ class GraspServo:
 
     def _handle_loss(self, result: TrackResult, located: bool, time: float, hand: Floats, step: float) -> Intent:
         """Nothing is seen that fits."""
-        known = self.knowledge
+        known = self.calibration
         if known.exploring:
-            known.interrupted(self._centre, self._side)
+            known.interrupt_move(self._centre, self._side)
 
         def coasting() -> Aim | None:
             return None if known.exploring else self._compute_aim(time, hand, None)
@@ -217,26 +210,25 @@ class GraspServo:
         why = "what is seen does not fit what is known" if located else result.reason or result.status
         carried = self._following_twist(hand)
         knows = coasting if known.estimate is not None else None
-        return self._unseen.intent(why, time, time - self._began, step, carried, knows)
+        return self._unseen.choose_intent(why, time, time - self._began, step, carried, knows)
 
     # --- parts ------------------------------------------------------------------------------------
 
     def _compute_aim(self, time: float, hand: Floats, seen: Observation | None) -> Aim | None:
-        known = self.knowledge.estimate
+        known = self.calibration.estimate
         if known is None:
             return None
         if self._order is None:
             self._order = self.goal.orders(known.camera, known.in_hand(hand, time)[: len(self.goal.points)])[0]
-        return compute_aim(
-            known, self.goal, self._order, seen, hand, time, dof=self.dof, standoff=self.standoff, gain=self.gain
-        )
+        how = Approach(self.goal, self._order, self.dof, self.standoff, self.gain)
+        return compute_aim(known, how, seen, hand, time)
 
     def _following_twist(self, hand: Floats) -> Floats:
         """The twist (6,) that keeps the hand with a moving object."""
         out = np.zeros(6)
-        known = self.knowledge.estimate
+        known = self.calibration.estimate
         if known is not None:
-            out[:3] = hand[:3, :3].T @ known.moving()
+            out[:3] = hand[:3, :3].T @ known.object_velocity()
         return out
 
     def _make_command(self, wanted: Intent, step: float) -> Command:

@@ -4,21 +4,74 @@
 The entries of the image Jacobian are functions of few unknowns: focal length, mounting, and the points' places. A robust
 extended Kalman filter holds these; its measurements are the points in each image, at the hand poses that the robot reports.
 Long ways of the hand tell far more than differences from image to image, and the rotational column, which changes with every
-motion, needs no memory of its own. A filter keeps the places at which it once linearised; `refine` does not.
+motion, needs no memory of its own. A filter keeps the places at which it once linearised and is then too sure of what it has;
+`refine_estimate` linearises every observation anew at the present result.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, unpack_state
-from grasptrack.servo.sighting import Observation, block_diagonal
+from grasptrack.kernels.reference_sightings import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN
+from grasptrack.servo.camera import HandCamera, NominalCamera
+from grasptrack.servo.features import rms_diameter
+from grasptrack.servo.observation import Observation, block_diagonal, stack_observations
 from grasptrack.typing import Floats
+
+"""Those in capitals say where in an error of all unknowns: log focal length; the camera's turn (rad, in its own frame) and
+offset (m); the object's place (m, base), turn (rad, its own frame) and velocity (m/s); then x, y of its points (m)."""
+
+
+@dataclass
+class Placed:
+    """The object.
+
+    Attributes:
+        points: (n, 2) m in its plane.
+        turn: (3, 3), its plane's axes and normal in the base.
+        place: (3,) m in the base.
+        speed: (3,) m/s along `axes`.
+        axes: (3, 3) in the base; the third, off the plane of motion, is short where that is known.
+    """
+
+    points: Floats
+    turn: Floats
+    place: Floats
+    speed: Floats
+    axes: Floats
+
+    def in_base(self) -> Floats:
+        """The points, (n, 3) m."""
+        return np.asarray(self.points @ self.turn[:, :2].T + self.place)
+
+    def velocity(self) -> Floats:
+        """(3,) m/s in the base."""
+        return np.asarray(self.axes @ self.speed)
+
+    def later(self, seconds: float) -> Placed:
+        """The object when it has gone on for some time, or back."""
+        return Placed(self.points, self.turn, self.place + seconds * self.velocity(), self.speed, self.axes)
+
+
+def pack_state(camera: HandCamera, object_: Placed) -> Floats:
+    """Both as the kernels want them, (39 + 2n,): see `grasptrack.kernels.reference_sightings`."""
+    o = object_
+    parts = ((camera.focal,), camera.centre, camera.turn, camera.offset, o.turn, o.place, o.speed, o.axes, o.points)
+    return np.concatenate([np.ravel(part) for part in parts])
+
+
+def unpack_state(state: Floats) -> tuple[HandCamera, Placed]:
+    """The inverse of `pack_state`."""
+    camera = HandCamera(float(state[0]), state[1:3], state[3:12].reshape(3, 3), state[12:15])
+    turn, axes = state[15:24].reshape(3, 3), state[30:39].reshape(3, 3)
+    return camera, Placed(state[39:].reshape(-1, 2), turn, state[24:27], state[27:30], axes)
+
 
 ROBUST = 3.0
 """Innovations of so many standard deviations count a quarter (Geman and McClure)."""
@@ -69,7 +122,7 @@ class Estimate:
     """Camera and object as they are known so far.
 
     Args:
-        state: (39 + 2n,), both as `model.packed` makes them.
+        state: (39 + 2n,), both as `pack_state` makes them.
         covariance: (16 + 2n, 16 + 2n) of its error.
         time: s, at which the object is where it is said to be.
     """
@@ -119,7 +172,7 @@ class Estimate:
         return size
 
     @property
-    def elsewhere(self) -> bool:
+    def is_displaced(self) -> bool:
         """Whether this and the images before it agree that the object is not where it was expected."""
         return len(self._away) >= AGREEING
 
@@ -129,7 +182,7 @@ class Estimate:
         if size >= FAR:
             self._away.append(off)
 
-    def release(self, time: float) -> None:
+    def release_object(self, time: float) -> None:
         """The object has been displaced: let its place, turn and velocity be found anew; camera and shape stay."""
         self.displaced_at = time
         self._away.clear()
@@ -137,6 +190,10 @@ class Estimate:
         P[PLACE, PLACE] += 0.05**2 * axes @ axes.T
         P[POSE.stop - 1, POSE.stop - 1] += 0.3**2
         P[SPEED, SPEED] += 0.2**2 * np.eye(3)
+
+    def settle(self) -> None:
+        """The object rests, or moves evenly again."""
+        self.displaced_at = -np.inf
 
     def follow(self, other: Estimate) -> None:
         """Remember what another estimate of the same object saw last that did not fit."""
@@ -146,7 +203,7 @@ class Estimate:
         """The points in the object's plane, (n, 2) m."""
         return self.object.points
 
-    def moving(self) -> Floats:
+    def object_velocity(self) -> Floats:
         """The object's velocity in the base, (3,) m/s; 0 where that is no more than noise."""
         speed, velocity = self.object.speed, self.object.velocity()
         if float(velocity @ velocity) <= LEAST_SPEED**2:
@@ -177,7 +234,7 @@ def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Fl
         facing: (3, 3), axes and normal of its plane in the base.
         slope: rad, by how much the plane in which it moves may be tilted against that.
     """
-    rays = camera.rays(seen.points) @ seen.hand[:3, :3].T  # in the base
+    rays = camera.ray_directions(seen.points) @ seen.hand[:3, :3].T  # in the base
     origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
     height = rays @ facing[:, 2]
     points = origin + depth * rays * (height.mean() / height)[:, None]
@@ -187,7 +244,7 @@ def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Fl
 
 def on_plane(camera: HandCamera, object_: Placed, seen: Observation) -> Floats | None:
     """Where other points of the object lie in its plane, (n, 2) m; None where they are not seen on it."""
-    rays = camera.rays(seen.points) @ seen.hand[:3, :3].T
+    rays = camera.ray_directions(seen.points) @ seen.hand[:3, :3].T
     origin = seen.hand[:3, :3] @ camera.offset + seen.hand[:3, 3]
     normal = object_.turn[:, 2]
     far = ((object_.place - origin) @ normal) / (rays @ normal)
@@ -200,3 +257,117 @@ def normalized_residual(known: Estimate, seen: Observation) -> float:
     """How far off a sighting is, in its own standard deviations (root of the mean square)."""
     off = (seen.points - known.camera.project(known.in_hand(seen.hand, seen.time))).ravel()
     return float(np.sqrt(off @ np.linalg.solve(block_diagonal(seen.noise), off) / len(off)))
+
+
+SETTLED, HOPELESS = 1e-2, 1e6
+"""Fall of the cost, in squared standard deviations, and damping at which a search ends."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What was known before.
+
+    Attributes:
+        camera: most likely.
+        object: most likely, at `time`.
+        covariance: (16 + 2n, 16 + 2n).
+        time: s.
+    """
+
+    camera: HandCamera
+    object: Placed
+    covariance: Floats
+    time: float
+
+    @cached_property
+    def known(self) -> Floats:
+        """The inverse of the covariance."""
+        return np.asarray(np.linalg.inv(self.covariance), dtype=np.float64)
+
+    @cached_property
+    def state(self) -> Floats:
+        """Camera and object as `pack_state` makes them."""
+        return pack_state(self.camera, self.object)
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where the search for the best camera and object has come to, at the origin's time.
+
+    Attributes:
+        state: (39 + 2n,), camera and object as `pack_state` makes them.
+        damping: of the next step.
+        settled: whether no step leads farther.
+        scale: 1.5 times the median of the residuals, in standard deviations, or 1.
+    """
+
+    state: Floats
+    damping: float = 1e-3
+    settled: bool = False
+    scale: float = 1.0
+
+
+def refine_estimate(
+    origin: Origin, seen: Sequence[Observation], start: Search | None = None, steps: int = 10
+) -> tuple[Estimate, Search]:
+    """The estimate from what was known before and all sightings, at the time of the last one.
+
+    Args:
+        origin: the prior.
+        seen: sightings of an object that rests or moves evenly; some may be wrong.
+        start: where an earlier search had come to; default the prior's camera and object.
+        steps: most steps. A search that has not settled can go on from what is returned.
+    """
+    all_seen = stack_observations(seen)
+    now = start or Search(origin.state)
+    state, covariance, damping, settled, scale = kernels.calibrate_batch(
+        origin.state, origin.known, all_seen.hands, all_seen.times - origin.time, all_seen.points, all_seen.noise,
+        now.state, now.damping, steps, ROBUST, SETTLED, HOPELESS,
+    )  # fmt: skip
+    made = Estimate(state, covariance, origin.time)
+    made.advance(seen[-1].time, evenly=True)
+    return made, Search(state, min(damping, 1.0), settled, scale)
+
+
+class ClassicalIBVS:
+    """Stands where `Estimate` stands: the object rests where the nominal camera saw it last.
+
+    Args:
+        seen: the first sighting.
+        believed: the camera and the distance at that time.
+        centre: (2,) px, the middle of the image.
+    """
+
+    linearised_at_goal = True
+    """Whether the interaction matrix is that of the goal, and not that of where the points are."""
+
+    def __init__(self, seen: Observation, believed: NominalCamera, centre: Floats) -> None:
+        self.camera = believed.camera(centre)
+        self._length = rms_diameter(seen.points[: seen.contacts]) * believed.distance / self.camera.focal
+        self.observe(seen)
+
+    def observe(self, seen: Observation) -> float:
+        """Put the object where it is seen now; it always fits."""
+        depth = self.camera.focal * self._length / rms_diameter(seen.points[: seen.contacts])
+        self.object = place_object(self.camera, seen, depth, seen.hand[:3, :3])
+        return 0.0
+
+    def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
+        """The points (n, 3) m in the hand's frame."""
+        return np.asarray((self.object.in_base() - hand[:3, 3]) @ hand[:3, :3])
+
+    def shape(self) -> Floats:
+        """The points in the object's plane, (n, 2) m."""
+        return self.object.points
+
+    def object_velocity(self) -> Floats:
+        """(3,) m/s: none is estimated."""
+        return np.zeros(3)
+
+    def normal(self, hand: Floats) -> Floats:
+        """The plane's normal (3,) in the hand's frame: it is taken to face the hand as at the last sighting."""
+        return np.asarray(hand[:3, :3].T @ self.object.turn[:, 2])
+
+    def relative_error(self) -> float:
+        """Nothing is doubted."""
+        return 0.0

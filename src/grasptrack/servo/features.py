@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import cmath
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from grasptrack.errors import InputError
-from grasptrack.servo.geometry import complex_numbers
+from grasptrack.servo.camera import complex_numbers
 from grasptrack.typing import Floats
 
 SMALL = 1e-6
@@ -51,7 +52,7 @@ class Features:
 
     def turn(self, contacts: Floats) -> complex:
         """Its argument is the angle from the goal to the contacts, that which leaves least (Procrustes)."""
-        return self._complex_turn(_decompose_points(contacts)[1])
+        return self._complex_turn(_decompose_points(contacts).around)
 
     def _complex_turn(self, around: list[complex]) -> complex:
         return sum((u * v.conjugate() for u, v in zip(around, self._around, strict=True)), 0j)
@@ -76,7 +77,7 @@ class Features:
         out[3] = wrap_angle(float(out[3]))
         return out
 
-    def slopes(self, contacts: Floats) -> Floats:
+    def jacobian_at(self, contacts: Floats) -> Floats:
         """Derivatives (4, 2k) of `values` by x1, y1, x2, y2, ..."""
         k = len(contacts)
         middle, around, length = _decompose_points(contacts)
@@ -92,14 +93,22 @@ class Features:
                 columns.append((x - at.real * along, y - at.imag * along, -self._length * along / length, angle))
         return np.array(columns).T
 
-    def off(self, contacts: Floats) -> float:
+    def farthest_error(self, contacts: Floats) -> float:
         """How far the farthest contact is from its goal, px."""
         return max(map(math.dist, contacts.tolist(), self.goal.tolist()))
 
 
-def _decompose_points(points: Floats) -> tuple[complex, list[complex], float]:
-    """Mean of points (k, 2), the points about it, and l, complex numbers for vectors."""
+class _Decomposed(NamedTuple):
+    """Points, complex numbers standing for vectors: their mean, the points about it, and l."""
+
+    middle: complex
+    around: list[complex]
+    length: float
+
+
+def _decompose_points(points: Floats) -> _Decomposed:
     z = complex_numbers(points)
     middle = sum(z) / len(z)
     around = [p - middle for p in z]
-    return middle, around, 2.0 * math.sqrt(sum(p.real * p.real + p.imag * p.imag for p in around) / len(z))
+    length = 2.0 * math.sqrt(sum(p.real * p.real + p.imag * p.imag for p in around) / len(z))
+    return _Decomposed(middle, around, length)

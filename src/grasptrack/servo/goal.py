@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.errors import InputError
-from grasptrack.servo.camera import HandCamera
+from grasptrack.servo.camera import HandCamera, align_rigid
 from grasptrack.servo.features import SMALL, rms_diameter
-from grasptrack.servo.geometry import align_rigid
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
@@ -111,7 +110,7 @@ class Goal:
 
     def _points_in_hand(self, camera: HandCamera, length: float) -> Floats:
         """The points (k, 3) m in the hand's frame, all at one depth, the first two `length` apart."""
-        rays = camera.rays(self.points)
+        rays = camera.ray_directions(self.points)
         flat = rays / rays[:, 2:]  # as they meet the plane at depth 1 before the camera, along the approach
         depth = length / max(math.dist(flat[0].tolist(), flat[1].tolist()), SMALL)
         return np.asarray(camera.offset + depth * flat)

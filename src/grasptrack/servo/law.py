@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From errors of features to a twist: a damped, weighted pseudo-inverse and an adaptive gain."""
+"""From errors of features to a twist of the hand: the control law, and one step toward the goal."""
 
 from __future__ import annotations
 
@@ -9,6 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from grasptrack.errors import InputError
+from grasptrack.kernels.reference_rigid import skew_matrix
+from grasptrack.servo.camera import HandCamera, turn_between
+from grasptrack.servo.estimate import ClassicalIBVS, Estimate
+from grasptrack.servo.features import Features
+from grasptrack.servo.goal import Goal
+from grasptrack.servo.observation import FLOOR, Observation, block_diagonal
 from grasptrack.typing import Floats
 
 AXES = {4: (0, 1, 2, 5), 6: (0, 1, 2, 3, 4, 5)}
@@ -77,3 +83,131 @@ def twist_for(
 
 FAITH = 0.05
 """A feature that is known to this standard deviation, or to this share of its error, weighs half."""
+
+
+ASIDE, TURNED = 0.006, 0.06
+"""m and rad from which on the hand stays at the stand-off; within half of them it goes all the way."""
+UNSURE = 0.1
+"""Relative standard deviation of the contacts' distance from which on it stays at the stand-off."""
+SLOPE = 0.01
+"""rad, how well the plane's normal is taken to be known."""
+
+
+@dataclass(frozen=True)
+class Approach:
+    """The way to the goal.
+
+    Attributes:
+        goal: of the contacts.
+        order: the finger of each contact.
+        dof: 4 or 6.
+        standoff: m before the goal at which the hand aligns first.
+        gain: of the law.
+    """
+
+    goal: Goal
+    order: tuple[int, ...]
+    dof: int
+    standoff: float
+    gain: Gain
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A step.
+
+    Attributes:
+        twist: (6,) m/s and rad/s, relative to the object.
+        error: (4,) or (6,) features less those of the goal in the end.
+        error_px: the farthest contact from its goal in the end.
+        height: m to go along the approach direction.
+        final: (k, 2) px, the contacts in the end.
+        doing: a short sentence.
+        aligned: whether it may go down.
+    """
+
+    twist: Floats
+    error: Floats
+    error_px: float
+    height: float
+    final: Floats
+    doing: str
+    aligned: bool
+
+
+def compute_aim(
+    known: Estimate | ClassicalIBVS,
+    how: Approach,
+    seen: Observation | None,
+    hand: Floats,
+    time: float,
+) -> Aim | None:
+    """The next step toward the goal; None where the goal would not be in front of the camera.
+
+    What was seen counts as it will be now: as predicted for now, plus what the image showed beside the prediction for its
+    own time.
+
+    Args:
+        known: camera and object.
+        how: the goal, and the way to it.
+        seen: the latest sighting; None while the object is out of sight.
+        hand: (4, 4), its pose now.
+        time: s, now.
+    """
+    k, camera, dof, standoff = len(how.order), known.camera, how.dof, how.standoff
+    points = known.in_hand(hand, time)[:k]
+    right = how.goal.targets(camera, known.shape()[:k], how.order)
+    normal = known.normal(hand)
+    places = [points] if seen is None else [points, known.in_hand(seen.hand, seen.time)[:k]]
+    pixels = camera.project(np.concatenate(places)).reshape(-1, k, 2)
+    contacts = pixels[0] if seen is None else pixels[0] + seen.points[:k] - pixels[1]
+    if not np.isfinite(contacts).all():
+        return None
+    # what is seen tells how far aside the hand is: a prediction that it does not bear out would keep it at the stand-off
+    here = points if seen is None else _at_depth(camera, contacts, points)
+    raised = standoff * _standoff_share(here, right, normal if dof == 6 else None, known.relative_error())
+    wanted = right.copy()
+    wanted[:, 2] += raised
+    final, goal_px = camera.project(np.concatenate([right, wanted])).reshape(2, k, 2)
+    if not (np.isfinite(final).all() and np.isfinite(goal_px).all()):
+        return None
+    last, features = Features(final, camera.centre), Features(goal_px, camera.centre)
+    at, there = (wanted, goal_px) if known.linearised_at_goal else (points, pixels[0])
+    slopes = features.jacobian_at(there)
+    error, in_the_end = features.error(contacts), last.error(contacts)
+    jacobian = slopes @ camera.interaction_matrices(at).reshape(2 * k, 6)
+    covariance = slopes @ _contact_covariance(seen, k) @ slopes.T
+    if dof == 6:
+        by_normal = np.hstack([np.zeros((2, 3)), skew_matrix(normal)[:2]])
+        jacobian = np.vstack([jacobian, by_normal])
+        error, in_the_end = np.append(error, normal[:2]), np.append(in_the_end, normal[:2])
+        wide = np.eye(6) * SLOPE**2
+        wide[:4, :4] = covariance
+        covariance = wide
+    length = math.dist(points[0].tolist(), points[1].tolist())
+    twist = twist_for(error, jacobian, covariance, dof=dof, length=length, gain=how.gain)
+    aligned = raised <= 0.5 * standoff
+    doing = "goes down" if aligned else "aligns at the stand-off"
+    height = float((points - right)[:, 2].sum()) / k
+    return Aim(twist, in_the_end, last.farthest_error(contacts), height, final, doing, aligned)
+
+
+def _at_depth(camera: HandCamera, contacts: Floats, points: Floats) -> Floats:
+    """Contacts (k, 2) px as points (k, 3) m in the hand's frame, each as far along the approach direction as that given."""
+    rays = camera.ray_directions(contacts)
+    return np.asarray(camera.offset + rays * ((points[:, 2] - camera.offset[2]) / rays[:, 2])[:, None])
+
+
+def _standoff_share(points: Floats, right: Floats, normal: Floats | None, relative: float) -> float:
+    """The share of the stand-off that is kept: 1 while the hand is not aligned, 0 when it is."""
+    if relative > UNSURE:
+        return 1.0
+    x, y, _ = (points - right).sum(axis=0).tolist()
+    aside, turn = math.hypot(x, y) / len(points), abs(turn_between(right, points))
+    tilt = 0.0 if normal is None else math.hypot(*normal[:2].tolist())
+    return min(max(2.0 * max(aside / ASIDE, turn / TURNED, tilt / TURNED) - 1.0, 0.0), 1.0)
+
+
+def _contact_covariance(seen: Observation | None, contacts: int) -> Floats:
+    """The covariance (2k, 2k) px^2 of the contacts; of predicted ones the least."""
+    return np.eye(2 * contacts) * FLOOR**2 if seen is None else block_diagonal(seen.noise[:contacts])

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack import kernels
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import View
-from grasptrack.grasp.contact_regions import chance_of_closing, regions_of
+from grasptrack.grasp.closure_probability import chance_of_closing
+from grasptrack.grasp.contact_regions import regions_of
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, analyze
 from grasptrack.grasp.hand import Hand

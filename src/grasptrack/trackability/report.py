@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from typing import Literal, NamedTuple
 
-from grasptrack.grasp.contact_regions import CHANCE
+from grasptrack.grasp.closure_probability import CHANCE
 from grasptrack.kernels.reference_edges import WINDOW
 from grasptrack.trackability.appearance import MIN_STRENGTH, RELATIVE_STRENGTH
 from grasptrack.trackability.evidence import PEAKS, Settled, Symmetry, Usable, recommended_strategy

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.grasp.contact_regions import Rectifications
+from grasptrack.grasp.closure_probability import Rectifications
 from grasptrack.tracking.camera import Beforehand, Mode, PlaneSolver, SeenPose
 from grasptrack.tracking.target import Target
 from grasptrack.typing import Floats

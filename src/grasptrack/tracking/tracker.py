@@ -17,7 +17,7 @@ from grasptrack import kernels
 from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import View
-from grasptrack.grasp.contact_regions import CHANCE, ClosureCheck, Judgement
+from grasptrack.grasp.closure_probability import CHANCE, ClosureCheck, Judgement
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.grasp.hand import Hand

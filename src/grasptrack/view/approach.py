@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from grasptrack.typing import Floats
+from grasptrack.view.style import create_figure
 
 _FEATURES = ("x/l", "y/l", "1/l", "angle, rad", "tilt x", "tilt y")
 
@@ -33,11 +34,7 @@ def plot_approach(
         title: above it.
         path: of the PNG.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = create_figure(9.0, 8.0, layout="constrained")
     axes = figure.subplots(4, 1, sharex=True)
     t = np.asarray(times, dtype=np.float64)
     if len(t):

@@ -10,21 +10,168 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.tracking.messages import SENTENCES
 from grasptrack.typing import Floats
-from grasptrack.view.geometry import cone_length, friction_cones
-from grasptrack.view.strip import add_strip
-from grasptrack.view.style import STATUS_RGB, Colour, Picture, blend_colour, put_text, rgb_to_bgr, text_width
+from grasptrack.view.style import (
+    DARK_RGB,
+    INK_RGB,
+    MUTED_RGB,
+    PANEL_RGB,
+    RULE_RGB,
+    STATUS_RGB,
+    WHITE_RGB,
+    Colour,
+    Picture,
+    blend_colour,
+    ellipsise_text,
+    put_text,
+    rgb_to_bgr,
+    text_width,
+)
 
 if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
+
+
+_ARC = np.linspace(-1.0, 1.0, 13)
+
+
+def friction_cones(result: TrackResult, length: float) -> list[Floats]:
+    """Friction cones as closed polygons (m, 2) px of the current image: apex at the contact, opening into the material.
+
+    A cone that was judged in the object's own plane, or in the reference view, is bent by the same perspective as the object:
+    each of its directions is carried over by the derivative of the homography at the contact.
+
+    Args:
+        result: contacts and their analysis; empty without them.
+        length: px from apex to arc.
+    """
+    if result.contacts is None or result.analysis is None:
+        return []
+    half, H = math.atan(result.analysis.friction), None
+    if result.homography is not None and result.analysis.judged_in == "reference":
+        H = result.homography
+    elif result.homography is not None and result.rectification is not None and result.analysis.judged_in == "plane":
+        H = result.homography @ np.linalg.inv(result.rectification)
+    polygons = []
+    for contact, normal in zip(result.contacts, result.analysis.normals, strict=False):
+        angles = math.atan2(normal[1], normal[0]) + half * _ARC
+        directions = np.column_stack([np.cos(angles), np.sin(angles)])
+        if H is not None:
+            directions = directions @ jacobian_at(H, contact).T
+        norms = np.linalg.norm(directions, axis=1, keepdims=True)
+        if not np.isfinite(norms).all() or norms.min() <= 0.0:
+            continue
+        polygons.append(np.vstack([contact, contact + length * directions / norms]))
+    return polygons
+
+
+def jacobian_at(H_current_reference: Floats, point: Floats) -> Floats:
+    """(2, 2) derivative of a homography at the reference point that it maps to `point` of the current view."""
+    H = H_current_reference / np.linalg.norm(H_current_reference)
+    u, v, w = np.linalg.solve(H, np.array([point[0], point[1], 1.0]))
+    scale = float(H[2] @ np.array([u / w, v / w, 1.0]))
+    x, y = point
+    J: Floats = np.array([H[0, :2] - x * H[2, :2], H[1, :2] - y * H[2, :2]]) / scale
+    return J
+
+
+def cone_length(contacts: Floats, unit: float) -> float:
+    """px; a third of the way to the contacts' middle on either side, within what is legible."""
+    reach = float(np.linalg.norm(contacts - contacts.mean(axis=0), axis=1).mean())
+    return min(max(0.62 * reach, 14.0 * unit), 64.0 * unit)
+
+
+_CHIP_INK: Colour = (10, 14, 18)
+
+
+def add_strip(canvas: Picture, result: TrackResult, number: int) -> Picture:
+    """The canvas (H, W, 3) with a strip below it; the strip's height is about 58 px at a width of 640."""
+    width = canvas.shape[1]
+    em = max(11, min(round(width / 640 * 14), 40))
+    height = 2 * round(2.05 * em)
+    strip = np.empty((height, width, 3), np.uint8)
+    strip[:] = rgb_to_bgr(PANEL_RGB)
+    colour = STATUS_RGB[result.status]
+    strip[: max(2, round(0.2 * em))] = rgb_to_bgr(colour)
+    pad = round(0.75 * em)
+    first, second = round(1.72 * em), round(3.3 * em)
+
+    small = max(10, round(0.86 * em))
+    left = _draw_status_chip(strip, result.status, pad, first, em, colour) + pad
+    stable = SENTENCES[result.notice] if result.notice else "stable"
+    reason = " ".join(result.reason.split()) or (f"grasp located, {stable}" if result.status == "tracked" else "")
+    size = em if text_width(reason, em) <= width - pad - left else small
+    ink = MUTED_RGB if result.status == "tracked" else INK_RGB
+    put_text(strip, ellipsise_text(reason, width - pad - left, size), left, first, size, ink)
+
+    room = _draw_confidence(strip, result.confidence, pad, second, small, colour)
+    _draw_figures(strip, result, number, pad, room, second, small)
+    return np.vstack([canvas, strip])
+
+
+def _draw_status_chip(strip: Picture, status: str, x: int, baseline: int, em: int, colour: Colour) -> int:
+    """The status on a rounded plate; returns where the plate ends."""
+    text = status.upper()
+    size = max(10, round(0.86 * em))
+    wide = text_width(text, size, bold=True) + round(1.2 * em)
+    top, bottom = baseline - round(1.08 * em), baseline + round(0.42 * em)
+    radius = (bottom - top) // 2
+    for cx in (x + radius, x + wide - radius):
+        cv2.circle(strip, (cx, top + radius), radius, rgb_to_bgr(colour), -1, cv2.LINE_AA)
+    cv2.rectangle(strip, (x + radius, top), (x + wide - radius, top + 2 * radius), rgb_to_bgr(colour), -1)
+    put_text(strip, text, x + round(0.6 * em), baseline, size, _CHIP_INK, bold=True)
+    return x + wide
+
+
+def _draw_confidence(strip: Picture, confidence: float, pad: int, baseline: int, size: int, colour: Colour) -> int:
+    """The confidence as a bar and a number, flush right; returns where they begin."""
+    gap = round(0.6 * size)
+    bar = round(0.16 * strip.shape[1])
+    x: int = strip.shape[1] - pad - text_width("0.00", size, bold=True)
+    put_text(strip, f"{confidence:.2f}", x, baseline, size, INK_RGB, bold=True)
+    x -= bar + gap
+    top, bottom = baseline - round(0.62 * size), baseline - round(0.1 * size)
+    cv2.rectangle(strip, (x, top), (x + bar, bottom), rgb_to_bgr(RULE_RGB), -1)
+    full = round(bar * min(max(confidence, 0.0), 1.0))
+    if full > 0:
+        cv2.rectangle(strip, (x, top), (x + full, bottom), rgb_to_bgr(colour), -1)
+    x -= text_width("confidence", size) + gap
+    put_text(strip, "confidence", x, baseline, size, MUTED_RGB)
+    return x
+
+
+def _draw_figures(
+    strip: Picture, result: TrackResult, number: int, pad: int, room: int, baseline: int, size: int
+) -> None:
+    """Frame, strategy, margin, chance of closing, time and latency from the left, as far as there is room."""
+    entries = [("frame", str(number))]
+    if result.strategy:
+        entries.append(("by", result.strategy))
+    if result.analysis is not None and math.isfinite(result.analysis.margin):
+        entries.append(("margin", f"{math.degrees(result.analysis.margin):+.1f}°"))
+    if math.isfinite(result.chance):
+        entries.append(("closes", f"{100.0 * result.chance:.0f} %"))
+    if result.time is not None:
+        entries.append(("at", f"{result.time:.2f} s"))
+    if math.isfinite(result.latency_ms):
+        entries.append(("in", f"{result.latency_ms:.1f} ms"))
+    at, gap = pad, round(0.4 * size)
+    for label, value in entries:
+        wide = text_width(label, size)
+        end = at + wide + gap + text_width(value, size)
+        if end > room - pad:
+            break
+        put_text(strip, label, at, baseline, size, MUTED_RGB)
+        put_text(strip, value, at + wide + gap, baseline, size, INK_RGB)
+        at = end + round(1.1 * size)
+
 
 MIN_WIDTH, MAX_SIDE = 480, 1920
 """px; a smaller image is drawn enlarged, a larger one reduced: text can be read, and browsers play the video."""
 
 _SHIFT = 4
 _FAR = 1e6
-_WHITE: Colour = (255, 255, 255)
-_DARK: Colour = (12, 14, 18)
 
 
 def draw_overlay(image: NDArray[Any], result: TrackResult, number: int | None = None) -> Picture:
@@ -78,6 +225,12 @@ def draw_disc(canvas: Picture, centre: Floats, radius: float, colour: Colour, wi
     cv2.circle(canvas, (x, y), round(radius * (1 << _SHIFT)), rgb_to_bgr(colour), thickness, cv2.LINE_AA, _SHIFT)
 
 
+def grasp_spokes(contacts: Floats) -> list[Floats]:
+    """The lines (2, 2) that stand for a grasp: between two contacts, from the middle to each of more."""
+    middle = contacts.mean(axis=0)
+    return [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]
+
+
 def _scaled_canvas(image: NDArray[Any]) -> tuple[Picture, float]:
     height, width = image.shape[:2]
     scale = 1.0
@@ -98,9 +251,9 @@ def _draw_outline(canvas: Picture, result: TrackResult, scale: float, unit: floa
         return
     curves = [(c.points + 0.5) * scale - 0.5 for c in result.view.contours]
     for curve in curves:
-        draw_polyline(canvas, curve, _DARK, 3.2 * unit, closed=True)
+        draw_polyline(canvas, curve, DARK_RGB, 3.2 * unit, closed=True)
     for curve in curves:
-        draw_polyline(canvas, curve, _WHITE, 1.2 * unit, closed=True)
+        draw_polyline(canvas, curve, WHITE_RGB, 1.2 * unit, closed=True)
 
 
 def _draw_cones(canvas: Picture, result: TrackResult, scale: float, unit: float, colour: Colour) -> None:
@@ -120,11 +273,9 @@ def _draw_cones(canvas: Picture, result: TrackResult, scale: float, unit: float,
 
 
 def _draw_grasp_line(canvas: Picture, contacts: Floats, unit: float, colour: Colour) -> None:
-    middle = contacts.mean(axis=0)
-    spokes = [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]
-    for spoke in spokes:
-        draw_polyline(canvas, spoke, _DARK, 4.0 * unit)
-    for spoke in spokes:
+    for spoke in grasp_spokes(contacts):
+        draw_polyline(canvas, spoke, DARK_RGB, 4.0 * unit)
+    for spoke in grasp_spokes(contacts):
         draw_polyline(canvas, spoke, colour, 2.0 * unit)
 
 
@@ -132,12 +283,12 @@ def _draw_contacts(canvas: Picture, contacts: Floats, seen: Floats, unit: float,
     middle = contacts.mean(axis=0)
     for i, (contact, share) in enumerate(zip(contacts, seen, strict=False)):
         if share >= 0.5:
-            draw_disc(canvas, contact, 7.6 * unit, _DARK)
-            draw_disc(canvas, contact, 6.4 * unit, _WHITE)
+            draw_disc(canvas, contact, 7.6 * unit, DARK_RGB)
+            draw_disc(canvas, contact, 6.4 * unit, WHITE_RGB)
             draw_disc(canvas, contact, 4.6 * unit, colour)
         else:
-            draw_disc(canvas, contact, 6.6 * unit, _DARK, 5.0 * unit)
-            draw_disc(canvas, contact, 6.6 * unit, _WHITE, 1.8 * unit)
+            draw_disc(canvas, contact, 6.6 * unit, DARK_RGB, 5.0 * unit)
+            draw_disc(canvas, contact, 6.6 * unit, WHITE_RGB, 1.8 * unit)
         away = contact - middle
         away = away / max(float(np.linalg.norm(away)), 1e-9)
         _draw_number(canvas, str(i + 1), contact + 20.0 * unit * away, unit)
@@ -148,6 +299,6 @@ def _draw_number(canvas: Picture, text: str, centre: Floats, unit: float) -> Non
     radius, size = 8.5 * unit, round(12 * unit)
     room = np.array([canvas.shape[1] - 1, canvas.shape[0] - 1]) - radius
     at = np.minimum(np.maximum(centre, radius), room)
-    draw_disc(canvas, at, radius, _DARK)
+    draw_disc(canvas, at, radius, DARK_RGB)
     x = round(at[0] - text_width(text, size, bold=True) / 2)
-    put_text(canvas, text, x, round(at[1] + 0.37 * size), size, _WHITE, bold=True)
+    put_text(canvas, text, x, round(at[1] + 0.37 * size), size, WHITE_RGB, bold=True)

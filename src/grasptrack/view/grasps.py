@@ -3,28 +3,156 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.grasp_panel import Panel, mute_image
-from grasptrack.view.grasp_text import Column, describe_grasp, describe_hand, draw_legend
-from grasptrack.view.layout import Box, Window, aspect_of, image_window, panel_grid, quiet_corner
+from grasptrack.view.panel import (
+    CONE,
+    FINGER,
+    LINE,
+    NEIGHBOUR,
+    PAGE,
+    PAGE_DPI,
+    REGION,
+    Panel,
+    TextColumn,
+    add_panel,
+    aspect_of,
+    grasp_opening,
+    image_window,
+    mute_image,
+    panel_grid,
+    quiet_corner,
+)
+from grasptrack.view.style import INK, MUTED, RULE, create_figure, save_whole, text_width
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
+    from grasptrack.grasp.contacts import GraspList, RankedGrasp
     from grasptrack.grasp.hand import HandPx
-    from grasptrack.grasp.synthesis.result import GraspList
 
-WIDTH, HEIGHT = 16.0, 9.0
-"""inches; at 100 px each, a slide of 1600 by 900 px."""
+
+_ROW = 0.29
+_CHARACTERS = 64
+"""That a line of 11 points in the column holds."""
+
+
+def format_quality(quality: float) -> str:
+    """A quality with two decimals, or so many more that something of a small one is seen."""
+    return f"{quality:.2f}" if quality >= 0.01 else f"{quality:.1g}" if quality >= 0.001 else "<0.001"
+
+
+def describe_hand(hand: HandPx, px_per_mm: float | None) -> str:
+    """The hand on an object in a few words."""
+    scale, unit = (1.0, "px") if px_per_mm is None else (px_per_mm, "mm")
+    size = f"{hand.finger_width / scale:.3g} x {hand.finger_thickness / scale:.3g} {unit}"
+    low, high = hand.min_opening / scale, hand.max_opening / scale
+    if math.isfinite(high):
+        return f"of {size}, opening {f'{low:.4g} to' if low else 'up to'} {high:.4g} {unit}"
+    return f"of {size}" + (f", opening from {low:.4g} {unit}" if low else "")
+
+
+def describe_grasp(grasp: RankedGrasp, px_per_mm: float | None) -> str:
+    """Quality, opening and kind in a few words."""
+    wide = f"{grasp_opening(grasp):.0f} px" if px_per_mm is None else f"{grasp_opening(grasp) / px_per_mm:.1f} mm"
+    return f"{format_quality(grasp.quality)}  {wide}{'  spread' if grasp.spread else ''}"
+
+
+class GraspColumn(TextColumn):
+    """What the picture says beside its panels: the best grasp, or why there is none, and captions."""
+
+    def free_box(self) -> tuple[float, float, float, float]:
+        """left, bottom, width and height in inches of what is left of the column."""
+        return self._left, self._bottom, self._width, self._y - self._bottom
+
+    def write_heading(self, text: str) -> None:
+        """A line in bold."""
+        self._y -= 0.3
+        self._write_text(self._left, self._y, text, 13.0, weight="bold")
+        self._y -= 0.1
+
+    def write_best(self, grasp: RankedGrasp, px_per_mm: float | None, cut: bool) -> None:
+        """The best grasp: what it is, and its quality with the terms that it is the product of."""
+        kind = "spread: pushed outward" if grasp.spread else "squeezed"
+        self.write_heading(f"Grasp 1, {kind}")
+        mm = "" if px_per_mm is None else f" ({grasp_opening(grasp) / px_per_mm:.1f} mm)"
+        slip = "/".join(f"{r:.0f}" if r >= 9.5 else f"{r:.1f}" for r in grasp.regions.tolist())
+        facts = (
+            f"opening {grasp_opening(grasp):.0f} px{mm}    margin {math.degrees(grasp.margin):.1f}°    slip ± {slip} px"
+        )
+        self._write_lines(facts)
+        if cut:
+            self._write_lines("Cut by the border: the centre is that of the part in view.")
+        self._y -= 0.06
+        self._draw_bar("quality", grasp.quality, INK)
+        for name, value in grasp.terms._asdict().items():
+            self._draw_bar(name, value, FINGER)
+        self._y -= 0.14
+
+    def write_no_grasp(self, grasps: GraspList) -> None:
+        """Why there is no grasp, and how many candidates fell to what."""
+        self.write_heading("No grasp")
+        self._write_lines(grasps.reason)
+        if grasps.refused:
+            self._y -= 0.1
+            self.write_heading("Candidates refused")
+            for reason, count in list(grasps.refused.items())[:12]:
+                self._write_lines(f"{count} ×  {reason}")
+
+    def write_caption(self, box: tuple[float, float, float, float], rank: str, text: str) -> None:
+        """Rank and a few words above a small panel."""
+        left, y = box[0], box[1] + box[3] + 0.07
+        start = 0.13 + 0.09 * len(rank)
+        wide = text_width(text, 100) / 7200.0  # inches at one point
+        self._write_text(left, y, rank, 11.0, weight="bold")
+        self._write_text(left + start, y, text, min(10.0, 0.92 * (box[2] - start) / wide), color=MUTED)
+
+    def _write_lines(self, text: str) -> None:
+        for line in wrap(text, _CHARACTERS):
+            self._y -= 0.21
+            self._write_text(self._left, self._y, line, 11.0)
+
+    def _draw_bar(self, name: str, value: float, colour: str) -> None:
+        self._y -= _ROW
+        start, room = self._left + 0.85, self._width - 1.45
+        weight = "bold" if name == "quality" else "normal"
+        self._write_text(self._left, self._y, name, 11.0, weight=weight)
+        self._draw_box(start, self._y - 0.02, room, 0.17, RULE)
+        self._draw_box(start, self._y - 0.02, min(max(value, 0.0), 1.0) * room, 0.17, colour)
+        self._write_text(self._left + self._width, self._y, format_quality(value), 11.0, weight=weight, ha="right")
+
+
+def draw_legend(axes: Any, grasp: bool, several: bool, neighbours: bool) -> None:
+    """What is what, below the large panel."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = []
+    if grasp:
+        handles.append(Patch(facecolor=FINGER, edgecolor=FINGER, alpha=0.7, label="finger"))
+    if grasp and not several:
+        handles.append(Line2D([], [], color=FINGER, lw=1.8, ls=(0, (3, 2)), label="its way in"))
+        handles.append(Patch(facecolor=CONE, label="friction cone"))
+        handles.append(Line2D([], [], color=REGION, lw=5, label="where it may slip to"))
+    if grasp:
+        handles.append(Line2D([], [], color=LINE, lw=2, marker="o", mec="white", label="contacts"))
+    if neighbours and not several:
+        handles.append(Line2D([], [], color=NEIGHBOUR, lw=1.6, ls=(0, (4, 3)), label="neighbours"))
+    if handles:
+        place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.005), "borderaxespad": 0.3, "borderpad": 0.0}
+        style = {"frameon": False, "fontsize": 11, "labelcolor": INK, "handlelength": 1.8, "columnspacing": 1.5}
+        axes.legend(handles=handles, ncols=len(handles), **place, **style)
+
+
 SHOWN = 9
 """Grasps, or objects, that get a small panel."""
-_DPI = 100
 _MAIN = (0.2, 0.62, 9.7, 7.7)
 _RIGHT = (10.2, 0.25, 5.6, 8.07)
 _INSET, _LARGER = 0.4, 1.8
@@ -71,27 +199,21 @@ def write_grasps(
         title: what the image is called.
         px_per_mm: scale; openings are given in mm too.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDTH, HEIGHT), dpi=_DPI, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = create_figure(*PAGE, dpi=PAGE_DPI, facecolor="white")
     picture = mute_image(image)
-    column = Column(figure, (WIDTH, HEIGHT), _RIGHT)
+    column = GraspColumn(figure, _RIGHT)
     _draw_main_panel(figure, picture, objects, friction)
     hands = {describe_hand(o.hand, px_per_mm) for o in objects}
     size = f" {hands.pop()}" if len(hands) == 1 else ""
-    column.title(title, f"{fingers} fingers{size}, friction {friction:g}", _MAIN[0])
+    column.write_title(title, _MAIN[0], f"{fingers} fingers{size}, friction {friction:g}")
     if len(objects) > 1:
         _draw_each_object(figure, picture, objects, column, px_per_mm)
     elif objects[0].grasps:
-        column.best(objects[0].grasps[0], px_per_mm, objects[0].outline.is_clipped)
+        column.write_best(objects[0].grasps[0], px_per_mm, objects[0].outline.is_clipped)
         _draw_next_best(figure, picture, objects[0], column, px_per_mm)
     else:
-        column.nothing(objects[0].grasps)
-    partial = path.with_name(path.name + ".part")
-    figure.savefig(partial, dpi=_DPI, format="png")
-    partial.replace(path)
+        column.write_no_grasp(objects[0].grasps)
+    save_whole(figure, path, PAGE_DPI)
 
 
 def _draw_main_panel(figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], friction: float) -> None:
@@ -99,18 +221,18 @@ def _draw_main_panel(figure: Any, picture: NDArray[np.uint8], objects: Sequence[
     best = [o.grasps[0] for o in objects if o.grasps]
     outlines, fingers = [o.outline.points for o in objects], [g.swept for g in best]
     shown = image_window(outlines, fingers, _image_size(picture), _MAIN[2] / _MAIN[3], 0.1, 1.7)
-    panel = _add_panel(figure, picture, shown, _MAIN)
+    panel = add_panel(figure, picture, shown, _MAIN)
     if not several:
-        panel.neighbours(objects[0].neighbours)
+        panel.draw_neighbours(objects[0].neighbours)
     for o in objects:
-        panel.outline(o.outline, 1.8)
+        panel.draw_outline(o.outline, 1.8)
     for i, o in enumerate(objects):
         if o.grasps and several:
-            panel.small_grasp(o.grasps[0])
+            panel.draw_small_grasp(o.grasps[0])
         elif o.grasps and not _close_up(figure, picture, panel, o, friction):
-            panel.grasp(o.grasps[0], o.outline, friction)
+            panel.draw_grasp(o.grasps[0], o.outline, friction)
         if several:
-            panel.label(str(i + 1), _number_position(o), 9.0)
+            panel.draw_label(str(i + 1), _number_position(o), 9.0)
     draw_legend(panel.axes, bool(best), several, any(o.neighbours for o in objects))
 
 
@@ -127,57 +249,51 @@ def _close_up(figure: Any, picture: NDArray[np.uint8], panel: Panel, found: Plan
     if corner is None:
         return False
     place = left + (width - size[0]) * (corner % 2), bottom + (height - size[1]) * (corner < 2), *size
-    inset = _add_panel(figure, picture, near, place)
-    inset.frame()
-    inset.neighbours(found.neighbours)
-    inset.outline(found.outline, 1.6)
-    inset.grasp(grasp, found.outline, friction)
-    panel.small_grasp(grasp)
-    panel.mark(inset.window)
+    inset = add_panel(figure, picture, near, place)
+    inset.draw_border()
+    inset.draw_neighbours(found.neighbours)
+    inset.draw_outline(found.outline, 1.6)
+    inset.draw_grasp(grasp, found.outline, friction)
+    panel.draw_small_grasp(grasp)
+    panel.draw_rectangle(inset.window)
     return True
 
 
 def _draw_next_best(
-    figure: Any, picture: NDArray[np.uint8], found: Planned, column: Column, px_per_mm: float | None
+    figure: Any, picture: NDArray[np.uint8], found: Planned, column: GraspColumn, px_per_mm: float | None
 ) -> None:
     """The grasps after the best one, all in the same window."""
     rest = found.grasps[1 : 1 + SHOWN]
     if not rest:
         return
     left = len(found.grasps) - 1 - len(rest)
-    column.heading("The next best" + (f", and {left} more in grasps.json" if left else ""))
+    column.write_heading("The next best" + (f", and {left} more in grasps.json" if left else ""))
     outline, fingers = found.outline.points, [g.fingers for g in rest]
-    boxes = panel_grid(column.free(), len(rest), aspect_of(outline))
+    boxes = panel_grid(column.free_box(), len(rest), aspect_of(outline))
     for i, (box, grasp) in enumerate(zip(boxes, rest, strict=True)):
         shown = image_window([outline], fingers, _image_size(picture), box[2] / box[3], 0.05)
-        panel = _add_panel(figure, picture, shown, box)
-        panel.outline(found.outline, 1.0)
-        panel.small_grasp(grasp)
-        column.caption(box, str(i + 2), describe_grasp(grasp, px_per_mm))
+        panel = add_panel(figure, picture, shown, box)
+        panel.draw_outline(found.outline, 1.0)
+        panel.draw_small_grasp(grasp)
+        column.write_caption(box, str(i + 2), describe_grasp(grasp, px_per_mm))
 
 
 def _draw_each_object(
-    figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], column: Column, px_per_mm: float | None
+    figure: Any, picture: NDArray[np.uint8], objects: Sequence[Planned], column: GraspColumn, px_per_mm: float | None
 ) -> None:
     """Every object with its best grasp, or the word that there is none."""
     left = len(objects) - SHOWN
-    column.heading("The best on each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
-    boxes = panel_grid(column.free(), min(len(objects), SHOWN), 1.0)
+    column.write_heading("The best on each object" + (f", and {left} more in grasps.json" if left > 0 else ""))
+    boxes = panel_grid(column.free_box(), min(len(objects), SHOWN), 1.0)
     for i, (box, found) in enumerate(zip(boxes, objects, strict=False)):
         best = found.grasps[:1]
         fingers = [g.fingers for g in best]
         shown = image_window([found.outline.points], fingers, _image_size(picture), box[2] / box[3], 0.05)
-        panel = _add_panel(figure, picture, shown, box)
-        panel.outline(found.outline, 1.0)
+        panel = add_panel(figure, picture, shown, box)
+        panel.draw_outline(found.outline, 1.0)
         for grasp in best:
-            panel.small_grasp(grasp)
-        column.caption(box, str(i + 1), describe_grasp(best[0], px_per_mm) if best else "no grasp")
-
-
-def _add_panel(figure: Any, picture: NDArray[np.uint8], shown: Window, box: Box) -> Panel:
-    left, bottom, width, height = box
-    axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
-    return Panel(axes, picture, shown, (72.0 * width, 72.0 * height))
+            panel.draw_small_grasp(grasp)
+        column.write_caption(box, str(i + 1), describe_grasp(best[0], px_per_mm) if best else "no grasp")
 
 
 def _number_position(found: Planned) -> Floats:

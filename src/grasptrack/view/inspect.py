@@ -6,25 +6,175 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.trackability.motions import sliding_displacement
+from grasptrack.trackability.motions import SLIDING, sliding_displacement
+from grasptrack.trackability.report import Row, expected, report_rows
 from grasptrack.typing import Floats
-from grasptrack.view.grasp_panel import DARK, LINE, Panel, mute_image
-from grasptrack.view.inspect_text import BAD, CLEAR, PEAK, WEAK, Sheet, draw_legend
-from grasptrack.view.layout import image_window, quiet_corner
+from grasptrack.view.draw import grasp_spokes
+from grasptrack.view.panel import (
+    LINE,
+    NEIGHBOUR,
+    PAGE,
+    PAGE_DPI,
+    Panel,
+    TextColumn,
+    add_panel,
+    image_window,
+    mute_image,
+    quiet_corner,
+)
+from grasptrack.view.style import (
+    DARK,
+    INK,
+    MUTED,
+    RULE,
+    STATUS_RGB,
+    STRATEGY_RGB,
+    create_figure,
+    hex_colour,
+    save_whole,
+    text_width,
+)
 
 if TYPE_CHECKING:
     from grasptrack.trackability import Suitability
+    from grasptrack.trackability.motions import Motions
     from grasptrack.trackability.result import Held
 
 
-WIDTH, HEIGHT = 16.0, 9.0
-"""inches; at 100 px each, a slide of 1600 by 900 px."""
-_DPI = 100
+CLEAR, WEAK, BAD = (hex_colour(STATUS_RGB[s]) for s in ("tracked", "unstable", "lost"))
+LEVEL = {"good": CLEAR, "fair": WEAK, "poor": BAD}
+PEAK = hex_colour(STRATEGY_RGB["grasp-line"])
+_REASONS = 3
+"""Reasons that are written out."""
+
+
+class Sheet(TextColumn):
+    """The verdict with its reasons, bars of the motions, and the table of the terminal."""
+
+    def write_verdict(self, found: Suitability) -> None:
+        """The level on a coloured field, what a run will give, and what speaks against it with what would help."""
+        self._draw_box(self._left, PAGE[1] - 0.62, 1.2, 0.46, LEVEL[found.level])
+        self._write_text(
+            self._left + 0.6, PAGE[1] - 0.46, found.level.upper(), 17.0, weight="bold", color="white", ha="center"
+        )
+        taken = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
+        self._write_text(self._left + 1.35, PAGE[1] - 0.44, taken, 13.0, weight="bold")
+        if told := expected(found):
+            self._write_lines(_as_sentence(f"expected: {told}"), 10.5)
+        if not found.reasons:
+            self._write_lines("Nothing speaks against it.", 11.0)
+        for reason in found.reasons[:_REASONS]:
+            self._y -= 0.02
+            self._draw_box(self._left, self._y - 0.21, 0.09, 0.15, WEAK)
+            self._write_lines(_as_sentence(reason.text), 11.0, indent=0.2)
+            if reason.advice:
+                self._write_lines(f"Would help: {reason.advice}.", 10.5, indent=0.2, color=MUTED)
+        if len(found.reasons) > _REASONS:
+            self._write_lines(
+                f"and {len(found.reasons) - _REASONS} more in inspect.json", 10.5, indent=0.2, color=MUTED
+            )
+
+    def draw_motions(self, motions: Motions) -> None:
+        """A bar for each motion, as much of it as moves the edges, and whether it is told from the others."""
+        self._y -= 0.36
+        self._write_text(self._left, self._y, "What moves the edges", 12.5, weight="bold")
+        self._write_text(self._left + self._width, self._y, "told from all others", 10.5, color=MUTED, ha="right")
+        start, room = self._left + 1.15, self._width - 3.25
+        top = self._y
+        for motion in motions.motions:
+            self._y -= 0.235
+            seen = "homography" in motion.observed
+            self._write_text(self._left, self._y, motion.name, 10.5)
+            self._draw_box(start, self._y - 0.02, room, 0.14, RULE)
+            self._draw_box(start, self._y - 0.02, room * min(motion.shown, 1.0), 0.14, CLEAR if seen else BAD)
+            self._write_text(start + room + 0.12, self._y, f"{100.0 * motion.shown:.0f} %", 10.5)
+            flat = "also under tilt" if seen else "only while flat" if "similarity" in motion.observed else "no"
+            self._write_text(self._left + self._width, self._y, flat, 10.5, color=INK if seen else BAD, ha="right")
+        mark = start + room * SLIDING
+        self._draw_box(mark, self._y - 0.05, 0.015, top - self._y - 0.05, INK)
+        self._y -= 0.03
+
+    def write_table(self, found: Suitability) -> None:
+        """The rows of the terminal's table, as far as they fit."""
+        self._y -= 0.14
+        for row in report_rows(found):
+            if row.name == "motions":
+                continue
+            self._write_row(row)
+
+    def _write_row(self, row: Row) -> None:
+        start = self._left + 2.35
+        lines = _wrap_to_width(row.note, self._width - 2.35, 10.0) or [""]
+        if self._y - 0.2 * len(lines) < 0.1:
+            return
+        self._y -= 0.215
+        self._write_text(self._left, self._y, row.name, 10.5, color=MUTED)
+        colour = BAD if row.value in ("no", "none", "not fixed") and row.name not in ("symmetry",) else INK
+        self._write_text(self._left + 1.05, self._y, row.value, 10.5, weight="bold", color=colour)
+        for i, line in enumerate(lines):
+            self._y -= 0.17 * (i > 0)
+            self._write_text(start, self._y, line, 10.0)
+
+    def _write_lines(self, text: str, size: float, indent: float = 0.0, **more: Any) -> None:
+        for line in _wrap_to_width(text, self._width - indent, size):
+            self._y -= 0.21
+            self._write_text(self._left + indent, self._y, line, size, **more)
+
+
+def _as_sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "."
+
+
+def _wrap_to_width(text: str, room: float, size: float) -> list[str]:
+    """Lines of a text that are at most so many inches wide at a size in points."""
+    whole = max(text_width(text, 100) / 7200.0 * size, 1e-6)
+    return wrap(text, max(12, int(0.97 * len(text) * room / whole))) if text else []
+
+
+def draw_legend(axes: Any, found: Suitability, times: float) -> None:
+    """What is what, below the large panel."""
+    from matplotlib.lines import Line2D
+
+    from grasptrack.trackability.report import FAINT
+
+    edges = found.edges
+    weak = edges.clear & (edges.strength < FAINT)
+    handles: list[Any] = [Line2D([], [], color=CLEAR, lw=4, label="clear edge")]
+    if weak.any():
+        handles.append(Line2D([], [], color=WEAK, lw=4, label="faint edge"))
+    if not edges.clear.all():
+        handles.append(Line2D([], [], color=BAD, lw=5, label="no edge"))
+    if len(found.peaks):
+        handles.append(Line2D([], [], color=PEAK, marker="D", ms=7, lw=0, label="peaks"))
+    if found.motions.slide is not None:
+        handles.append(Line2D([], [], color=BAD, marker=r"$\rightarrow$", ms=14, lw=0, label="outline slides"))
+    if found.symmetry.every or found.symmetry.turns:
+        ring: dict[str, Any] = {"marker": "o", "ms": 9, "mfc": "none", "mew": 2.0}
+        handles.append(Line2D([], [], color=MUTED, lw=0, label="ways it fits itself", **ring))
+    if found.equals:
+        handles.append(Line2D([], [], color=NEIGHBOUR, lw=1.6, ls=(0, (4, 3)), label="its equals"))
+    if found.grasp is not None:
+        large = ", not fixed" if found.by == "nothing" else "" if times == 1.0 else f", drawn {times:g} ×"
+        label = f"95 % of the errors{large}"
+        handles.append(Line2D([], [], color=LINE, lw=2, marker="o", mec="white", label="grasp"))
+        handles.append(Line2D([], [], color=INK, marker="o", ms=12, mfc="none", lw=0, label=label))
+    place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.005), "borderaxespad": 0.3, "borderpad": 0.0}
+    style = {
+        "frameon": False,
+        "fontsize": 11 if len(handles) < 7 else 10,
+        "labelcolor": INK,
+        "handlelength": 1.6,
+        "columnspacing": 1.2,
+    }
+    axes.legend(handles=handles, ncols=len(handles), **place, **style)
+
+
 _MAIN = (0.2, 0.62, 9.2, 7.7)
 _RIGHT = (9.7, 0.25, 6.1, 8.07)
 _ELLIPSE = 26.0
@@ -48,19 +198,13 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
         found: what was found in it.
         title: what the image is called.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDTH, HEIGHT), dpi=_DPI, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = create_figure(*PAGE, dpi=PAGE_DPI, facecolor="white")
     picture = mute_image(image)
-    left, bottom, width, height = _MAIN
     seen = [found.view.points, *(v.outer.points for v in found.equals[:1])]
-    shown = image_window(seen, [], (picture.shape[0], picture.shape[1]), width / height, 0.16, 1.3)
-    axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
-    panel = Panel(axes, picture, shown, (72.0 * width, 72.0 * height))
+    shown = image_window(seen, [], (picture.shape[0], picture.shape[1]), _MAIN[2] / _MAIN[3], 0.16, 1.3)
+    panel = add_panel(figure, picture, shown, _MAIN)
     times = ellipse_magnification(found, panel.px_per_point)
-    panel.neighbours(found.equals, 1.6)
+    panel.draw_neighbours(found.equals, 1.6)
     _draw_outline(panel, found)
     _draw_symmetry(panel, found)
     _draw_slides(panel, found)
@@ -68,15 +212,13 @@ def write_inspection(path: Path, image: NDArray[Any], found: Suitability, *, tit
         panel.axes.plot(*found.peaks.T, "D", color=PEAK, ms=8.0, mec=DARK, mew=1.2, zorder=4)
     if found.grasp is not None:
         _draw_grasp(panel, found.grasp, times)
-    draw_legend(axes, found, times)
-    sheet = Sheet(figure, (WIDTH, HEIGHT), _RIGHT)
-    sheet.title(title, left)
-    sheet.verdict(found)
-    sheet.motions(found.motions)
-    sheet.table(found)
-    partial = path.with_name(path.name + ".part")
-    figure.savefig(partial, dpi=_DPI, format="png")
-    partial.replace(path)
+    draw_legend(panel.axes, found, times)
+    sheet = Sheet(figure, _RIGHT)
+    sheet.write_title(title, _MAIN[0])
+    sheet.write_verdict(found)
+    sheet.draw_motions(found.motions)
+    sheet.write_table(found)
+    save_whole(figure, path, PAGE_DPI)
 
 
 def ellipse_magnification(found: Suitability, px_per_point: float) -> float:
@@ -108,8 +250,6 @@ def _draw_outline(panel: Panel, found: Suitability) -> None:
 
 def _draw_slides(panel: Panel, found: Suitability) -> None:
     """Arrows along the outline: the motion that its edges show least, where the tracker takes it as not seen."""
-    from matplotlib.patheffects import withStroke
-
     if found.motions.slide is None:
         return
     outer = found.view.outer
@@ -124,9 +264,7 @@ def _draw_slides(panel: Panel, found: Suitability) -> None:
     for point, way in zip(points - inward, moved * reach / longest, strict=True):
         if float(np.hypot(*way)) < 0.25 * reach:
             continue
-        arrow = {"arrowstyle": "-|>,head_width=0.3,head_length=0.5", "color": BAD, "lw": 2.0, "mutation_scale": 12.0}
-        arrow.update(shrinkA=0.0, shrinkB=0.0, path_effects=[withStroke(linewidth=4.0, foreground=DARK)])
-        panel.axes.annotate("", point + 0.5 * way, xytext=point - 0.5 * way, arrowprops=arrow, zorder=5)
+        panel.draw_arrow(point - 0.5 * way, point + 0.5 * way, BAD, 0.3)
 
 
 def _draw_symmetry(panel: Panel, found: Suitability) -> None:
@@ -137,12 +275,12 @@ def _draw_symmetry(panel: Panel, found: Suitability) -> None:
     radius = min(max(0.13 * found.looks.size, 26.0 * panel.px_per_point), 60.0 * panel.px_per_point)
     centre = _free_place(panel, found, radius)
     around = np.linspace(0.0, 2.0 * math.pi, 121)
-    panel.line(centre + radius * np.column_stack([np.cos(around), np.sin(around)]), "white", 1.6)
+    panel.draw_line(centre + radius * np.column_stack([np.cos(around), np.sin(around)]), "white", 1.6)
     start = math.degrees(math.atan2(frame.axes[0, 1], frame.axes[0, 0]))
     if not symmetry.every and len(symmetry.turns) < _MANY:
         for turn in (0.0, *symmetry.turns):
             way = np.array([math.cos(math.radians(start + turn)), math.sin(math.radians(start + turn))])
-            panel.line(centre + radius * np.outer([0.72, 1.28], way), "white", 2.4)
+            panel.draw_line(centre + radius * np.outer([0.72, 1.28], way), "white", 2.4)
     text = "every turn" if symmetry.every else f"alike {symmetry.order} ×"
     style = {"ha": "center", "va": "center", "fontsize": 11.0, "fontweight": "bold", "color": "white", "zorder": 6}
     box = {"boxstyle": "round,pad=0.25", "fc": DARK, "ec": "none", "alpha": 0.75}
@@ -169,8 +307,8 @@ def _draw_grasp(panel: Panel, grasp: Held, times: float) -> None:
 
     contacts = grasp.contacts
     middle = contacts.mean(axis=0)
-    for spoke in [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]:
-        panel.line(spoke, LINE, 2.0)
+    for spoke in grasp_spokes(contacts):
+        panel.draw_line(spoke, LINE, 2.0)
     for i, (contact, covariance) in enumerate(zip(contacts, grasp.covariance, strict=True)):
         size, V = np.linalg.eigh(covariance)
         half = times * _INSIDE_95 * np.sqrt(np.maximum(size, 0.0))
@@ -195,4 +333,6 @@ def _draw_grasp(panel: Panel, grasp: Held, times: float) -> None:
         away = contact - middle
         away /= max(float(np.hypot(*away)), 1e-9)
         reach = math.sqrt(float(away @ V @ np.diag(half**2) @ V.T @ away))
-        panel.label(str(i + 1), contact + (min(reach, 60.0 * panel.px_per_point) + 15.0 * panel.px_per_point) * away)
+        panel.draw_label(
+            str(i + 1), contact + (min(reach, 60.0 * panel.px_per_point) + 15.0 * panel.px_per_point) * away
+        )

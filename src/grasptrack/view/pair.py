@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
-from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, hex_colour
+from grasptrack.view.draw import grasp_spokes
+from grasptrack.view.style import DARK, INK, STATUS_RGB, STRATEGY_RGB, create_figure, hex_colour
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
 
 
-_INK = "#1d232b"
 # Nested sizes: where strategies agree, none hides another.
 _MARKS = {"registration": ("h", 19), "rrp": ("s", 15), "grasp-line": ("D", 9.5), "homography": ("o", 5.5)}
 _RGB = {"registration": (0, 158, 115), **STRATEGY_RGB}
@@ -29,7 +29,7 @@ _LEGEND: dict[str, Any] = {
     "bbox_to_anchor": (0.0, -0.01),
     "borderaxespad": 0.2,
     "frameon": False,
-    "labelcolor": _INK,
+    "labelcolor": INK,
 }
 
 
@@ -51,15 +51,12 @@ def write_pair(
         refused: the reason for each strategy that did not.
         titles: what the views are called.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     image, view, contacts = reference
     wide = sum(i.shape[1] / i.shape[0] for i in (image, current[0]))
     tall = min(max(13.0 / wide, 3.0), 9.0)
-    figure = Figure(figsize=(13.4, tall), facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = create_figure(13.4, tall, facecolor="white")
     widths = [i.shape[1] / i.shape[0] for i in (image, current[0])]
     edges = {"left": 0.0, "right": 1.0, "bottom": 0.0, "top": 1.0, "wspace": 0.03}
     left, right = figure.subplots(1, 2, width_ratios=widths, gridspec_kw=edges)
@@ -94,18 +91,17 @@ def _show_view(axes: Any, image: NDArray[Any], view: View, title: str) -> None:
         axes.imshow(image[:, :, ::-1])
     for contour in view.contours:
         closed = np.vstack([contour.points, contour.points[:1]])
-        axes.plot(closed[:, 0], closed[:, 1], color="#0c0e12", lw=2.6)
+        axes.plot(closed[:, 0], closed[:, 1], color=DARK, lw=2.6)
         axes.plot(closed[:, 0], closed[:, 1], color="white", lw=1.0)
     # Fixed here, so that a contact beyond the border does not shrink the image.
     axes.set_xlim(-0.5, image.shape[1] - 0.5)
     axes.set_ylim(image.shape[0] - 0.5, -0.5)
-    axes.set_title(title, fontsize=12, color=_INK, loc="left")
+    axes.set_title(title, fontsize=12, color=INK, loc="left")
     axes.set_axis_off()
 
 
 def _draw_grasp(axes: Any, contacts: Floats, colour: str, mark: str, size: float) -> None:
-    middle = contacts.mean(axis=0)
-    for spoke in [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]:
+    for spoke in grasp_spokes(contacts):
         axes.plot(spoke[:, 0], spoke[:, 1], color=colour, lw=1.8)
     axes.plot(contacts[:, 0], contacts[:, 1], mark, color=colour, ms=size, mec="white", mew=1.2, zorder=3)
 
@@ -122,7 +118,7 @@ def _draw_number(axes: Any, number: int, at: Floats, middle: Floats) -> None:
         fontsize=9,
         fontweight="bold",
         color="white",
-        bbox={"boxstyle": "circle,pad=0.25", "fc": "#0c0e12", "ec": "none"},
+        bbox={"boxstyle": "circle,pad=0.25", "fc": DARK, "ec": "none"},
         annotation_clip=True,
         zorder=2.5,
     )

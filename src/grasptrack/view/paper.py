@@ -13,6 +13,7 @@ from grasptrack.typing import Floats
 from grasptrack.view.draw import as_bgr, draw_disc, draw_polyline
 from grasptrack.view.style import (
     CONE_RGB,
+    DARK_RGB,
     INK_RGB,
     MUTED_RGB,
     PANEL_RGB,
@@ -20,15 +21,13 @@ from grasptrack.view.style import (
     RULE_RGB,
     STATUS_RGB,
     STRATEGY_RGB,
-    Colour,
+    WHITE_RGB,
     Picture,
     put_text,
     rgb_to_bgr,
     text_width,
 )
 
-_DARK: Colour = (12, 14, 18)
-_WHITE: Colour = (255, 255, 255)
 _GAP, _TITLE, _PLOT = 8, 34, 150
 _GRASP = STATUS_RGB["tracked"]
 
@@ -89,37 +88,37 @@ def draw_panels(panels: list[Panel], curve_title: str = "") -> Picture:
 
 
 def _draw_panel(picture: Picture, panel: Panel) -> None:
-    for width, colour in ((3.2, _DARK), (1.2, _WHITE)):
+    for width, colour in ((3.2, DARK_RGB), (1.2, WHITE_RGB)):
         for outline in panel.outlines:
             draw_polyline(picture, outline, colour, width, closed=True)
     if panel.dots is not None:
         for at in panel.dots:
-            draw_disc(picture, at, 2.6, _DARK)
+            draw_disc(picture, at, 2.6, DARK_RGB)
             draw_disc(picture, at, 1.8, STRATEGY_RGB["rrp"])
     if panel.axis is not None:
         x, y, angle, half = panel.axis
         along = half * np.array([np.cos(angle), np.sin(angle)])
         centre = np.array([x, y])
         ends = np.array([centre - along, centre + along])
-        draw_polyline(picture, ends, _DARK, 3.2)
+        draw_polyline(picture, ends, DARK_RGB, 3.2)
         draw_polyline(picture, ends, CONE_RGB, 1.6)
-        draw_disc(picture, centre, 5.0, _DARK)
+        draw_disc(picture, centre, 5.0, DARK_RGB)
         draw_disc(picture, centre, 3.6, CONE_RGB)
     if panel.contacts is not None:
         _draw_grasp(picture, panel.contacts)
     if panel.before is not None:
         for at in panel.before:
-            draw_disc(picture, at, 10.5, _DARK, 4.0)
+            draw_disc(picture, at, 10.5, DARK_RGB, 4.0)
             draw_disc(picture, at, 10.5, REGION_RGB, 2.0)
     if panel.truth is not None:
         for at in panel.truth:
             for way in ((5.0, 5.0), (5.0, -5.0)):
-                draw_polyline(picture, np.array([at - way, at + way]), _DARK, 1.4)
+                draw_polyline(picture, np.array([at - way, at + way]), DARK_RGB, 1.4)
     if panel.points is not None:
         centre = panel.points.mean(axis=0)
         for k, at in enumerate(panel.points):
             away = (at - centre) / max(float(np.linalg.norm(at - centre)), 1e-9)
-            draw_disc(picture, at, 6.4, _DARK)
+            draw_disc(picture, at, 6.4, DARK_RGB)
             draw_disc(picture, at, 4.6, STRATEGY_RGB["homography"])
             _draw_number(picture, k + 1, at + 19.0 * away)
 
@@ -128,11 +127,11 @@ def _draw_grasp(picture: Picture, contacts: Floats) -> None:
     if len(contacts) == 2:
         along = contacts[1] - contacts[0]
         line = np.array([contacts[0] - 0.35 * along, contacts[1] + 0.35 * along])
-        draw_polyline(picture, line, _DARK, 3.6)
+        draw_polyline(picture, line, DARK_RGB, 3.6)
         draw_polyline(picture, line, _GRASP, 1.8)
     for at in contacts:
-        draw_disc(picture, at, 7.4, _DARK)
-        draw_disc(picture, at, 6.2, _WHITE)
+        draw_disc(picture, at, 7.4, DARK_RGB)
+        draw_disc(picture, at, 6.2, WHITE_RGB)
         draw_disc(picture, at, 4.6, _GRASP)
 
 
@@ -157,10 +156,10 @@ def _plot_curve(panel: Panel, width: int, top: float, title: str) -> Picture:
 def _draw_number(picture: Picture, number: int, at: Floats) -> None:
     room = np.array([picture.shape[1] - 10.0, picture.shape[0] - 10.0])
     at = np.minimum(np.maximum(at, 9.0), room)
-    draw_disc(picture, at, 8.5, _DARK)
+    draw_disc(picture, at, 8.5, DARK_RGB)
     text = str(number)
     put_text(
-        picture, text, round(at[0] - text_width(text, 12, bold=True) / 2), round(at[1] + 4.5), 12, _WHITE, bold=True
+        picture, text, round(at[0] - text_width(text, 12, bold=True) / 2), round(at[1] + 4.5), 12, WHITE_RGB, bold=True
     )
 
 

@@ -35,6 +35,10 @@ INK_RGB: Colour = (236, 239, 243)
 MUTED_RGB: Colour = (152, 161, 173)
 PANEL_RGB: Colour = (22, 26, 33)
 RULE_RGB: Colour = (58, 65, 76)
+DARK_RGB: Colour = (12, 14, 18)
+WHITE_RGB: Colour = (255, 255, 255)
+INK, MUTED, RULE, DARK = "#1d232b", "#5a6472", "#d5dae1", "#0c0e12"
+"""Of text, side notes and rules on white pages, and of casings."""
 
 
 def rgb_to_bgr(colour: Colour) -> Colour:
@@ -45,6 +49,23 @@ def rgb_to_bgr(colour: Colour) -> Colour:
 def hex_colour(colour: Colour) -> str:
     """A colour as matplotlib wants it."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def create_figure(width: float, height: float, **more: Any) -> Any:
+    """A figure of matplotlib's, of a size in inches, that needs no screen."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), **more)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_whole(figure: Any, path: Path, dpi: int) -> None:
+    """Write a figure as PNG; the file is complete at any moment or absent."""
+    partial = path.with_name(path.name + ".part")
+    figure.savefig(partial, dpi=dpi, format="png")
+    partial.replace(path)
 
 
 def text_width(text: str, size: int, bold: bool = False) -> int:

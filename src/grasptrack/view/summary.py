@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.view.style import STATUS_RGB, Picture, hex_colour
+from grasptrack.view.style import INK, RULE, STATUS_RGB, Picture, create_figure, hex_colour
 
 if TYPE_CHECKING:
-    from grasptrack.io.tally import RunSummary
+    from grasptrack.io.run import RunSummary
 
 SHOWN = 6
 _THUMB_WIDTH = 480
@@ -30,7 +30,7 @@ _CURVES = (
 _SECOND = "chance"
 """Shares the panel of the confidence."""
 _NAMES = (*(name for name, _ in _CURVES), _SECOND)
-_INK, _GRID, _LINE, _OTHER = "#1d232b", "#d5dae1", "#23303f", "#0072b2"
+_LINE, _OTHER = "#23303f", "#0072b2"
 
 
 class Filmstrip:
@@ -117,8 +117,6 @@ def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary,
         summary: its counts and figures.
         title: name of the source.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     pictures = strip.pictures()
@@ -127,12 +125,11 @@ def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary,
     down = math.ceil(len(pictures) / across) if pictures else 0
     tall = 0.6 + sum(12.4 / across * p.shape[0] / p.shape[1] + 0.16 for _, p in pictures[::across])
     layout = ConstrainedLayoutEngine(h_pad=0.08, w_pad=0.08)
-    figure = Figure(figsize=(12.6, tall + 5.0), layout=layout, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = create_figure(12.6, tall + 5.0, layout=layout, facecolor="white")
     parts: Any = figure.subfigures(2, 1, height_ratios=[tall, 5.0])
     top, bottom = parts
     top.suptitle(
-        f"{title}: {_summary_headline(summary)}", x=0.012, ha="left", fontsize=13, color=_INK, fontweight="bold"
+        f"{title}: {_summary_headline(summary)}", x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold"
     )
     if pictures:
         _show_pictures(top, pictures, down, across)
@@ -158,7 +155,7 @@ def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
     from matplotlib.patches import Patch
     from matplotlib.ticker import MaxNLocator
 
-    from grasptrack.grasp.contact_regions import CHANCE
+    from grasptrack.grasp.closure_probability import CHANCE
 
     panels = figure.subplots(len(_CURVES), 1, sharex=True)
     at = curves.at
@@ -171,22 +168,22 @@ def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
             if curves.bins < curves.frames:
                 axes.fill_between(at, low, high, color=colour, alpha=0.35, lw=0)
             axes.plot(at, 0.5 * (low + high), alone, color=colour, lw=1.3, ms=4, label=curve)
-        axes.set_ylabel(label, color=_INK)
-        axes.grid(axis="y", color=_GRID, lw=0.7)
+        axes.set_ylabel(label, color=INK)
+        axes.grid(axis="y", color=RULE, lw=0.7)
         axes.set_axisbelow(True)
-        axes.tick_params(colors=_INK, length=3)
+        axes.tick_params(colors=INK, length=3)
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
     margin, confidence, latency = panels
     margin.margins(y=0.12)
-    margin.axhline(0.0, color=_INK, lw=0.9, ls=(0, (4, 3)))
+    margin.axhline(0.0, color=INK, lw=0.9, ls=(0, (4, 3)))
     confidence.set_ylim(-0.03, 1.05)
     confidence.axhline(CHANCE, color=_OTHER, lw=0.9, ls=(0, (4, 3)))
     confidence.legend(
-        *confidence.get_legend_handles_labels(), loc="lower right", ncols=2, frameon=False, fontsize=9, labelcolor=_INK
+        *confidence.get_legend_handles_labels(), loc="lower right", ncols=2, frameon=False, fontsize=9, labelcolor=INK
     )
     _latency_axis(latency, curves, summary)
-    latency.set_xlabel("frame", color=_INK)
+    latency.set_xlabel("frame", color=INK)
     latency.set_xlim(-0.5, max(curves.frames - 0.5, 0.5))
     latency.xaxis.set_major_locator(MaxNLocator(integer=True))
     marks = [
@@ -208,12 +205,12 @@ def _latency_axis(axes: Any, curves: Curves, summary: RunSummary) -> None:
     ceiling = max(2.0 * summary.latency_p99_ms if curves.frames > 20 else float(np.nanmax(high)), 1e-3) * 1.08
     ceiling = min(ceiling, float(np.nanmax(high)) * 1.08)
     axes.set_ylim(0.0, ceiling)
-    axes.axhline(summary.latency_median_ms, color=_INK, lw=0.9, ls=(0, (4, 3)))
+    axes.axhline(summary.latency_median_ms, color=INK, lw=0.9, ls=(0, (4, 3)))
     text = f"median {summary.latency_median_ms:.2f} ms, 99th percentile {summary.latency_p99_ms:.2f} ms"
     beyond = int((high > ceiling).sum())
     if beyond:
         text += f"; {beyond} beyond the scale, up to {np.nanmax(high):.0f} ms"
-    axes.set_title(text, loc="right", fontsize=9, color=_INK, pad=3)
+    axes.set_title(text, loc="right", fontsize=9, color=INK, pad=3)
 
 
 def _status_alpha(status: str) -> float:

@@ -17,10 +17,9 @@ from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.hand import Hand
-from grasptrack.grasp.synthesis.candidates import Candidates, sample_candidates
+from grasptrack.grasp.synthesis.candidates import Candidates, Stable, sample_candidates
 from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
 from grasptrack.grasp.synthesis.search import duplicate_radius, far_enough
-from grasptrack.grasp.synthesis.terms import Stable
 from grasptrack.typing import Floats, Ints
 
 TOP = 50

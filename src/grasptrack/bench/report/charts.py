@@ -20,7 +20,7 @@ from grasptrack.bench.metrics.curves import (
 from grasptrack.bench.metrics.integrity import risk_coverage
 from grasptrack.bench.run_folder import EvaluationRun
 from grasptrack.view.report import Axis, Chart, Series, format_number
-from grasptrack.view.report.axis import log_range
+from grasptrack.view.report.chart import log_range
 
 Methods = Mapping[str, Series]
 

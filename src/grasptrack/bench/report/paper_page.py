@@ -15,9 +15,9 @@ from grasptrack.bench.metrics.integrity import cumulative_share
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
 from grasptrack.view.report import Axis, Cell, Chart, Column, Line, Page, format_percent
-from grasptrack.view.report.axis import log_range
-from grasptrack.view.report.markup import format_fixed, make_slug
-from grasptrack.view.report.theme import standalone_svg
+from grasptrack.view.report.chart import log_range
+from grasptrack.view.report.palette import standalone_svg
+from grasptrack.view.report.parts import format_fixed, make_slug
 
 
 class TableLike(Protocol):

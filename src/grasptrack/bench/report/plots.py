@@ -13,8 +13,8 @@ from grasptrack.bench.report import charts as charts
 from grasptrack.bench.report.worst_frames import Progress, report_progress
 from grasptrack.bench.run_folder import EvaluationRun
 from grasptrack.view.report import Cell, Chart, Column, Line, Page, format_percent
-from grasptrack.view.report.markup import make_slug
-from grasptrack.view.report.theme import standalone_svg
+from grasptrack.view.report.palette import standalone_svg
+from grasptrack.view.report.parts import make_slug
 
 AT_PX = (0.1, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0)
 

@@ -9,8 +9,7 @@ from collections.abc import Iterable, Sequence
 from grasptrack.bench.metrics.summary import Row
 from grasptrack.bench.report.glossary import TERMS, Term
 from grasptrack.view.report import Cell, Column, Line, format_number, format_percent
-from grasptrack.view.report.markup import format_fixed
-from grasptrack.view.report.parts import Tone
+from grasptrack.view.report.parts import Tone, format_fixed
 
 ANSWERS = (
     *(

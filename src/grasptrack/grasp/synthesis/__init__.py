@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 from grasptrack.errors import InputError, StrategyError
 from grasptrack.geometry.contours import Outline, as_view
+from grasptrack.grasp.contacts import GraspList, RankedGrasp, Terms
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, check_friction, check_width
 from grasptrack.grasp.hand import Hand
 from grasptrack.grasp.synthesis.limits import Limits
-from grasptrack.grasp.synthesis.result import GraspList, RankedGrasp, Terms
 from grasptrack.grasp.synthesis.search import find_grasps
 
 __all__ = ["GraspList", "RankedGrasp", "Terms", "synthesize"]

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a hand cannot do: stable grasps that are refused, and why."""
+"""What a hand cannot do: stable grasps that are refused, and one sentence that says why none is left."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+import math
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +14,55 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline, View, as_view
 from grasptrack.grasp.hand import HandPx
-from grasptrack.grasp.synthesis.candidates import Candidates
-from grasptrack.grasp.synthesis.rectangles import fingers_overlap
-from grasptrack.grasp.synthesis.terms import Stable
-from grasptrack.typing import Floats, Ints
+from grasptrack.grasp.synthesis.candidates import Candidates, Stable
+from grasptrack.typing import Bools, Floats, Ints
+
+
+def finger_rectangles(contacts: Floats, directions: Floats, width: float, depth: float) -> Floats:
+    """Corners of the rectangles of fingers.
+
+    Args:
+        contacts: (..., 2) px, the middle of each pad.
+        directions: (..., 2) unit, in which each finger pushes.
+        width: px along the pad.
+        depth: px behind it.
+
+    Returns:
+        (..., 4, 2) px: both ends of the pad, then the far side, going round.
+    """
+    across = 0.5 * width * np.stack([-directions[..., 1], directions[..., 0]], axis=-1)
+    back = contacts - depth * directions
+    corners: Floats = np.stack([contacts + across, contacts - across, back - across, back + across], axis=-2)
+    return corners
+
+
+def fingers_overlap(contacts: Floats, directions: Floats, width: float, depth: float) -> Bools:
+    """(g,) whether any two fingers of a grasp overlap, by the axes that would separate their rectangles.
+
+    Args:
+        contacts: (g, k, 2) px.
+        directions: (g, k, 2) unit.
+        width: px.
+        depth: px.
+    """
+    clash = np.zeros(len(contacts), dtype=np.bool_)
+    middles = contacts - 0.5 * depth * directions
+    for i, j in itertools.combinations(range(contacts.shape[1]), 2):
+        gap = middles[:, j] - middles[:, i]
+        # only what is nearer than two circles round the rectangles can overlap
+        near = np.flatnonzero((gap**2).sum(axis=1) < width**2 + depth**2)
+        between, u, v = gap[near], directions[near, i], directions[near, j]
+        along = np.abs((u * v).sum(axis=1))
+        aslant = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        apart = np.zeros(len(near), dtype=np.bool_)
+        for axis in (u, v):
+            deep = np.abs((between * axis).sum(axis=1))
+            wide = np.abs(between[:, 0] * axis[:, 1] - between[:, 1] * axis[:, 0])
+            apart |= deep >= 0.5 * (depth + depth * along + width * aslant)
+            apart |= wide >= 0.5 * (width + width * along + depth * aslant)
+        clash[near] |= ~apart
+    return clash
+
 
 NOT_FLAT = "the outline under a finger is not flat"
 ASKEW = "a finger would stand askew on the outline"
@@ -99,3 +146,73 @@ def too_wide(hand: HandPx) -> str:
 def too_narrow(hand: HandPx) -> str:
     """Reason: below the least opening."""
     return f"narrower than the least opening of {hand.min_opening:.0f} px"
+
+
+SMALLER = (0.5, 0.25)
+"""Shares of its size at which a finger that finds no place is tried again."""
+
+
+class Tried(NamedTuple):
+    """What became of all stable candidates.
+
+    Attributes:
+        openings: (g,) px of all that are stable, g above 0.
+        refused: how many each reason removed, the most frequent first.
+        hand: that none of them suits.
+        px_per_mm: scale for the sentence, or None.
+    """
+
+    openings: NDArray[np.float64]
+    refused: dict[str, int]
+    hand: HandPx
+    px_per_mm: float | None
+
+
+def why_none(
+    tried: Tried, left_with: Callable[[HandPx], NDArray[np.int64]], finds_any: Callable[[HandPx], bool]
+) -> str:
+    """Why no stable candidate is left.
+
+    The opening is named where another opening alone would leave some, whatever else removed more; then the most
+    frequent refusal, and whether smaller fingers would find a place.
+
+    Args:
+        tried: the candidates and the hand.
+        left_with: indices of those that another hand leaves.
+        finds_any: whether a search for another hand finds a grasp.
+    """
+    openings, refused, hand, scale = tried
+    wider, narrower = hand._replace(max_opening=math.inf), hand._replace(min_opening=0.0)
+    for reason, limit, free, sign, words in (
+        (too_wide(hand), hand.max_opening, wider, 1.0, "the narrowest stable grasp needs"),
+        (too_narrow(hand), hand.min_opening, narrower, -1.0, "the widest stable grasp has"),
+    ):
+        rows = left_with(free) if reason in refused else np.zeros(0, dtype=np.int64)
+        if len(rows):
+            nearest = float((sign * openings[rows]).min())
+            asked = "" if scale is None else f" ({limit / scale:.4g} mm)"
+            return f"{reason}{asked}: {words} {format_length(nearest, sign, scale)}"
+    most = next(iter(refused))
+    if most in (too_wide(hand), too_narrow(hand)):
+        return f"{most}, and no other opening would do"
+    for share in SMALLER:
+        width, thickness = share * hand.finger_width, share * hand.finger_thickness
+        small = hand._replace(finger_width=width, finger_thickness=thickness)
+        if finds_any(small):
+            wide, thick = (format_length(v, -1.0, scale) for v in (-width, -thickness))
+            return f"{most}; fingers {wide} wide and {thick} thick would find a place"
+    return f"{most}, not even with fingers a quarter as large"
+
+
+def format_length(value: float, sign: float, px_per_mm: float | None) -> str:
+    """A length in words, rounded to the side that leaves the sentence true.
+
+    Args:
+        value: `sign` times the length in px.
+        sign: 1 to round the length up, -1 to round it down.
+        px_per_mm: scale; the length is told in mm too.
+    """
+    px = f"{abs(math.ceil(value - 1e-9))} px"
+    if px_per_mm is None:
+        return px
+    return f"{px} ({abs(math.ceil(10.0 * value / px_per_mm - 1e-9)) / 10.0:g} mm)"

@@ -5,18 +5,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline, View
+from grasptrack.grasp.contacts import GraspList, RankedGrasp, Terms
+from grasptrack.grasp.force_closure import Closure
 from grasptrack.grasp.hand import Hand, HandPx
-from grasptrack.grasp.synthesis.candidates import Candidates, sample_candidates
-from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
-from grasptrack.grasp.synthesis.reasons import Tried, why_none
-from grasptrack.grasp.synthesis.rectangles import finger_rectangles
-from grasptrack.grasp.synthesis.result import GraspList, RankedGrasp, Terms
-from grasptrack.grasp.synthesis.terms import Stable, stable_pairs, stable_triples
+from grasptrack.grasp.synthesis.candidates import Candidates, Stable, sample_candidates, stable_pairs, stable_triples
+from grasptrack.grasp.synthesis.limits import Limits, Tried, finger_rectangles, reject_infeasible, why_none
 from grasptrack.typing import Floats, Ints
 
 DISTINCT = 0.12
@@ -26,6 +25,22 @@ FIRST_LOOK, SECOND_LOOK = 48, 144
 """Candidates for triples, of which there are n^3 / 6; more of them where the first leave nothing."""
 SCARCE = 2000
 """So many stable triples that a second look would hardly find what a hand refused of all of them."""
+
+
+class _Look(NamedTuple):
+    """What a search for one hand found.
+
+    Attributes:
+        at: places for contacts.
+        found: what is stable.
+        left: rows of `found` that the hand can do.
+        refused: how many of the others each reason removed.
+    """
+
+    at: Candidates
+    found: Stable
+    left: Ints
+    refused: dict[str, int]
 
 
 def find_grasps(
@@ -41,14 +56,14 @@ def find_grasps(
     area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
 
-    def look(size: HandPx) -> tuple[Candidates, Stable, Ints, dict[str, int]]:
+    def look(size: HandPx) -> _Look:
         at = sample_candidates(view, area, np.array([cx, cy]), size.finger_width)
         found = _stable_candidates(at, fingers, friction)
         left, refused = reject_infeasible(found, at, view, size, neighbours, limits)
         if fingers == 3 and not len(left) and len(found) < SCARCE:
             found = stable_triples(at, friction, SECOND_LOOK)
             left, refused = reject_infeasible(found, at, view, size, neighbours, limits)
-        return at, found, left, refused
+        return _Look(at, found, left, refused)
 
     at, found, left, refused = look(px)
     if not len(found):
@@ -57,7 +72,7 @@ def find_grasps(
         reason = why_none(
             Tried(found.opening, refused, px, hand.px_per_mm),
             lambda other: reject_infeasible(found, at, view, other, neighbours, limits)[0],
-            lambda other: bool(len(look(other)[2])),
+            lambda other: bool(len(look(other).left)),
         )
         return GraspList([], reason, refused)
     chosen, quality, regions = kernels.rank_grasps(
@@ -117,16 +132,16 @@ def _ranked_grasps(
     grasps = []
     for i, row in enumerate(rows.tolist()):
         if index.shape[1] == 2:
-            needed = math.atan(found.strength[row])
+            margin = math.atan(friction) - math.atan(found.strength[row])
         else:
-            _, needed = kernels.force_closure(contacts[i], at.normals[index[i]], cx, cy, 0.5 * at.size, friction)
+            margin = Closure.of(contacts[i], at.normals[index[i]], (cx, cy), 0.5 * at.size, friction).margin
         grasps.append(
             RankedGrasp(
                 contacts[i],
                 float(quality[i]),
                 Terms(closure[i], centre[i], flat[i], float(room[i]), span[i]),
                 spread=bool(found.sense[row] < 0.0),
-                margin=math.atan(friction) - needed,
+                margin=margin,
                 directions=directions[i],
                 regions=regions[i],
                 fingers=standing[i],

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
 from grasptrack.view.draw import as_bgr, draw_disc, draw_polyline
-from grasptrack.view.style import STATUS_RGB, Colour, Picture
+from grasptrack.view.style import DARK_RGB, STATUS_RGB, WHITE_RGB, Colour, Picture
 
 SIZE = (400, 300)
 """px of the picture."""
@@ -20,8 +20,6 @@ INSET = 104
 """px, side of the square that shows the worst contact enlarged."""
 TRUE_RGB: Colour = STATUS_RGB["tracked"]
 WRONG_RGB: Colour = (255, 96, 48)
-_DARK: Colour = (12, 14, 18)
-_WHITE: Colour = (255, 255, 255)
 
 
 def draw_answer(
@@ -72,21 +70,21 @@ def _draw_crop(
     def placed(points: Floats) -> Floats:
         return np.asarray(points @ move[:, :2].T + move[:, 2], dtype=np.float64)
 
-    for width, colour in ((3.0, _DARK), (1.0, _WHITE)):
+    for width, colour in ((3.0, DARK_RGB), (1.0, WHITE_RGB)):
         for polygon in outline:
             draw_polyline(canvas, placed(polygon), colour, width, closed=True)
     if answer is not None and len(answer) == 2:
-        draw_polyline(canvas, placed(answer), _DARK, 4.0)
+        draw_polyline(canvas, placed(answer), DARK_RGB, 4.0)
         draw_polyline(canvas, placed(answer), WRONG_RGB, 2.0)
     if truth is not None:
         for k, at in enumerate(placed(truth)):
             if answer is not None and k < len(answer):
-                draw_polyline(canvas, np.array([at, placed(answer)[k]]), _WHITE, 1.0)
-            draw_disc(canvas, at, 8.0, _DARK, 5.0)
+                draw_polyline(canvas, np.array([at, placed(answer)[k]]), WHITE_RGB, 1.0)
+            draw_disc(canvas, at, 8.0, DARK_RGB, 5.0)
             draw_disc(canvas, at, 8.0, TRUE_RGB, 3.0)
     if answer is not None:
         for at in placed(answer):
-            draw_disc(canvas, at, 5.4, _DARK)
+            draw_disc(canvas, at, 5.4, DARK_RGB)
             draw_disc(canvas, at, 4.0, WRONG_RGB)
     return canvas
 
@@ -119,7 +117,7 @@ def _add_inset(
             best, room = (x, y), free
     x, y = best
     canvas[y : y + side, x : x + side] = piece
-    cv2.rectangle(canvas, (x, y), (x + side - 1, y + side - 1), _WHITE, 1)
+    cv2.rectangle(canvas, (x, y), (x + side - 1, y + side - 1), WHITE_RGB, 1)
 
 
 def _crop_window(

@@ -10,10 +10,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.view.report.markup import data_uri, escape_html, inline_markup, make_slug
-from grasptrack.view.report.palette import series_palette
-from grasptrack.view.report.parts import Card, Cell, Column, Line, head_html, key_html, line_html
-from grasptrack.view.report.theme import colour_variables
+from grasptrack.view.report.palette import colour_variables, series_palette
+from grasptrack.view.report.parts import (
+    Card,
+    Cell,
+    Column,
+    Line,
+    data_uri,
+    escape_html,
+    head_html,
+    inline_markup,
+    key_html,
+    line_html,
+    make_slug,
+)
 
 _HERE = Path(__file__).parent
 

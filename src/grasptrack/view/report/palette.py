@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How each method is drawn: a colour for light pages and one for dark, a dash and a weight, so that colour is not all."""
+"""How each method is drawn, and the colours of pages as CSS variables, for light and dark."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from grasptrack.view.report.markup import make_slug
+from grasptrack.view.report.parts import escape_html, make_slug
 from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, Colour, hex_colour
 
 
@@ -78,3 +79,96 @@ def _make_series(name: str, colour: Colour, dash: str, width: float) -> Series:
 def _mix_colour(colour: Colour, level: int, share: float) -> Colour:
     r, g, b = (round((1.0 - share) * part + share * level) for part in colour)
     return r, g, b
+
+
+LIGHT = {
+    "ground": "#fafaf8",
+    "surface": "#ffffff",
+    "ink": "#1b1f24",
+    "muted": "#5a6370",
+    "rule": "#e4e6e8",
+    "rule-strong": "#b9bfc6",
+    "tint": "#f1f3f4",
+    "accent": "#00744f",
+    "good": "#00744f",
+    "bad": "#b3261e",
+    "heat": "0 114 178",
+    "heat-bad": "213 60 30",
+    "heat-warm": "226 150 20",
+}
+DARK = {
+    "ground": "#121518",
+    "surface": "#191d22",
+    "ink": "#e9ebee",
+    "muted": "#a0a9b4",
+    "rule": "#2b3138",
+    "rule-strong": "#4a525c",
+    "tint": "#22272d",
+    "accent": "#4fd0a5",
+    "good": "#4fd0a5",
+    "bad": "#ff8f7e",
+    "heat": "86 160 220",
+    "heat-bad": "240 96 64",
+    "heat-warm": "222 150 40",
+}
+_STYLE = (
+    "text{font:11.5px 'DejaVu Sans',Arial,sans-serif;fill:var(--muted)}.strong{font-weight:600;fill:var(--ink)}"
+    ".end{text-anchor:end}.mid{text-anchor:middle}.grid{stroke:var(--rule);fill:none}"
+    ".axis,.tick{stroke:var(--rule-strong);fill:none}.rule{stroke:var(--muted);stroke-dasharray:2 3;fill:none}"
+    ".ln{fill:none}.band{opacity:.14}.reach{stroke-width:1.6;opacity:.55;fill:none}.dot{stroke-width:1.6}"
+    ".gone{fill:var(--muted);opacity:.2}.partly{fill:var(--muted);opacity:.09}"
+)
+
+
+def colour_variables(series: Iterable[Series]) -> str:
+    """The variables of a page: light, dark where the reader's system is, or as the switch says; paper is light."""
+    listed = list(series)
+    light = _css_block({**LIGHT, **{s.variable.removeprefix("--"): s.light for s in listed}}, "light")
+    dark = _css_block({**DARK, **{s.variable.removeprefix("--"): s.dark for s in listed}}, "dark")
+    return (
+        f":root{{{light}}}"
+        f"@media screen and (prefers-color-scheme:dark){{:root:not([data-theme=light]){{{dark}}}}}"
+        f"@media screen{{:root[data-theme=dark]{{{dark}}}}}"
+    )
+
+
+def standalone_svg(svg: str, series: Iterable[Series], bands: str = "") -> str:
+    """A chart as a file of its own, in light colours and without variables, which not every program knows.
+
+    Args:
+        svg: of `Chart.svg`.
+        series: all that it may hold.
+        bands: the method whose bands are kept.
+    """
+    series = list(series)
+    values = {**{f"--{k}": v for k, v in LIGHT.items()}, **{s.variable: s.light for s in series}}
+    kept = re.sub(r'<path class="band" data-m="([^"]*)"[^>]*/>', lambda m: m[0] if m[1] == bands else "", svg)
+    found = re.search(r'viewBox="0 0 (\d+) (\d+)"', kept)
+    assert found is not None
+    width, height = int(found[1]), int(found[2])
+    keys, below = _legend_svg([s for s in series if f'data-m="{s.name}"' in kept], width, height)
+    size = f'xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height + below}" '
+    ground = f'<style>{_STYLE}</style><rect width="{width}" height="{height + below}" fill="{LIGHT["surface"]}"/>'
+    kept = kept.replace(found[0], f'viewBox="0 0 {width} {height + below}"', 1).replace("</svg>", f"{keys}</svg>")
+    kept = kept.replace("<svg ", f"<svg {size}", 1).replace(">", f">{ground}", 1)
+    return re.sub(r"var\((--[a-z0-9-]+)\)", lambda m: values.get(m[1], LIGHT["ink"]), kept)
+
+
+def _legend_svg(series: list[Series], width: int, top: int) -> tuple[str, int]:
+    """Keys of all series in rows below a chart, and the px that they take."""
+    x, y, parts = 10.0, top + 12.0, []
+    for s in series:
+        wide = 34.0 + 7.0 * len(s.name)
+        if x + wide > width and x > 10.0:
+            x, y = 10.0, y + 17.0
+        dash = f' stroke-dasharray="{s.dash}"' if s.dash else ""
+        parts.append(
+            f'<path d="M{x:g},{y - 4:g}h22" fill="none" stroke="{s.light}" stroke-width="{s.width + 0.6:g}"{dash}/>'
+            f'<text x="{x + 27:g}" y="{y:g}">{escape_html(s.name)}</text>'
+        )
+        x += wide + 12.0
+    return "".join(parts), round(y - top + 10.0) if parts else 0
+
+
+def _css_block(values: dict[str, str], scheme: str) -> str:
+    return f"color-scheme:{scheme};" + "".join(f"--{name}:{value};" for name, value in values.items())

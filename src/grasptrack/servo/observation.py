@@ -3,16 +3,50 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.servo.camera import interpolate_pose
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
+
+
+class Poses:
+    """The last poses that the robot reported, and those between them.
+
+    Args:
+        kept: how many.
+    """
+
+    def __init__(self, kept: int = 100) -> None:
+        self._times: deque[float] = deque(maxlen=kept)
+        self._poses: deque[Floats] = deque(maxlen=kept)
+
+    def add(self, time: float, pose: Floats) -> None:
+        """A pose (4, 4) at a time, s, later than those before."""
+        self._times.append(time)
+        self._poses.append(pose)
+
+    def at(self, time: float) -> Floats:
+        """The pose at a time; before the first that is kept, and after the last, that one."""
+        i = bisect_left(self._times, time)
+        if i == 0:
+            return self._poses[0]
+        if i == len(self._times):
+            return self._poses[-1]
+        before, after = self._times[i - 1], self._times[i]
+        if time == after:
+            return self._poses[i]
+        return interpolate_pose(self._poses[i - 1], self._poses[i], (time - before) / (after - before))
+
 
 FLOOR = 0.2
 """px, the least standard deviation of a point: covariances know noise, not models."""
@@ -55,15 +89,32 @@ def block_diagonal(noise: Floats) -> Floats:
     return out.reshape(2 * n, 2 * n)
 
 
-def stack_observations(seen: Sequence[Observation]) -> tuple[Floats, Floats, Floats, Floats]:
-    """Times (N,), poses (N, 4, 4), points (N, n, 2) and noise (N, n, 2, 2) of sightings of the same points."""
+class ObservationStack(NamedTuple):
+    """Observations of the same points.
+
+    Attributes:
+        times: (N,) s.
+        hands: (N, 4, 4) poses.
+        points: (N, n, 2) px.
+        noise: (N, n, 2, 2) px^2.
+    """
+
+    times: Floats
+    hands: Floats
+    points: Floats
+    noise: Floats
+
+
+def stack_observations(seen: Sequence[Observation]) -> ObservationStack:
+    """Observations of the same points in arrays."""
     N, n = len(seen), len(seen[0].points)
     rows = np.concatenate([s.row for s in seen]).reshape(N, -1)
     points, noise = rows[:, 17 : 17 + 2 * n], rows[:, 17 + 2 * n :]
-    return rows[:, 0], rows[:, 1:17].reshape(N, 4, 4), points.reshape(N, n, 2), noise.reshape(N, n, 2, 2)
+    hands = rows[:, 1:17].reshape(N, 4, 4)
+    return ObservationStack(rows[:, 0], hands, points.reshape(N, n, 2), noise.reshape(N, n, 2, 2))
 
 
-class Sighter:
+class ResultObserver:
     """Makes sightings of results.
 
     With a homography the corners of a square in the reference view are seen as well. Contacts alone show their distance in one
@@ -79,7 +130,7 @@ class Sighter:
         self._reference: Floats | None = None
         self._grasp: tuple[int | None] | None = None  # whose square it is
 
-    def sighting(self, result: TrackResult, time: float, hand: Floats) -> Observation | None:
+    def observe_result(self, result: TrackResult, time: float, hand: Floats) -> Observation | None:
         """What a result contributes; None where it gives no contacts, or lacks the homography that the first one had."""
         if result.contacts is None:
             return None

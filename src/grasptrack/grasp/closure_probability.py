@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a grasp closes where its contacts are, and the chance that it does although they may be off."""
+"""Whether a grasp closes where its contacts are, and the probability that it does although they may be off."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from grasptrack import kernels
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import HORIZON, behind_camera_error
-from grasptrack.grasp.contact_regions.regions import Regions, regions_of
+from grasptrack.grasp.contact_regions import Regions, regions_of
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import Analyzer, GraspAnalysis
+from grasptrack.grasp.force_closure import Analyzer, Closure, GraspAnalysis
 from grasptrack.typing import Floats
 
 CHANCE = 0.9
@@ -87,6 +87,14 @@ class Judgement(NamedTuple):
         return self.closes * self.stays
 
 
+class _MarginUncertainty(NamedTuple):
+    """How well the margin is known: as in Judgement; `closes` is 1 where nothing is said of the plane."""
+
+    margin_sd: float
+    closes: float
+    settled: bool
+
+
 class ClosureCheck:
     """Judges a grasp in the object's own plane, image after image: perspective bends friction cones.
 
@@ -118,18 +126,17 @@ class ClosureCheck:
             self._regions_to_view, self._built = self._to_view, self._analysis.margin
         self._margin_sd, self._closes, self._settled = self._margin_uncertainty(contacts, view, width)
 
-    def _margin_uncertainty(self, contacts: Floats, view: View, width: float) -> tuple[float, float, bool]:
-        """Standard deviation of the margin, how probably it is above 0 (1: nothing is said of the plane), and `settled`."""
+    def _margin_uncertainty(self, contacts: Floats, view: View, width: float) -> _MarginUncertainty:
         noise, (_, maps, weights, _) = self._margin_noise_variance(contacts, view, width), self._plane
         if not len(maps):
-            return math.sqrt(noise), 1.0, True
+            return _MarginUncertainty(math.sqrt(noise), 1.0, True)
         margins = np.array([self._margin_under_homography(each @ self._to_view, contacts) for each in maps])
         closes = sum(
             w * interval_probability(-math.inf, m, noise)
             for m, w in zip(margins.tolist(), weights.tolist(), strict=True)
         )
         tilted = float(weights @ (margins - self._analysis.margin) ** 2)
-        return math.sqrt(tilted + noise), closes, tilted < noise
+        return _MarginUncertainty(math.sqrt(tilted + noise), closes, tilted < noise)
 
     def _margin_noise_variance(self, contacts: Floats, view: View, width: float) -> float:
         """rad^2, variance of the margin by what the first view's outline is off: across it, and by what bends under a finger.
@@ -158,9 +165,8 @@ class ClosureCheck:
 
     def _closure_margin(self, contacts: Floats, normals: Floats) -> float:
         """rad; about which point torque is taken is of no account to it."""
-        (x, y), friction = contacts[0].tolist(), self._friction
-        needed = kernels.force_closure(contacts, normals, x, y, self._analysis.rho, friction)[1]
-        return math.atan(friction) - needed
+        x, y = contacts[0].tolist()
+        return Closure.of(contacts, normals, (x, y), self._analysis.rho, self._friction).margin
 
     def in_image(self, contacts: Floats, carried: Floats) -> float:
         """Margin, rad, of contacts (k, 2) px in a view as it is, the outline carried there by H_current_reference (3, 3)."""

@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""grasps.json, inspect.json and transfer.json: what a verb found, for other programs.
+
+Lengths are in px, the centre of the top-left pixel at (0, 0), x right and y down. What is not finite is written as null.
+A format is raised when a key changes its meaning or goes away; new keys alone do not raise it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.io.results import software_versions, to_json
+from grasptrack.view.panel import grasp_opening
+
+if TYPE_CHECKING:
+    from grasptrack.geometry.contours import View
+    from grasptrack.grasp.contacts import RankedGrasp
+    from grasptrack.trackability import Suitability
+    from grasptrack.trackability.result import Held
+    from grasptrack.tracking.image_pair import Outcome, Place
+    from grasptrack.typing import Floats
+    from grasptrack.view.grasps import Planned
+
+GRASPS_FORMAT, INSPECTION_FORMAT, TRANSFER_FORMAT = 1, 3, 1
+GRASPS_UNITS = {
+    "outline, contacts, fingers, swept, centroid": "px, the centre of the top-left pixel at (0, 0), x right, y down",
+    "area_px2": "px^2",
+    "directions": "unit vectors in the image, in which each finger moves to touch",
+    "quality, terms": "0 to 1",
+    "margin_deg": "degrees",
+    "opening_mm": "mm, null without a scale",
+    "regions_px, hand_px": "px; null: without limit",
+}
+
+
+# --- grasps.json ---------------------------------------------------------------------------------
+
+
+def grasps_to_dict(
+    objects: Sequence[Planned],
+    name: str,
+    shape: tuple[int, ...],
+    options: Mapping[str, Any],
+    px_per_mm: float | None = None,
+) -> dict[str, Any]:
+    """Every object's grasps with what their rank rests on.
+
+    Args:
+        objects: outlines and their grasps, the object that was chosen first.
+        name: the image's, as the user gave it.
+        shape: height and width of the image.
+        options: what was asked for.
+        px_per_mm: scale of the image.
+    """
+    own = {id(found.outline) for found in objects}
+    others = {id(view): view for found in objects for view in found.neighbours if id(view) not in own}
+    return {
+        "format": GRASPS_FORMAT,
+        "image": _image_entry(name, shape),
+        "options": options,
+        "versions": software_versions(),
+        "units": GRASPS_UNITS,
+        "objects": [_object_entry(found, px_per_mm) for found in objects],
+        "neighbours": [_outline_points(view) for view in others.values()],
+    }
+
+
+def _image_entry(name: str, shape: tuple[int, ...]) -> dict[str, Any]:
+    return {"name": name, "width": shape[1], "height": shape[0]}
+
+
+def _object_entry(found: Planned, px_per_mm: float | None) -> dict[str, Any]:
+    area, x, y, *_ = kernels.inertia(found.outline.points, found.outline.offsets)
+    return {
+        "outline": _outline_points(found.outline),
+        "area_px2": round(area, 3),
+        "centroid": [round(x, 3), round(y, 3)],
+        "hand_px": {key: round(float(value), 3) for key, value in found.hand._asdict().items()},
+        "grasps": [_ranked_entry(grasp, i + 1, px_per_mm) for i, grasp in enumerate(found.grasps)],
+        "reason": found.grasps.reason,
+        "refused": found.grasps.refused,
+    }
+
+
+def _outline_points(view: View) -> list[Floats]:
+    """The outer contour, then its holes."""
+    return [np.round(contour.points, 3) for contour in view.contours]
+
+
+def _ranked_entry(grasp: RankedGrasp, rank: int, px_per_mm: float | None) -> dict[str, Any]:
+    opening = grasp_opening(grasp)
+    return {
+        "rank": rank,
+        "spread": grasp.spread,
+        "contacts": np.round(grasp.contacts, 3),
+        "directions": np.round(grasp.directions, 6),
+        "opening_px": round(opening, 3),
+        "opening_mm": None if px_per_mm is None else round(opening / px_per_mm, 3),
+        "quality": round(grasp.quality, 4),
+        "terms": {key: round(value, 4) for key, value in grasp.terms._asdict().items()},
+        "margin_deg": round(math.degrees(grasp.margin), 3),
+        "regions_px": [round(value, 3) for value in grasp.regions.tolist()],
+        "fingers": np.round(grasp.fingers, 3),
+        "swept": np.round(grasp.swept, 3),
+    }
+
+
+# --- inspect.json --------------------------------------------------------------------------------
+
+
+def inspection_to_dict(
+    found: Suitability, name: str, shape: tuple[int, ...], options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """How well an object can be tracked, as plain values to six digits.
+
+    Args:
+        found: what was found.
+        name: the image's, as the user gave it.
+        shape: height and width of the image.
+        options: what was asked for.
+    """
+    run, symmetry, settled = found.prediction, found.symmetry, found.settled
+    evidence = None if settled is None else dict(zip(("outline", "surface", "ground"), settled.deviations, strict=True))
+    measured = {
+        "level": found.level,
+        "verdict": found.verdict,
+        "reasons": [reason._asdict() for reason in found.reasons],
+        "strategy": found.strategy,
+        "located": found.located,
+        "located_interval": found.located_interval,
+        "error_px": found.error_px,
+        "error_interval_px": found.error_interval,
+        "drawn": None if run is None else run.drawn._asdict(),
+        "object": found.looks._asdict(),
+        "motions": [motion._asdict() for motion in found.motions.motions],
+        "models": {
+            key: {"observable": m.observable, "weakest": m.weakest, "least": m.least}
+            for key, m in found.motions.models.items()
+        },
+        "symmetry": {"known": symmetry.known, "every_turn": symmetry.every, "turns_deg": symmetry.turns},
+        "equals": [view.outer.points for view in found.equals],
+        "peaks": found.peaks,
+        "strategies": {u.name: {"usable": not u.reason, "reason": u.reason} for u in found.strategies},
+        "texture": {"surface": found.surface._asdict(), "ground": found.ground._asdict()},
+        "fixed_by": found.by,
+        "evidence_px": evidence,
+        "grasp": None if found.grasp is None else _held_entry(found.grasp),
+        "outline": [contour.points for contour in found.view.contours],
+    }
+    head = {"format": INSPECTION_FORMAT, "image": _image_entry(name, shape), "options": dict(options)}
+    return {**head, "versions": software_versions(), **to_json(measured, digits=6)}
+
+
+def _held_entry(grasp: Held) -> dict[str, Any]:
+    return {
+        "contacts": grasp.contacts,
+        "opening_px": grasp.opening,
+        "margin_deg": math.degrees(grasp.margin),
+        "stable": grasp.stable,
+        "chance": grasp.chance,
+        "sigma_px": grasp.sigma,
+        "covariance_px2": grasp.covariance,
+        "limit_px": grasp.limit,
+        "tolerance_px": grasp.tolerance,
+    }
+
+
+# --- transfer.json -------------------------------------------------------------------------------
+
+
+def transfer_to_dict(
+    images: tuple[str, str],
+    contacts: Floats,
+    outcomes: Sequence[Outcome],
+    places: Sequence[Place],
+    ambiguous: str,
+    options: Mapping[str, Any],
+) -> dict[str, Any]:
+    """A grasp in two images.
+
+    Args:
+        images: names of both, as the user gave them.
+        contacts: (k, 2) px in the first.
+        outcomes: of the registration and of each strategy.
+        places: where the contacts may be in the second, where nothing tells which.
+        ambiguous: what the image cannot tell, in words; empty where it tells all.
+        options: what was asked for.
+    """
+    return {
+        "format": TRANSFER_FORMAT,
+        "images": images,
+        "options": dict(options),
+        "versions": software_versions(),
+        "contacts": contacts,
+        "believed": any(not o.reason for o in outcomes),
+        "outcomes": [_outcome_entry(o) for o in outcomes],
+        "ambiguous": ambiguous,
+        "places": [{"contacts": p.contacts, "share": p.share, "turn_deg": p.turn} for p in places],
+    }
+
+
+def _outcome_entry(outcome: Outcome) -> dict[str, Any]:
+    """Of one strategy: contacts only where they are believed, as everywhere."""
+    believed = not outcome.reason
+    analysis = outcome.analysis if believed else None
+    return {
+        "strategy": outcome.strategy,
+        "believed": believed,
+        "confidence": outcome.confidence,
+        "reason": outcome.reason,
+        "reason_code": outcome.code,
+        "contacts": outcome.contacts if believed else None,
+        "off_px": outcome.off,
+        "stable": None if analysis is None else analysis.stable,
+        "margin_deg": None if analysis is None else math.degrees(analysis.margin),
+    }

@@ -1,0 +1,414 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Self-calibration: exploratory moves, the first estimate from what they show, and what is done where it proves wrong.
+
+The moves go one axis at a time, there and back, at rest at both ends. Let complex numbers stand for vectors across the approach
+direction. A hand at p, turned by theta, sees the middle of the contacts at s = m exp(-i theta) (P + V t - p) - tau, in units of
+their distance in the image: m = exp(-i phi) / L holds the mounting angle phi and the length L of the segment in m, tau the
+camera's offset, V the object's velocity. This is linear in m, m P, m V and tau. The focal length follows from how the distance
+in the image changes with height.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import GraspTrackError, InputError
+from grasptrack.geometry.homographies import rotation_about_z
+from grasptrack.kernels.reference_sightings import SHAPE
+from grasptrack.servo.camera import HandCamera, NominalCamera, inverse_pose
+from grasptrack.servo.estimate import (
+    AGREEING,
+    ASTIR,
+    FAR,
+    ClassicalIBVS,
+    Estimate,
+    Origin,
+    Placed,
+    Prior,
+    Search,
+    normalized_residual,
+    on_plane,
+    place_object,
+    refine_estimate,
+)
+from grasptrack.servo.features import rms_diameter
+from grasptrack.servo.observation import Observation
+from grasptrack.typing import Floats
+
+ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
+"""Components of the twist in turn. The first alone tells mounting angle and length, so that a moving object can be followed."""
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """How the moves are made.
+
+    Args:
+        way: m, of shifts.
+        turn: rad, of turns.
+        seconds: of each move, there and back.
+
+    Raises:
+        InputError: one of them is not positive.
+    """
+
+    way: float = 0.008
+    turn: float = 0.05
+    seconds: float = 0.24
+
+    def __post_init__(self) -> None:
+        if not (self.way > 0.0 and self.turn > 0.0 and self.seconds > 0.0):
+            raise InputError("exploratory moves are positive", exploration=repr(self))
+
+    def twist(self, axis: int, elapsed: float, larger: float) -> Floats:
+        """(6,) at a time since the move along an axis began, 0 after its end; `larger` multiplies the way."""
+        out = np.zeros(6)
+        if 0.0 <= elapsed < self.seconds:
+            way = larger * (self.way if axis < 3 else self.turn)
+            out[axis] = way * math.pi / self.seconds * math.sin(2.0 * math.pi * elapsed / self.seconds)
+        return out
+
+
+Complex = NDArray[np.complex128]
+
+DRAWS, MINIMAL, ROUNDS, INITIAL_STEPS = 100, 6, 5, 30
+"""Random small sets, how many sightings are in each, rounds of reweighting after the best of them; steps of the search."""
+ASIDE, BELT, LENGTH, FOCAL_LENGTHS = 0.15, 0.3, 0.05, 1.1
+"""Before anything is known: m of the camera's offset, m/s of the object, m between contacts, focal length over the image's
+larger side."""
+NOMINAL = Prior(focal=0.15, tilt=0.15, spin=0.2, offset=0.03, scale=0.5)
+"""How far a nominal camera may be off."""
+
+
+class UnexploredError(GraspTrackError):
+    """The moves so far do not tell enough: the message says what is missing. Caught by the servo."""
+
+
+class FirstEstimate(NamedTuple):
+    """A first estimate.
+
+    Attributes:
+        origin: what was known before.
+        estimate: after the observations.
+        search: where the search for it has come to, to go on from.
+    """
+
+    origin: Origin
+    estimate: Estimate
+    search: Search
+
+
+def initialize_calibration(
+    seen: Sequence[Observation], centre: Floats, side: float, slope: float, seed: int = 0
+) -> FirstEstimate:
+    """What was known before, and the estimate after all sightings of exploratory moves.
+
+    Args:
+        seen: sightings in the order of time, some of them wrong.
+        centre: (2,) px, the middle of the image.
+        side: px, the larger side of the image.
+        slope: rad, by how much the object's plane may be tilted against the hand.
+        seed: of the random subsets.
+
+    Raises:
+        UnexploredError: too few sightings, or the hand's moves do not show in the image.
+    """
+    if len(seen) < 6:
+        raise UnexploredError("too few images of the exploratory moves")
+    base = inverse_pose(seen[0].hand)
+    poses = np.array([base @ s.hand for s in seen])
+    p = poses[:, 0, 3] + 1j * poses[:, 1, 3]
+    theta = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+    t = np.array([s.time - seen[0].time for s in seen])
+    contacts = np.array([s.points[: s.contacts] for s in seen])
+    length = np.array([rms_diameter(c) for c in contacts])
+    middle = contacts.mean(axis=1) - centre
+    s = (middle[:, 0] + 1j * middle[:, 1]) / length
+    m, ok = _estimate_mounting(p, theta, t, s, 0.5 / length, seed)
+    if not 1.0 < abs(m) < 1e4:
+        raise UnexploredError("the hand's moves do not show in the image")
+    L, phi = 1.0 / abs(m), -float(np.angle(m))
+    focal = _estimate_focal_length(poses[ok, 2, 3], length[ok], L, FOCAL_LENGTHS * side)
+    camera = HandCamera(focal, centre, rotation_about_z(phi), np.zeros(3))
+    chosen = [x for x, good in zip(seen, ok, strict=True) if good]
+    depth = focal * L / rms_diameter(chosen[0].points[: chosen[0].contacts])
+    origin = origin_of(chosen[0], camera, depth, Prior(slope=slope))
+    return FirstEstimate(origin, *refine_estimate(origin, chosen, steps=INITIAL_STEPS))
+
+
+def origin_of(seen: Observation, camera: HandCamera, depth: float, prior: Prior) -> Origin:
+    """What is known before: a camera, and the object where it is seen `depth` m before it, facing the hand."""
+    object_ = place_object(camera, seen, depth, seen.hand[:3, :3], prior.slope)
+    return Origin(camera, object_, prior.covariance(camera, object_, seen.hand), seen.time)
+
+
+def initialize_from_nominal(seen: Observation, believed: NominalCamera, centre: Floats, slope: float) -> FirstEstimate:
+    """What is known before from a nominal camera, and the estimate from a single sighting."""
+    prior = replace(NOMINAL, slope=slope)
+    origin = origin_of(seen, believed.camera(centre), believed.distance, prior)
+    return FirstEstimate(origin, *refine_estimate(origin, [seen]))
+
+
+def _estimate_mounting(
+    p: Complex, theta: Floats, t: Floats, s: Complex, noise: Floats, seed: int
+) -> tuple[complex, NDArray[np.bool_]]:
+    """m, and which sightings bear it out: the best of random subsets, then reweighted least squares."""
+    back = np.exp(-1j * theta)
+    A = np.column_stack([back * p, back, back * t, np.ones(len(p))])  # of -m, m P, m V, -tau
+    rng = np.random.default_rng(seed)
+    ridge = np.diag([1e-6, 1e-6, LENGTH / BELT, LENGTH / ASIDE])  # what is known before, in standard deviations
+    rows = rng.permuted(np.tile(np.arange(len(p)), (DRAWS, 1)), axis=1)[:, :MINIMAL]
+    drawn = _solve_ridge(A[rows], s[rows], 1.0 / noise[rows], ridge)
+    best = drawn[np.argmin(_last_axis_median(np.abs(drawn @ A.T - s) / noise))]
+    for _ in range(ROUNDS):
+        off = np.abs(A @ best - s) / noise
+        scale = max(1.0, 1.5 * float(_last_axis_median(off)))
+        weight = 1.0 / (1.0 + (off / (3.0 * scale)) ** 2)
+        best = _solve_ridge(A, s, weight / noise, ridge)
+    off = np.abs(A @ best - s) / noise
+    return complex(-best[0]), off < 6.0 * max(1.0, 1.5 * float(_last_axis_median(off)))
+
+
+def _last_axis_median(values: Floats) -> Floats:
+    """Of the last axis. NumPy's own loads masked arrays when it is first called, which takes 20 ms."""
+    n, ordered = values.shape[-1], np.sort(values, axis=-1)
+    return np.asarray(0.5 * (ordered[..., (n - 1) // 2] + ordered[..., n // 2]))
+
+
+def _solve_ridge(A: Complex, s: Complex, weight: Floats, ridge: Floats) -> Complex:
+    """Least squares with a ridge, of one system or of many at once."""
+    W = A * weight[..., None]
+    Wh = np.swapaxes(W.conj(), -1, -2)
+    return np.asarray(np.linalg.solve(Wh @ W + ridge**2, Wh @ (s * weight)[..., None])[..., 0])
+
+
+def _estimate_focal_length(z: Floats, length: Floats, L: float, guess: float) -> float:
+    """px, from 1/l = (Z_0 - z) / (f L); where height has hardly changed, the guess."""
+    inverse_length = 1.0 / length
+    d = z - z.mean()
+    if float(np.abs(d).max()) < 3e-3:
+        return guess
+    slope = -float(d @ (inverse_length - inverse_length.mean())) / float(d @ d)
+    found = 1.0 / (slope * L) if slope > 0.0 else np.inf
+    return float(np.clip(found, 0.4 * guess, 3.0 * guess))
+
+
+KEPT = 80
+"""Observations that are kept; of the older half then every second."""
+ELSEWHERE, LATER = 0.002, 0.2
+"""m, rad and s from the last that is kept."""
+EVERY, STEPS, FEWEST, AFRESH = 5, 2, 8, 20
+"""All are gone through again every so many sightings, or at once while the search has not settled, with so many steps, from so
+many on; with so many where it must be known whether they can be explained at all."""
+ANYWHERE = 0.02
+"""m, how well the contacts of another grasp are known from a first look at them."""
+SURE = 0.01
+"""Relative standard deviation of a length that needs no further moves."""
+AMISS = 4.0
+"""Scale of the residuals from which on the search begins anew from the exploratory moves."""
+DOUBLINGS = 3
+"""How often moves that showed nothing are made larger."""
+STRANGE = 75
+"""So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
+
+
+class SelfCalibration:
+    """The estimate and how it came about.
+
+    Args:
+        exploration: how the exploratory moves are made.
+        dof: 4 or 6.
+        camera: what is believed of the camera; with it nothing is explored.
+        fixed: whether that is never corrected: the textbook's law.
+    """
+
+    def __init__(self, exploration: Exploration, dof: int, camera: NominalCamera | None, fixed: bool = False) -> None:
+        self._how, self._order, self._nominal = exploration, ORDER[dof], camera
+        self._fixed = fixed
+        self._slope = 0.01 if dof == 4 else 0.3
+        self.restarts = 0
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Begin anew: another object, or an estimate that proved wrong."""
+        self._seen: list[Observation] = []
+        self._origin: Origin | None = None
+        self._search: Search | None = None
+        self._last: deque[Observation] = deque(maxlen=AGREEING)
+        self._since = 0
+        self._stage, self._began, self._larger, self._doublings = 0, float("nan"), 1.0, 0
+        self._fits: deque[bool] = deque(maxlen=100)
+        self.estimate: Estimate | ClassicalIBVS | None = None
+        self.failed = ""
+        self._regrasp = self._sure = False
+        self._asked = self._nominal is None
+
+    def restart(self) -> None:
+        """Begin anew with an estimate that proved wrong; how often is counted."""
+        self.restarts += 1
+        self.begin_anew()
+
+    def change_grasp(self) -> None:
+        """Another grasp is followed from now on, on the same object: the camera stays known, and where the object lies."""
+        if isinstance(self.estimate, Estimate):
+            self._regrasp, self._sure = True, False
+        else:
+            self.begin_anew()
+
+    @property
+    def exploring(self) -> bool:
+        """Whether there are exploratory moves to make."""
+        return self._asked and self._stage < len(self._order)
+
+    def explore_again(self) -> bool:
+        """Explore once more where the length of the grasp is not known well, once for each grasp; whether it will."""
+        known = self.estimate
+        if self._sure or not isinstance(known, Estimate) or known.relative_error() < SURE:
+            return False
+        self._sure = self._asked = True
+        self._stage, self._began, self._larger = 0, float("nan"), 1.0
+        return True
+
+    def take_observation(self, seen: Observation, centre: Floats, side: float) -> bool:
+        """Take in a sighting; whether it fits what is known."""
+        if self._regrasp:
+            self._begin_from_the_same_object(seen)
+        fits = True
+        self._last.append(seen)
+        if isinstance(self.estimate, Estimate):
+            fits = self.estimate.observe(seen) < FAR
+            if self.estimate.is_displaced:
+                fits = self._explain_mismatch(self.estimate, seen)
+        elif self.estimate is not None:
+            self.estimate.observe(seen)
+        elif self._nominal is not None:
+            if self._fixed:
+                self.estimate = ClassicalIBVS(seen, self._nominal, centre)
+            else:
+                self._origin, self.estimate, self._search = initialize_from_nominal(
+                    seen, self._nominal, centre, self._slope
+                )
+        self._keep_observation(seen)
+        self._fits.append(fits)
+        if sum(not f for f in self._fits) >= STRANGE:
+            self.restart()
+            return False
+        if self.exploring:
+            self._go_on(seen.time, centre, side)
+        self._refine_estimate()
+        return fits
+
+    def _begin_from_the_same_object(self, seen: Observation) -> None:
+        known, self._regrasp = self.estimate, False
+        assert isinstance(known, Estimate)
+        known.advance(seen.time)
+        points = on_plane(known.camera, known.object, seen)
+        if points is None:
+            self.begin_anew()
+            return
+        o = known.object
+        covariance = np.eye(SHAPE + points.size) * ANYWHERE**2
+        covariance[:SHAPE, :SHAPE] = known.covariance[:SHAPE, :SHAPE]
+        moved = Placed(points, o.turn, o.place, o.speed, o.axes)
+        self._origin = Origin(known.camera, moved, covariance, seen.time)
+        self.estimate, self._search = refine_estimate(self._origin, [seen])
+        self._seen = []
+        self._last.clear()
+        self._fits.clear()
+
+    def _explain_mismatch(self, known: Estimate, seen: Observation) -> bool:
+        """What was seen agrees with itself, not with the estimate: is that the estimate's fault, or was the object moved?"""
+        if self._origin is not None and len(self._seen) >= FEWEST and not np.isfinite(known.displaced_at):
+            anew, search = refine_estimate(self._origin, [*self._seen, *self._last], self._search, AFRESH)
+            if all(normalized_residual(anew, one) < FAR for one in self._last):
+                self.estimate, self._search = anew, search
+                return True
+        known.release_object(seen.time)
+        return known.observe(seen) < FAR
+
+    def _keep_observation(self, seen: Observation) -> None:
+        """Keep what tells more than the last one: sightings from elsewhere, or some time later."""
+        self._since += 1
+        if self._seen and not self.exploring:
+            last = self._seen[-1]
+            way = float(np.abs(seen.hand - last.hand).max())
+            if way < ELSEWHERE and seen.time - last.time < LATER:
+                return
+        self._seen.append(seen)
+        if len(self._seen) > KEPT:
+            self._seen = self._seen[: KEPT // 2 : 2] + self._seen[KEPT // 2 :]
+
+    def _refine_estimate(self) -> None:
+        """From time to time go through all that was kept again, as long as the object has not been displaced."""
+        known = self.estimate
+        if self._origin is None or not isinstance(known, Estimate):
+            return
+        if np.isfinite(known.displaced_at):
+            if (
+                known.time > known.displaced_at + ASTIR
+            ):  # it rests, or moves evenly again: what came before is the prior
+                self._origin = Origin(known.camera, known.object, known.covariance.copy(), known.time)
+                self._seen, self._search = [], None
+                known.settle()
+            return
+        settled = self._search is None or self._search.settled
+        if len(self._seen) < FEWEST or (settled and self._since < min(EVERY, len(self._seen) // FEWEST)):
+            return
+        self._since = 0
+        anew, self._search = refine_estimate(self._origin, self._seen, self._search, STEPS)
+        anew.advance(known.time)
+        anew.follow(known)
+        self.estimate = anew
+
+    def _go_on(self, time: float, centre: Floats, side: float) -> None:
+        """Begin the first move, or end one that is over with a new estimate."""
+        if np.isnan(self._began):
+            self._began = time
+        if time < self._began + self._how.seconds:
+            return
+        if self._origin is not None:
+            self.estimate, self._search = refine_estimate(self._origin, self._seen, self._search, AFRESH)
+            if self._search.scale < AMISS:
+                self._stage, self._began = self._stage + 1, time
+                return
+        try:
+            self._origin, self.estimate, self._search = initialize_calibration(
+                tuple(self._seen), centre, side, self._slope
+            )
+            self._stage += 1
+        except UnexploredError as found:
+            self._doublings += 1
+            self._larger *= 2.0
+            if self._doublings > DOUBLINGS:
+                self.failed = str(found)
+        self._began = time
+
+    def interrupt_move(self, centre: Floats, side: float) -> None:
+        """The grasp went out of sight: the present move is made again, the other way. Until then what it told must do."""
+        if not np.isnan(self._began):
+            self._larger *= -1.0
+            if self.estimate is None:
+                with suppress(UnexploredError):
+                    self._origin, self.estimate, self._search = initialize_calibration(
+                        self._seen, centre, side, self._slope
+                    )
+        self._began = float("nan")
+
+    def twist(self, time: float) -> Floats:
+        """The exploratory twist (6,) at a time; `take` begins it."""
+        if not self.exploring or np.isnan(self._began):
+            return np.zeros(6)
+        return self._how.twist(self._order[self._stage], time - self._began, self._larger)
+
+    def move_name(self) -> str:
+        """Which move is being made."""
+        names = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
+        return names[self._order[min(self._stage, len(self._order) - 1)]]
