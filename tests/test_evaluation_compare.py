@@ -10,22 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.paired import (
-    Unit,
-    bootstrap_counts,
-    critical_value,
-    mcnemar_probability,
-    measures_of,
-    units_of,
-)
+from grasptrack.bench.metrics.paired import Unit, measures_of, units_of
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.metrics.summary import ALL, summarise_run
 from grasptrack.bench.report.comparison import Comparison, compare_runs
 from grasptrack.bench.run_folder import read_run
 from grasptrack.errors import InputError
+from grasptrack.statistics import bootstrap_counts, critical_value
 from reported import METHODS, SHAPES, changed, lost, made_up, real, scenes
 
 
@@ -210,25 +202,3 @@ def test_the_noise_of_a_mean_is_its_standard_error() -> None:
     parts = [np.array([(sum(p[k].answered for p in u.pairs)) for u in units]) / 39.0 for k in (0, 1)]
     assert found.b - found.a == pytest.approx(float((parts[1] - parts[0]).mean()))
     assert found.error == pytest.approx(float((parts[1] - parts[0]).std()) / math.sqrt(60), rel=0.1)
-
-
-@given(st.integers(0, 40), st.integers(0, 40))
-def test_the_exact_test_is_that_of_a_fair_coin(many: int, few: int) -> None:
-    assert 0.0 < mcnemar_probability(many, few) <= 1.0
-    assert (
-        mcnemar_probability(many, few) + mcnemar_probability(few + 1, many - 1) == pytest.approx(1.0)
-        if many
-        else mcnemar_probability(0, few) == 1.0
-    )
-
-
-def test_the_exact_test_goes_on_for_large_numbers() -> None:
-    assert mcnemar_probability(520, 480) == pytest.approx(mcnemar_probability(520, 481), rel=0.1)
-    assert mcnemar_probability(1500, 500) < 1e-12
-
-
-def test_the_critical_value_is_students() -> None:
-    assert critical_value(1, 10_000) == pytest.approx(1.960, abs=2e-3)
-    assert critical_value(1, 11) == pytest.approx(2.228, abs=0.01)  # 10 degrees of freedom
-    assert critical_value(100, 31) == pytest.approx(3.902, abs=0.05)  # 0.0005 two-sided, 30 degrees
-    assert critical_value(2, 20) > critical_value(1, 20) > critical_value(1, 21)

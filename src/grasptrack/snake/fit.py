@@ -8,6 +8,7 @@ import numpy as np
 from grasptrack.snake.edge_search import Model, Rows, search_along_normals
 from grasptrack.snake.template import NEAR, Grey
 from grasptrack.snake.verification import Match, verify_fit
+from grasptrack.statistics import MAD_TO_SD
 from grasptrack.typing import Floats
 
 TUKEY = 4.685
@@ -44,7 +45,7 @@ def solve_robust_step(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> t
         r = np.abs(z - A @ step)
         # of those used: the others, at the end, do not shift the middle
         middle = np.partition(np.where(rows.used, r, np.inf), count // 2)[count // 2]
-        scale = max(1.4826 * float(middle), LENIENT)
+        scale = max(MAD_TO_SD * float(middle), LENIENT)
         w = 1.0 - np.square(r * (1.0 / (TUKEY * scale)))
         w = np.square(np.maximum(w, 0.0, out=w), out=w) * used
         Aw = A * (w * (1.0 / (scale * scale)))[:, None]

@@ -17,6 +17,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, analyze
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.images import PLAIN
+from grasptrack.statistics import robust_sd
 from grasptrack.trackability.advice import Findings, is_lost, level_of, reasons_of
 from grasptrack.trackability.edges import Edges, edge_direction_noise, edges_of
 from grasptrack.trackability.first import FirstView, first_view
@@ -191,7 +192,7 @@ def _measure_appearance(first: FirstView, target: Target, edges: Edges, surface:
         share=size**2 / (width * height),
         contrast=float(np.median(edges.contrast[inside])) if inside.any() else 0.0,
         noise=surface.noise,
-        grain=1.4826 * float(np.median(np.abs(beyond - ground))) if len(beyond) else math.nan,
+        grain=robust_sd(beyond - ground) if len(beyond) else math.nan,
         sharpness=math.sqrt(2.0 * math.pi) * target.edge_width * float(target.A[0, 0]),
         strength=strength,
         clear=float(edges.clear[inside].mean()) if inside.any() else 0.0,

@@ -13,6 +13,7 @@ from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.kernels.reference_evidence import lower_median
 from grasptrack.segmentation.images import Grey
+from grasptrack.statistics import MAD_TO_SD
 from grasptrack.typing import Bools, Floats
 
 NEAR = 3.0
@@ -99,4 +100,4 @@ def edge_direction_noise(edges: Edges) -> float:
             turns = np.angle(np.exp(1j * (np.roll(own, -step) - own)))  # from one stretch to the next
             differences.append(np.roll(turns, -step) - 2.0 * turns + np.roll(turns, step))
     shown = np.abs(np.concatenate(differences)) if differences else np.zeros(0)
-    return 1.4826 * lower_median(shown) / math.sqrt(20.0)
+    return MAD_TO_SD * lower_median(shown) / math.sqrt(20.0)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from grasptrack.geometry.contours import View
 from grasptrack.segmentation.images import Grey
+from grasptrack.statistics import robust_sd
 from grasptrack.typing import Floats
 
 DEPTH = 4.0
@@ -103,6 +104,6 @@ def _estimate_noise(part: NDArray[np.float32], free: NDArray[np.bool_]) -> float
     left = np.abs(cv2.filter2D(part, cv2.CV_32F, kernel)[free]) / 6.0
     if not left.size:
         return QUANTUM
-    rough = max(1.4826 * float(np.median(left)), QUANTUM)
+    rough = max(robust_sd(left), QUANTUM)
     # grey levels are whole numbers, and so would a median be: the mean of what is not plainly an edge
     return max(float(left[left <= CUT * rough].mean()) / OF_NORMAL, QUANTUM)

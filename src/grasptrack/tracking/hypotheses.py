@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from grasptrack.kernels import seen_area
+from grasptrack.statistics import robust_sd
 from grasptrack.tracking.decision import largest_sigma, worst_variance
 from grasptrack.tracking.estimator import Hypothesis
 from grasptrack.tracking.numbers import Numbers
@@ -158,7 +159,7 @@ def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) ->
     if np.isfinite(ground).sum() < FEW or np.isfinite(inside_now + ground_now).mean() < 0.5:
         return False
     level = float(np.nanmedian(ground))
-    spread = 1.4826 * float(np.nanmedian(np.abs(ground - level))) + target.noise + 2.0
+    spread = robust_sd(ground - level, np.nanmedian) + target.noise + 2.0
     change = float(np.nanmedian(ground_now)) - level
     light = float(np.median(levels[-1])) - float(np.median(look.levels[-1]))
     if min(abs(change), abs(change - light)) > ALIKE * spread:  # a cover may be as even as the ground

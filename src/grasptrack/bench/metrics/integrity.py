@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grasptrack.bench.metrics.score import FrameScore, errors_of
+from grasptrack.statistics import upper_bound
 from grasptrack.typing import Floats
 
 WHOLE = 0.995
@@ -18,8 +19,6 @@ PARTLY = 0.7
 """Share of the outline in view down to which an answer can be asked for: up to 30 % covered or cut."""
 ELLIPSE_95 = 5.991
 """Squared Mahalanobis distance within which 95 % of the errors of a true covariance lie (chi square, two degrees)."""
-RULE_OF_THREE = 3.0
-"""No event in n trials puts its rate below 3/n with 95 % confidence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,18 +100,6 @@ def compute_measures(runs: Iterable[Sequence[FrameScore]]) -> Measures:
         p99_ms=_percentile_or_nan(times, 99),
         frames_whole=len(whole),
     )
-
-
-def upper_bound(events: int, trials: int) -> float:
-    """Upper 95 % bound of a rate: 3/n for no event in n (rule of three), else Wilson's, one-sided; NaN without trials."""
-    if trials <= 0:
-        return math.nan
-    if events == 0:
-        return min(1.0, RULE_OF_THREE / trials)
-    z, p = 1.6449, events / trials
-    middle = p + z * z / (2 * trials)
-    reach = z * math.sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials))
-    return min(1.0, max(p, (middle + reach) / (1 + z * z / trials)))
 
 
 def recovery_delays(run: Sequence[FrameScore]) -> list[int | None]:

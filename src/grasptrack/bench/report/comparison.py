@@ -11,22 +11,14 @@ from typing import Literal
 
 import numpy as np
 
-from grasptrack.bench.metrics.paired import (
-    Found,
-    Unit,
-    bootstrap_counts,
-    critical_value,
-    mcnemar_probability,
-    measures_of,
-    units_of,
-    wrong_in_one,
-)
+from grasptrack.bench.metrics.paired import Found, Unit, measures_of, units_of, wrong_in_one
 from grasptrack.bench.metrics.summary import ALL
 from grasptrack.bench.report.comparison_notes import Look, differs_of, looks_of
 from grasptrack.bench.report.comparison_sentences import comparison_lines
 from grasptrack.bench.report.glossary import COMPARED
 from grasptrack.bench.run_folder import EvaluationRun, read_run
 from grasptrack.errors import InputError
+from grasptrack.statistics import bootstrap_counts, critical_value, mcnemar_probability
 
 Verdict = Literal["worse", "better", "same", "untold"]
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from grasptrack.bench.metrics.integrity import upper_bound
 from grasptrack.bench.metrics.summary import Row, Summary
 from grasptrack.bench.run_folder import EvaluationRun
+from grasptrack.statistics import upper_bound
 from grasptrack.view.report import Card, format_number, format_percent
 
 ENOUGH = 0.5
