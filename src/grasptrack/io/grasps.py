@@ -71,7 +71,7 @@ def _object_entry(found: Planned, px_per_mm: float | None) -> dict[str, Any]:
         "outline": _outline_points(found.outline),
         "area_px2": round(area, 3),
         "centroid": [round(x, 3), round(y, 3)],
-        "hand_px": {key: _rounded_or_none(value) for key, value in found.hand._asdict().items()},
+        "hand_px": {key: _rounded(value) for key, value in found.hand._asdict().items()},
         "grasps": [_grasp_entry(grasp, i + 1, px_per_mm) for i, grasp in enumerate(found.grasps)],
         "reason": found.grasps.reason,
         "refused": found.grasps.refused,
@@ -96,20 +96,19 @@ def _grasp_entry(grasp: RankedGrasp, rank: int, px_per_mm: float | None) -> dict
         "spread": grasp.spread,
         "contacts": _rounded_list(grasp.contacts),
         "directions": _rounded_list(grasp.directions, 6),
-        "opening_px": _rounded_or_none(grasp_opening(grasp)),
-        "opening_mm": None if px_per_mm is None else _rounded_or_none(grasp_opening(grasp) / px_per_mm),
-        "quality": _rounded_or_none(grasp.quality, 4),
-        "terms": {key: _rounded_or_none(value, 4) for key, value in grasp.terms._asdict().items()},
-        "margin_deg": _rounded_or_none(math.degrees(grasp.margin)),
-        "regions_px": [_rounded_or_none(value) for value in grasp.regions.tolist()],
+        "opening_px": _rounded(grasp_opening(grasp)),
+        "opening_mm": None if px_per_mm is None else _rounded(grasp_opening(grasp) / px_per_mm),
+        "quality": _rounded(grasp.quality, 4),
+        "terms": {key: _rounded(value, 4) for key, value in grasp.terms._asdict().items()},
+        "margin_deg": _rounded(math.degrees(grasp.margin)),
+        "regions_px": [_rounded(value) for value in grasp.regions.tolist()],
         "fingers": _rounded_list(grasp.fingers),
         "swept": _rounded_list(grasp.swept),
     }
 
 
-def _rounded_or_none(value: float, decimals: int = 3) -> float | None:
-    """JSON has no word for what is not finite."""
-    return round(float(value), decimals) if math.isfinite(value) else None
+def _rounded(value: float, decimals: int = 3) -> float:
+    return round(float(value), decimals)
 
 
 def _rounded_list(values: NDArray[np.float64], decimals: int = 3) -> Any:

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grasptrack.io.results import software_versions
+from grasptrack.io.results import software_versions, to_strict_json
 
 if TYPE_CHECKING:
     from grasptrack.trackability import Suitability
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 FORMAT = 3
 """Raised when a key changes its meaning or goes away; new keys alone do not raise it."""
+
+_to_json_value = partial(to_strict_json, digits=6)
 
 
 def inspection_to_dict(
@@ -90,14 +93,3 @@ def _grasp_entry(grasp: Held) -> dict[str, Any]:
         "limit_px": _to_json_value(grasp.limit),
         "tolerance_px": _to_json_value(grasp.tolerance),
     }
-
-
-def _to_json_value(value: Any) -> Any:
-    """Rounded; JSON has no word for what is not finite."""
-    if isinstance(value, np.ndarray):
-        return [_to_json_value(v) for v in value.tolist()]
-    if isinstance(value, list):
-        return [_to_json_value(v) for v in value]
-    if isinstance(value, float):
-        return float(f"{value:.6g}") if math.isfinite(value) else None
-    return value

@@ -140,24 +140,32 @@ def describe_machine() -> str:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write strict JSON: what is not finite becomes null. The file is complete at any moment or absent."""
     partial = path.with_name(path.name + ".part")
-    text = json.dumps(_to_strict_json(content), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(to_strict_json(content), indent=2, ensure_ascii=False, allow_nan=False)
     # A point on one line. Within a string no line ends, so that nothing else can match.
     text = re.sub(r"\[\n\s+([-+.,eE\d\s]+?)\n\s+\]", lambda m: f"[{' '.join(m[1].split())}]", text)
     partial.write_text(text + "\n", encoding="utf-8")
     partial.replace(path)
 
 
-def _to_strict_json(value: Any) -> Any:
+def to_strict_json(value: Any, digits: int | None = None) -> Any:
+    """Values that strict JSON can hold: what is not finite becomes None, arrays become lists.
+
+    Args:
+        value: of any depth.
+        digits: significant ones to which numbers are rounded; None keeps them all.
+    """
     if isinstance(value, Mapping):
-        return {str(k): _to_strict_json(v) for k, v in value.items()}
+        return {str(k): to_strict_json(v, digits) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_to_strict_json(v) for v in value]
+        return [to_strict_json(v, digits) for v in value]
     if isinstance(value, Path):
         return str(value)
     if hasattr(value, "tolist"):
-        return _to_strict_json(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
+        return to_strict_json(value.tolist(), digits)
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return None
+        return value if digits is None else float(f"{value:.{digits}g}")
     return value
 
 

@@ -86,10 +86,5 @@ def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, An
     blind = [state in ("holding", "searching") for state in record.states]
     title = f"{row.shape}, {row.scenario}, {row.law}: {row.outcome}. {row.reason}"[:110]
     plot_approach(record.time, record.errors, record.error_px, record.twists, blind, title, output / PLOTS)
-    told = {name: _finite_or_none(value) for name, value in row.values().items()}
-    write_json(output / VERDICT, {"options": options, "versions": software_versions(), "verdict": told})
+    write_json(output / VERDICT, {"options": options, "versions": software_versions(), "verdict": row.values()})
     return row
-
-
-def _finite_or_none(value: Any) -> Any:
-    return None if isinstance(value, float) and not np.isfinite(value) else value
