@@ -16,8 +16,7 @@ from grasptrack import kernels
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.records import write_records
 from grasptrack.bench.run_folder import CASES, FORMAT, INDEX
-from grasptrack.bench.schedule import Scheduler
-from grasptrack.bench.schedule.fingerprint import code_fingerprint
+from grasptrack.bench.schedule import Scheduler, code_fingerprint
 from grasptrack.errors import InputError
 from grasptrack.io.results import describe_machine, software_versions, write_json
 from grasptrack.io.run import prepare_folder
