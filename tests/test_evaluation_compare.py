@@ -15,6 +15,7 @@ from grasptrack.bench.metrics.paired import Unit, measures_of, units_of
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.metrics.summary import ALL, summarise_run
 from grasptrack.bench.report.comparison import Comparison, compare_runs
+from grasptrack.bench.report.comparison_page import comparison_lines
 from grasptrack.bench.run_folder import read_run
 from grasptrack.errors import InputError
 from grasptrack.statistics import bootstrap_counts, critical_value
@@ -33,7 +34,7 @@ def kinds(c: Comparison) -> set[tuple[str, str]]:
 def test_a_run_is_no_worse_than_itself(folder: Path) -> None:
     found = compare_runs(folder, folder)
     assert found.worse == [] and found.better == [] and found.looks == () and found.differs == ()
-    assert found.to_text()[-1] == "Nothing got worse beyond its noise."
+    assert comparison_lines(found)[-1] == "Nothing got worse beyond its noise."
     summary = summarise_run(read_run(folder))
     for method in METHODS:
         row = summary.row(method)
@@ -98,7 +99,7 @@ def test_what_was_made_worse_is_named_and_nothing_else(
         (x.method, x.level, x.measure) for x in found.worse
     }
     assert back.worse == []
-    text = "\n".join(found.to_text())
+    text = "\n".join(comparison_lines(found))
     assert "Worse beyond its noise" in text and "auto" in text and "nan" not in text
 
 
@@ -113,8 +114,8 @@ def test_new_wrong_answers_are_listed_frame_by_frame_even_when_they_may_be_chanc
     found = compare_runs(folder, after)
     assert ("auto", "false_accepts") not in kinds(found)
     assert [(x.method, x.case, x.new_wrong) for x in found.looks] == [("auto", "blob.clean", (4, 5, 6))]
-    assert "  auto, blob.clean: wrong now, not before: frames 4-6; located" in "\n".join(found.to_text())
-    assert "3 answers are wrong that were not before" in found.to_text()[-1]
+    assert "  auto, blob.clean: wrong now, not before: frames 4-6; located" in "\n".join(comparison_lines(found))
+    assert "3 answers are wrong that were not before" in comparison_lines(found)[-1]
 
 
 def test_what_is_larger_than_its_noise_need_not_matter(folder: Path, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.objects import Given
 from grasptrack.bench.real import RealCase, first_frame, run_video, videos_of
 from grasptrack.bench.records import read_records
-from grasptrack.bench.report.report import Shown
+from grasptrack.bench.report.run import Shown
 from grasptrack.bench.scenes import SceneCase, make_scene_cases, run_case
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.errors import InputError

@@ -158,8 +158,8 @@ def real(
 def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
     """Score, report, tell."""
     from grasptrack.bench.fill import fill_run_folder
-    from grasptrack.bench.report.closing_table import closing_table
-    from grasptrack.bench.report.report import write_report
+    from grasptrack.bench.report.run import write_report
+    from grasptrack.bench.report.tables import closing_table
     from grasptrack.cli.report import show_rows
 
     def score(tell: Progress) -> Filled:

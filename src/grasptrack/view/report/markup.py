@@ -3,18 +3,12 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import math
 import re
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 DASH = "–"
 """Where there is no value."""
-_QUALITY = 86
 
 
 def escape_html(text: object) -> str:
@@ -25,13 +19,6 @@ def escape_html(text: object) -> str:
 def make_slug(text: str) -> str:
     """A name that may stand in an id or a CSS variable."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "x"
-
-
-def inline_markup(text: str) -> str:
-    """Escaped text in which `code` and **weight** are marked as in Markdown."""
-    safe = escape_html(text)
-    safe = re.sub(r"`([^`]+)`", r"<code>\1</code>", safe)
-    return re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
 
 
 def format_number(value: float | int | None, digits: int = 3, unit: str = "") -> str:
@@ -65,13 +52,3 @@ def format_percent(share: float | None, decimals: int = 1) -> str:
         return "100" if share else "0"
     least = 10.0**-decimals
     return f"{min(max(100.0 * share, least), 100.0 - least):.{decimals}f}"
-
-
-def data_uri(picture: NDArray[np.uint8]) -> str:
-    """A BGR or grey picture inside an address: PNG, or JPEG where that is smaller, as of photos."""
-    good, png = cv2.imencode(".png", picture)
-    fine, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    if not good or not fine:
-        raise ValueError(f"a picture must be 8 bit grey or BGR, not {picture.shape} of {picture.dtype}")
-    kind, data = ("png", png) if len(png) <= len(jpeg) else ("jpeg", jpeg)
-    return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode()}"
