@@ -14,6 +14,15 @@ from types import ModuleType
 
 MOVED = {
     "analysis": "grasp.force_closure",
+    "bench.fill": "bench.run_folder",
+    "bench.homographies": "bench.records",
+    "bench.metrics.curves": "bench.metrics.integrity",
+    "bench.metrics.truth": "bench.metrics.score",
+    "bench.objects": "bench.real",
+    "bench.parts": "bench.scenes",
+    "bench.report.closing_table": "bench.report.tables",
+    "bench.report.report": "bench.report.run",
+    "bench.sequence": "bench.method",
     "calibration": "geometry.cameras",
     "closing": "grasp.contact_regions",
     "contour": "geometry.contours",
@@ -52,11 +61,12 @@ class _Finder(MetaPathFinder):
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         root, _, below = fullname.partition(".")
-        head, _, rest = below.partition(".")
-        if root != "grasptrack" or head not in MOVED:
+        parts = below.split(".")
+        heads = (".".join(parts[:n]) for n in range(len(parts), 0, -1))
+        head = next((h for h in heads if h in MOVED), None)
+        if root != "grasptrack" or head is None:
             return None
-        new = ".".join(filter(None, ("grasptrack", MOVED[head], rest)))
-        return spec_from_loader(fullname, _Alias(fullname, new))
+        return spec_from_loader(fullname, _Alias(fullname, f"grasptrack.{MOVED[head]}{below[len(head) :]}"))
 
 
 def install() -> None:

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.bench.homographies import write_homographies
-from grasptrack.bench.metrics.score import Score
-from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.metrics.score import Score, Truth
+from grasptrack.bench.records import write_homographies
 from grasptrack.bench.simulation import SceneFrame, demo_scene
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.run import prepare_output, run_track

@@ -180,7 +180,7 @@ def _processes(workers: int, tasks: int) -> Iterator[_Workers]:
 
         threads = ThreadPoolExecutor(len(pools))
         try:
-            yield _Workers(partial(threads.submit, attempt), explain)
+            yield _Workers(lambda function, task: threads.submit(attempt, function, task), explain)
         finally:
             stopped.set()
             threads.shutdown(wait=False, cancel_futures=True)

@@ -11,18 +11,21 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from grasptrack.bench import baselines as others
-from grasptrack.bench import parts
-from grasptrack.bench.fill import Job, case_file
-from grasptrack.bench.homographies import read_homographies
+from grasptrack.bench.baselines import available_baselines
 from grasptrack.bench.methods import OURS, method_makers
-from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.metrics.truth import Truth
-from grasptrack.bench.objects import Given
-from grasptrack.bench.real import RealCase, first_frame, run_video, videos_of
-from grasptrack.bench.records import read_records
+from grasptrack.bench.metrics.score import FrameScore, Truth
+from grasptrack.bench.real import Given, RealCase, first_frame, run_video, videos_of
+from grasptrack.bench.records import read_homographies, read_records
 from grasptrack.bench.report.run import Shown
-from grasptrack.bench.scenes import SceneCase, make_scene_cases, run_case
+from grasptrack.bench.run_folder import Job, case_file
+from grasptrack.bench.scenes import (
+    SceneCase,
+    built_in,
+    make_scene_cases,
+    parts_from_photos,
+    parts_from_silhouettes,
+    run_case,
+)
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.errors import InputError
 from grasptrack.io.sources import open_source
@@ -72,7 +75,7 @@ def method_names(names: Sequence[str] = (), *, peers: bool = False) -> tuple[str
     """
     wanted = list(names or OURS)
     if peers:
-        wanted += [name for name in others.available_baselines() if name not in wanted]
+        wanted += [name for name in available_baselines() if name not in wanted]
     method_makers(wanted)
     return tuple(wanted)
 
@@ -109,9 +112,9 @@ def scene_suite(
     for name in disturbances:
         if name not in DISTURBANCES:
             raise InputError(f'unknown disturbance "{name}"; choose from {", ".join(DISTURBANCES)}', name=name)
-    chosen = parts.parts_from_silhouettes(silhouettes) if silhouettes is not None else []
-    chosen += parts.parts_from_photos(photos, masks) if photos is not None and masks is not None else []
-    chosen = [*(parts.built_in(shapes) if shapes or not chosen else []), *chosen]
+    chosen = parts_from_silhouettes(silhouettes) if silhouettes is not None else []
+    chosen += parts_from_photos(photos, masks) if photos is not None and masks is not None else []
+    chosen = [*(built_in(shapes) if shapes or not chosen else []), *chosen]
     cases = make_scene_cases(
         chosen,
         disturbances or list(DISTURBANCES),

@@ -14,7 +14,7 @@ from grasptrack.cli.progress import command_line, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
-    from grasptrack.bench.fill import Filled, Progress
+    from grasptrack.bench.run_folder import Filled, Progress
 
 Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; a finished run in it is replaced.")]
 MethodNames = Annotated[
@@ -140,7 +140,7 @@ def real(
       grasptrack evaluate real videos --peers --output real-with-peers
     """
     from grasptrack.bench import suites
-    from grasptrack.bench.objects import GIVEN
+    from grasptrack.bench.real import GIVEN
     from grasptrack.bench.schedule import create_scheduler as schedule
 
     asked: dict[str, Any] = {
@@ -157,9 +157,9 @@ def real(
 
 def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
     """Score, report, tell."""
-    from grasptrack.bench.fill import fill_run_folder
     from grasptrack.bench.report.run import write_report
     from grasptrack.bench.report.tables import closing_table
+    from grasptrack.bench.run_folder import fill_run_folder
     from grasptrack.cli.report import show_rows
 
     def score(tell: Progress) -> Filled:

@@ -11,7 +11,7 @@ from grasptrack.bench.metrics.paired import BLOCK, FEW_CASES
 from grasptrack.bench.metrics.summary import ALL
 from grasptrack.bench.report.comparison import FELL, MATTERS, UNLIKELY, Change, Comparison, Look
 from grasptrack.bench.report.glossary import COMPARED, Term
-from grasptrack.bench.report.pages import Cell, Column, Line, PageTable, Tone, count_phrase, write_page
+from grasptrack.bench.report.pages import Cell, CellLike, Column, Line, PageTable, Tone, count_phrase, write_page
 from grasptrack.bench.report.run import headline_method
 from grasptrack.bench.report.tables import format_measure
 from grasptrack.view.report import DASH, format_number, series_palette
@@ -199,7 +199,7 @@ def _looks_table(looks: Sequence[Look]) -> PageTable:
     lines = []
     for look in looks[:MOST_SHOWN]:
         before, now = look.located
-        cells = [
+        cells: list[CellLike] = [
             look.method,
             look.case,
             Cell(format_frame_ranges(look.new_wrong) or DASH, len(look.new_wrong)),

@@ -23,7 +23,7 @@ from grasptrack.bench.run_folder import EvaluationRun, read_run
 from grasptrack.errors import InputError
 from grasptrack.statistics import upper_bound
 from grasptrack.typing import Floats
-from grasptrack.view.report import Series, format_number, format_percent, series_palette
+from grasptrack.view.report import Chart, Series, format_number, format_percent, series_palette
 from grasptrack.view.report.answer import draw_answer
 
 FIGURES = "figures"
@@ -134,7 +134,7 @@ def _draw_charts(
 ) -> dict[str, Any]:
     """All charts by the section in which they stand; each is a file of its own, too."""
 
-    def keep(name: str, chart: charts.Chart) -> str:
+    def keep(name: str, chart: Chart) -> str:
         return keep_chart(figures, name, chart, series, first)
 
     ends, over_time = charts.error_ends(run, summary.methods), []
