@@ -35,7 +35,7 @@ def paper(
       grasptrack evaluate paper --frames 40 --output short
     """
     from grasptrack.bench.paper import run_paper
-    from grasptrack.bench.paper.folder import write_paper
+    from grasptrack.bench.paper.run import write_paper
     from grasptrack.bench.report.table import to_text
     from grasptrack.io.run import prepare_folder
 
