@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.bench import Progress
 from grasptrack.bench.metrics.score import Score, Truth
 from grasptrack.bench.records import write_homographies
 from grasptrack.bench.simulation import SceneFrame, demo_scene
@@ -21,9 +22,6 @@ from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 
 STRATEGIES = ("auto", "rrp", "grasp-line", "homography")
-
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the step ("render" or a strategy), the frames done in it, and all its frames."""
 
 
 class RenderedSource(Source):

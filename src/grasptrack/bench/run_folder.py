@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from grasptrack import kernels
+from grasptrack.bench import Progress
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.records import read_records, write_records
 from grasptrack.bench.schedule import Scheduler, code_fingerprint
@@ -162,10 +163,6 @@ def _parse_case(entry: Mapping[str, Any], kind: str) -> Case:
         seed=None if entry.get("seed") is None else int(entry["seed"]),
         error=str(entry.get("error") or ""),
     )
-
-
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the step, what is done of it, and all of it, in frames."""
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,6 @@ def make_scene_cases(
     *,
     repeats: int = 1,
     frames: int = 100,
-    size: tuple[int, int] = (640, 480),
     seed: int = 0,
     fingers: int = 2,
     friction: float = 0.5,
@@ -88,7 +87,7 @@ def make_scene_cases(
 ) -> list[SceneCase]:
     """All cases that make sense, part by part."""
     return [
-        SceneCase(part, disturbance, repeat, frames, size, seed, fingers, friction, risk)
+        SceneCase(part, disturbance, repeat, frames, seed=seed, fingers=fingers, friction=friction, risk=risk)
         for part in parts
         for disturbance in disturbances
         if is_applicable(part.shape, disturbance)

@@ -14,7 +14,8 @@ from grasptrack.cli.progress import command_line, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
-    from grasptrack.bench.run_folder import Filled, Progress
+    from grasptrack.bench import Progress
+    from grasptrack.bench.run_folder import Filled
 
 Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; a finished run in it is replaced.")]
 MethodNames = Annotated[
@@ -96,7 +97,7 @@ def scenes(
         "friction": options.positive_friction(friction),
         "risk": options.risk_rate(risk),
     }
-    work = suites.scene_suite(**asked)
+    work = suites.scene_suite(suites.SceneOptions(**asked))
     _run_suite(output, work, schedule(scheduler, workers), asked, quiet)
 
 

@@ -12,8 +12,8 @@ from grasptrack.cli import options
 from grasptrack.cli.progress import command_line, with_progress
 
 if TYPE_CHECKING:
+    from grasptrack.bench import Progress
     from grasptrack.bench.paper import PaperRun
-    from grasptrack.bench.run_folder import Progress
 
 
 def paper(

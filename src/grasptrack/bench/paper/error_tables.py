@@ -24,7 +24,6 @@ from grasptrack.bench.paper.footage import (
     observe_scene,
     resample_view,
     sample_view,
-    transform_view,
 )
 from grasptrack.bench.paper.transfers import Course, Refused, measure_reversibility, transfer_and_measure
 from grasptrack.bench.report.table import Cell, Table
@@ -295,7 +294,7 @@ def _on_images(part: Part, scene: Scene, after: Callable[[], None]) -> list[str]
 def _another_start(part: Part) -> list[str]:
     """Every strategy, RRP too, given the same outline from another first point."""
     points = [np.roll(c.points, -len(c) // 10, axis=0) for c in part.reference.contours]
-    shifted = transform_view(sample_view(tuple(points)), MOVED)
+    shifted = sample_view(tuple(points)).transformed(MOVED)
     return [
         _transfer_cell(strategy, part.contacts, part.reference, shifted, apply_homography(MOVED, part.contacts))
         for strategy in printed.STRATEGIES
@@ -309,7 +308,7 @@ def _pair_cells(polygons: tuple[Floats, ...], seed: int, fingers: int = 2) -> li
     ranked = synthesize(reference, fingers=fingers, top=10)
     grasp = max(ranked, key=lambda g: math.dist(g.contacts.mean(axis=0), centre))
     truth = apply_homography(MOVED, grasp.contacts)
-    anew = resample_view(transform_view(reference, MOVED), np.random.default_rng((seed, 37)))
+    anew = resample_view(reference.transformed(MOVED), np.random.default_rng((seed, 37)))
     tracked = in_four_dof(reference, MOVED[None])[0]
     seen = {"rrp": tracked, "grasp-line": anew, "homography": anew}
     return [_transfer_cell(strategy, grasp.contacts, reference, view, truth) for strategy, view in seen.items()]

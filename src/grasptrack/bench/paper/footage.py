@@ -173,7 +173,7 @@ class Footage:
 def ideal_footage(part: Part, kind: Kind, motion: Motion, frames: int, seed: int) -> Footage:
     """Contours of a kind other than "rendered"; `seed` is of the trajectory and the starts of the contours."""
     H = path_homographies(camera_trajectory(motion, frames, seed))
-    exact = [transform_view(part.reference, h) for h in H]
+    exact = [part.reference.transformed(h) for h in H]
     contacts = part.contacts, part.contacts
     if kind == "corresponding":
         silhouettes, tracked = exact, exact
@@ -192,11 +192,6 @@ def ideal_footage(part: Part, kind: Kind, motion: Motion, frames: int, seed: int
     return Footage(part, kind, motion, H, areas, tuple(silhouettes), tuple(tracked), *contacts)
 
 
-def transform_view(view: View, H: Floats) -> View:
-    """A view under a homography, point by point."""
-    return view.transformed(H)
-
-
 def resample_view(view: View, rng: np.random.Generator) -> View:
     """The same curves at as many points, in equal steps, from another start."""
     return sample_view(tuple(np.roll(c.points, -int(rng.integers(len(c))), axis=0) for c in view.contours))
@@ -205,7 +200,7 @@ def resample_view(view: View, rng: np.random.Generator) -> View:
 def in_four_dof(reference: View, H: Floats) -> list[View]:
     """The reference moved to each frame by the similarity that comes nearest to its homography (F, 3, 3)."""
     space = ShapeSpace(reference.points)
-    return [transform_view(reference, space.homography(space.state(h))) for h in H]
+    return [reference.transformed(space.homography(space.state(h))) for h in H]
 
 
 def pixel_chain_view(view: View) -> View:
@@ -293,7 +288,7 @@ def observe_scene(
             tracked.append(carried.view)
             if template is None:
                 back = np.asarray(np.linalg.inv(carried.homography), dtype=np.float64)
-                template = transform_view(carried.view, back)
+                template = carried.view.transformed(back)
         after()
     start: Seen = template if template is not None else "the snake followed no image"
     on_tracked = grasp.contacts if template is None else on_grid(grasp.contacts, template)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
+from grasptrack.bench import Progress
 from grasptrack.bench.metrics.errors import ErrorMeasure
 from grasptrack.bench.paper import error_tables
 from grasptrack.bench.paper.correspondences import Correspondences, find_correspondences, table_five, table_two
@@ -41,8 +42,6 @@ from grasptrack.transfer.rrp import INTERPOLATED
 from grasptrack.typing import Floats
 from grasptrack.view.paper import Panel, draw_panels
 
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the step, how much of it is done, and how much there is."""
 Picture = tuple[str, NDArray[np.uint8]]
 """A caption and a BGR image."""
 
@@ -56,7 +55,7 @@ class Series:
     Attributes:
         object: its name.
         strategy: its name.
-        kind: how the contours came about, see `contours.KINDS`.
+        kind: how the contours came about, see `footage.KINDS`.
         motion: "4 DoF" or "6 DoF".
         carried_on: from each frame to the next, else from the first view to each frame.
         average_px, maximum_px: by frame from frame 1 on; None where the strategy refused.

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.bench import Progress
 from grasptrack.bench.metrics.integrity import precision_curve
 from grasptrack.bench.metrics.summary import Row, Summary, Worst, summarise_run, write_summary
 from grasptrack.bench.report import charts
@@ -41,8 +42,6 @@ Shown = tuple[NDArray[Any], Floats | None, Sequence[Floats]]
 """An image, the true contacts (k, 2) px or None where the object is gone, the true outline's polygons in px."""
 Picture = Callable[[str, str, int], Shown | None]
 """Called with a case, a method and a frame; gives what is to be shown of it, or None where it cannot be had."""
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the step, what is done of it, and all of it."""
 
 
 class Best(NamedTuple):

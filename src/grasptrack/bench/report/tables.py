@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of a summary as tables: of pages, of the terminal after a run, and as Markdown."""
+"""Rows of a summary as tables: of pages, and of the terminal after a run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
-from grasptrack.bench.metrics.summary import Row, Summary, summarise_run
+from grasptrack.bench.metrics.summary import Row, summarise_run
 from grasptrack.bench.report.glossary import TERMS, Term
 from grasptrack.bench.report.pages import Cell, CellLike, Column, Line, PageTable, Tone
 from grasptrack.bench.run_folder import read_run
@@ -154,20 +154,6 @@ def closing_table(folder: Path) -> tuple[Sequence[tuple[str, str]], list[list[st
     return CLOSING_HEADS, [[row.method, *_row_cells(row)] for row in summary.overall]
 
 
-def to_markdown(summary: Summary) -> str:
-    """Two tables: methods over all cases; and for each disturbance or video located %, wrong frames and RMS."""
-    heads = ["method", "located %, whole", "partly", "wrong frames", "rate below %"]
-    heads += ["median px", "95 %", "RMS", "median ms", "99 %", "frames"]
-    lines = [_markdown_row(heads), _markdown_row(["---"] * len(heads))]
-    lines += [_markdown_row([f"`{row.method}`", *_row_cells(row)]) for row in summary.overall]
-    heads = [summary.factor, *(f"`{name}`" for name in summary.methods)]
-    lines += ["", _markdown_row(heads), _markdown_row(["---"] * len(heads))]
-    for level in summary.levels:
-        rows = [summary.row(name, level) for name in summary.methods]
-        lines.append(_markdown_row([level, *("" if row is None else _short_cell(row) for row in rows)]))
-    return "\n".join(lines) + "\n"
-
-
 def _cell_tint(term: Term, value: float, values: Sequence[float]) -> tuple[float | None, Tone]:
     if math.isnan(value):
         return None, "muted"
@@ -218,18 +204,9 @@ def _of_video(row: Row) -> list[str]:
     ]
 
 
-def _short_cell(row: Row) -> str:
-    m = row.measures
-    return f"{_format_percent(row.located, 0)} / {m.false_accepts} / {_format_number(m.rms_px)}"
-
-
 def _format_percent(value: float, decimals: int = 1) -> str:
     return _format_number(100.0 * value, decimals)
 
 
 def _format_number(value: float, decimals: int = 2) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
-
-
-def _markdown_row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
