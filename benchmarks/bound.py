@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
+from grasptrack.bench.method import chosen_grasp
 from grasptrack.bench.scenes import Part, SceneCase
-from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography

@@ -18,13 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import grasptrack as gt
-from grasptrack.bench.method import Start
-from grasptrack.bench.metrics.score import Score
-from grasptrack.bench.metrics.truth import Truth
-from grasptrack.bench.parts import built_in
+from grasptrack.bench.method import Shown, Start, chosen_grasp
+from grasptrack.bench.metrics.score import Score, Truth
 from grasptrack.bench.real import RealCase, sequence_of, videos_of
-from grasptrack.bench.scenes import SceneCase, make_scene_cases
-from grasptrack.bench.sequence import Shown, chosen_grasp
+from grasptrack.bench.scenes import SceneCase, built_in, make_scene_cases
 from grasptrack.errors import GraspTrackError
 from grasptrack.tracking.numbers import NUMBERS, OWN, read_numbers
 from grasptrack.typing import Floats

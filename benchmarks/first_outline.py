@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import GraspTracker
+from grasptrack.bench.method import chosen_grasp
 from grasptrack.bench.metrics.score import accept_limit
 from grasptrack.bench.scenes import Part, SceneCase
-from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.bench.simulation import SHAPES, SceneFrame
 from grasptrack.errors import GraspTrackError
 from grasptrack.typing import Floats

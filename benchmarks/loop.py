@@ -15,8 +15,7 @@ from grasptrack import GraspTracker
 from grasptrack.bench.baselines import available_baselines
 from grasptrack.bench.demo import STRATEGIES
 from grasptrack.bench.method import Start
-from grasptrack.bench.metrics.score import Score
-from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.metrics.score import Score, Truth
 from grasptrack.bench.simulation import SHAPES, SceneFrame, demo_scene
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
 

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from grasptrack import GraspTracker, kernels
-from grasptrack.bench.parts import built_in
-from grasptrack.bench.scenes import make_scene_cases
-from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.method import chosen_grasp
+from grasptrack.bench.scenes import built_in, make_scene_cases
 from grasptrack.tracking import follower, redetection
 from grasptrack.tracking.estimator import Solutions
 from grasptrack.tracking.redetection import Keypoints, Outlines, Redetection

@@ -16,8 +16,7 @@ from grasptrack import GraspTracker
 from grasptrack.bench.baselines import available_baselines
 from grasptrack.bench.demo import STRATEGIES
 from grasptrack.bench.method import Start
-from grasptrack.bench.metrics.score import Score
-from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.metrics.score import Score, Truth
 from grasptrack.bench.simulation import SceneFrame, demo_scene
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.candidate import Candidate

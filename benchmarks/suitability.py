@@ -19,14 +19,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from grasptrack import inspect
-from grasptrack.bench.method import Start
+from grasptrack.bench.method import Shown, Start, chosen_grasp, score_sequence
 from grasptrack.bench.methods import method_makers
-from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.metrics.truth import Truth
-from grasptrack.bench.parts import built_in
+from grasptrack.bench.metrics.score import FrameScore, Truth
 from grasptrack.bench.real import RealCase, sequence_of, videos_of
-from grasptrack.bench.scenes import SceneCase, make_scene_cases
-from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
+from grasptrack.bench.scenes import SceneCase, built_in, make_scene_cases
 from grasptrack.errors import GraspTrackError
 from grasptrack.trackability.prediction import (
     FILE,

@@ -14,11 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 import grasptrack as gt
-from grasptrack.bench.method import Start
+from grasptrack.bench.method import Shown, Start, chosen_grasp, score_sequence
 from grasptrack.bench.methods import method_makers
-from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.metrics.truth import Truth
-from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
+from grasptrack.bench.metrics.score import FrameScore, Truth
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
 from grasptrack.bench.simulation.appearance import Look, sample_look
 

@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import grasptrack as gt
-from grasptrack.bench.method import Start
-from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.method import Shown, Start, chosen_grasp, score_sequence
+from grasptrack.bench.metrics.score import FrameScore, Truth
 from grasptrack.bench.scenes import Part, SceneCase
-from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.segmentation.undistortion import Undistortion
 

@@ -17,8 +17,7 @@ import numpy as np
 
 from grasptrack.bench.metrics.integrity import compute_measures
 from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.parts import built_in
-from grasptrack.bench.scenes import make_scene_cases, run_case
+from grasptrack.bench.scenes import built_in, make_scene_cases, run_case
 from grasptrack.bench.schedule import create_scheduler
 
 STORED = Path(__file__).with_name("golden.json")

@@ -13,7 +13,8 @@ import numpy as np
 
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.records import read_records, write_records
-from grasptrack.bench.run_folder import CASES, Case, write_index
+from grasptrack.bench.run_folder import CASES, FORMAT, INDEX, Case
+from grasptrack.io.results import write_json
 
 SHAPES = ("bracket", "blob", "disc", "spanner", "gasket")
 DISTURBANCES = {"clean": "motion", "bar": "hidden", "away": "hidden"}
@@ -26,6 +27,26 @@ ABOUT: dict[str, Any] = {
     "command": "grasptrack evaluate scenes --output here",
     "started": "2026-01-02T03:04:05+00:00",
     "seconds": 123.4,
+}
+
+
+def write_index(path: Path, kind: str, cases: Iterable[Case], **content: Any) -> None:
+    """Write `evaluation.json` of a folder, which is made when missing.
+
+    Args:
+        path: the folder.
+        kind: "scenes" or "real".
+        cases: whose frames are, or will be, in `cases/NAME.csv`.
+        **content: what else to tell: options, versions, machine, command, started, seconds.
+    """
+    (path / CASES).mkdir(parents=True, exist_ok=True)
+    listed = [{key: getattr(c, key) for key in _TOLD[kind]} for c in cases]
+    write_json(path / INDEX, {"format": FORMAT, "kind": kind, **content, "cases": listed})
+
+
+_TOLD = {
+    "scenes": ("name", "frames", "shape", "disturbance", "group", "seed", "error"),
+    "real": ("name", "frames", "error"),
 }
 
 

@@ -16,9 +16,8 @@ import cv2
 import numpy as np
 import pytest
 
-from grasptrack.bench.homographies import write_homographies
 from grasptrack.bench.methods import OURS
-from grasptrack.bench.records import EACH, FIXED, LAST, read_records
+from grasptrack.bench.records import EACH, FIXED, LAST, read_records, write_homographies
 from grasptrack.bench.simulation import SHAPES, Scene, similarity_path
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.cli.main import main

@@ -10,22 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.paired import (
-    Unit,
-    bootstrap_counts,
-    critical_value,
-    mcnemar_probability,
-    measures_of,
-    units_of,
-)
+from grasptrack.bench.metrics.paired import Unit, measures_of, units_of
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.metrics.summary import ALL, summarise_run
 from grasptrack.bench.report.comparison import Comparison, compare_runs
+from grasptrack.bench.report.comparison_page import comparison_lines
 from grasptrack.bench.run_folder import read_run
 from grasptrack.errors import InputError
+from grasptrack.statistics import bootstrap_counts, critical_value
 from reported import METHODS, SHAPES, changed, lost, made_up, real, scenes
 
 
@@ -41,7 +34,7 @@ def kinds(c: Comparison) -> set[tuple[str, str]]:
 def test_a_run_is_no_worse_than_itself(folder: Path) -> None:
     found = compare_runs(folder, folder)
     assert found.worse == [] and found.better == [] and found.looks == () and found.differs == ()
-    assert found.to_text()[-1] == "Nothing got worse beyond its noise."
+    assert comparison_lines(found)[-1] == "Nothing got worse beyond its noise."
     summary = summarise_run(read_run(folder))
     for method in METHODS:
         row = summary.row(method)
@@ -106,7 +99,7 @@ def test_what_was_made_worse_is_named_and_nothing_else(
         (x.method, x.level, x.measure) for x in found.worse
     }
     assert back.worse == []
-    text = "\n".join(found.to_text())
+    text = "\n".join(comparison_lines(found))
     assert "Worse beyond its noise" in text and "auto" in text and "nan" not in text
 
 
@@ -121,8 +114,8 @@ def test_new_wrong_answers_are_listed_frame_by_frame_even_when_they_may_be_chanc
     found = compare_runs(folder, after)
     assert ("auto", "false_accepts") not in kinds(found)
     assert [(x.method, x.case, x.new_wrong) for x in found.looks] == [("auto", "blob.clean", (4, 5, 6))]
-    assert "  auto, blob.clean: wrong now, not before: frames 4-6; located" in "\n".join(found.to_text())
-    assert "3 answers are wrong that were not before" in found.to_text()[-1]
+    assert "  auto, blob.clean: wrong now, not before: frames 4-6; located" in "\n".join(comparison_lines(found))
+    assert "3 answers are wrong that were not before" in comparison_lines(found)[-1]
 
 
 def test_what_is_larger_than_its_noise_need_not_matter(folder: Path, tmp_path: Path) -> None:
@@ -210,25 +203,3 @@ def test_the_noise_of_a_mean_is_its_standard_error() -> None:
     parts = [np.array([(sum(p[k].answered for p in u.pairs)) for u in units]) / 39.0 for k in (0, 1)]
     assert found.b - found.a == pytest.approx(float((parts[1] - parts[0]).mean()))
     assert found.error == pytest.approx(float((parts[1] - parts[0]).std()) / math.sqrt(60), rel=0.1)
-
-
-@given(st.integers(0, 40), st.integers(0, 40))
-def test_the_exact_test_is_that_of_a_fair_coin(many: int, few: int) -> None:
-    assert 0.0 < mcnemar_probability(many, few) <= 1.0
-    assert (
-        mcnemar_probability(many, few) + mcnemar_probability(few + 1, many - 1) == pytest.approx(1.0)
-        if many
-        else mcnemar_probability(0, few) == 1.0
-    )
-
-
-def test_the_exact_test_goes_on_for_large_numbers() -> None:
-    assert mcnemar_probability(520, 480) == pytest.approx(mcnemar_probability(520, 481), rel=0.1)
-    assert mcnemar_probability(1500, 500) < 1e-12
-
-
-def test_the_critical_value_is_students() -> None:
-    assert critical_value(1, 10_000) == pytest.approx(1.960, abs=2e-3)
-    assert critical_value(1, 11) == pytest.approx(2.228, abs=0.01)  # 10 degrees of freedom
-    assert critical_value(100, 31) == pytest.approx(3.902, abs=0.05)  # 0.0005 two-sided, 30 degrees
-    assert critical_value(2, 20) > critical_value(1, 20) > critical_value(1, 21)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.demo import STRATEGIES, run_demo
-from grasptrack.bench.homographies import read_homographies
+from grasptrack.bench.records import read_homographies
 from grasptrack.bench.simulation import demo_scene
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,8 +42,7 @@ def test_the_demonstration_writes_truth_and_a_folder_for_each_strategy(tmp_path:
 
 
 def test_auto_follows_the_demonstration() -> None:
-    from grasptrack.bench.metrics.score import Score
-    from grasptrack.bench.metrics.truth import Truth
+    from grasptrack.bench.metrics.score import Score, Truth
     from grasptrack.tracking.tracker import GraspTracker
 
     tracker, score = GraspTracker(), Score("auto")

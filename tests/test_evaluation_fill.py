@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import scheduled
-from grasptrack.bench import fill as module
-from grasptrack.bench.fill import Filled, Job, case_file, fill_run_folder
+from grasptrack.bench import run_folder as module
+from grasptrack.bench.run_folder import Filled, Job, case_file, fill_run_folder
 from grasptrack.bench.schedule import create_scheduler
 from grasptrack.errors import InputError
 

@@ -18,8 +18,7 @@ from grasptrack.bench.metrics.integrity import (
     risk_coverage,
     upper_bound,
 )
-from grasptrack.bench.metrics.score import FrameScore, Score
-from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.metrics.score import FrameScore, Score, Truth
 from grasptrack.bench.records import read_records, write_records
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography

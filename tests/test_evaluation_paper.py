@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from grasptrack import kernels
 from grasptrack.bench.metrics.errors import ErrorMeasure
 from grasptrack.bench.paper import printed
-from grasptrack.bench.paper.contours import Footage, ideal_footage
 from grasptrack.bench.paper.correspondences import Correspondences, find_correspondences, table_five
 from grasptrack.bench.paper.descriptions import relative_text, table_four, table_three
 from grasptrack.bench.paper.error_tables import table_seven, table_six
-from grasptrack.bench.paper.objects import MOTIONS, OBJECTS, make_part
+from grasptrack.bench.paper.footage import MOTIONS, OBJECTS, Footage, ideal_footage, make_part
 from grasptrack.bench.paper.transfers import measure_reversibility, transfer_and_measure
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp

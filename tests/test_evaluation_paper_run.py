@@ -8,9 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from grasptrack.bench.paper import contexts, run_paper
-from grasptrack.bench.paper.contours import KINDS
-from grasptrack.bench.paper.objects import MOTIONS, OBJECTS
+from grasptrack.bench.paper import error_tables, run_paper
+from grasptrack.bench.paper.footage import KINDS, MOTIONS, OBJECTS
 from grasptrack.bench.report.table import Table, to_csv, to_json, to_markdown, to_text
 from grasptrack.errors import InputError
 from grasptrack.transfer import STRATEGIES
@@ -22,7 +21,7 @@ FRAMES = 5
 def quick():
     """Shorter experiments on images."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(contexts, "FRAMES", 16)
+        patch.setattr(error_tables, "CONTEXT_FRAMES", 16)
         yield
 
 

@@ -14,11 +14,10 @@ import pytest
 
 from grasptrack.bench import real
 from grasptrack.bench.baselines.direct import Ecc
-from grasptrack.bench.homographies import write_homographies
 from grasptrack.bench.method import Method, Start
 from grasptrack.bench.metrics.score import accept_limit
-from grasptrack.bench.objects import Given, another_object, read_scenes, share_in_view
-from grasptrack.bench.records import read_records
+from grasptrack.bench.real import Given, another_object, read_scenes, share_in_view
+from grasptrack.bench.records import read_records, write_homographies
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.bench.homographies import read_homographies, write_homographies
-from grasptrack.bench.metrics.score import Score, accept_limit
-from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench.metrics.score import Score, Truth, accept_limit
+from grasptrack.bench.records import read_homographies, write_homographies
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import Status, TrackResult

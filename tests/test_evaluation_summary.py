@@ -23,9 +23,9 @@ from grasptrack.bench.metrics.summary import (
     write_summary,
 )
 from grasptrack.bench.records import write_records
-from grasptrack.bench.run_folder import CASES, Case, read_run, write_index
+from grasptrack.bench.run_folder import CASES, Case, read_run
 from grasptrack.errors import InputError
-from reported import DISTURBANCES, METHODS, SHAPES, lost, made_up, real, scenes
+from reported import DISTURBANCES, METHODS, SHAPES, lost, made_up, real, scenes, write_index
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from grasptrack import GraspTracker
+from grasptrack.bench.method import chosen_grasp
 from grasptrack.bench.scenes import Part, SceneCase
-from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.tracking.mending import TRIALS, VIEWS, Mender, _longest_open_stretch, _mean_log_ratio, _Trial

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker
-from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.method import chosen_grasp
 from grasptrack.bench.simulation import SHAPES, Conditions, Path, Scene
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography

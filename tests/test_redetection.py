@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from grasptrack.bench.parts import built_in
-from grasptrack.bench.scenes import make_scene_cases, run_case
+from grasptrack.bench.scenes import built_in, make_scene_cases, run_case
 from grasptrack.bench.simulation import SHAPES, Shape
 from grasptrack.geometry.homographies import apply_homography
 from stages import HEIGHT, WIDTH, Run, mirrored, photo, pose, twin

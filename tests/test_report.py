@@ -20,7 +20,8 @@ from grasptrack.bench.metrics.summary import Row
 from grasptrack.bench.report.comparison import compare_runs
 from grasptrack.bench.report.comparison_page import write_comparison
 from grasptrack.bench.report.glossary import COMPARED, CURVES, TERMS
-from grasptrack.bench.report.report import paper_report, write_report
+from grasptrack.bench.report.paper_page import paper_report
+from grasptrack.bench.report.run import write_report
 from grasptrack.bench.report.tables import ANSWERS, ERRORS
 from reported import METHODS, changed, lost, real, scenes
 

@@ -6,17 +6,21 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.bench.metrics.curves import out_of_view, over_time, precision_curve, recovery_curve
-from grasptrack.view.report import DASH, Axis, Cell, Chart, Page, format_number, format_percent, series_palette
+from grasptrack.bench.metrics.integrity import out_of_view, over_time, precision_curve, recovery_curve
+from grasptrack.bench.report.pages import cell_of
+from grasptrack.bench.report.paper_page import paper_report
+from grasptrack.bench.report.table import Table
+from grasptrack.view.report import DASH, Axis, Chart, format_number, format_percent, series_palette
 from grasptrack.view.report.answer import TRUE_RGB, WRONG_RGB, draw_answer
 from grasptrack.view.report.chart import linear_ticks, log_range
-from grasptrack.view.report.parts import cell_of, format_fixed
+from grasptrack.view.report.markup import format_fixed
 from reported import made_up
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
@@ -107,15 +111,14 @@ def test_every_method_has_a_line_of_its_own() -> None:
     assert series_palette(["ecc"])["ecc"] == found["ecc"]
 
 
-def test_what_stands_in_a_page_is_escaped() -> None:
-    page = Page("<script>alert(1)</script>", "a & b", ["<m>"])
-    page.section("<b>", "x < y")
-    page.table(["<i>", "n"], [["<u>", float("nan")], [Cell('"', tip="<q>"), None]], ["<note>"], "<caption>")
-    page.text("`a<b`", "**c<d**")
-    text = page.html()
-    for raw in ("<script>alert", "<b>", "<i>", "<u>", "<q>", "<note>", "<caption>", "<m>"):
+def test_what_stands_in_a_page_is_escaped(tmp_path: Path) -> None:
+    table = Table("<IV>", "`a<b`", ("<i>", "n"), (("<u>", math.nan), ("**c<d**", None)), ("<note>",))
+    pictures = [("<caption>\n<more>", np.zeros((4, 5), np.uint8))]
+    page = paper_report(tmp_path, [table], (), pictures, title="<script>alert(1)</script>", lead="x < y & z")
+    text = page.read_text(encoding="utf-8")
+    for raw in ("<script>alert", "<IV>", "<i>", "<u>", "<note>", "<caption>", "<more>", "x < y"):
         assert raw not in text
-    assert "<code>a&lt;b</code>" in text and "<strong>c&lt;d</strong>" in text
+    assert "<code>a&lt;b</code>" in text and "<strong>c&lt;d</strong>" in text and "x &lt; y &amp; z" in text
 
 
 # --- curves --------------------------------------------------------------------------------------

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.bench.parts import parts_from_silhouettes
-from grasptrack.bench.scenes import make_scene_cases
-from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.method import chosen_grasp
+from grasptrack.bench.scenes import make_scene_cases, parts_from_silhouettes
 
 PLATE = np.array([[0.0, 0], [70, 6], [66, 30], [34, 33], [28, 66], [-4, 60]])
 FINER = 4

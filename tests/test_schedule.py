@@ -70,7 +70,7 @@ def test_a_cluster_that_loses_a_worker_still_does_every_task(tmp_path: Path) -> 
 
 def test_no_scheduler_at_the_address_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    monkeypatch.setattr("grasptrack.bench.schedule.cluster.TIMEOUT_S", 1)
+    monkeypatch.setattr("grasptrack.bench.schedule.TIMEOUT_S", 1)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         list(create_scheduler("tcp://127.0.0.1:1")(scheduled.square, [1]))
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from grasptrack import GraspTracker
-from grasptrack.bench.parts import built_in
-from grasptrack.bench.scenes import make_scene_cases, run_case
-from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.method import chosen_grasp
+from grasptrack.bench.scenes import built_in, make_scene_cases, run_case
 from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
 from grasptrack.bench.simulation.surfaces import blank_texture, printed_texture
 from grasptrack.bench.simulation.tables import gravel_texture

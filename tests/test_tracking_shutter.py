@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack import GraspTracker, TrackResult
-from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.method import chosen_grasp
 from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.geometry.homographies import apply_homography

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from grasptrack import inspect
-from grasptrack.bench.sequence import chosen_grasp
+from grasptrack.bench.method import chosen_grasp
 from grasptrack.bench.simulation import DISTURBANCES, SHAPES, SceneFrame
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError, SourceError

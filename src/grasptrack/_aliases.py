@@ -14,6 +14,21 @@ from types import ModuleType
 
 MOVED = {
     "analysis": "grasp.force_closure",
+    "bench.fill": "bench.run_folder",
+    "bench.homographies": "bench.records",
+    "bench.metrics.curves": "bench.metrics.integrity",
+    "bench.metrics.truth": "bench.metrics.score",
+    "bench.objects": "bench.real",
+    "bench.paper.contexts": "bench.paper.error_tables",
+    "bench.paper.contours": "bench.paper.footage",
+    "bench.paper.folder": "bench.paper.run",
+    "bench.paper.images": "bench.paper.footage",
+    "bench.paper.objects": "bench.paper.footage",
+    "bench.paper.pictures": "bench.paper.run",
+    "bench.parts": "bench.scenes",
+    "bench.report.closing_table": "bench.report.tables",
+    "bench.report.report": "bench.report.run",
+    "bench.sequence": "bench.method",
     "calibration": "geometry.cameras",
     "closing": "grasp.closure_probability",
     "contour": "geometry.contours",
@@ -73,10 +88,12 @@ class _Finder(MetaPathFinder):
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         root, _, below = fullname.partition(".")
-        moved = next((m for m in MOVED if f"{below}.".startswith(f"{m}.")), None) if root == "grasptrack" else None
-        if moved is None:
+        parts = below.split(".")
+        heads = (".".join(parts[:n]) for n in range(len(parts), 0, -1))
+        head = next((h for h in heads if h in MOVED), None)
+        if root != "grasptrack" or head is None:
             return None
-        return spec_from_loader(fullname, _Alias(fullname, f"grasptrack.{MOVED[moved]}{below[len(moved) :]}"))
+        return spec_from_loader(fullname, _Alias(fullname, f"grasptrack.{MOVED[head]}{below[len(head) :]}"))
 
 
 def install() -> None:

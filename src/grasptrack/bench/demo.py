@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.bench.homographies import write_homographies
-from grasptrack.bench.metrics.score import Score
-from grasptrack.bench.metrics.truth import Truth
+from grasptrack.bench import Progress
+from grasptrack.bench.metrics.score import Score, Truth
+from grasptrack.bench.records import write_homographies
 from grasptrack.bench.simulation import SceneFrame, demo_scene
 from grasptrack.io.base import Frame, Source
 from grasptrack.io.run import prepare_output, run_track
@@ -22,9 +22,6 @@ from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 
 STRATEGIES = ("auto", "rrp", "grasp-line", "homography")
-
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the step ("render" or a strategy), the frames done in it, and all its frames."""
 
 
 class RenderedSource(Source):

@@ -1,14 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one small interface behind which everything that follows a grasp is measured: this tracker, and its peers."""
+"""The one small interface behind which everything that follows a grasp is measured, and a sequence shown to all of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+import time as clock
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import kernels
+from grasptrack.bench.metrics.score import FrameScore, Score, Truth
+from grasptrack.errors import GraspError
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.tracking.initialization import AUTO, synthesize_grasps
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
@@ -50,3 +57,62 @@ class Method(Protocol):
 
 Maker = Callable[[Start], Method]
 """Makes a fresh method for one sequence."""
+
+
+class Shown(NamedTuple):
+    """One frame as the methods see it, and what is true of it.
+
+    Attributes:
+        image: (H, W) grey or (H, W, 3) BGR.
+        time: s, or None.
+        truth: None where it is not known.
+    """
+
+    image: NDArray[Any]
+    time: float | None
+    truth: Truth | None
+
+
+def score_sequence(
+    frames: Iterable[Shown], methods: Mapping[str, Maker], start: Start, first: int = 0
+) -> dict[str, list[FrameScore]]:
+    """Show every frame to every method, and score what they say.
+
+    Args:
+        frames: in order; the contacts of `start` are in the first one.
+        methods: makers by name.
+        start: what each method is told beforehand.
+        first: number of the first of the frames.
+
+    Returns:
+        Scored frames by method. A latency is that of the whole update, in ms.
+    """
+    running = {name: (make(start), Score(name, given=start.contacts)) for name, make in methods.items()}
+    for index, shown in enumerate(frames, first):
+        for method, score in running.values():
+            began = clock.perf_counter()
+            result = method.update(shown.image, shown.time)
+            taken = 1e3 * (clock.perf_counter() - began)
+            score.add(replace(result, frame=index, latency_ms=taken), shown.truth)
+    return {name: score.frames for name, (_, score) in running.items()}
+
+
+def chosen_grasp(outline: Iterable[Floats], fingers: int = 2, friction: float = 0.5) -> Floats:
+    """(k, 2) px, the contacts that all methods are to follow: the grasp that the tracker would choose on this outline.
+
+    Args:
+        outline: polygons in px, outer first, then holes.
+        fingers, friction: as in synthesis.
+
+    Raises:
+        GraspError: there is no stable grasp; the message says why.
+    """
+    contours = []
+    for i, polygon in enumerate(outline):
+        length = float(np.hypot(*(np.roll(polygon, -1, axis=0) - polygon).T).sum())
+        points = kernels.resample(np.ascontiguousarray(polygon, dtype=np.float64), max(24, round(length)), 0.0)
+        contours.append(Contour(points, hole=i > 0))
+    found, reason = synthesize_grasps(View(contours), AUTO, fingers, friction, None, [])
+    if not found:
+        raise GraspError(f"no stable grasp: {reason}")
+    return found[0].contacts

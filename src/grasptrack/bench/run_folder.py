@@ -1,19 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of an evaluation: `evaluation.json` says what was run, `cases/NAME.csv` holds the scored frames."""
+"""The folder of an evaluation: filled case by case, and read.
+
+`evaluation.json` says what was run, `cases/NAME.csv` holds the scored frames, one file for each sequence, so that an
+interrupted run goes on where it stopped.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from grasptrack import kernels
+from grasptrack.bench import Progress
 from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.records import read_records
+from grasptrack.bench.records import read_records, write_records
+from grasptrack.bench.schedule import Scheduler, code_fingerprint
 from grasptrack.errors import InputError
-from grasptrack.io.results import write_json
+from grasptrack.io.results import describe_machine, software_versions, write_json
+from grasptrack.io.run import prepare_folder
 
 INDEX = "evaluation.json"
 CASES = "cases"
@@ -69,7 +80,7 @@ class EvaluationRun:
         Raises:
             InputError: a file of scored frames is missing or broken.
         """
-        return {c.name: read_records(_case_path(self.path, c)) for c in self.cases if not c.error}
+        return {c.name: read_records(case_file(self.path, c.name)) for c in self.cases if not c.error}
 
     @cached_property
     def methods(self) -> tuple[str, ...]:
@@ -129,36 +140,14 @@ def read_run(path: Path) -> EvaluationRun:
     try:
         cases = tuple(_parse_case(entry, index["kind"]) for entry in index["cases"])
         if index.get("ended") in ("running", "interrupted"):
-            cases = tuple(c if c.error or _case_path(path, c).exists() else replace(c, error=NOT_YET) for c in cases)
+            cases = tuple(
+                c if c.error or case_file(path, c.name).exists() else replace(c, error=NOT_YET) for c in cases
+            )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f'"{file}": its list of cases is broken ({error!r})', path=str(file)) from error
     if not any(not c.error for c in cases):
         raise InputError(f'"{file}" names no case with results', path=str(file))
     return EvaluationRun(path, index["kind"], index, cases)
-
-
-def write_index(path: Path, kind: str, cases: Iterable[Case], **content: Any) -> None:
-    """Write `evaluation.json` of a folder, which is made when missing.
-
-    Args:
-        path: the folder.
-        kind: "scenes" or "real".
-        cases: whose frames are, or will be, in `cases/NAME.csv`.
-        **content: what else to tell: options, versions, machine, command, started, seconds.
-    """
-    (path / CASES).mkdir(parents=True, exist_ok=True)
-    listed = [{key: getattr(c, key) for key in _TOLD[kind]} for c in cases]
-    write_json(path / INDEX, {"format": FORMAT, "kind": kind, **content, "cases": listed})
-
-
-_TOLD = {
-    "scenes": ("name", "frames", "shape", "disturbance", "group", "seed", "error"),
-    "real": ("name", "frames", "error"),
-}
-
-
-def _case_path(folder: Path, case: Case) -> Path:
-    return folder / CASES / f"{case.name}.csv"
 
 
 def _parse_case(entry: Mapping[str, Any], kind: str) -> Case:
@@ -174,3 +163,147 @@ def _parse_case(entry: Mapping[str, Any], kind: str) -> Case:
         seed=None if entry.get("seed") is None else int(entry["seed"]),
         error=str(entry.get("error") or ""),
     )
+
+
+@dataclass(frozen=True)
+class Job:
+    """One sequence to be scored.
+
+    Attributes:
+        name: of the case, and of its file.
+        frames: of the sequence, for the progress.
+        about: what the index tells of it.
+        task: what the function is called with; it pickles.
+    """
+
+    name: str
+    frames: int
+    about: Mapping[str, Any]
+    task: Any
+
+
+@dataclass
+class Filled:
+    """What became of a run.
+
+    Attributes:
+        folder: of the run.
+        done: cases scored in this run.
+        resumed: cases that an interrupted run had scored before.
+        failed: reason by case, of those that could not be scored.
+        seconds: that it took, with those of the runs before it.
+    """
+
+    folder: Path
+    done: int = 0
+    resumed: int = 0
+    failed: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+
+
+def fill_run_folder(
+    folder: Path,
+    kind: str,
+    jobs: Sequence[Job],
+    function: Callable[[Any], dict[str, list[FrameScore]]],
+    schedule: Scheduler,
+    *,
+    options: Mapping[str, Any],
+    command: str = "",
+    progress: Progress | None = None,
+) -> Filled:
+    """Score every job and write `evaluation.json` and `cases/NAME.csv`.
+
+    A folder that holds a run which did not finish, with the same options and the same code, is gone on with; any other
+    run in it is written over. A case that fails is told in the index, and the others go on.
+
+    Args:
+        folder: made when missing.
+        kind: "scenes" or "real".
+        jobs: with distinct names.
+        function: of a job's task; gives scored frames by method.
+        schedule: who does the work.
+        options: what decides the results, for the index.
+        command: that repeats the run, for the index.
+        progress: see `Progress`; when it raises, the run stops and can be gone on with.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    prepare_folder(folder)
+    head: dict[str, Any] = {
+        "format": FORMAT,
+        "kind": kind,
+        "options": dict(options),
+        "versions": software_versions(),
+        "backend": kernels.BACKEND,
+        "code": code_fingerprint(),
+        "machine": describe_machine(),
+        "command": command,
+    }
+    before = _find_unfinished_run(folder, head)
+    run = Filled(folder, seconds=float(before.get("seconds", 0.0)) if before else 0.0)
+    if before is None:
+        _remove_old_cases(folder)
+    head["started"] = before["started"] if before else datetime.now(UTC).isoformat(timespec="seconds")
+    (folder / CASES).mkdir(exist_ok=True)
+    missing = [job for job in jobs if not case_file(folder, job.name).exists()]
+    run.resumed = len(jobs) - len(missing)
+    total, done = sum(job.frames for job in jobs), sum(job.frames for job in jobs) - sum(job.frames for job in missing)
+    began, earlier, ended = time.perf_counter(), run.seconds, "interrupted"
+
+    def index(state: str) -> None:
+        run.seconds = earlier + time.perf_counter() - began
+        cases = [{"name": j.name, "frames": j.frames, **j.about, "error": run.failed.get(j.name, "")} for j in jobs]
+        write_json(folder / INDEX, {**head, "ended": state, "seconds": round(run.seconds, 3), "cases": cases})
+
+    index("running")
+    try:
+        if progress is not None:
+            progress(kind, done, total)
+        for outcome in schedule(function, [job.task for job in missing]):
+            job = missing[outcome.index]
+            if outcome.error:
+                run.failed[job.name] = outcome.error
+            else:
+                write_records(case_file(folder, job.name), outcome.value)
+                run.done += 1
+            done += job.frames
+            if progress is not None:
+                progress(kind, done, total)
+        ended = "finished"
+    finally:
+        index(ended)
+    return run
+
+
+def case_file(folder: Path, name: str) -> Path:
+    """Where the scored frames of a case are."""
+    return folder / CASES / f"{name}.csv"
+
+
+def _find_unfinished_run(folder: Path, head: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The index of a run in this folder that can be gone on with, or None."""
+    try:
+        before = json.loads((folder / INDEX).read_text(encoding="utf-8"))
+        wanted = json.loads(json.dumps(dict(head["options"])))
+        same = all(before.get(key) == head[key] for key in ("format", "kind", "code", "backend"))
+        if same and before["options"] == wanted and before["ended"] != "finished":
+            return dict(before)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        pass
+    return None
+
+
+def _remove_old_cases(folder: Path) -> None:
+    """Remove the cases of an earlier run.
+
+    Raises:
+        InputError: a file cannot be removed.
+    """
+    for path in [*(folder / CASES).glob("*.csv"), *(folder / CASES).glob("*.part")]:
+        try:
+            with contextlib.suppress(FileNotFoundError):
+                path.unlink()
+        except OSError as error:
+            raise InputError(f'"{path}" cannot be replaced: {error.strerror or error}') from None

@@ -11,18 +11,21 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from grasptrack.bench import baselines as others
-from grasptrack.bench import parts
-from grasptrack.bench.fill import Job, case_file
-from grasptrack.bench.homographies import read_homographies
+from grasptrack.bench.baselines import available_baselines
 from grasptrack.bench.methods import OURS, method_makers
-from grasptrack.bench.metrics.score import FrameScore
-from grasptrack.bench.metrics.truth import Truth
-from grasptrack.bench.objects import Given
-from grasptrack.bench.real import RealCase, first_frame, run_video, videos_of
-from grasptrack.bench.records import read_records
-from grasptrack.bench.report.report import Shown
-from grasptrack.bench.scenes import SceneCase, make_scene_cases, run_case
+from grasptrack.bench.metrics.score import FrameScore, Truth
+from grasptrack.bench.real import Given, RealCase, first_frame, run_video, videos_of
+from grasptrack.bench.records import read_homographies, read_records
+from grasptrack.bench.report.run import Shown
+from grasptrack.bench.run_folder import Job, case_file
+from grasptrack.bench.scenes import (
+    SceneCase,
+    built_in,
+    make_scene_cases,
+    parts_from_photos,
+    parts_from_silhouettes,
+    run_case,
+)
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
 from grasptrack.errors import InputError
 from grasptrack.io.sources import open_source
@@ -72,61 +75,66 @@ def method_names(names: Sequence[str] = (), *, peers: bool = False) -> tuple[str
     """
     wanted = list(names or OURS)
     if peers:
-        wanted += [name for name in others.available_baselines() if name not in wanted]
+        wanted += [name for name in available_baselines() if name not in wanted]
     method_makers(wanted)
     return tuple(wanted)
 
 
-def scene_suite(
-    *,
-    shapes: Sequence[str],
-    silhouettes: str | None,
-    photos: str | None,
-    masks: str | None,
-    disturbances: Sequence[str],
-    methods: Sequence[str],
-    frames: int,
-    repeats: int,
-    seed: int,
-    fingers: int,
-    friction: float,
-    risk: float = DEFAULT_RISK,
-    size: tuple[int, int] = (640, 480),
-) -> Work:
-    """Every part under every disturbance.
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """What is asked of a suite of scenes.
 
-    Args:
+    Attributes:
         shapes: names of built-in outlines; all of them where no part of any kind is named.
         silhouettes: folder or pattern of silhouettes.
         photos, masks: folders or patterns of photos and their masks.
         disturbances: names; all of them where none is given.
         methods: names.
-        frames, repeats, seed, fingers, friction, risk, size: as in `scenes:suite`.
+        frames, repeats, seed, fingers, friction, risk: as in `scenes:SceneCase`.
+    """
+
+    shapes: Sequence[str] = ()
+    silhouettes: str | None = None
+    photos: str | None = None
+    masks: str | None = None
+    disturbances: Sequence[str] = ()
+    methods: Sequence[str] = OURS
+    frames: int = 100
+    repeats: int = 1
+    seed: int = 0
+    fingers: int = 2
+    friction: float = 0.5
+    risk: float = DEFAULT_RISK
+
+
+def scene_suite(asked: SceneOptions) -> Work:
+    """Every part under every disturbance.
 
     Raises:
         InputError: unknown names, or images that are no parts.
     """
-    for name in disturbances:
+    for name in asked.disturbances:
         if name not in DISTURBANCES:
             raise InputError(f'unknown disturbance "{name}"; choose from {", ".join(DISTURBANCES)}', name=name)
-    chosen = parts.parts_from_silhouettes(silhouettes) if silhouettes is not None else []
-    chosen += parts.parts_from_photos(photos, masks) if photos is not None and masks is not None else []
-    chosen = [*(parts.built_in(shapes) if shapes or not chosen else []), *chosen]
+    chosen = parts_from_silhouettes(asked.silhouettes) if asked.silhouettes is not None else []
+    chosen += (
+        parts_from_photos(asked.photos, asked.masks) if asked.photos is not None and asked.masks is not None else []
+    )
+    chosen = [*(built_in(asked.shapes) if asked.shapes or not chosen else []), *chosen]
     cases = make_scene_cases(
         chosen,
-        disturbances or list(DISTURBANCES),
-        repeats=repeats,
-        frames=frames,
-        size=size,
-        seed=seed,
-        fingers=fingers,
-        friction=friction,
-        risk=risk,
+        asked.disturbances or list(DISTURBANCES),
+        repeats=asked.repeats,
+        frames=asked.frames,
+        seed=asked.seed,
+        fingers=asked.fingers,
+        friction=asked.friction,
+        risk=asked.risk,
     )
     by_name = {case.name: case for case in cases}
     if len(by_name) < len(cases):
         raise InputError("two parts have the same name; rename one")
-    jobs = [Job(case.name, frames, _case_details(case), (case, tuple(methods))) for case in cases]
+    jobs = [Job(case.name, asked.frames, _case_details(case), (case, tuple(asked.methods))) for case in cases]
 
     def look(name: str, frame: int) -> Seen:
         shown = by_name[name].scene()[frame]

@@ -33,13 +33,13 @@ def compare(
       grasptrack compare old new --output compare.html --strict
     """
     from grasptrack.bench.report.comparison import compare_runs as put_together
-    from grasptrack.bench.report.comparison_page import write_comparison
+    from grasptrack.bench.report.comparison_page import comparison_lines, write_comparison
 
     found = put_together(before, after)
     if output is not None:
         write_comparison(found, output)
     if not quiet:
-        for line in found.to_text():
+        for line in comparison_lines(found):
             typer.echo(line)
     if strict and found.worse:
         raise typer.Exit(WORSE)

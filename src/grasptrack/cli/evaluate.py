@@ -13,8 +13,9 @@ from grasptrack.cli.terminal import command_line, show_rows, with_progress
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
-    from grasptrack.bench.fill import Filled, Progress
+    from grasptrack.bench import Progress
     from grasptrack.bench.paper import PaperRun
+    from grasptrack.bench.run_folder import Filled
 
 
 def paper(
@@ -36,7 +37,7 @@ def paper(
       grasptrack evaluate paper --frames 40 --output short
     """
     from grasptrack.bench.paper import run_paper
-    from grasptrack.bench.paper.folder import write_paper
+    from grasptrack.bench.paper.run import write_paper
     from grasptrack.bench.report.table import to_text
     from grasptrack.io.run import prepare_folder
 
@@ -125,7 +126,7 @@ def scenes(
         "friction": options.positive_friction(friction),
         "risk": options.risk_rate(risk),
     }
-    work = suites.scene_suite(**asked)
+    work = suites.scene_suite(suites.SceneOptions(**asked))
     _run_suite(output, work, schedule(scheduler, workers), asked, quiet)
 
 
@@ -169,7 +170,7 @@ def real(
       grasptrack evaluate real videos --peers --output real-with-peers
     """
     from grasptrack.bench import suites
-    from grasptrack.bench.objects import GIVEN
+    from grasptrack.bench.real import GIVEN
     from grasptrack.bench.schedule import create_scheduler as schedule
 
     asked: dict[str, Any] = {
@@ -186,9 +187,9 @@ def real(
 
 def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
     """Score, report, tell."""
-    from grasptrack.bench.fill import fill_run_folder
-    from grasptrack.bench.report.closing_table import closing_table
-    from grasptrack.bench.report.report import write_report
+    from grasptrack.bench.report.run import write_report
+    from grasptrack.bench.report.tables import closing_table
+    from grasptrack.bench.run_folder import fill_run_folder
 
     def score(tell: Progress) -> Filled:
         return fill_run_folder(

@@ -82,13 +82,9 @@ def servo(
 
 
 def _load_shapes(shape: str | None, silhouettes: str | None) -> list[Any]:
-    from grasptrack.bench import parts
+    from grasptrack.bench.scenes import built_in, parts_from_silhouettes
 
-    found = (
-        parts.parts_from_silhouettes(silhouettes)
-        if silhouettes is not None
-        else parts.built_in([shape] if shape else [])
-    )
+    found = parts_from_silhouettes(silhouettes) if silhouettes is not None else built_in([shape] if shape else [])
     return [part.shape for part in found]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.kernels.reference_evidence import carry_normals, displacement_fields, lower_median, near_identity
+from grasptrack.statistics import robust_sd
 from grasptrack.typing import Floats
 
 ALIKE = 0.5
@@ -129,7 +130,7 @@ def _gauss_newton_step(
         return None
     across = target_normals[index[use]]
     distance = np.einsum("mi,mi->m", targets[index[use]] - at[use], across)
-    noise = max(1.4826 * lower_median(np.abs(distance)), least_noise)
+    noise = max(robust_sd(distance, lower_median), least_noise)
     u = distance / (TUKEY * noise)
     weight = np.where(np.abs(u) < 1.0, (1.0 - u * u) ** 2, 0.0)
     fields = displacement_fields((at[use] - centre) / radius)

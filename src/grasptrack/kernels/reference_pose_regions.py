@@ -15,6 +15,7 @@ import numpy as np
 from grasptrack.kernels.reference_pose_edges import Candidates, Light
 from grasptrack.kernels.reference_pose_image import Pyramid, clamp_to_int, level_through, transform_points, upper_median
 from grasptrack.kernels.reference_pose_target import CELLS, Target
+from grasptrack.statistics import MAD_TO_SD
 from grasptrack.typing import Bools, Floats
 
 SEEN = 0.7
@@ -236,7 +237,7 @@ def _levels_near(i: int, visible: Floats, cells: Floats, far: int) -> _Levels | 
     if not sides or len(levels) < 3 * FIRST:
         return None
     level = upper_median(levels)
-    return _Levels(level, 1.4826 * upper_median(np.abs(levels - level)) + LEAST_SPREAD, sides == 2)
+    return _Levels(level, MAD_TO_SD * upper_median(np.abs(levels - level)) + LEAST_SPREAD, sides == 2)
 
 
 def _log_cells(values: Floats, level: Floats | np.float64, spread: np.float64, numbers: RegionNumbers) -> Floats:

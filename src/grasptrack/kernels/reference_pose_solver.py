@@ -54,6 +54,7 @@ from grasptrack.kernels.reference_pose_texture import (
     join_matches,
     match_patches,
 )
+from grasptrack.statistics import MAD_TO_SD
 from grasptrack.typing import Floats, Ints
 
 ROUNDS, DIRECT, TEXTURE_ROUNDS = 8, 4, 3
@@ -381,7 +382,7 @@ class Solver:
             seen = np.abs(rest[seen_up + seen_low > 0.5])
             variance = np.float64(4.0)
             if len(seen) > 10:
-                variance = numbers["edge_noise"] ** 2 + (1.4826 * upper_median(seen)) ** 2
+                variance = numbers["edge_noise"] ** 2 + (MAD_TO_SD * upper_median(seen)) ** 2
             weight_up = seen_up / variance * self.power / (1.0 + up**2 / (9.0 * variance))
             weight_low = seen_low / variance * self.power / (1.0 + down**2 / (9.0 * variance))
             weight = weight_up + weight_low

@@ -12,6 +12,7 @@ from grasptrack import kernels
 from grasptrack.kernels.reference_evidence import displacement_fields
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.snake.template import NEAR, Grey, Template
+from grasptrack.statistics import MAD_TO_SD
 from grasptrack.typing import Bools, Floats
 
 FAINTEST = 0.2
@@ -129,7 +130,7 @@ def solve_robust_step(rows: Rows, prior: Floats, mean: Floats, rounds: int) -> t
         r = np.abs(z - A @ step)
         # of those used: the others, at the end, do not shift the middle
         middle = np.partition(np.where(rows.used, r, np.inf), count // 2)[count // 2]
-        scale = max(1.4826 * float(middle), LENIENT)
+        scale = max(MAD_TO_SD * float(middle), LENIENT)
         w = 1.0 - np.square(r * (1.0 / (TUKEY * scale)))
         w = np.square(np.maximum(w, 0.0, out=w), out=w) * used
         Aw = A * (w * (1.0 / (scale * scale)))[:, None]

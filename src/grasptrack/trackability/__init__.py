@@ -18,6 +18,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, analyze
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.images import PLAIN
+from grasptrack.statistics import robust_sd
 from grasptrack.trackability.appearance import Edges, Relief, edge_direction_noise, edges_of, gradient_statistics
 from grasptrack.trackability.evidence import (
     Likeness,
@@ -201,7 +202,7 @@ def _measure_appearance(first: FirstView, target: Target, edges: Edges, surface:
         share=size**2 / (width * height),
         contrast=float(np.median(edges.contrast[inside])) if inside.any() else 0.0,
         noise=surface.noise,
-        grain=1.4826 * float(np.median(np.abs(beyond - ground))) if len(beyond) else math.nan,
+        grain=robust_sd(beyond - ground) if len(beyond) else math.nan,
         sharpness=math.sqrt(2.0 * math.pi) * target.edge_width * float(target.A[0, 0]),
         strength=strength,
         clear=float(edges.clear[inside].mean()) if inside.any() else 0.0,

@@ -14,6 +14,7 @@ from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.kernels.reference_evidence import lower_median
 from grasptrack.segmentation.images import Grey
+from grasptrack.statistics import MAD_TO_SD, robust_sd
 from grasptrack.typing import Bools, Floats
 
 NEAR = 3.0
@@ -100,7 +101,7 @@ def edge_direction_noise(edges: Edges) -> float:
             turns = np.angle(np.exp(1j * (np.roll(own, -step) - own)))  # from one stretch to the next
             differences.append(np.roll(turns, -step) - 2.0 * turns + np.roll(turns, step))
     shown = np.abs(np.concatenate(differences)) if differences else np.zeros(0)
-    return 1.4826 * lower_median(shown) / math.sqrt(20.0)
+    return MAD_TO_SD * lower_median(shown) / math.sqrt(20.0)
 
 
 DEPTH = 4.0
@@ -192,6 +193,6 @@ def _estimate_noise(part: NDArray[np.float32], free: NDArray[np.bool_]) -> float
     left = np.abs(cv2.filter2D(part, cv2.CV_32F, kernel)[free]) / 6.0
     if not left.size:
         return QUANTUM
-    rough = max(1.4826 * float(np.median(left)), QUANTUM)
+    rough = max(robust_sd(left), QUANTUM)
     # grey levels are whole numbers, and so would a median be: the mean of what is not plainly an edge
     return max(float(left[left <= CUT * rough].mean()) / OF_NORMAL, QUANTUM)

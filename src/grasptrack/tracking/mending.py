@@ -19,6 +19,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.objects import find_candidates
+from grasptrack.statistics import robust_sd
 from grasptrack.tracking.decision import Decision, surface_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
@@ -276,7 +277,7 @@ class _Sides:
         if not len(own):
             return 0.0
         level = float(np.median(own))
-        spread = 1.4826 * float(np.median(np.abs(own - level))) + LEVEL_SPREAD
+        spread = robust_sd(own - level) + LEVEL_SPREAD
         return _mean_log_ratio(self._shown[part] - level, spread, numbers)
 
     def _background_log_ratio(self, noise: float, numbers: Numbers) -> float:

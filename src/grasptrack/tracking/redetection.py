@@ -17,6 +17,7 @@ from grasptrack.matching.samples import BENDS
 from grasptrack.segmentation.candidate import Candidate, sign_of
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import Silhouette
+from grasptrack.statistics import robust_sd
 from grasptrack.tracking.decision import TURNED, pose_evidence, wrong_object_probability
 from grasptrack.tracking.estimator import CONTINUOUS, Hypothesis, PoseEstimate, lead_alike, sane_area
 from grasptrack.tracking.hypotheses import FEW
@@ -406,7 +407,7 @@ def place_is_empty(target: Target, look: Look, levels: list[Grey], G: Floats) ->
     if np.isfinite(ground).sum() < FEW or np.isfinite(inside_now + ground_now).mean() < 0.5:
         return False
     level = float(np.nanmedian(ground))
-    spread = 1.4826 * float(np.nanmedian(np.abs(ground - level))) + target.noise + 2.0
+    spread = robust_sd(ground - level, np.nanmedian) + target.noise + 2.0
     change = float(np.nanmedian(ground_now)) - level
     light = float(np.median(levels[-1])) - float(np.median(look.levels[-1]))
     if min(abs(change), abs(change - light)) > ALIKE * spread:  # a cover may be as even as the ground

@@ -15,6 +15,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import similarity_transform
 from grasptrack.kernels.reference_pose_edges import LEAST_HALF, MOST_HALF
 from grasptrack.kernels.reference_pose_texture import noise_of
+from grasptrack.statistics import MAD_TO_SD
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target, as_grey, hidden_levels
 from grasptrack.transfer.alignment import TIE, as_similarity, find_alignments
@@ -459,7 +460,7 @@ def _level_along(cells: Floats) -> tuple[Floats, Floats]:
     known = np.asarray(np.isfinite(around).any(axis=1))
     around = np.where(known[:, None], around, 0.0)
     level = np.nanmedian(around, axis=1)
-    spread = 1.4826 * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEVEL_SPREAD
+    spread = MAD_TO_SD * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEVEL_SPREAD
     return np.where(known, level, np.nan), 3.0 * spread
 
 

@@ -21,6 +21,7 @@ from grasptrack.bench.schedule import Scheduler
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.io.results import software_versions, write_json
 from grasptrack.io.run import prepare_folder
+from grasptrack.statistics import wilson_interval
 from grasptrack.tracking.numbers import DEFAULT_RISK
 
 Progress = Callable[[str, int, int], None]
@@ -88,12 +89,7 @@ class Trials:
 
     def interval(self) -> tuple[float, float]:
         """95 % interval of the rate (E. B. Wilson 1927)."""
-        n, z = self.tried, 1.959964
-        if not n:
-            return math.nan, math.nan
-        p = self.rate
-        middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-        return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+        return wilson_interval(self.count("lifted"), self.tried)
 
     def reasons(self) -> list[tuple[str, int]]:
         """Why trials failed, the most frequent first; numbers within a reason are left out."""

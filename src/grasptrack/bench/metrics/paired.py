@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from statistics import NormalDist
 
 import numpy as np
 
@@ -73,11 +72,6 @@ def units_of(sequences: Iterable[Unit]) -> list[Unit]:
     ]
 
 
-def bootstrap_counts(units: int, draws: int, seed: int) -> Floats:
-    """(draws, units) how often each unit is taken as so many are drawn with replacement."""
-    return np.random.default_rng(seed).multinomial(units, np.full(units, 1.0 / max(1, units)), draws).astype(np.float64)
-
-
 def measures_of(units: Sequence[Unit], taken: Floats) -> dict[str, Found]:
     """Each measure in both runs, with the standard error of its difference.
 
@@ -111,22 +105,6 @@ def wrong_in_one(units: Sequence[Unit]) -> tuple[int, int, int, int]:
     flags = np.array([(a.is_false_accept, b.is_false_accept) for u in units for a, b in u.pairs]).reshape(-1, 2)
     a, b = flags[:, 0], flags[:, 1]
     return int(a.sum()), int(b.sum()), int((a & ~b).sum()), int((b & ~a).sum())
-
-
-def mcnemar_probability(many: int, few: int) -> float:
-    """Probability of `many` heads or more in many + few tosses of a fair coin: McNemar's exact test, one-sided."""
-    n = many + few
-    return math.fsum(math.comb(n, k) for k in range(many, n + 1)) / 2.0**n if n <= 1000 else _normal_tail(many, n)
-
-
-def critical_value(comparisons: int, units: int, level: float = 0.05) -> float:
-    """Standard errors beyond which one of so many differences is no noise, at a level for all of them together.
-
-    Bonferroni's division of the level, and Student's quantile by its expansion in 1 / degrees of freedom.
-    """
-    z = NormalDist().inv_cdf(1.0 - level / (2.0 * max(1, comparisons)))
-    n = max(1, units - 1)
-    return z + (z**3 + z) / (4.0 * n) + (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * n * n)
 
 
 @dataclass(frozen=True)
@@ -198,7 +176,3 @@ def _of_quantile(sides: Sequence[Sequence[Floats]], percent: float, taken: Float
 def _standard_error(differences: Floats, units: int) -> float:
     known = differences[np.isfinite(differences)]
     return float(known.std()) if units >= FEW_UNITS and len(known) >= len(differences) / 2 else math.nan
-
-
-def _normal_tail(many: int, n: int) -> float:
-    return 1.0 - NormalDist(0.5 * n, 0.5 * math.sqrt(n)).cdf(many - 0.5)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.bench.paper.contours import Footage
+from grasptrack.bench.paper.footage import Footage
 from grasptrack.bench.paper.transfers import Refused
 from grasptrack.bench.report.table import Cell, Table
 from grasptrack.geometry.contours import View

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from grasptrack.bench.paper import printed
-from grasptrack.bench.paper.contours import Footage
-from grasptrack.bench.paper.objects import Part
+from grasptrack.bench.paper.footage import Footage, Part
 from grasptrack.bench.paper.transfers import Refused
 from grasptrack.bench.report.table import Cell, Table
 from grasptrack.geometry.contours import View
@@ -30,7 +29,6 @@ _HEAD = (
     "Relative (d_c, alpha_m, d_1, d_2), 1/px and degrees",
     "off by, px",
 )
-_SIZE = "The printed rows are of objects that are not at hand: sizes can be compared with them, digits cannot."
 _UNIT = "Distances over the area, in 1/px as the paper prints them; they change with the object's scale in the image."
 _BOTH = "Relative holds for both contacts and stands in the first one's row."
 _PAIR = f"{_BOTH} Off by: from the true place."
@@ -54,7 +52,7 @@ def table_one(parts: Sequence[Part]) -> Table:
         ("object", "grasp", "contact", "RRP (c, r, t)", "Relative (d_c, alpha_m, d_1, d_2), 1/px and degrees"),
         tuple(rows),
         (
-            _SIZE,
+            printed.SIZES_COMPARE,
             _UNIT,
             _BOTH,
             "RRP with six points to a span, as Table IV counts them: p = 6 r + t, t printed as the nearest whole number.",
@@ -86,7 +84,7 @@ def table_three(footage: Sequence[Footage], frame: int) -> Table:
         _HEAD,
         tuple(rows),
         (
-            _SIZE,
+            printed.SIZES_COMPARE,
             _UNIT,
             _PAIR,
             f"What the table shows: the RRP coordinates {same}; Location and Relative are read off another contour, "
@@ -124,7 +122,7 @@ def table_four(footage: Sequence[Footage], frame: int) -> Table:
         _HEAD,
         tuple(rows),
         (
-            _SIZE,
+            printed.SIZES_COMPARE,
             _UNIT,
             _PAIR,
             "What the table shows: over the root of the area the coordinates stay the same (largest change "

@@ -8,6 +8,9 @@ STRATEGIES = ("rrp", "grasp-line", "homography")
 HEADS = {"rrp": "RRP", "grasp-line": "Grasp-line", "homography": "Hom."}
 """Their heads; "Grasp-line" is printed as "Grasp-line Coord."."""
 
+SIZES_COMPARE = "The printed rows are of objects that are not at hand: sizes can be compared with them, digits cannot."
+"""Note to each table in which they stand."""
+
 TABLE_I = (
     # grasp, RRP (c, r, t) of both contacts, relative (d_c, alpha_m in degrees, d_1, d_2)
     ("g1", ((0, 48, 1), (0, 95, 2)), (-0.0040, -267.57, -0.0038, 0.0039)),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from grasptrack.bench.metrics.errors import ErrorMeasure, error_measure, reversibility_error, sequence_error
-from grasptrack.bench.paper.contours import Footage, Seen
+from grasptrack.bench.paper.footage import Footage, Seen
 from grasptrack.errors import StrategyError, TransferError
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp

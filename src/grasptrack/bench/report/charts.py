@@ -8,16 +8,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from grasptrack.bench.metrics.curves import (
+from grasptrack.bench.metrics.integrity import (
     OverTime,
     Runs,
     out_of_view,
     over_time,
     precision_curve,
     recovery_curve,
+    risk_coverage,
     spread_of,
 )
-from grasptrack.bench.metrics.integrity import risk_coverage
 from grasptrack.bench.run_folder import EvaluationRun
 from grasptrack.view.report import Axis, Chart, Series, format_number
 from grasptrack.view.report.chart import log_range

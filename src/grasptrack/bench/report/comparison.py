@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -12,21 +12,18 @@ from typing import Literal
 import numpy as np
 
 from grasptrack.bench.metrics.paired import (
+    FEW_CASES,
     Found,
     Unit,
-    bootstrap_counts,
-    critical_value,
-    mcnemar_probability,
     measures_of,
     units_of,
     wrong_in_one,
 )
 from grasptrack.bench.metrics.summary import ALL
-from grasptrack.bench.report.comparison_notes import Look, differs_of, looks_of
-from grasptrack.bench.report.comparison_sentences import comparison_lines
 from grasptrack.bench.report.glossary import COMPARED
 from grasptrack.bench.run_folder import EvaluationRun, read_run
 from grasptrack.errors import InputError
+from grasptrack.statistics import bootstrap_counts, critical_value, mcnemar_probability
 
 Verdict = Literal["worse", "better", "same", "untold"]
 
@@ -44,6 +41,19 @@ MATTERS: dict[str, tuple[float, float]] = {
 """A difference that is smaller is of no use to anybody, noise or not: absolute, and as a share of the first value."""
 UNLIKELY = 0.01
 """A number of new wrong answers that chance would give no more often is no chance."""
+FELL = 0.1
+"""Share of a sequence's frames, located before and not now, that make it worth a look."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """A sequence worth a look: frames with contacts that are wrong only now, and the share located before and now."""
+
+    method: str
+    case: str
+    new_wrong: tuple[int, ...]
+    mended: tuple[int, ...]
+    located: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,10 +117,6 @@ class Comparison:
         """One of the changes; None where there is nothing to compare."""
         return next((c for c in self.changes if (c.method, c.level, c.measure) == (method, level, measure)), None)
 
-    def to_text(self) -> list[str]:
-        """Lines for a terminal."""
-        return comparison_lines(self)
-
     def _with_verdict(self, verdict: Verdict) -> list[Change]:
         found = [c for c in self.changes if c.verdict == verdict]
         return sorted(found, key=lambda c: (c.measure != "false_accepts", c.level != ALL))
@@ -169,9 +175,9 @@ def compare_runs(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Compar
         cases,
         tuple(n for n in level_of if n not in there),
         tuple(c.name for c in other.scored if c.name not in level_of),
-        tuple(differs_of(one, other, methods, cases)),
+        tuple(_differences(one, other, methods, cases)),
         tuple(changes),
-        tuple(looks_of(sequences)),
+        tuple(_sequences_to_look_at(sequences)),
     )
 
 
@@ -206,3 +212,62 @@ def _change_verdict(key: str, m: Found, noise: float) -> Verdict:
     if abs(change) <= max(noise, absolute, relative * abs(m.a)):
         return "same"
     return "better" if (change > 0.0) == (COMPARED[key].better == "more") else "worse"
+
+
+def _sequences_to_look_at(sequences: Mapping[str, Mapping[str, Unit]]) -> list[Look]:
+    """Sequences worth a look, by method and name; most new wrong answers first, then those that lost most."""
+    found = []
+    for method, of_method in sequences.items():
+        for name, unit in of_method.items():
+            pairs = unit.pairs
+            new = tuple(b.frame for a, b in pairs if b.is_false_accept and not a.is_false_accept)
+            mended = tuple(a.frame for a, b in pairs if a.is_false_accept and not b.is_false_accept)
+            before, now = (sum(p[k].answered for p in pairs) / max(1, len(pairs)) for k in (0, 1))
+            if new or mended or before - now > FELL:
+                found.append(Look(method, name, new, mended, (before, now)))
+    return sorted(found, key=lambda w: (-len(w.new_wrong), w.located[1] - w.located[0]))
+
+
+def _differences(one: EvaluationRun, other: EvaluationRun, methods: Sequence[str], cases: Sequence[str]) -> list[str]:
+    """Sentences on options, versions, machines, methods, failures and frames that the runs do not share."""
+    said = []
+    for what in ("options", "versions"):
+        before, now = dict(one.index.get(what) or {}), dict(other.index.get(what) or {})
+        said += [
+            f"{what[:-1]} {key}: {before.get(key, 'none')} before, {now.get(key, 'none')} now"
+            for key in dict.fromkeys((*before, *now))
+            if before.get(key) != now.get(key)
+        ]
+    for what in ("machine", "backend"):
+        if one.index.get(what) != other.index.get(what):
+            said.append(f"{what}: {one.index.get(what)} before, {other.index.get(what)} now")
+    if one.index.get("machine") != other.index.get("machine"):
+        said.append("the machines differ, so that latency is not judged")
+    for run, rest, which in ((one, other, "before"), (other, one, "now")):
+        alone = [m for m in run.methods if m not in rest.methods]
+        said += [f"methods only {which}: {', '.join(alone)}"] if alone else []
+        said += [f"{len(run.failed)} sequences without results {which}"] if run.failed else []
+    changed = [name for name in cases if not _same_frames(one, other, methods, name)]
+    if changed:
+        shown = ", ".join(changed[:5]) + (", ..." if len(changed) > 5 else "")
+        said.append(
+            f"frames differ in {len(changed)} of {len(cases)} sequences ({shown}): these are not the same images"
+        )
+    if len(cases) < FEW_CASES:
+        said.append(f"only {len(cases)} sequences in both: noise is told from blocks of frames, which says less")
+    return said
+
+
+def _same_frames(one: EvaluationRun, other: EvaluationRun, methods: Sequence[str], name: str) -> bool:
+    """Whether a sequence has the same frames with the same truth in both runs."""
+    for method in methods:
+        first, second = one.scores[name].get(method), other.scores[name].get(method)
+        if first is not None and second is not None:
+            told = [[(f.frame, f.present) for f in run] for run in (first, second)]
+            seen, visible = (np.array([f.visible for f in run]) for run in (first, second))
+            before, now = (np.array([f.area for f in run]) for run in (first, second))
+            if told[0] != told[1] or not np.array_equal(seen, visible, equal_nan=True):
+                return False
+            if not np.allclose(before, now, rtol=1e-6, equal_nan=True):
+                return False
+    return True

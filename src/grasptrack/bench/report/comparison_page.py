@@ -1,96 +1,158 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a comparison: what got worse, what got better, and every figure before and now."""
+"""What a comparison says: lines for a terminal, and a page after `templates/comparison.html`."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from grasptrack.bench.metrics.paired import BLOCK, FEW_CASES
 from grasptrack.bench.metrics.summary import ALL
-from grasptrack.bench.report import comparison_sentences as words
-from grasptrack.bench.report.comparison import MATTERS, UNLIKELY, Change, Comparison
-from grasptrack.bench.report.comparison_notes import FELL
-from grasptrack.bench.report.glossary import COMPARED
-from grasptrack.bench.report.sentences import headline_method
+from grasptrack.bench.report.comparison import FELL, MATTERS, UNLIKELY, Change, Comparison, Look
+from grasptrack.bench.report.glossary import COMPARED, Term
+from grasptrack.bench.report.pages import Cell, CellLike, Column, Line, PageTable, Tone, count_phrase, write_page
+from grasptrack.bench.report.run import headline_method
 from grasptrack.bench.report.tables import format_measure
-from grasptrack.view.report import DASH, Cell, Column, Line, Page
-from grasptrack.view.report.parts import Tone
+from grasptrack.view.report import DASH, format_number, series_palette
 
 _TONE: dict[str, Tone] = {"worse": "bad", "better": "good", "same": "", "untold": "muted"}
+MOST = 40
+"""Lines of one list."""
+MOST_SHOWN = 200
+"""Sequences in a page."""
+COLUMNS = ("located_whole", "tracked_visible", "false_accepts", "rms_px", "median_px", "p95_px", "median_ms")
 
 
 def write_comparison(c: Comparison, path: Path) -> Path:
     """Write the page of a comparison as one HTML file that needs nothing else."""
-    return comparison_page(c).write(path)
+    return write_page(
+        path,
+        "comparison.html",
+        "Two runs side by side",
+        "grasptrack compare",
+        series_palette(c.methods),
+        headline_method(c.methods),
+        c=c,
+        verdict=comparison_verdict(c),
+        terms=list(COMPARED.values()),
+        changes_table=_change_table,
+        looks_table=_looks_table,
+        overall_table=_overall_figures,
+        levels_table=_figures_by_level,
+        fell=FELL,
+        few_cases=FEW_CASES,
+        block=BLOCK,
+        matters=MATTERS,
+        unlikely=UNLIKELY,
+    )
 
 
-def comparison_page(c: Comparison) -> Page:
-    """The page of a comparison."""
-    page = Page("Two runs side by side", "grasptrack compare", c.methods, headline_method(c.methods))
-    page.lead(f"**{words.comparison_verdict(c)}**" if c.worse else words.comparison_verdict(c))
-    page.facts(_comparison_facts(c))
-    if c.differs:
-        page.section("What makes them differ")
-        page.points(c.differs)
-    for title, found, said in (
-        ("Worse", c.worse, "Beyond what other sequences would have made of it."),
-        ("Better", c.better, "Beyond what other sequences would have made of it."),
-    ):
-        if found:
-            page.section(title, said)
-            page.table(*_change_table(found, c.a.factor))
-    if c.looks:
-        page.section(
-            "Sequences to look at",
-            f"Answers that are wrong in one run alone, and sequences in which {100 * FELL:.0f} % of the frames and more are "
-            "located no longer. One sequence proves little: that is why they need not be among what is worse.",
-        )
-        columns = [
-            Column("method", words=True),
-            Column("sequence", words=True),
-            Column("wrong now, not before", "frames", words=True),
-            Column("wrong before, not now", "frames", words=True),
-            Column("located", "% of the frames"),
-        ]
-        page.table(
-            columns,
-            [
-                Line(
-                    [
-                        look.method,
-                        look.case,
-                        Cell(words.format_frame_ranges(look.new_wrong) or DASH, len(look.new_wrong)),
-                        Cell(words.format_frame_ranges(look.mended) or DASH, len(look.mended)),
-                        Cell(
-                            "{:.0f} → {:.0f}".format(*(100 * s for s in look.located)),
-                            look.located[1] - look.located[0],
-                        ),
-                    ],
-                    series=look.method,
-                )
-                for look in c.looks[:200]
-            ],
-        )
-    _add_all_figures(page, c)
-    _add_explanation(page, c)
-    return page
-
-
-def _comparison_facts(c: Comparison) -> list[tuple[str, str]]:
-    facts = [
-        (f"{name}", f"`{run.path}`, {run.index.get('started') or 'of an unknown time'}")
-        for name, run in (("A, before", c.a), ("B, now", c.b))
+def comparison_lines(c: Comparison) -> list[str]:
+    """All that is worth telling, the worst first."""
+    out = [
+        f"A, before: {c.a.path}",
+        f"B, now:    {c.b.path}",
+        f"{len(c.cases)} sequences in both, {len(c.methods)} methods",
     ]
-    facts.append(("Sequences", f"{len(c.cases)} in both, {len(c.only_a)} only in A, {len(c.only_b)} only in B"))
-    for only, name in ((c.only_a, "Only in A"), (c.only_b, "Only in B")):
+    for only, which in ((c.only_a, "A"), (c.only_b, "B")):
         if only:
-            facts.append((name, ", ".join(only[:12]) + (", …" if len(only) > 12 else "")))
-    return facts
+            out.append(f"{len(only)} only in {which}: {', '.join(only[:6])}{', ...' if len(only) > 6 else ''}")
+    out += [f"Note: {text}" for text in c.differs]
+    out += ["", *_overall_lines(c)]
+    for title, found in (("Worse beyond its noise", c.worse), ("Better beyond its noise", c.better)):
+        if found:
+            out += ["", f"{title}, {len(found)}:", *_limit_lines(f"  {format_change(change)}" for change in found)]
+    if c.looks:
+        out += ["", "Sequences to look at:", *_limit_lines(f"  {look_told(look)}" for look in c.looks)]
+    return [*out, "", comparison_verdict(c)]
 
 
-def _change_table(changes: Sequence[Change], factor: str) -> tuple[list[Column], list[Line]]:
+def comparison_verdict(c: Comparison) -> str:
+    """One sentence."""
+    worse, better = len(c.worse), len(c.better)
+    new = sum(len(look.new_wrong) for look in c.looks)
+    also = "" if not new else " One answer is wrong that was not before." if new == 1 else ""
+    also = also or (f" {format_number(new)} answers are wrong that were not before." if new else "")
+    if not worse:
+        mended = f" {count_phrase(better, 'figure')} got better." if better else ""
+        return f"Nothing got worse beyond its noise.{mended}{also}"
+    return f"{count_phrase(worse, 'figure')} got worse beyond {'its' if worse == 1 else 'their'} noise, {better} better.{also}"
+
+
+def format_change(change: Change) -> str:
+    """One change in a line."""
+    term = COMPARED[change.measure]
+    where = "" if change.level == ALL else f", {change.level}"
+    noise = f"noise {format_plain_measure(term, change.noise)}"
+    if change.measure == "false_accepts":
+        noise = "" if change.noise > 0.5 else f"by chance {format_odds(change.noise)}"
+    beside = f" ({noise})" if noise else ""
+    before, after = (format_plain_measure(term, value) for value in (change.a, change.b))
+    return f"{change.method}{where}: {term.label} {before} -> {after} {term.unit}{beside}"
+
+
+def format_odds(probability: float) -> str:
+    """How seldom something is."""
+    return "less than once in a million" if probability < 1e-6 else f"once in {format_number(round(1.0 / probability))}"
+
+
+def look_told(look: Look) -> str:
+    """One sequence in a line."""
+    parts = []
+    if look.new_wrong:
+        parts.append(f"wrong now, not before: frames {format_frame_ranges(look.new_wrong)}")
+    if look.mended:
+        parts.append(f"wrong before, not now: frames {format_frame_ranges(look.mended)}")
+    before, now = (100.0 * share for share in look.located)
+    parts.append(f"located {before:.0f} % -> {now:.0f} %")
+    return f"{look.method}, {look.case}: {'; '.join(parts)}"
+
+
+def format_frame_ranges(frames: Sequence[int]) -> str:
+    """Frame numbers in words: 3, 5-9."""
+    found: list[list[int]] = []
+    for frame in frames:
+        if found and frame == found[-1][1] + 1:
+            found[-1][1] = frame
+        else:
+            found.append([frame, frame])
+    said = [str(a) if a == b else f"{a}-{b}" for a, b in found]
+    return ", ".join(said[:8]) + (", ..." if len(said) > 8 else "")
+
+
+def format_plain_measure(term: Term, what: float) -> str:
+    """A value of a measure as it stands in a line."""
+    return format_measure(term, what).replace("\u2212", "-").replace("\u202f", "").replace("\u2013", "-")
+
+
+def _overall_lines(c: Comparison) -> list[str]:
+    rows = [["over all sequences", *(f"{COMPARED[k].label}, {COMPARED[k].unit}" for k in COLUMNS)]]
+    for method in c.methods:
+        cells = [method]
+        for key in COLUMNS:
+            change = c.change(method, ALL, key)
+            term = COMPARED[key]
+            mark = {"worse": " !", "better": " +"}.get(change.verdict, "") if change is not None else ""
+            cells.append(
+                "-"
+                if change is None
+                else f"{format_plain_measure(term, change.a)} -> {format_plain_measure(term, change.b)}{mark}"
+            )
+        rows.append(cells)
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        "  ".join([row[0].ljust(widths[0]), *(x.rjust(w) for x, w in zip(row[1:], widths[1:], strict=True))]).rstrip()
+        for row in rows
+    ]
+
+
+def _limit_lines(found: Iterable[str]) -> list[str]:
+    listed = list(found)
+    return listed if len(listed) <= MOST else [*listed[:MOST], f"  and {len(listed) - MOST} more"]
+
+
+def _change_table(changes: Sequence[Change], factor: str) -> PageTable:
     columns = [
         Column("method", words=True),
         Column(factor, words=True),
@@ -108,7 +170,7 @@ def _change_table(changes: Sequence[Change], factor: str) -> tuple[list[Column],
         moved = f"{100 * ratio:+.0f} %" if term.kind in ("px", "ms", "percent") and not math.isnan(ratio) else ""
         moved = moved or ("+" if by > 0 else "−") + format_measure(term, abs(by))
         wrong = change.measure == "false_accepts"
-        noise = words.format_odds(change.noise) if wrong else format_measure(term, change.noise)
+        noise = format_odds(change.noise) if wrong else format_measure(term, change.noise)
         lines.append(
             Line(
                 [
@@ -121,37 +183,45 @@ def _change_table(changes: Sequence[Change], factor: str) -> tuple[list[Column],
                     Cell(noise, math.nan if wrong else change.noise, tone="muted"),
                 ],
                 series=change.method,
-                rule=False,
             )
         )
-    return columns, lines
+    return PageTable(columns, lines)
 
 
-def _add_all_figures(page: Page, c: Comparison) -> None:
-    """Every figure of both runs, measure by measure."""
-    page.section(
-        "Every figure",
-        "Before → now. Red: worse beyond its noise; green: better; grey: the noise cannot be told. "
-        "Errors are over the frames that both runs answered.",
-    )
-    keys = list(COMPARED)
+def _looks_table(looks: Sequence[Look]) -> PageTable:
     columns = [
         Column("method", words=True),
-        *(Column(COMPARED[k].label, COMPARED[k].unit, COMPARED[k].meaning) for k in keys),
+        Column("sequence", words=True),
+        Column("wrong now, not before", "frames", words=True),
+        Column("wrong before, not now", "frames", words=True),
+        Column("located", "% of the frames"),
     ]
-    rows = [Line([m, *(_change_cell(c.change(m, ALL, k)) for k in keys)], series=m) for m in c.methods]
-    page.table(columns, rows, caption="Over all sequences.")
-    if len(c.levels) < 2:
-        return
-    table = {(x.method, x.level, x.measure): x for x in c.changes}
-    for key in keys:
-        term = COMPARED[key]
-        with page.folded(f"{term.label}, {term.unit}", f"by {c.a.factor}", shown=key == "false_accepts"):
-            heads = [Column(c.a.factor, words=True), *(Column(m, series=m) for m in c.methods)]
-            page.table(
-                heads,
-                [Line([level, *(_change_cell(table.get((m, level, key))) for m in c.methods)]) for level in c.levels],
-            )
+    lines = []
+    for look in looks[:MOST_SHOWN]:
+        before, now = look.located
+        cells: list[CellLike] = [
+            look.method,
+            look.case,
+            Cell(format_frame_ranges(look.new_wrong) or DASH, len(look.new_wrong)),
+            Cell(format_frame_ranges(look.mended) or DASH, len(look.mended)),
+            Cell(f"{100 * before:.0f} → {100 * now:.0f}", now - before),
+        ]
+        lines.append(Line(cells, series=look.method))
+    return PageTable(columns, lines)
+
+
+def _overall_figures(c: Comparison) -> PageTable:
+    columns = [Column(t.label, t.unit, t.meaning) for t in COMPARED.values()]
+    lines = [Line([m, *(_change_cell(c.change(m, ALL, key)) for key in COMPARED)], series=m) for m in c.methods]
+    return PageTable([Column("method", words=True), *columns], lines)
+
+
+def _figures_by_level(c: Comparison, key: str) -> PageTable:
+    found = {(x.method, x.level): x for x in c.changes if x.measure == key}
+    columns = [Column(c.a.factor, words=True), *(Column(m, series=m) for m in c.methods)]
+    return PageTable(
+        columns, [Line([level, *(_change_cell(found.get((m, level))) for m in c.methods)]) for level in c.levels]
+    )
 
 
 def _change_cell(change: Change | None) -> Cell:
@@ -164,24 +234,3 @@ def _change_cell(change: Change | None) -> Cell:
     return Cell(
         f"{before} → {now}", change.b - change.a, tone=_TONE[change.verdict] if change.verdict != "untold" else "muted"
     )
-
-
-def _add_explanation(page: Page, c: Comparison) -> None:
-    page.section("How it is judged")
-    absolute, relative = MATTERS["rms_px"]
-    page.points(
-        (
-            "Only sequences and frames that both runs have are compared, each with itself.",
-            "Noise: sequences are drawn again with replacement, both runs together. A change is told when it is larger than "
-            "chance would make it in any of all the comparisons with 95 % confidence (Bonferroni, Student's quantile).",
-            f"With fewer than {FEW_CASES} sequences these are cut into blocks of {BLOCK} frames.",
-            f"Smaller changes are not told even if they are certain: of errors {absolute:g} px and {100 * relative:g} %, of "
-            f"shares half a percentage point, of latency {100 * MATTERS['median_ms'][1]:g} %.",
-            f"Wrong answers are compared frame by frame by McNemar's exact test, and told when chance would bring as many new "
-            f"ones less often than once in {1 / UNLIKELY:.0f}. Frames of one sequence resemble each other, so that this is "
-            "strict: it rather warns once too often.",
-            "Errors are over the frames that both runs answered, so that to answer more, and harder, frames is no loss.",
-            "Latency says something only on one machine with nothing else to do.",
-        )
-    )
-    page.terms((f"{t.label}, {t.unit}", t.meaning, t.source) for t in COMPARED.values())

@@ -1,92 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of the paper's tables: the tables themselves, the errors behind them over the frames, and pictures."""
+"""The page of the paper's tables after `templates/paper.html`: the tables, the errors over the frames, and pictures."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.bench.metrics.integrity import cumulative_share
+from grasptrack.bench.report.pages import Cell, CellLike, Column, Figure, Line, PageTable, keep_chart, write_page
+from grasptrack.bench.report.table import Table
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
-from grasptrack.view.report import Axis, Cell, Chart, Column, Line, Page, format_percent
+from grasptrack.view.report import Axis, Chart, format_percent, series_palette
 from grasptrack.view.report.chart import log_range
-from grasptrack.view.report.palette import standalone_svg
-from grasptrack.view.report.parts import format_fixed, make_slug
+from grasptrack.view.report.markup import format_fixed
 
-
-class TableLike(Protocol):
-    """A table; `grasptrack.bench.report.table.Table` is one."""
-
-    @property
-    def number(self) -> str:
-        """As the paper numbers it."""
-        ...
-
-    @property
-    def title(self) -> str:
-        """What it shows."""
-        ...
-
-    @property
-    def head(self) -> Sequence[str]:
-        """Names of the columns."""
-        ...
-
-    @property
-    def rows(self) -> Sequence[Sequence[str | float | int | None]]:
-        """Cells by row."""
-        ...
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """Sentences to be read with it."""
-        ...
-
-
-class SeriesLike(Protocol):
-    """Errors of one strategy on one object; `grasptrack.bench.paper.run.Series` is one."""
-
-    @property
-    def object(self) -> str:
-        """The object's name."""
-        ...
-
-    @property
-    def strategy(self) -> str:
-        """The strategy's name."""
-        ...
-
-    @property
-    def kind(self) -> str:
-        """How the contours came about, as "ideal" or "rendered"."""
-        ...
-
-    @property
-    def motion(self) -> str:
-        """What the camera did, as "4 DoF"."""
-        ...
-
-    @property
-    def carried_on(self) -> bool:
-        """Whether each frame was reached from the one before; else from the first."""
-        ...
-
-    @property
-    def maximum_px(self) -> Sequence[float | None]:
-        """Error of the worst contact by frame, from frame 1 on, px; None where there was no answer."""
-        ...
+if TYPE_CHECKING:
+    from grasptrack.bench.paper.run import Series
 
 
 def paper_report(
     folder: Path,
-    tables: Sequence[TableLike],
-    series: Sequence[SeriesLike] = (),
+    tables: Sequence[Table],
+    series: Sequence[Series] = (),
     pictures: Iterable[tuple[str, NDArray[np.uint8]]] = (),
     *,
     title: str = "The paper's tables, measured again",
@@ -110,78 +51,67 @@ def paper_report(
     Raises:
         InputError: the folder cannot be written.
     """
-    strategies = tuple(dict.fromkeys(s.strategy for s in series))
-    page = Page(title, "grasptrack evaluation", strategies)
-    if lead:
-        page.lead(lead)
-    if facts:
-        page.facts(facts)
-    if tables:
-        page.section("Tables", "Rows of the paper stand beside ours where it prints any.")
-    for table in tables:
-        columns = [Column(name, words=_is_words(table, i)) for i, name in enumerate(table.head)]
-        page.table(columns, table.rows, table.notes, f"**Table {table.number}.** {table.title}")
     try:
         figures = folder / "figures"
         figures.mkdir(exist_ok=True)
-        if series:
-            _add_charts(page, series, figures)
-        shown = list(pictures)
-        if shown:
-            page.section("Pictures")
-            page.pictures(shown)
-        return page.write(folder / "report.html")
+        return write_page(
+            folder / "report.html",
+            "paper.html",
+            title,
+            "grasptrack evaluation",
+            series_palette(dict.fromkeys(s.strategy for s in series)),
+            lead=lead,
+            facts=facts,
+            tables=tables,
+            printed_table=_printed_table,
+            pictures=list(pictures),
+            **_draw_charts(series, figures),
+        )
     except OSError as error:
         raise InputError(f'"{folder}" cannot be written: {error.strerror or error}', path=str(folder)) from error
 
 
-def _add_charts(page: Page, series: Sequence[SeriesLike], figures: Path) -> None:
+def _draw_charts(series: Sequence[Series], figures: Path) -> dict[str, Any]:
     """Error over the frames for each object and setting, and how often it stays below a limit."""
+    if not series:
+        return {"over_frames": {}}
+    palette = series_palette(dict.fromkeys(s.strategy for s in series))
     values = [(s, np.array([np.nan if e is None else e for e in s.maximum_px], dtype=np.float64)) for s in series]
     settings = tuple(dict.fromkeys(_setting_name(s) for s in series))
-
-    def keep(name: str, chart: Chart) -> str:
-        svg = chart.svg()
-        (figures / f"{make_slug(name)}.svg").write_text(
-            standalone_svg(svg, page.series.values()) + "\n", encoding="utf-8"
-        )
-        return svg
-
-    page.section(
-        "Error over the frames",
-        "The worst contact's distance from its true place. A line breaks where a strategy gave no answer.",
-    )
+    over_frames: dict[str, list[Figure]] = {}
     for setting in settings:
         here = [(s, v) for s, v in values if _setting_name(s) == setting]
         ends = log_range(np.concatenate([v for _, v in here]), 1e-3, 1e3, floor=10.0)
-        parts = []
+        parts = over_frames[_capitalize_first(setting)] = []
         for name in dict.fromkeys(s.object for s, _ in here):
             mine = [(s, v) for s, v in here if s.object == name]
             x = Axis("frame", 0.0, max(2.0, *(float(len(v)) for _, v in mine)))
             y = Axis("error, px", *ends, "log")
             chart = Chart(f"Error over the frames, {setting}, {name}", x, y, 340, 216, (40, 26, 10, 40))
             for s, v in mine:
-                chart.line(np.arange(1, len(v) + 1), v, page.series[s.strategy])
-            parts.append((name, "", keep(f"error-{setting}-{name}", chart)))
-        page.heading(_capitalize_first(setting))
-        page.figures(parts, "px, on one logarithmic scale for these charts.")
-    page.section("Precision", "Over all objects; a frame without an answer counts as missed.")
+                chart.line(np.arange(1, len(v) + 1), v, palette[s.strategy])
+            parts.append(Figure(name, "", keep_chart(figures, f"error-{setting}-{name}", chart, palette)))
     low, high = log_range(np.concatenate([v for _, v in values]), 1e-3, 1e3, floor=100.0)
-    at, parts = np.geomspace(low, high, 141), []
+    at, precision = np.geomspace(low, high, 141), []
     for setting in settings:
         x, y = Axis("error at most, px", low, high, "log"), Axis("share of frames", 0.0, 1.0, unit="%")
         chart = Chart(f"Precision, {setting}", x, y)
-        for strategy in page.series:
+        for strategy in palette:
             pooled = [v for s, v in values if _setting_name(s) == setting and s.strategy == strategy]
             if pooled:
                 errors = np.concatenate(pooled)
-                chart.line(at, cumulative_share(np.where(np.isnan(errors), np.inf, errors), at), page.series[strategy])
-        parts.append((_capitalize_first(setting), "", keep(f"precision-{setting}", chart)))
-    page.figures(parts, "Share of the frames whose worst contact is at most so far off.", large=True)
-    page.table(*_error_table(values), caption="The same in numbers. Errors are over the frames answered.")
+                chart.line(at, cumulative_share(np.where(np.isnan(errors), np.inf, errors), at), palette[strategy])
+        drawn = keep_chart(figures, f"precision-{setting}", chart, palette)
+        precision.append(Figure(_capitalize_first(setting), "", drawn))
+    return {"over_frames": over_frames, "precision": precision, "error_table": _error_table(values)}
 
 
-def _error_table(values: Sequence[tuple[SeriesLike, Floats]]) -> tuple[list[Column], list[Line]]:
+def _printed_table(table: Table) -> PageTable:
+    columns = [Column(name, words=_is_words(table, i)) for i, name in enumerate(table.head)]
+    return PageTable(columns, [Line(row) for row in table.rows])
+
+
+def _error_table(values: Sequence[tuple[Series, Floats]]) -> PageTable:
     columns = [Column("strategy", words=True), Column("of", words=True), Column("frames"), Column("answered", "%")]
     columns += [Column("median", "px"), Column("RMS", "px"), Column("95th pct", "px"), Column("largest", "px")]
     lines = []
@@ -193,17 +123,17 @@ def _error_table(values: Sequence[tuple[SeriesLike, Floats]]) -> tuple[list[Colu
             rms = float(np.sqrt(np.mean(known**2)))
             figures = [float(np.median(known)), rms, float(np.percentile(known, 95)), float(known.max())]
         share = len(known) / len(errors) if len(errors) else math.nan
-        cells: list[Cell | str | float | int | None] = [
+        cells: list[CellLike] = [
             strategy,
             setting,
             len(errors),
             Cell(format_percent(share), share),
         ]
         lines.append(Line([*cells, *(Cell(format_fixed(f, 3), f) for f in figures)], series=strategy))
-    return columns, lines
+    return PageTable(columns, lines)
 
 
-def _setting_name(s: SeriesLike) -> str:
+def _setting_name(s: Series) -> str:
     return f"{s.kind} contours, {s.motion}, {'from frame to frame' if s.carried_on else 'from the first view'}"
 
 
@@ -211,5 +141,5 @@ def _capitalize_first(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _is_words(table: TableLike, column: int) -> bool:
+def _is_words(table: Table, column: int) -> bool:
     return column == 0 or not any(isinstance(row[column], int | float) for row in table.rows)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from grasptrack.view.report.parts import escape_html, make_slug
+from grasptrack.view.report.markup import escape_html, make_slug
 from grasptrack.view.style import STATUS_RGB, STRATEGY_RGB, Colour, hex_colour
 
 

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the strategies of Section V see: three objects on predefined trajectories, as contours and as rendered images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from grasptrack import kernels
+from grasptrack.bench.simulation import SHAPES, Camera, Path, Scene, Shape, similarity_path, tilting_path
+from grasptrack.bench.simulation.coverage import inside_mask
+from grasptrack.errors import ObservationError, TransferError
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.synthesis import synthesize
+from grasptrack.segmentation.images import Grey
+from grasptrack.segmentation.objects import segment_object
+from grasptrack.segmentation.outline_detector import OutlineDetector
+from grasptrack.segmentation.silhouettes import trace_silhouettes
+from grasptrack.snake.shape_space import ShapeSpace
+from grasptrack.tracking.initialization import count_describing_strategies
+from grasptrack.tracking.strategies import Snakes
+from grasptrack.transfer import rrp
+from grasptrack.typing import Floats
+
+Motion = Literal["4 DoF", "6 DoF"]
+MOTIONS: tuple[Motion, ...] = ("4 DoF", "6 DoF")
+
+OBJECTS = ("bracket", "spanner", "notched-plate")
+"""A bracket, a tool and a plate: distinct axes, at least four corners, no symmetry."""
+POINTS = 300
+"""Of an outer contour, as in Section V."""
+LEAST_POINTS = 24
+"""Of a hole's contour."""
+FRAMES = 100
+"""Of the whole trajectory; a shorter run is its beginning, so that the motion between frames is the same."""
+DISTANCE = 5.4
+"""Camera to table in roots of the object's area: the root of the area is then some 130 px."""
+TILT = math.radians(20.0)
+"""Largest tilt of the trajectory of 6 DoF."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One object in the first view of a trajectory.
+
+    Attributes:
+        name: of its shape.
+        shape: its polygons.
+        reference: contours of about `POINTS` points in the first view, px.
+        contacts: (2, 2) px, the best grasp that all strategies can describe.
+    """
+
+    name: str
+    shape: Shape
+    reference: View
+    contacts: Floats
+
+    @property
+    def opening(self) -> float:
+        """px in the first view."""
+        return float(np.hypot(*(self.contacts[1] - self.contacts[0])))
+
+
+def camera_trajectory(motion: Motion, frames: int, seed: int) -> Path:
+    """The path of the camera. Both motions share the first frame, which is frontal.
+
+    Args:
+        motion: "4 DoF" (the image moves by similarities) or "6 DoF" (the camera tilts as well).
+        frames: the first so many frames of the path.
+        seed: of the path.
+    """
+    whole = max(frames, FRAMES)
+    turn, zoom, reach = math.radians(60.0), 0.12, 0.2
+    if motion == "4 DoF":
+        path = similarity_path(whole, distance=DISTANCE, reach=reach, zoom=zoom, turn=turn, seed=seed)
+    else:
+        path = tilting_path(whole, tilt=TILT, distance=DISTANCE, reach=reach, zoom=zoom, turn=turn, seed=seed)
+    cut = {name: getattr(path, name)[:frames] for name in ("target", "distance", "roll", "tilt", "azimuth")}
+    return replace(path, **cut)
+
+
+def path_homographies(path: Path) -> Floats:
+    """(F, 3, 3) H_current_reference of each frame, the reference being the first."""
+    to_image = path.table_to_image(Camera())
+    moved = to_image @ np.linalg.inv(to_image[0])
+    return np.asarray(moved / moved[:, 2:, 2:], dtype=np.float64)
+
+
+def sample_view(polygons: tuple[Floats, ...]) -> View:
+    """Outer contour of `POINTS` points and holes as dense, equal steps along closed polygons (N, 2) px."""
+    lengths = [float(kernels.arc_length(p)[-1]) for p in polygons]
+    counts = [max(LEAST_POINTS, round(POINTS * length / lengths[0])) for length in lengths]
+    counts[0] = POINTS
+    rings = [kernels.resample(p, count, 0.0) for p, count in zip(polygons, counts, strict=True)]
+    return View([Contour(ring, hole=i > 0) for i, ring in enumerate(rings)])
+
+
+def make_part(name: str, seed: int) -> Part:
+    """An object and its grasp in the first view of the trajectories.
+
+    Raises:
+        ObservationError: no stable grasp that all strategies can describe.
+    """
+    shape = SHAPES[name]()
+    to_image = camera_trajectory("4 DoF", 1, seed).table_to_image(Camera())[0]
+    reference = sample_view(tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons))
+    for grasp in synthesize(reference, top=10):
+        if count_describing_strategies(grasp, reference) == 2:
+            return Part(name, shape, reference, grasp.contacts)
+    raise ObservationError(f"no grasp on the {name} that every strategy can describe")
+
+
+Kind = Literal["corresponding", "resampled", "pixel chain", "rendered"]
+Seen = View | str
+"""An outline, or why there is none."""
+
+KINDS: dict[Kind, str] = {
+    "corresponding": "each contour is the first one moved by the true homography, point by point, as in Section V",
+    "resampled": "the same curves, sampled again at 300 points from another start; "
+    "RRP on the first contour moved by the similarity that fits best, a perfect tracker of 4 DoF",
+    "pixel chain": "contours are chains of whole pixels at 300 points; RRP on that tracker's samples rounded to whole "
+    "pixels, with whole interp",
+    "rendered": "contours are found in rendered images of 640x480 with noise: segmented for grasp line and homography, "
+    "at about a point to the px, a B-spline snake of 4 DoF for RRP",
+}
+"""The ways in which contours come about."""
+
+
+@dataclass(frozen=True)
+class Footage:
+    """One object along one trajectory.
+
+    Attributes:
+        part: the object.
+        kind: how the contours came about, see `KINDS`.
+        motion: "4 DoF" or "6 DoF".
+        H: (F, 3, 3) H_current_reference, exact.
+        areas: (F,) px^2 of the object.
+        silhouettes: by frame, for grasp line and homography.
+        tracked: by frame, point i always the same point, for RRP.
+        on_silhouette, on_tracked: (2, 2) px, the grasp on the outline of the first frame; its truth is moved by H.
+    """
+
+    part: Part
+    kind: Kind
+    motion: Motion
+    H: Floats
+    areas: Floats
+    silhouettes: tuple[Seen, ...]
+    tracked: tuple[Seen, ...]
+    on_silhouette: Floats
+    on_tracked: Floats
+
+    def outlines(self, strategy: str) -> tuple[Seen, ...]:
+        """By frame, what a strategy works on."""
+        return self.tracked if strategy == "rrp" else self.silhouettes
+
+    def contacts(self, strategy: str) -> Floats:
+        """(2, 2) px, the grasp in the first frame as the strategy is given it."""
+        return self.on_tracked if strategy == "rrp" else self.on_silhouette
+
+    def truth(self, strategy: str, frame: int) -> Floats:
+        """(2, 2) px, where that grasp truly is in a frame."""
+        return apply_homography(self.H[frame], self.contacts(strategy))
+
+
+def ideal_footage(part: Part, kind: Kind, motion: Motion, frames: int, seed: int) -> Footage:
+    """Contours of a kind other than "rendered"; `seed` is of the trajectory and the starts of the contours."""
+    H = path_homographies(camera_trajectory(motion, frames, seed))
+    exact = [part.reference.transformed(h) for h in H]
+    contacts = part.contacts, part.contacts
+    if kind == "corresponding":
+        silhouettes, tracked = exact, exact
+    elif kind == "resampled":
+        rng = np.random.default_rng((seed, 31))
+        silhouettes = [exact[0], *(resample_view(view, rng) for view in exact[1:])]
+        tracked = in_four_dof(part.reference, H)
+    elif kind == "pixel chain":
+        silhouettes = [pixel_chain_view(view) for view in exact]
+        tracked = [round_to_pixels(view) for view in in_four_dof(part.reference, H)]
+        contacts = Grasp(part.contacts).snapped(silhouettes[0]).contacts, nearest_points(part.contacts, tracked[0])
+    else:
+        raise ValueError(f'"{kind}" contours are not made without images')
+    contacts = contacts[0], on_grid(contacts[1], tracked[0])
+    areas = np.array([sum(c.signed_area for c in view.contours) for view in exact])
+    return Footage(part, kind, motion, H, areas, tuple(silhouettes), tuple(tracked), *contacts)
+
+
+def resample_view(view: View, rng: np.random.Generator) -> View:
+    """The same curves at as many points, in equal steps, from another start."""
+    return sample_view(tuple(np.roll(c.points, -int(rng.integers(len(c))), axis=0) for c in view.contours))
+
+
+def in_four_dof(reference: View, H: Floats) -> list[View]:
+    """The reference moved to each frame by the similarity that comes nearest to its homography (F, 3, 3)."""
+    space = ShapeSpace(reference.points)
+    return [reference.transformed(space.homography(space.state(h))) for h in H]
+
+
+def pixel_chain_view(view: View) -> View:
+    """Contours as a binary image shows them: chains of its pixels, thinned to the usual number of points."""
+    camera = Camera()
+    inside = inside_mask([c.points for c in view.contours], camera.width, camera.height)
+    shape = trace_silhouettes(inside.astype(np.uint8), 30.0)[0]
+    return sample_view(tuple(np.asarray(c, dtype=np.float64) for c in (shape.outer, *shape.holes)))
+
+
+def round_to_pixels(view: View) -> View:
+    """Every point at the middle of its pixel."""
+    return View([Contour(np.rint(c.points), hole=c.hole) for c in view.contours])
+
+
+def on_grid(contacts: Floats, view: View) -> Floats:
+    """(k, 2) px, contacts where their RRP coordinates put them: within 2^-32 of a side of where they were given."""
+    return rrp.apply(rrp.describe(Grasp(contacts), view), view).grasp.contacts
+
+
+def nearest_points(contacts: Floats, view: View) -> Floats:
+    """(k, 2) of the view's points the nearest to each contact (k, 2): a place with a whole interp."""
+    apart = np.linalg.norm(view.points[None] - contacts[:, None], axis=2)
+    return np.asarray(view.points[apart.argmin(axis=1)])
+
+
+def rendered_footage(
+    part: Part, motion: Motion, frames: int, seed: int, after: Callable[[], None] = lambda: None
+) -> tuple[Footage, list[Grey]]:
+    """A trajectory as images, and what was observed in them.
+
+    Args:
+        part: the object.
+        motion, frames: of the trajectory.
+        seed: of trajectory, textures and noise.
+        after: called after each frame.
+
+    Returns:
+        The footage, and the first image and the one in the middle, (H, W) each.
+
+    Raises:
+        ObservationError: no object in the first image.
+    """
+    return observe_scene(part, motion, Scene(part.shape, camera_trajectory(motion, frames, seed), seed=seed), after)
+
+
+def observe_scene(
+    part: Part, motion: Motion, scene: Scene, after: Callable[[], None] = lambda: None
+) -> tuple[Footage, list[Grey]]:
+    """As `rendered_footage`, of any scene of the object that begins as the trajectories do.
+
+    Each silhouette is looked for round the last one, and in the whole image where it is not found there. No outline
+    is judged: the plain strategies of the paper take what they are given.
+    """
+    frames = len(scene)
+    first = scene[0]
+    observer = OutlineDetector()
+    observer.look(first.image)
+    candidate = observer.first(False)[0]
+    grey = observer.choose(candidate)
+    last = candidate.view
+    grasp = Grasp(part.contacts).snapped(last)
+    snake = Snakes(grasp, last, grey)
+    silhouettes: list[Seen] = [last]
+    tracked: list[Seen] = []
+    template: View | None = None
+    kept: list[Grey] = [first.image]
+    areas = [first.area]
+    after()
+    for index in range(1, frames):
+        frame = scene[index]
+        areas.append(frame.area)
+        if index == middle_frame(frames):
+            kept.append(frame.image)
+        grey = observer.look(frame.image)
+        found = _find_silhouette(observer, grey, frame.image, last)
+        if isinstance(found, View):
+            last = found
+        silhouettes.append(found)
+        try:
+            carried = snake.carry(grey, None, None)
+        except TransferError as error:
+            tracked.append(str(error))
+        else:
+            tracked.append(carried.view)
+            if template is None:
+                back = np.asarray(np.linalg.inv(carried.homography), dtype=np.float64)
+                template = carried.view.transformed(back)
+        after()
+    start: Seen = template if template is not None else "the snake followed no image"
+    on_tracked = grasp.contacts if template is None else on_grid(grasp.contacts, template)
+    H = np.array([scene.homography(i) for i in range(frames)])
+    seen = tuple(silhouettes), (start, *tracked), grasp.contacts, on_tracked
+    return Footage(part, "rendered", motion, H, np.array(areas), *seen), kept
+
+
+def middle_frame(frames: int) -> int:
+    """The frame of the reference error: 50 of 100."""
+    return frames // 2
+
+
+def _find_silhouette(observer: OutlineDetector, grey: Grey, image: Grey, last: View) -> Seen:
+    """The outline near the last one, or else what stands out in the image; or why there is none."""
+    centres = np.array([c.points.mean(axis=0) for c in last.contours[1:]]).reshape(-1, 2)
+    view = next(observer.near(grey, last.outer.points, centres), None)
+    if view is not None:
+        observer.believe(view)
+        return view
+    try:
+        return segment_object(image)
+    except ObservationError as error:
+        return str(error)
