@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.bench.simulation.appearance import sample_look
-from grasptrack.bench.simulation.truth import sample_outline
+from grasptrack.bench.simulation.scene import sample_outline
+from grasptrack.bench.simulation.textures import sample_look
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.force_closure import analyze

@@ -20,7 +20,7 @@ from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.bench.simulation.appearance import Look, sample_look
+from grasptrack.bench.simulation.textures import Look, sample_look
 
 THICK = (0.0, 0.01, 0.02, 0.04, 0.08, 0.12)
 """Of sqrt(area)."""

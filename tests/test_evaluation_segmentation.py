@@ -21,7 +21,7 @@ from grasptrack.bench.metrics.mask_agreement import (
     mask_boundary,
     mask_of,
 )
-from grasptrack.bench.simulation.coverage import pixel_coverage
+from grasptrack.bench.simulation.render import pixel_coverage
 from grasptrack.geometry.contours import Contour, View
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from grasptrack.bench.approach.refusal import pairs_that_close
 from grasptrack.bench.approach.trial import _grasp_axis_angle
+from grasptrack.bench.approach.truth import pairs_that_close
 from grasptrack.bench.physics import frames
 from grasptrack.bench.physics.gripper import make_gripper
 from grasptrack.bench.physics.setting import ASIDE, AWAY, BELT, TILT, TURN, sample_setting
@@ -26,7 +26,7 @@ if find_spec("mujoco") is None:  # not imported here: the package says first how
 
 from grasptrack.bench.physics import World
 from grasptrack.bench.physics.by_truth import lift_by_truth
-from grasptrack.bench.physics.offscreen import MujocoImages, offscreen_error
+from grasptrack.bench.physics.images import MujocoImages, offscreen_error
 
 
 def across(shape: Shape, size: float) -> Floats:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack.bench.approach.choosing import EVEN, FRICTION, closing_grasps, hand_for, turn_between, width_in_m
-from grasptrack.bench.approach.refusal_radial import triples_that_close
+from grasptrack.bench.approach.truth import triples_that_close
 from grasptrack.bench.physics.gripper import MAX_OPENING, make_gripper
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.bench.simulation.outlines import Shape

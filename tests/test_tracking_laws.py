@@ -15,8 +15,7 @@ from grasptrack.bench.parts import built_in
 from grasptrack.bench.scenes import make_scene_cases, run_case
 from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
-from grasptrack.bench.simulation.surfaces import blank_texture, printed_texture
-from grasptrack.bench.simulation.tables import gravel_texture
+from grasptrack.bench.simulation.textures import blank_texture, gravel_texture, printed_texture
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower

@@ -10,7 +10,7 @@ import numpy as np
 
 from grasptrack.bench.paper.objects import Motion, Part, camera_trajectory, path_homographies, sample_view
 from grasptrack.bench.simulation import Camera
-from grasptrack.bench.simulation.coverage import inside_mask
+from grasptrack.bench.simulation.render import inside_mask
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp

@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from grasptrack.bench.physics import frames, linkage, model, serial
-from grasptrack.bench.physics.drawing import images_of
-from grasptrack.bench.physics.engine import import_mujoco
+from grasptrack.bench.physics import frames, model, serial
 from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING, make_gripper
-from grasptrack.bench.physics.images import Images
-from grasptrack.bench.physics.resolved import joint_rates
+from grasptrack.bench.physics.images import Images, images_of
+from grasptrack.bench.physics.model import import_mujoco
+from grasptrack.bench.physics.serial import joint_rates
 from grasptrack.bench.physics.setting import BLACKOUT_S, Arm, Scenario, hand_mask, sample_setting
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
@@ -97,8 +96,8 @@ class World:
 
     def _resolve_indices(self) -> None:
         m = self.model
-        self._dofs = np.array([m.joint(name).dofadr[0] for name in linkage.joint_names(self.arm)])
-        self._qpos = np.array([m.joint(name).qposadr[0] for name in linkage.joint_names(self.arm)])
+        self._dofs = np.array([m.joint(name).dofadr[0] for name in model.joint_names(self.arm)])
+        self._qpos = np.array([m.joint(name).qposadr[0] for name in model.joint_names(self.arm)])
         self._belt = int(m.joint("belt").dofadr[0])
         self._part, self._part_dof = int(m.body("part").id), int(m.joint("part").dofadr[0])
         self._tip = int(m.site("tip").id)
@@ -110,7 +109,7 @@ class World:
 
     def _set_initial_state(self) -> None:
         """The joints at which the hand is where the setting wants it."""
-        self.data.qpos[self._qpos] = linkage.start_joints(self.setting, self.arm)
+        self.data.qpos[self._qpos] = model.start_joints(self.setting, self.arm)
         self.data.qvel[self._belt] = float(np.hypot(*self.setting.belt))
         self.data.qvel[self._part_dof : self._part_dof + 2] = self.setting.belt
         self._mj.mj_forward(self.model, self.data)
@@ -209,7 +208,7 @@ class World:
         """The arm's links as rods in the world: both ends (3,) and the radius, m; none of a gantry."""
         if self.arm == "gantry":
             return []
-        at = linkage.base_pose(self.setting)
+        at = model.base_pose(self.setting)
         rods = serial.link_rods(self.data.qpos[self._qpos])
         return [(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
 

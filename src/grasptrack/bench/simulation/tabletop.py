@@ -10,19 +10,22 @@ from functools import lru_cache
 
 import numpy as np
 
-from grasptrack.bench.simulation import surfaces
-from grasptrack.bench.simulation.appearance import adjust_grey_level, another_surface
 from grasptrack.bench.simulation.camera import Camera
-from grasptrack.bench.simulation.courses import add_camera_retreat
-from grasptrack.bench.simulation.distractors import Distractor, place_beside, scale_shape, sheet_under
-from grasptrack.bench.simulation.hand import hand_over
+from grasptrack.bench.simulation.effects import Parts, Setting
+from grasptrack.bench.simulation.lookalikes import Distractor, place_beside, scale_shape, sheet_under
+from grasptrack.bench.simulation.occluders import hand_over
 from grasptrack.bench.simulation.outlines import Shape
-from grasptrack.bench.simulation.paths import Path
+from grasptrack.bench.simulation.paths import Path, add_camera_retreat
 from grasptrack.bench.simulation.scene import Guest
-from grasptrack.bench.simulation.setting import Parts, Setting
 from grasptrack.bench.simulation.shapes import SHAPES
-from grasptrack.bench.simulation.tables import pebble_texture
-from grasptrack.bench.simulation.texture import Texture
+from grasptrack.bench.simulation.textures import (
+    Texture,
+    adjust_grey_level,
+    another_surface,
+    pebble_texture,
+    picture_texture,
+    printed_texture,
+)
 from grasptrack.geometry.homographies import apply_homography
 
 OUT = 6.0
@@ -151,7 +154,7 @@ def _nearest_place_outside(s: Setting, path: Path, direction: float, turn: float
 
 @lru_cache(maxsize=4 * PATTERNS)
 def _cached_print_texture(kind: str, pattern: int, level: float) -> Texture:
-    make, contrast = (surfaces.printed_texture, 240.0 / level) if kind == "words" else (surfaces.picture_texture, 1.0)
+    make, contrast = (printed_texture, 240.0 / level) if kind == "words" else (picture_texture, 1.0)
     return make(pattern, colour=(level, level, level), contrast=contrast).grey
 
 

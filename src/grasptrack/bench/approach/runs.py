@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many approaches at random: who does them, the table that they fill, and what it comes to."""
+"""What is written of approaches: a film of one, or the table and the figures of many at random."""
 
 from __future__ import annotations
 
@@ -15,15 +15,94 @@ from typing import Any, Literal
 import numpy as np
 
 from grasptrack.bench.approach.case import Case, Law, Row
-from grasptrack.bench.approach.trial import run_trial
+from grasptrack.bench.approach.pictures import side_by_side
+from grasptrack.bench.approach.trial import Step, run_trial
+from grasptrack.bench.physics import World
 from grasptrack.bench.physics.setting import Arm, Scenario
+from grasptrack.bench.physics.world import PERIOD_S
 from grasptrack.bench.schedule import Scheduler
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.io.results import software_versions, write_json
 from grasptrack.io.run import prepare_folder
+from grasptrack.io.video import VideoWriter
 from grasptrack.tracking.numbers import DEFAULT_RISK
+from grasptrack.typing import Floats
+from grasptrack.view.approach import plot_approach
 
 Progress = Callable[[str, int, int], None]
+
+VIDEO, PLOTS, VERDICT = "approach.mp4", "approach.png", "approach.json"
+_EXPECTED = 250
+
+
+class Record:
+    """Keeps what the plots show, and writes the video as it goes.
+
+    Args:
+        video: file; None writes none.
+        progress: called with stage, images so far, and how many are to be expected.
+    """
+
+    def __init__(self, video: Path | None, progress: Progress | None) -> None:
+        self._writer = None if video is None else VideoWriter(video, 1.0 / PERIOD_S)
+        self._progress = progress
+        self.time: list[float] = []
+        self.errors: list[Floats] = []
+        self.error_px: list[float] = []
+        self.twists: list[Floats] = []
+        self.states: list[str] = []
+        self.count = 0
+
+    def __call__(self, world: World, step: Step) -> None:
+        """Take in one step."""
+        if self._writer is not None:
+            self._writer.write(side_by_side(world, step))
+        self.count += 1
+        if self._progress is not None:
+            self._progress(step.stage, self.count, max(_EXPECTED, self.count))
+        if step.stage == "approach" and step.command is not None:
+            self.time.append(step.time)
+            self.errors.append(np.asarray(step.command.error, dtype=np.float64))
+            self.error_px.append(step.command.error_px)
+            self.twists.append(step.command.twist)
+            self.states.append(step.command.state)
+
+    def close(self) -> None:
+        """Finish the video."""
+        if self._writer is not None:
+            self._writer.close()
+
+
+def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, Any], progress: Progress | None) -> Row:
+    """Run one approach; write approach.mp4, approach.png and approach.json.
+
+    Args:
+        case: what to try.
+        output: folder, made when missing.
+        video: write the video.
+        options: what was asked for, for the verdict's file.
+        progress: see `Record`.
+
+    Raises:
+        InputError: the folder cannot be written, MuJoCo is missing, or the part cannot be shown.
+    """
+    prepare_folder(output)
+    record = Record(output / VIDEO if video else None, progress)
+    try:
+        row, _ = run_trial(case, record)
+    finally:
+        record.close()
+    blind = [state in ("holding", "searching") for state in record.states]
+    title = f"{row.shape}, {row.scenario}, {row.law}: {row.outcome}. {row.reason}"[:110]
+    plot_approach(record.time, record.errors, record.error_px, record.twists, blind, title, output / PLOTS)
+    told = {name: _finite_or_none(value) for name, value in row.values().items()}
+    write_json(output / VERDICT, {"options": options, "versions": software_versions(), "verdict": told})
+    return row
+
+
+def _finite_or_none(value: Any) -> Any:
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
 
 TABLE, INDEX, FAILURES = "trials.csv", "trials.json", "failures"
 MEASURED = "time_s", "error_px", "contact_error_px", "aside_mm", "servo_ms", "loop_ms", "loop_p99_ms", "look_ms"
