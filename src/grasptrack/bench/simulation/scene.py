@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -224,6 +226,12 @@ class Scene:
         H = self._plane_to_image[index] @ self._image_to_plane
         return np.asarray(H / H[2, 2], dtype=np.float64)
 
+    def with_conditions(self, **changes: Any) -> Scene:
+        """The same scene with other light or another sensor: fields of its conditions, all but the blur."""
+        made = copy(self)
+        made.conditions = replace(self.conditions, **changes)
+        return made
+
     def guest(self, index: int) -> Guest | None:
         """What lies in the object's place in a frame; None when the object does."""
         return next((g for g in self.guests if g.start <= index < g.end), None)
@@ -235,7 +243,7 @@ class Scene:
         view, rng = self._renderer, np.random.default_rng((self.seed, 17, index))
         H, guest, glare = self._plane_to_image[index], self.guest(index), self.conditions.glare
         shutter = self._shutter(index)
-        image = self._light(index)
+        image = self.exposed_light(index)
         if self.conditions.shadow is not None:
             view.shade(image, self.conditions.shadow, index)
         covers = []
@@ -271,7 +279,7 @@ class Scene:
         poses = self.path.between(index, offset + readout * np.linspace(-0.5, 0.5, KNOTS))
         return RollingShutter(poses.table_to_image(self.camera, 0.0 if table else self.thickness), self.camera.height)
 
-    def _light(self, index: int) -> Floats32:
+    def exposed_light(self, index: int) -> Floats32:
         """What falls on the sensor while it is exposed: the mean of the images from its beginning to its end."""
         exposure = self.conditions.exposure
         if exposure <= 0.0:

@@ -3,13 +3,9 @@
 
 from __future__ import annotations
 
-import common
-
-# isort: split
 import math
 import statistics
 import time
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -22,6 +18,7 @@ from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.scenes import Part, SceneCase
 from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
 from grasptrack.bench.simulation import SHAPES
+from grasptrack.bench.studies import common
 from grasptrack.segmentation.undistortion import Undistortion
 
 METHODS = ("`lens`, camera not told", "`lens`, camera told", "`clean-6dof`, to compare")
@@ -60,7 +57,9 @@ def one(task: tuple[str, int]) -> dict[str, list[FrameScore]]:
 
 def cost() -> list[str]:
     """ms to straighten an image, grey and colour, and to prepare for it."""
-    camera = gt.Camera([[704, 0, 319.5], [0, 704, 239.5], [0, 0, 1]], (-0.15, 0.02, 0, 0), size=(640, 480))
+    camera = gt.Camera(
+        [[704.0, 0.0, 319.5], [0.0, 704.0, 239.5], [0.0, 0.0, 1.0]], (-0.15, 0.02, 0, 0), size=(640, 480)
+    )
     began = time.perf_counter()
     lens = Undistortion(camera, 640, 480)
     first = 1e3 * (time.perf_counter() - began)
@@ -101,8 +100,7 @@ def main() -> None:
     asked = parser.parse_args()
     common.heading("A calibrated camera")
     common.table(["640x480 grey, ms", "BGR, ms", "once, ms"], [cost()])
-    with ProcessPoolExecutor(asked.workers) as pool:
-        runs = list(pool.map(one, [(name, asked.frames) for name in asked.shapes.split(",")]))
+    runs = common.run_all(one, [(name, asked.frames) for name in asked.shapes.split(",")], asked.workers)
     rows = [row(m, [f for run in runs for f in run.get(m, [])]) for m in METHODS]
     common.table(["scenes", "frames", "located %", "wrong", "median px", "95 %", "RMS", "ms"], rows)
     common.finish(asked.output)

@@ -4,15 +4,10 @@ how many contacts the ellipses hold, and how often an answer is wrong that is to
 
 from __future__ import annotations
 
-import common
-
-# isort: split
 import json
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from itertools import pairwise
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +20,8 @@ from grasptrack.bench.parts import built_in
 from grasptrack.bench.real import RealCase, sequence_of, videos_of
 from grasptrack.bench.scenes import SceneCase, make_scene_cases
 from grasptrack.bench.sequence import Shown, chosen_grasp
+from grasptrack.bench.studies import common
+from grasptrack.bench.studies.confidence import HEAD, Answers, bins_of, rows_of
 from grasptrack.errors import GraspTrackError
 from grasptrack.tracking.numbers import NUMBERS, OWN, read_numbers
 from grasptrack.typing import Floats
@@ -49,27 +46,24 @@ DRAWS = 200
 
 RISK = 0.5
 """At which reliability is looked at: answers of every confidence from one half on are given."""
-BINS = (0.5, 0.8, 0.9, 0.99, 0.999, 1.0)
-"""Confidences between which answers are counted."""
 
 
 class Followed(NamedTuple):
-    """Contacts of a sequence, (n, ...) each, that were located at the usual risk; and all answers, (m,) each.
+    """Contacts of a sequence, (n, ...) each, that were located at the usual risk; and all answers.
 
     Attributes:
         disturbance: or "real".
         off: (n, 2) px.
         covariance: (n, 2, 2) px^2, as estimated.
         moved: (n,) px since the image before, or in that if it was less.
-        confidence, wrong: of each answer at `RISK`.
+        answers: at `RISK`.
     """
 
     disturbance: str
     off: Floats
     covariance: Floats
     moved: Floats
-    confidence: Floats
-    wrong: Floats
+    answers: Answers
 
 
 def followed(case: SceneCase) -> Followed:
@@ -100,8 +94,8 @@ def followed_frames(name: str, start: Start, frames: Iterable[Shown]) -> Followe
             confidence.append(result.confidence)
             wrong.append(scored.is_false_accept)
             way = 0.0 if before is None else float(np.sqrt(((result.contacts - before) ** 2).mean() * 2.0))
-            known = result.confidence > 1.0 - NUMBERS.risk and result.covariance is not None
-            if known and before is not None and not scored.gone:
+            known = result.confidence > 1.0 - NUMBERS.risk and before is not None and not scored.gone
+            if known and result.covariance is not None:
                 least = min(way, last)
                 own = result.covariance - (NUMBERS.exposed * least) ** 2 * np.eye(2)
                 off += list(result.contacts - truth.carried(first))
@@ -114,8 +108,7 @@ def followed_frames(name: str, start: Start, frames: Iterable[Shown]) -> Followe
         np.reshape(off, (-1, 2)),
         np.reshape(covariance, (-1, 2, 2)),
         np.array(moved),
-        np.array(confidence),
-        np.array(wrong, dtype=np.float64),
+        Answers(name, np.array(confidence), np.array(wrong, np.float64), np.ones(len(wrong)), len(wrong)),
     )
 
 
@@ -135,7 +128,7 @@ class Tried(NamedTuple):
     """What a sequence makes of all GRID: how many contacts are held, of how many, and the mean log of their ellipses' size."""
 
     disturbance: str
-    count: int
+    contacts: int
     held: Floats
     size: Floats
 
@@ -168,7 +161,7 @@ def fitted(tried: list[Tried], chosen: NDArray[np.int64]) -> Floats:
     held: dict[str, list[Floats]] = {}
     for i in chosen.tolist():
         held.setdefault(tried[i].disturbance, []).append(
-            np.column_stack([tried[i].count * np.ones(len(GRID)), tried[i].held])
+            np.column_stack([tried[i].contacts * np.ones(len(GRID)), tried[i].held])
         )
     share = np.array([total[:, 1] / total[:, 0] for total in (np.sum(parts, axis=0) for parts in held.values())]).min(
         axis=0
@@ -179,57 +172,18 @@ def fitted(tried: list[Tried], chosen: NDArray[np.int64]) -> Floats:
     return np.array(GRID[best])
 
 
-def run(function: Callable[[Any], Followed], cases: Sequence[Any]) -> list[Followed]:
-    """All sequences, those left out that hold no grasp."""
-    found = []
-    with ProcessPoolExecutor() as pool:
-        for task in [pool.submit(function, case) for case in cases]:
-            try:
-                sequence = task.result()
-            except GraspTrackError:
-                continue
-            if len(sequence.off):
-                found.append(sequence)
-    return found
+def followed_or_none(case: SceneCase | RealCase) -> Followed | None:
+    """One sequence; None where it holds no grasp, or nothing was located."""
+    try:
+        found = followed(case) if isinstance(case, SceneCase) else followed_real(case)
+    except GraspTrackError:
+        return None
+    return found if len(found.off) else None
 
 
-def rendered(parts: str, disturbances: str, frames: int, seed: int) -> list[Followed]:
-    """All sequences of parts and disturbances."""
-    return run(
-        followed, make_scene_cases(built_in(parts.split(",")), disturbances.split(","), frames=frames, seed=seed)
-    )
-
-
-def reliability(sequences: Sequence[Followed]) -> list[tuple[str, int, str, str, str]]:
-    """Rows: confidence, answers, wrong as told, wrong as counted, and the 95 % interval of that by resampling sequences."""
-    rng, rows = np.random.default_rng(0), []
-    for low, high in pairwise(BINS):
-        inside = [(s.confidence >= low) & ((s.confidence < high) | (high == 1.0)) for s in sequences]
-        counts = np.array([k.sum() for k in inside])
-        told = np.array([(1.0 - s.confidence[k]).sum() for s, k in zip(sequences, inside, strict=True)])
-        wrong = np.array([s.wrong[k].sum() for s, k in zip(sequences, inside, strict=True)])
-        if not counts.sum():
-            continue
-        drawn = [wrong[rng.integers(len(wrong), size=len(wrong))].sum() for _ in range(DRAWS)]
-        least, most = np.percentile(drawn, [2.5, 97.5])
-        rows.append((f"{low:g} to {high:g}", int(counts.sum()), f"{told.sum():.1f}", f"{wrong.sum():.0f}",
-                     f"{least:.0f} to {most:.0f}"))  # fmt: skip
-    return rows
-
-
-def write(path: Path, names: Sequence[str], best: Floats, low: Floats, high: Floats, by: str) -> None:
-    """The package's file with the fitted numbers in it."""
-    told = json.loads(OWN.read_text(encoding="utf-8"))
-    for k, name in enumerate(names):
-        told[name] = {
-            "value": round(float(best[k]), 4),
-            "from": round(float(low[k]), 4),
-            "to": round(float(high[k]), 4),
-            "by": by,
-        }
-    lines = [f"  {json.dumps(name)}: {json.dumps(entry)}" for name, entry in told.items()]
-    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
-    read_numbers(path)
+def run(cases: Sequence[SceneCase | RealCase], workers: int) -> list[Followed]:
+    """All sequences that tell something."""
+    return [found for found in common.run_all(followed_or_none, cases, workers) if found is not None]
 
 
 def main() -> None:
@@ -240,6 +194,7 @@ def main() -> None:
         "--seed", type=int, default=91, help="of the sequences that are fitted to; those of the next show it"
     )
     parser.add_argument("--disturbances", default=DISTURBANCES)
+    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--parts", default=PARTS)
     parser.add_argument("--others", default=OTHERS, help="parts that show it")
     parser.add_argument("--real", type=Path, help="folder of videos as for `grasptrack evaluate real`, to show it on")
@@ -254,7 +209,14 @@ def main() -> None:
     asked = parser.parse_args()
     videos = videos_of(asked.real) if asked.real else []
     fitted_to, shown_on = (videos[::2], videos[1::2]) if asked.fit_real else ([], videos)
-    fit = rendered(asked.parts, asked.disturbances, asked.frames, asked.seed) + run(followed_real, fitted_to)
+
+    def sequences(parts: str, seed: int, real: Sequence[RealCase]) -> list[Followed]:
+        scenes = make_scene_cases(
+            built_in(parts.split(",")), asked.disturbances.split(","), frames=asked.frames, seed=seed
+        )
+        return run([*scenes, *real], asked.workers)
+
+    fit = sequences(asked.parts, asked.seed, fitted_to)
     table = [tried(sequence) for sequence in fit]
     best = fitted(table, np.arange(len(fit)))
     rng = np.random.default_rng(asked.seed)
@@ -268,9 +230,15 @@ def main() -> None:
         (name, getattr(NUMBERS, name), *(float(v[k]) for v in (best, low, high))) for k, name in enumerate(names)
     ])  # fmt: skip
     if asked.write:
-        write(asked.write, names, best, low, high, f"benchmarks/calibration.py --seed {asked.seed}")
+        told = json.loads(OWN.read_text(encoding="utf-8"))
+        by = f"grasptrack.bench.studies.calibration --seed {asked.seed}"
+        for k, name in enumerate(names):
+            value, least, most = (round(float(v[k]), 4) for v in (best, low, high))
+            told[name] = {"value": value, "from": least, "to": most, "by": by}
+        common.write_numbers(asked.write, told)
+        read_numbers(asked.write)
         common.say(f"Written: `{asked.write.name}`.")
-    show = rendered(asked.others, asked.disturbances, asked.frames, asked.seed + 1) + run(followed_real, shown_on)
+    show = sequences(asked.others, asked.seed + 1, shown_on)
     common.say(
         f"In the 95 % ellipses, of {sum(len(s.off) for s in show)} contacts of other parts and videos, seed {asked.seed + 1}:"
     )
@@ -278,7 +246,7 @@ def main() -> None:
     rows = [(name, f"{100 * share:.0f} %", f"{100 * then[name]:.0f} %") for name, share in now.items()]
     common.table(("disturbance", "now", "fitted"), rows)
     common.say(f"Answers at --risk {RISK:g} in the same sequences, with the numbers as they are now:")
-    common.table(("confidence", "answers", "wrong as told", "wrong", "95 %"), reliability(show))
+    common.table(HEAD, rows_of(bins_of([sequence.answers for sequence in show])))
     common.finish(asked.output)
 
 

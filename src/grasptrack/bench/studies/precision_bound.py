@@ -3,20 +3,16 @@
 
 from __future__ import annotations
 
-import common
-
-# isort: split
 import math
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack import kernels
 from grasptrack.bench.scenes import Part, SceneCase
 from grasptrack.bench.sequence import chosen_grasp
 from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
-from grasptrack.geometry.contours import Contour, View
+from grasptrack.bench.studies import common
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.target import Target
@@ -45,7 +41,7 @@ def by_pose(target: Target, G: Floats, points: Floats) -> Floats:
 
 def information(target: Target, scene: Scene, index: int) -> Floats:
     """(8, 8) that the pixels of object and edge have of the pose's error in a frame."""
-    light = np.asarray(scene._light(index), dtype=np.float64)
+    light = np.asarray(scene.exposed_light(index), dtype=np.float64)
     grey = light if light.ndim == 2 else light[..., 0]
     grey = grey * (255.0 if grey.max() <= 2.0 else 1.0)
     mask = np.zeros(grey.shape, np.uint8)
@@ -73,19 +69,9 @@ def bounds(target: Target, scene: Scene) -> tuple[float, float]:
     return free_rms, held_rms
 
 
-def outline(frame: SceneFrame) -> View:
-    """The true one."""
-    contours = []
-    for i, polygon in enumerate(frame.outline):
-        length = float(np.hypot(*(np.roll(polygon, -1, axis=0) - polygon).T).sum())
-        points = kernels.resample(np.ascontiguousarray(polygon), max(24, round(length)), 0.0)
-        contours.append(Contour(points, hole=i > 0))
-    return View(contours)
-
-
 def error(frames: list[SceneFrame], first: NDArray[np.uint8], contacts: Floats) -> tuple[Target, float]:
     """The target, and px, rms of its contacts in all frames that were answered after a first image."""
-    follower = Follower(first, outline(frames[0]), contacts, 0.0)
+    follower = Follower(first, common.outline_of(frames[0].outline), contacts, 0.0)
     found = [(follower.update(f.image, f.time), f) for f in frames[1:]]
     off = [d.estimate.contacts - f.carry(contacts) for d, f in found if d.accepted and d.estimate is not None]
     return follower.target, float(np.sqrt((np.array(off) ** 2).sum(axis=2).mean())) if off else math.nan
@@ -109,9 +95,7 @@ def main() -> None:
             frames, noise = list(scene), scene.conditions.noise
             contacts = chosen_grasp(frames[0].outline)
             target, off = error(frames, frames[0].image, contacts)
-            object.__setattr__(scene.conditions, "noise", 0.0)
-            without = error(frames, scene[0].image, contacts)[1]
-            object.__setattr__(scene.conditions, "noise", noise)
+            without = error(frames, scene.with_conditions(noise=0.0)[0].image, contacts)[1]
             told.append((*bounds(target, scene), off, without))
             free, held, *_ = told[-1]
             rows.append((disturbance, name, noise, free, held, off, off / free, without))

@@ -3,12 +3,8 @@
 
 from __future__ import annotations
 
-import common
-
-# isort: split
 import itertools
 import math
-from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +17,7 @@ from grasptrack.bench.metrics.truth import Truth
 from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
 from grasptrack.bench.simulation.textures import Look, sample_look
+from grasptrack.bench.studies import common
 
 THICK = (0.0, 0.01, 0.02, 0.04, 0.08, 0.12)
 """Of sqrt(area)."""
@@ -107,13 +104,13 @@ def main() -> None:
     """Run and print."""
     parser = common.parser(__doc__)
     parser.add_argument("--parts", default=PARTS)
+    parser.add_argument("--thick", default=",".join(map(str, THICK)), help="of sqrt(area)")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
-    names = asked.parts.split(",")
-    cases = [Case(*c) for c in itertools.product(names, (False, True), THICK, range(len(AZIMUTHS)))]
+    names, thick = asked.parts.split(","), [float(t) for t in asked.thick.split(",")]
+    cases = [Case(*c) for c in itertools.product(names, (False, True), thick, range(len(AZIMUTHS)))]
     common.heading("Thick parts")
-    with ProcessPoolExecutor(asked.workers) as pool:
-        frames = dict(zip(cases, pool.map(run, cases), strict=True))
+    frames = dict(zip(cases, common.run_all(run, cases, asked.workers), strict=True))
     total = [f for found in frames.values() for f in found]
     wrong = sum(f.is_false_accept for f in total)
     common.say(f"{len(names)} parts, {len(cases)} sequences, {len(total)} frames, {wrong} of them wrong.")
@@ -129,10 +126,10 @@ def main() -> None:
         ("Light parts on dark", {"light": True}),
     ):
         common.say(f"{title}: located / median / 95 % px.")
-        common.table(heads, [[f"{100 * t:.0f}", *(cell(near(of(t, **chosen), a)) for a in TILTS)] for t in THICK])
+        common.table(heads, [[f"{100 * t:.0f}", *(cell(near(of(t, **chosen), a)) for a in TILTS)] for t in thick])
     common.say("By part, all tilts:")
     common.table(
-        ["part", *(f"{100 * t:.0f} %" for t in THICK)], [[n, *(cell(of(t, part=n)) for t in THICK)] for n in names]
+        ["part", *(f"{100 * t:.0f} %" for t in thick)], [[n, *(cell(of(t, part=n)) for t in thick)] for n in names]
     )
     common.finish(asked.output)
 

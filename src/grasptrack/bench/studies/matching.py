@@ -3,15 +3,12 @@
 
 from __future__ import annotations
 
-import common
-
-# isort: split
 import itertools
 import math
-import os
 import time
 from collections import Counter, defaultdict
-from pathlib import Path as File
+from collections.abc import Iterator
+from dataclasses import fields
 from typing import NamedTuple
 
 import cv2
@@ -20,6 +17,7 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.bench.metrics.score import accept_limit
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene, Shape, shape_from_mask
+from grasptrack.bench.studies import common
 from grasptrack.errors import AmbiguousError, GraspTrackError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
@@ -28,8 +26,8 @@ from grasptrack.matching import Sampled, judge_hypotheses, match_outlines
 from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, rate_homography
 from grasptrack.matching.starts import perturb_homography
 from grasptrack.tracking.image_pair import transfer_between_images
+from grasptrack.typing import Floats
 
-DATA = File(os.environ.get("GRASPTRACK_DATA", File(__file__).resolve().parents[2] / "shared" / "data"))
 CAMERA = Camera(640, 480, focal=320.0 / math.tan(math.radians(30.0)))
 """60 degrees across: an object that fills 60 % of it is near."""
 BINS = (0.0, 15.0, 30.0, 45.0, 60.0)
@@ -51,12 +49,12 @@ SLIDE = 0.2
 class Views(NamedTuple):
     """How two views see the part: homographies from its plane to either image, and the tilt of the second in degrees."""
 
-    first: np.ndarray
-    second: np.ndarray
+    first: Floats
+    second: Floats
     tilt: float
 
     @property
-    def between(self) -> np.ndarray:
+    def between(self) -> Floats:
         """From the first image to the second."""
         return self.second @ np.linalg.inv(self.first)
 
@@ -78,7 +76,7 @@ def poses(shape: Shape, rng: np.random.Generator, tilt: float) -> tuple[Path, Pa
             return pose(shape, one, 0.0, rng, 0.0), pose(shape, other, tilt, rng, 0.15)
 
 
-def seen(shape: Shape, H: np.ndarray, rng: np.random.Generator, noise: float) -> View:
+def noisy_outline(shape: Shape, H: Floats, rng: np.random.Generator, noise: float) -> View:
     """The part's outline in an image at about one point per px, from a random first point."""
     contours = []
     for i, polygon in enumerate(shape.polygons):
@@ -90,14 +88,14 @@ def seen(shape: Shape, H: np.ndarray, rng: np.random.Generator, noise: float) ->
     return View(contours)
 
 
-def second_alignments(shape: Shape) -> list[np.ndarray]:
+def second_alignments(shape: Shape) -> list[Floats]:
     """Homographies of the part's plane, other than the identity, that lay its true outline on itself within `ALIKE`.
 
     From 71 turns of the whitened outline, each laid down by Gauss-Newton on all eight parameters: no step of the match
     that decides where to begin is used.
     """
     scale = 400.0
-    a = Sampled(seen(shape, np.diag([scale, scale, 1.0]), np.random.default_rng(0), 0.0))
+    a = Sampled(noisy_outline(shape, np.diag([scale, scale, 1.0]), np.random.default_rng(0), 0.0))
     _, x, y, theta, major, minor, *_ = kernels.inertia(a.outer, np.array([0, len(a.outer)]))
     c, s = math.cos(theta), math.sin(theta)
     to = np.array([[c, s], [-s, c]]) / np.sqrt([[major], [minor]])
@@ -134,20 +132,21 @@ def second_alignments(shape: Shape) -> list[np.ndarray]:
     return found
 
 
-def believable(H: np.ndarray, points: np.ndarray) -> bool:
+def believable(H: Floats, points: Floats) -> bool:
     """Whether a camera within the stated tilt could have seen the first view so."""
     in_front, determinant, ratio = kernels.distortion(H, points)
     depth = np.abs(points @ H[2, :2] + H[2, 2])
     return bool(in_front > 0 and determinant > 0 and ratio <= MAX_STRETCH and depth.max() <= MAX_DEPTH * depth.min())
 
 
-def has_second(views: Views, alignments: list[np.ndarray], shape: Shape) -> bool:
+def has_second(views: Views, alignments: list[Floats], shape: Shape) -> bool:
+    """Whether the second view could also be one of the part laid on itself otherwise."""
     points = apply_homography(views.first, shape.outer)
     back = np.linalg.inv(views.first)
     return any(believable(views.second @ S @ back, points) for S in alignments)
 
 
-def contacts_of(view: View) -> np.ndarray:
+def contacts_of(view: View) -> Floats:
     """The best grasp of two fingers; the outline's ends where there is none."""
     best = synthesize(view, 2, 0.5, top=1)
     if best:
@@ -156,7 +155,7 @@ def contacts_of(view: View) -> np.ndarray:
     return points[[int(points[:, 0].argmin()), int(points[:, 0].argmax())]]
 
 
-def off(H: np.ndarray, views: Views, contacts: np.ndarray, size: float) -> bool:
+def off(H: Floats, views: Views, contacts: Floats, size: float) -> bool:
     """Whether a contact is farther from its true place than the limit."""
     gap = apply_homography(H, contacts) - apply_homography(views.between, contacts)
     return bool(np.hypot(*gap.T).max() > accept_limit(size**2))
@@ -192,58 +191,77 @@ class Tally:
         head = ("true alignments", "tilt, degrees", "pairs", "matched", "ambiguous", "wrong", "none", "matched %")
         common.table(head, rows)
         if self.times:
-            middle, late = common.percentiles(self.times)
+            middle, late = np.percentile(self.times, [50, 99])
             common.say(f"A match takes {middle:.1f} ms, median, and {late:.1f} ms at the 99th percentile.")
         for line in self.told:
             print(line)
 
 
-def outlines(shapes: dict[str, Shape], count: int, seed: int, title: str) -> None:
-    tally = Tally()
+class Pair(NamedTuple):
+    """Two views of a part.
+
+    Attributes:
+        shape: the part.
+        paths: either camera's pose.
+        views: what they see.
+        second: the part has a second alignment there.
+        rng: for whatever else is drawn.
+    """
+
+    shape: Shape
+    paths: tuple[Path, Path]
+    views: Views
+    second: bool
+    rng: np.random.Generator
+
+
+def pairs(shapes: dict[str, Shape], count: int, *stream: int) -> Iterator[Pair]:
+    """So many pairs of each part, drawn by the numbers of a stream."""
     for name, shape in shapes.items():
-        rng = np.random.default_rng((seed, len(name), *name.encode()))
+        rng = np.random.default_rng((*stream, len(name), *name.encode()))
         alignments = second_alignments(shape)
         for _ in range(count):
             tilt = float(rng.uniform(BINS[0], BINS[-1]))
-            one, other = poses(shape, rng, tilt)
-            views = Views(one.table_to_image(CAMERA)[0], other.table_to_image(CAMERA)[0], tilt)
-            first, second = (seen(shape, H, rng, NOISE) for H in views[:2])
-            start = time.perf_counter()
-            told = judge_hypotheses(match_outlines(first, second))
-            tally.times.append(time.perf_counter() - start)
-            what = told.status
-            if told.best is not None and told.status == "matched":
-                wrong = off(told.best.homography, views, contacts_of(first), told.best.size)
-                what = "wrong" if wrong else what
-            tally.add(name, tilt, has_second(views, alignments, shape), what)
+            paths = poses(shape, rng, tilt)
+            first, second = (path.table_to_image(CAMERA)[0] for path in paths)
+            views = Views(first, second, tilt)
+            yield Pair(shape, paths, views, has_second(views, alignments, shape), rng)
+
+
+def show_outlines(shapes: dict[str, Shape], count: int, seed: int, title: str) -> None:
+    """Pairs of outlines."""
+    tally = Tally()
+    for shape, _, views, more, rng in pairs(shapes, count, seed):
+        first, second = (noisy_outline(shape, H, rng, NOISE) for H in views[:2])
+        start = time.perf_counter()
+        told = judge_hypotheses(match_outlines(first, second))
+        tally.times.append(1e3 * (time.perf_counter() - start))
+        what: str = told.status
+        if told.best is not None and told.status == "matched":
+            what = "wrong" if off(told.best.homography, views, contacts_of(first), told.best.size) else what
+        tally.add(shape.name, views.tilt, more, what)
     tally.show(title)
 
 
-def cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
+def show_cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
     """Pairs with one true alignment whose second outline lost a piece to a straight cut."""
     rows = []
     for share in CUTS:
         told: Counter[str] = Counter()
-        for name, shape in shapes.items():
-            rng = np.random.default_rng((seed, 2, len(name), *name.encode()))
-            alignments = second_alignments(shape)
-            for _ in range(count):
-                tilt = float(rng.uniform(BINS[0], BINS[-1]))
-                one, other = poses(shape, rng, tilt)
-                views = Views(one.table_to_image(CAMERA)[0], other.table_to_image(CAMERA)[0], tilt)
-                first, whole = (seen(shape, H, rng, NOISE) for H in views[:2])
-                angle = rng.uniform(0.0, 2.0 * math.pi)
-                if has_second(views, alignments, shape):
-                    continue
-                way = np.array([math.cos(angle), math.sin(angle)])
-                edge = np.quantile(whole.outer.points @ way, 1.0 - share)
-                holes = [h for h in whole.contours[1:] if (h.points @ way).max() <= edge]
-                second = View([Contour(whole.outer.points[whole.outer.points @ way <= edge]), *holes])
-                found = judge_hypotheses(match_outlines(first, second))
-                size = math.sqrt(whole.outer.area)
-                right = found.best is not None and not off(found.best.homography, views, contacts_of(first), size)
-                told["right" if right else "not right"] += 1
-                told["wrong" if found.status == "matched" and not right else found.status] += 1
+        for shape, _, views, more, rng in pairs(shapes, count, seed, 2):
+            first, whole = (noisy_outline(shape, H, rng, NOISE) for H in views[:2])
+            angle = rng.uniform(0.0, 2.0 * math.pi)
+            if more:
+                continue
+            way = np.array([math.cos(angle), math.sin(angle)])
+            edge = np.quantile(whole.outer.points @ way, 1.0 - share)
+            holes = [h for h in whole.contours[1:] if (h.points @ way).max() <= edge]
+            second = View([Contour(whole.outer.points[whole.outer.points @ way <= edge]), *holes])
+            found = judge_hypotheses(match_outlines(first, second))
+            size = math.sqrt(whole.outer.area)
+            right = found.best is not None and not off(found.best.homography, views, contacts_of(first), size)
+            told["right" if right else "not right"] += 1
+            told["wrong" if found.status == "matched" and not right else found.status] += 1
         total = told["right"] + told["not right"]
         cells = [told[what] for what in ("matched", "ambiguous", "wrong", "none")]
         rows.append([f"{100 * share:.0f} %", total, *cells, 100.0 * told["right"] / max(total, 1)])
@@ -251,28 +269,20 @@ def cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
     common.table(("points cut off", "pairs", "matched", "ambiguous", "wrong", "none", "best one right %"), rows)
 
 
-def images(shapes: dict[str, Shape], count: int, seed: int, title: str) -> None:
+def show_images(shapes: dict[str, Shape], count: int, seed: int) -> None:
+    """Pairs of rendered images."""
     tally = Tally()
-    for name, shape in shapes.items():
-        rng = np.random.default_rng((seed, 1, len(name), *name.encode()))
-        alignments = second_alignments(shape)
-        for k in range(count):
-            tilt = float(rng.uniform(BINS[0], BINS[-1]))
-            both = poses(shape, rng, tilt)
-            path = Path(*(np.concatenate(v) for v in zip(*(_fields(p) for p in both), strict=True)))
-            scene = Scene(shape, path, camera=CAMERA, conditions=Conditions(), seed=seed + k)
-            views = Views(*path.table_to_image(CAMERA), tilt)
-            tally.add(name, tilt, has_second(views, alignments, shape), outcome(scene, views, rng))
-    tally.show(title)
-
-
-def _fields(path: Path) -> tuple[np.ndarray, ...]:
-    return path.target, path.distance, path.roll, path.tilt, path.azimuth
+    for k, (shape, paths, views, more, rng) in enumerate(pairs(shapes, count, seed, 1)):
+        names = [field.name for field in fields(Path)]
+        path = Path(*(np.concatenate([getattr(p, name) for p in paths]) for name in names))
+        scene = Scene(shape, path, camera=CAMERA, conditions=Conditions(), seed=seed + k % count)
+        tally.add(shape.name, views.tilt, more, outcome(scene, views, rng))
+    tally.show("global match, rendered images through `tracking.image_pair.transfer_between_images`")
 
 
 def outcome(scene: Scene, views: Views, rng: np.random.Generator) -> str:
     """What `pair.transfer_between_images` makes of two images, the reference's outline being the true one."""
-    reference = seen(scene.shape, views.first, rng, 0.0)
+    reference = noisy_outline(scene.shape, views.first, rng, 0.0)
     grasps = synthesize(reference, 2, 0.5, top=1)
     if not grasps:
         return "no grasp"
@@ -293,7 +303,9 @@ def outcome(scene: Scene, views: Views, rng: np.random.Generator) -> str:
 
 
 def main() -> None:
+    """Run and print."""
     parser = common.parser(__doc__)
+    parser.add_argument("--shapes", default=",".join(SHAPES))
     parser.add_argument("--pairs", type=int, default=30, help="of outlines, for each built-in shape")
     parser.add_argument("--silhouettes", type=int, default=4, help="pairs for each silhouette; 0 for none")
     parser.add_argument(
@@ -302,24 +314,20 @@ def main() -> None:
     parser.add_argument("--images", type=int, default=4, help="rendered pairs for each built-in shape; 0 for none")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    built_in = {name: make() for name, make in SHAPES.items()}
-    outlines(built_in, given.pairs, given.seed, "global match, outlines of the built-in shapes")
+    built_in = {name: SHAPES[name]() for name in given.shapes.split(",")}
+    show_outlines(built_in, given.pairs, given.seed, "global match, outlines of the built-in shapes")
     if given.cut:
-        cut(built_in, given.cut, given.seed)
-    folder = DATA / "silhouettes"
-    if given.silhouettes and folder.is_dir():
-        found = {
-            p.stem: shape_from_mask(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), p.stem) for p in folder.glob("*.png")
-        }
-        names = sorted(found)
-        used, others = names[::USED], [n for i, n in enumerate(names) if i % USED]
-        for some, title in ((used, "used in development"), (others, "never used in development")):
-            shapes = {n: found[n] for n in some}
-            outlines(shapes, given.silhouettes, given.seed, f"global match, outlines of silhouettes {title}")
+        show_cut(built_in, given.cut, given.seed)
+    files = sorted((common.data_folder() / "silhouettes").glob("*.png")) if given.silhouettes else []
+    used, others = files[::USED], [file for i, file in enumerate(files) if i % USED]
+    for some, title in ((used, "used in development"), (others, "never used in development")):
+        if some:
+            shapes = {
+                p.stem: shape_from_mask(np.asarray(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE)), p.stem) for p in some
+            }
+            show_outlines(shapes, given.silhouettes, given.seed, f"global match, outlines of silhouettes {title}")
     if given.images:
-        images(
-            built_in, given.images, given.seed, "global match, rendered images through `pair.transfer_between_images`"
-        )
+        show_images(built_in, given.images, given.seed)
     common.finish(given.output)
 
 

@@ -3,12 +3,8 @@
 
 from __future__ import annotations
 
-import common
-
-# isort: split
 import itertools
 import math
-from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +14,7 @@ import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
 from grasptrack.bench.simulation.scene import sample_outline
 from grasptrack.bench.simulation.textures import sample_look
+from grasptrack.bench.studies import common
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.force_closure import analyze
@@ -170,21 +167,21 @@ def main() -> None:
     """Run and print."""
     parser = common.parser(__doc__)
     parser.add_argument("--parts", default=PARTS)
+    parser.add_argument("--tilts", default=",".join(map(str, TILTS)), help="degrees")
     parser.add_argument("--seed", type=int, default=100)
     parser.add_argument("--friction", type=float, default=FRICTION)
     parser.add_argument("--workers", type=int, default=1)
     asked = parser.parse_args()
-    names = asked.parts.split(",")
-    cases = [Case(*c, asked.seed, asked.friction) for c in itertools.product(names, TILTS, range(len(AZIMUTHS)))]
+    names, asked_tilts = asked.parts.split(","), tuple(int(t) for t in asked.tilts.split(","))
+    cases = [Case(*c, asked.seed, asked.friction) for c in itertools.product(names, asked_tilts, range(len(AZIMUTHS)))]
     common.heading("The object's own plane")
-    with ProcessPoolExecutor(asked.workers) as pool:
-        told = dict(zip(cases, pool.map(run, cases), strict=True))
+    told = dict(zip(cases, common.run_all(run, cases, asked.workers), strict=True))
     common.say(f"{len(names)} parts, {sum(bool(f) for f in told.values())} approaches, degrees.")
 
     def table(title: str, first: int, last: int) -> None:
         common.say(title)
         rows = []
-        for name, tilts in (*((str(t), (t,)) for t in TILTS), ("all", TILTS)):
+        for name, tilts in (*((str(t), (t,)) for t in asked_tilts), ("all", asked_tilts)):
             frames = [f for c, found in told.items() if c.tilt in tilts for f in found if first <= f.frame <= last]
             if frames:
                 rows.append(row(name, frames))

@@ -3,22 +3,15 @@
 
 from __future__ import annotations
 
-import common
-
-# isort: split
-import json
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
-from grasptrack import inspect
 from grasptrack.bench.method import Start
 from grasptrack.bench.methods import method_makers
 from grasptrack.bench.metrics.score import FrameScore
@@ -27,7 +20,9 @@ from grasptrack.bench.parts import built_in
 from grasptrack.bench.real import RealCase, sequence_of, videos_of
 from grasptrack.bench.scenes import SceneCase, make_scene_cases
 from grasptrack.bench.sequence import Shown, chosen_grasp, score_sequence
+from grasptrack.bench.studies import common
 from grasptrack.errors import GraspTrackError
+from grasptrack.trackability import inspect
 from grasptrack.trackability.prediction import (
     FILE,
     FRAMES,
@@ -41,7 +36,6 @@ from grasptrack.trackability.prediction import (
     predict_run,
 )
 from grasptrack.typing import Floats
-from real_videos import data_folder
 
 LEVELS = ("good", "fair", "poor")
 PARTS = "bracket,spanner,gasket,notched-plate,disc,square,gear,hinge,strip,key,hammer-head,ellipse,egg,half-disc,pencil,guitar"
@@ -138,8 +132,7 @@ def of_video(case: RealCase) -> Outcome | None:
 
 def run(function: Callable[[Any], Outcome | None], cases: Sequence[Any], jobs: int) -> list[Outcome]:
     """All that came of some cases."""
-    with ProcessPoolExecutor(jobs) as workers:
-        return [o for o in workers.map(function, cases) if o is not None]
+    return [o for o in common.run_all(function, cases, jobs) if o is not None]
 
 
 # --- the fit -------------------------------------------------------------------------------------
@@ -156,6 +149,8 @@ def fitted(
         start: from where they are looked for.
         near: share of each number within which they are found.
     """
+    from scipy.optimize import minimize  # of the development extras
+
     known = [
         (o, o.drawn, w) for o, w in zip(outcomes, weights.tolist(), strict=True) if o.drawn is not None and w > 0.0
     ]
@@ -206,8 +201,7 @@ def write(path: Path, outcomes: Sequence[Outcome], by: str) -> Unforeseen:
         name: {"value": float(f"{v:.3g}"), "from": float(f"{a:.2g}"), "to": float(f"{b:.2g}"), "by": by}
         for name, v, a, b in zip(Unforeseen._fields, best, low.tolist(), high.tolist(), strict=True)
     }
-    lines = [f'  "{name}": {json.dumps(entry)}' for name, entry in told.items()]
-    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    common.write_numbers(path, told)
     return Unforeseen(*(float(str(entry["value"])) for entry in told.values()))
 
 
@@ -262,6 +256,7 @@ def told(o: Outcome, unforeseen: Unforeseen) -> list[object]:
 
 
 def main() -> None:
+    """Run and print."""
     parser = common.parser(__doc__)
     parser.add_argument("--parts", default=OTHERS, help=f"of the scenes; with --fit {PARTS}")
     parser.add_argument("--disturbances", default=DISTURBANCES)
@@ -277,7 +272,11 @@ def main() -> None:
     parts = PARTS if args.fit and args.parts == OTHERS else args.parts
     names = args.disturbances.split(",")
     scenes = make_scene_cases(built_in(parts.split(",")), names, frames=args.frames, seed=args.seed)
-    videos = [case for folder in args.real or [data_folder() / "videos"] for case in videos_of(folder)]
+    videos = [
+        case
+        for folder in args.real or filter(Path.is_dir, [common.data_folder() / "videos"])
+        for case in videos_of(folder)
+    ]
     outcomes = [*run(of_scene, scenes, args.jobs), *run(of_video, videos, args.jobs)]
     common.heading("Suitability")
     common.say(
@@ -287,7 +286,7 @@ def main() -> None:
     )
     unforeseen = UNFORESEEN
     if args.fit:
-        unforeseen = write(args.write, outcomes, f"benchmarks/suitability.py --fit --seed {args.seed}")
+        unforeseen = write(args.write, outcomes, f"grasptrack.bench.studies.trackability --fit --seed {args.seed}")
         common.say(f"Fitted: {', '.join(f'{n} {v:.3g}' for n, v in unforeseen._asdict().items())}.")
     common.table(
         ["runs of", "runs", "located within", "px within", "px of the median told"], by_kind(outcomes, unforeseen)

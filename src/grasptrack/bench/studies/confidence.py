@@ -4,9 +4,6 @@ counted and expected, and the share of frames that is answered at each risk, bes
 
 from __future__ import annotations
 
-import common
-
-# isort: split
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -18,18 +15,18 @@ import numpy as np
 from grasptrack.bench.metrics.integrity import WHOLE
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.run_folder import read_run
+from grasptrack.bench.studies import common
 from grasptrack.typing import Floats
+from grasptrack.view.reliability import plot_reliability
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.99, 0.999, 1.0)
 """Confidences between which answers are counted."""
 RISKS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 DRAWS = 500
 """Resamplings of the sequences, for the intervals: frames of one sequence are wrong together."""
-WIDE = 6.4
-"""Inches."""
 
 
-class Case(NamedTuple):
+class Answers(NamedTuple):
     """Answers of one method to one sequence, (n,) each, by no order; and frames that show the object whole.
 
     Attributes:
@@ -45,20 +42,20 @@ class Case(NamedTuple):
     frames: int
 
 
-def cases_of(folders: Sequence[Path]) -> Iterator[tuple[str, Case]]:
+def cases_of(folders: Sequence[Path]) -> Iterator[tuple[str, Answers]]:
     """Each method's answers to each sequence; the frames that define the truth are left out."""
     for folder in folders:
         for name, scores in read_run(folder).scores.items():
             for method, frames in scores.items():
-                yield method, _case(name, [f for f in frames if not f.defining])
+                yield method, _answers(name, [f for f in frames if not f.defining])
 
 
-def _case(name: str, frames: list[FrameScore]) -> Case:
+def _answers(name: str, frames: list[FrameScore]) -> Answers:
     given = [f for f in frames if f.answered]
     confidence = [f.confidence if math.isfinite(f.confidence) else 1.0 for f in given]
     wrong, whole = ([float(x) for x in v] for v in zip(*((f.is_false_accept, _is_whole(f)) for f in given), strict=True)
                     ) if given else ([], [])  # fmt: skip
-    return Case(name, np.array(confidence), np.array(wrong), np.array(whole), sum(map(_is_whole, frames)))
+    return Answers(name, np.array(confidence), np.array(wrong), np.array(whole), sum(map(_is_whole, frames)))
 
 
 def _is_whole(f: FrameScore) -> bool:
@@ -70,14 +67,14 @@ class Bin(NamedTuple):
 
     low: float
     high: float
-    count: int
+    answers: int
     told: float
     wrong: int
     least: float
     most: float
 
 
-def bins_of(cases: Sequence[Case]) -> list[Bin]:
+def bins_of(cases: Sequence[Answers]) -> list[Bin]:
     """Those of BINS that hold answers.
 
     The interval is that of the count, were the run repeated: of sequences drawn anew, and never narrower than what a Poisson
@@ -99,7 +96,7 @@ def bins_of(cases: Sequence[Case]) -> list[Bin]:
     return found
 
 
-def at_risk(cases: Sequence[Case], risk: float) -> tuple[float, int, float]:
+def at_risk(cases: Sequence[Answers], risk: float) -> tuple[float, int, float]:
     """Share of the whole frames that is located, answers wrong of all, and as told, with `--risk` so."""
     taken = [c.told > 1.0 - risk for c in cases]
     frames = sum(c.frames for c in cases)
@@ -109,7 +106,7 @@ def at_risk(cases: Sequence[Case], risk: float) -> tuple[float, int, float]:
     return located / max(1, frames), round(wrong), told
 
 
-def best_at(cases: Sequence[Case], risk: float) -> float | None:
+def best_at(cases: Sequence[Answers], risk: float) -> float | None:
     """The largest share of whole frames that a method locates if its confidence is cut where so many answers are wrong.
 
     The best cut is known from the truth alone: it flatters a method that cannot tell its risk. None where no cut does.
@@ -123,32 +120,16 @@ def best_at(cases: Sequence[Case], risk: float) -> float | None:
     return float(np.cumsum(whole * (1.0 - wrong))[fits].max() / sum(c.frames for c in cases)) if fits.any() else None
 
 
-def draw(path: Path, bins: Sequence[Bin], title: str) -> None:
-    """Reliability: the share of wrong answers as counted over that told, with intervals."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def rows_of(bins: Sequence[Bin]) -> list[tuple[object, ...]]:
+    """Rows: confidence, answers, wrong as told, wrong as counted, and its 95 % interval."""
+    return [
+        (f"{b.low:g} to {b.high:g}", b.answers, f"{b.told:.1f}", b.wrong, f"{b.least:.0f} to {b.most:.0f}")
+        for b in bins
+    ]
 
-    figure = Figure(figsize=(WIDE, 0.62 * WIDE), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    told = np.array([max(b.told / b.count, 1e-5) for b in bins])
-    least, seen, most = (np.array([getattr(b, k) / b.count for b in bins]) for k in ("least", "wrong", "most"))
-    floor = 1e-5
-    low = np.maximum(seen, floor)
-    axes.plot([floor, 1.0], [floor, 1.0], color="0.7", lw=1.0, label="as told")
-    axes.errorbar(
-        told, low, [low - np.clip(least, floor, low), np.maximum(most, low) - low], fmt="o", color="#1f5fa8", capsize=3, lw=1.2,
-        label="counted, 95 % interval",
-    )  # fmt: skip
-    for b, x, y in zip(bins, told, np.maximum(most, low), strict=True):
-        axes.annotate(
-            f"{b.wrong} of {b.count}", (x, y), xytext=(0, 5), textcoords="offset points", fontsize=8, ha="center"
-        )
-    axes.set(xscale="log", yscale="log", xlim=(floor / 1.5, 1.2), ylim=(floor / 1.5, 2.5))
-    axes.set(xlabel="wrong answers as told: 1 - confidence", ylabel="wrong answers as counted", title=title)
-    axes.legend(loc="lower right", frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=150)
+
+HEAD = ("confidence", "answers", "wrong as told", "wrong", "95 %")
+"""Of the table of `rows_of`."""
 
 
 def main() -> None:
@@ -160,7 +141,7 @@ def main() -> None:
     parser.add_argument("--method", default="auto", help="whose confidence is a probability")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="PNG of the reliability diagram")
     asked = parser.parse_args()
-    methods: dict[str, list[Case]] = {}
+    methods: dict[str, list[Answers]] = {}
     for method, case in cases_of(asked.runs):
         methods.setdefault(method, []).append(case)
     if asked.method not in methods:
@@ -170,10 +151,7 @@ def main() -> None:
     count = sum(len(c.told) for c in cases)
     common.say(f"{count} answers of {asked.method} in {len(cases)} sequences.")
     bins = bins_of(cases)
-    rows = [
-        (f"{b.low:g} to {b.high:g}", b.count, f"{b.told:.1f}", b.wrong, f"{b.least:.0f} to {b.most:.0f}") for b in bins
-    ]
-    common.table(("confidence", "answers", "wrong as told", "wrong", "95 %"), rows)
+    common.table(HEAD, rows_of(bins))
     common.say("At each risk: located of the frames that show the part whole, and wrong answers of all.")
     told = []
     for risk in RISKS:
@@ -192,7 +170,9 @@ def main() -> None:
             [(n, *("-" if v is None else f"{100 * v:.1f} %" for v in shares)) for n, shares in found.items()],
         )
     if asked.picture:
-        draw(asked.picture, bins, f"{count} answers in {len(cases)} sequences")
+        shares = np.array([(b.told, b.wrong, b.least, b.most) for b in bins]) / np.array([[b.answers] for b in bins])
+        labels = [f"{b.wrong} of {b.answers}" for b in bins]
+        plot_reliability(asked.picture, shares, labels, f"{count} answers in {len(cases)} sequences")
         common.say(f"Picture: {asked.picture.name}")
     common.finish(asked.output)
 
