@@ -88,8 +88,8 @@ def test_the_hand_on_the_part_and_lifted_is_within_reach(scenario: str) -> None:
         for travel in (0.0, 0.5, 1.0, 1.5):
             for height in (0.0, 0.12):
                 at = np.array([*(travel * along), height])
-                pose = frames.make_pose(rotation_about_z(yaw) @ frames.DOWN, at)
-                assert serial.start_joints(frames.invert_pose(base) @ pose) is not None
+                pose = frames.pose_of(rotation_about_z(yaw) @ frames.DOWN, at)
+                assert serial.start_joints(frames.inverse_pose(base) @ pose) is not None
 
 
 # --- resolved rates ---------------------------------------------------------------------------------
@@ -158,7 +158,7 @@ def test_the_hand_makes_the_twist_that_it_is_told(twist: list[float]) -> None:
     for _ in range(5):
         before = world.pose()
         world.move(twist)
-        step = frames.invert_pose(before) @ world.pose()
+        step = frames.inverse_pose(before) @ world.pose()
         turned = 0.5 * np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]])
         assert turned / world.period == pytest.approx(twist[3:], abs=5e-3)
         # the way is along an arc; half the turn brings it back to the middle
@@ -228,7 +228,7 @@ def test_the_cameras_view_is_free_of_the_arm(scenario: str) -> None:
                 u = np.linalg.svd(axis[None])[2][1:]
                 along = a + np.linspace(0.0, 1.0, 40)[:, None] * (b - a)
                 points = (along[:, None] + radius * (around @ u)[None]).reshape(-1, 3)
-                seen = points @ (to := frames.invert_pose(world.camera_pose()))[:3, :3].T + to[:3, 3]
+                seen = points @ (to := frames.inverse_pose(world.camera_pose()))[:3, :3].T + to[:3, 3]
                 front = seen[seen[:, 2] > 1e-3] @ camera.matrix.T
                 pixels = front[:, :2] / front[:, 2:]
                 inside = (pixels > -1.0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)

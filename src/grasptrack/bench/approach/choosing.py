@@ -36,6 +36,18 @@ NEARLY_AS_GOOD = 0.7
 """Share of the best quality that a grasp needs to be preferred for asking less of a turn."""
 
 
+class Choice(NamedTuple):
+    """What was found.
+
+    Attributes:
+        grasps: best first.
+        reason: empty where there are grasps, else why not.
+    """
+
+    grasps: list[Grasp]
+    reason: str
+
+
 def hand_for(size: float, unsure: float = 0.0) -> Hand:
     """The hand's limits as shares of an object of sqrt(area) = `size` m, since the scale of the image is not known.
 
@@ -91,7 +103,7 @@ def first_look(
     return tracker, result
 
 
-def closing_grasps(view: View, fingers: int, hand: Hand) -> tuple[list[Grasp], str]:
+def closing_grasps(view: View, fingers: int, hand: Hand) -> Choice:
     """Grasps that the hand closes on from outside, best first, and why there is none.
 
     Args:
@@ -103,9 +115,8 @@ def closing_grasps(view: View, fingers: int, hand: Hand) -> tuple[list[Grasp], s
         ranked = synthesize(view, fingers, FRICTION, hand=hand)
         squeezing: list[Grasp] = [g for g in ranked if not g.spread]
         only = "no stable grasp: only inside holes, where closing fingers cannot push"
-        return squeezing, "" if squeezing else only if ranked else f"no stable grasp: {ranked.reason}"
-    found = radial_grasps(view, hand, FRICTION, EVEN / PAD_WIDTH)
-    return found.grasps, found.reason
+        return Choice(squeezing, "" if squeezing else only if ranked else f"no stable grasp: {ranked.reason}")
+    return radial_grasps(view, hand, FRICTION, EVEN / PAD_WIDTH)
 
 
 def turn_between(contacts: Floats, tips: Floats) -> float:
@@ -143,19 +154,7 @@ MOST = 20_000
 """Triples that are looked at, evenly spread over those that were found: a disc has one for every two of its points."""
 
 
-class Radial(NamedTuple):
-    """What was found.
-
-    Attributes:
-        grasps: best first.
-        reason: empty where there are grasps, else why not.
-    """
-
-    grasps: list[Grasp]
-    reason: str
-
-
-def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Radial:
+def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Choice:
     """Grasps for three fingers on one drive, a third of a turn apart, that squeeze from outside, ranked as `synthesize` ranks.
 
     What `synthesize` finds lies at any angles. Here any two contacts, taken as neighbours, say where the hand's middle is,
@@ -172,7 +171,7 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Radia
     at = sample_candidates(view, area, np.array([cx, cy]), px.finger_width)
     index = even_triples(at, friction, even * px.finger_width, 0.5 * px.max_opening)
     if not len(index):
-        return Radial([], f"no three contacts at equal angles and distances close with friction {friction:g}")
+        return Choice([], f"no three contacts at equal angles and distances close with friction {friction:g}")
     if len(index) > MOST:
         index = index[np.linspace(0, len(index) - 1, MOST).astype(np.int64)]
     rho = 0.5 * at.size
@@ -181,7 +180,7 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Radia
     found = Stable(at, index, np.ones(len(index)), closure, friction)
     left, refused = reject_infeasible(found, at, view, px, (), Limits())
     if not len(left):
-        return Radial([], f"no three contacts for this hand: {next(iter(refused), 'none closes')}")
+        return Choice([], f"no three contacts for this hand: {next(iter(refused), 'none closes')}")
     chosen, quality, _ = kernels.rank_grasps(
         at.contacts,
         at.normals,
@@ -200,7 +199,7 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Radia
         TOP,
     )
     contacts = found.contacts[left[chosen]]
-    return Radial([Grasp(c, float(q)) for c, q in zip(contacts, quality, strict=True)], "")
+    return Choice([Grasp(c, float(q)) for c, q in zip(contacts, quality, strict=True)], "")
 
 
 def even_triples(at: Candidates, friction: float, even: float, reach: float) -> Ints:

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.bench.physics import frames
+from grasptrack.bench.physics.serial import Rod
 from grasptrack.bench.physics.setting import HEIGHT, WIDTH
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.conditions import pooled_noise
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from grasptrack.bench.physics.world import World
 import warnings
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal
 
 import cv2
 
@@ -99,7 +99,7 @@ def bystander_pose(world: World) -> Floats:
     z = z / np.linalg.norm(z)
     x = np.cross(z, np.array([0.0, 0.0, 1.0]))
     x = x / np.linalg.norm(x)
-    return frames.make_pose(np.column_stack([x, np.cross(z, x), z]), at)
+    return frames.pose_of(np.column_stack([x, np.cross(z, x), z]), at)
 
 
 _TEXTURE = "table.png"
@@ -199,7 +199,7 @@ class PlanarImages:
             Renderer(setting.part.shape, table, surface, width=WIDTH, height=HEIGHT, blur=BLUR, colour=colour)
             for colour in (False, True)
         ]
-        self._layer: tuple[float, Floats32, Floats32] | None = None
+        self._layer: tuple[float, Layer] | None = None
 
     def bind(self, model: Any) -> None:
         """Nothing is needed of the model."""
@@ -214,10 +214,10 @@ class PlanarImages:
         if self._layer is None or self._layer[0] != opening:
             boxes = self._gripper.boxes(opening)
             drawn = boxes_seen(
-                boxes, frames.invert_pose(self._setting.mount), self._setting.camera.matrix, self.levels["hand"]
+                boxes, frames.inverse_pose(self._setting.mount), self._setting.camera.matrix, self.levels["hand"]
             )
-            self._layer = (opening, *drawn)
-        _, share, light = self._layer
+            self._layer = (opening, drawn)
+        share, light = self._layer[1]
         image *= 1.0 - share
         image += light
         return add_camera_noise(image, self._seed, frame)
@@ -226,7 +226,7 @@ class PlanarImages:
         """(480, 640, 3) BGR, of the one who stands beside."""
         at = bystander_pose(world)
         image = self._render_scene(world, self._views[1], BYSTANDER.matrix, at)
-        to_camera, K, level = frames.invert_pose(at), BYSTANDER.matrix, self.levels["hand"]
+        to_camera, K, level = frames.inverse_pose(at), BYSTANDER.matrix, self.levels["hand"]
         for share, light in (
             rods_seen(world.links(), to_camera, K, level),  # the hand hangs below them
             boxes_seen(self._gripper.boxes(world.opening()), to_camera @ world.pose(), K, level),
@@ -245,8 +245,15 @@ class PlanarImages:
         return image
 
 
-def boxes_seen(boxes: list[Floats], to_camera: Floats, K: Floats, level: float) -> tuple[Floats32, Floats32]:
-    """What boxes cover of an image, and that share times their grey level; both (480, 640). The farther faces are drawn first.
+class Layer(NamedTuple):
+    """What lies over an image: the share of each pixel that it covers, and that share times its grey level; (480, 640) each."""
+
+    share: Floats32
+    light: Floats32
+
+
+def boxes_seen(boxes: list[Floats], to_camera: Floats, K: Floats, level: float) -> Layer:
+    """What boxes cover of an image. The farther faces are drawn first.
 
     Args:
         boxes: (8, 3) corners each.
@@ -276,10 +283,8 @@ def boxes_seen(boxes: list[Floats], to_camera: Floats, K: Floats, level: float) 
     return _blur_layers(share, light)
 
 
-def rods_seen(
-    rods: list[tuple[Floats, Floats, float]], to_camera: Floats, K: Floats, level: float
-) -> tuple[Floats32, Floats32]:
-    """As `boxes_seen`, of rods with round ends: both ends (3,) and the radius. Lit along the middle, as what is round is."""
+def rods_seen(rods: list[Rod], to_camera: Floats, K: Floats, level: float) -> Layer:
+    """As `boxes_seen`, of rods. Lit along the middle, as what is round is."""
     share, light = np.zeros((HEIGHT, WIDTH), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)
     seen = [(np.array([a, b]) @ to_camera[:3, :3].T + to_camera[:3, 3], radius) for a, b, radius in rods]
     for ends, radius in sorted(seen, key=lambda rod: -float(rod[0][:, 2].mean())):
@@ -295,10 +300,10 @@ def rods_seen(
     return _blur_layers(share, light)
 
 
-def _blur_layers(share: Pixels, light: Pixels) -> tuple[Floats32, Floats32]:
+def _blur_layers(share: Pixels, light: Pixels) -> Layer:
     soft = cv2.GaussianBlur(share.astype(np.float32) / np.float32(255.0), (0, 0), BLUR)
     glow = cv2.GaussianBlur(light.astype(np.float32), (0, 0), BLUR)
-    return np.asarray(soft, dtype=np.float32), np.asarray(glow, dtype=np.float32)
+    return Layer(np.asarray(soft, dtype=np.float32), np.asarray(glow, dtype=np.float32))
 
 
 def images_of(

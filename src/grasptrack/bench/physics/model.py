@@ -58,7 +58,7 @@ def start_joints(setting: Setting, arm: Arm) -> Floats:
         InputError: the arm does not reach it.
     """
     if arm == "arm":
-        return serial.start_joints(frames.invert_pose(base_pose(setting)) @ setting.hand)
+        return serial.start_joints(frames.inverse_pose(base_pose(setting)) @ setting.hand)
     R = setting.hand[:3, :3] @ frames.DOWN  # what the turn has to do
     return np.array([*setting.hand[:3, 3], np.arctan2(R[1, 0], R[0, 0])])
 

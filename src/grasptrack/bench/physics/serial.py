@@ -9,6 +9,7 @@ pitch, yaw and roll: it is singular where the hand points along the arm's pitch 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def base_for(hand: Floats, part: Floats, belt: Floats) -> Floats:
         at = part + ASIDE * back / max(float(np.hypot(*back)), 1e-9)
     centre = hand[:3, :3] @ WRIST + hand[:3, 3]
     way = centre[:2] - at
-    return frames.make_pose(rotation_about_z(math.atan2(way[1], way[0])), np.array([*at, HIGH]))
+    return frames.pose_of(rotation_about_z(math.atan2(way[1], way[0])), np.array([*at, HIGH]))
 
 
 def forward_kinematics(joints: Floats) -> Floats:
@@ -80,7 +81,7 @@ def forward_kinematics(joints: Floats) -> Floats:
     turn = rotation_about_z(yaw)
     wrist = frames.about_y(shoulder + elbow + pitch) @ frames.about_x(aside) @ rotation_about_z(roll)
     R = turn @ wrist @ ZERO
-    return frames.make_pose(R, turn @ flat - R @ WRIST)
+    return frames.pose_of(R, turn @ flat - R @ WRIST)
 
 
 def inverse_kinematics(hand: Floats) -> list[Floats]:
@@ -127,8 +128,16 @@ def start_joints(hand: Floats) -> Floats:
     return min(ways, key=lambda q: float(((q - REST) ** 2).sum()))
 
 
-def link_rods(joints: Floats) -> list[tuple[Floats, Floats, float]]:
-    """The links as rods in the base's frame: both ends (3,) and the radius, m."""
+class Rod(NamedTuple):
+    """A link with round ends: both of them (3,) and its radius, m."""
+
+    start: Floats
+    end: Floats
+    radius: float
+
+
+def link_rods(joints: Floats) -> list[Rod]:
+    """The links as rods in the base's frame."""
     yaw, shoulder, elbow, *_ = (float(q) for q in joints)
     turn = rotation_about_z(yaw)
     bend = turn @ frames.about_y(shoulder) @ np.array([UPPER, 0.0, 0.0])
@@ -136,7 +145,7 @@ def link_rods(joints: Floats) -> list[tuple[Floats, Floats, float]]:
     palm = centre + FLANGE * forward_kinematics(joints)[:3, 2]
     origin = np.zeros(3)
     ends = [(np.array([0.0, 0.0, COLUMN]), origin), (origin, bend), (bend, centre), (centre, palm)]
-    return [(a, b, r) for (a, b), r in zip(ends, RADII, strict=True)]
+    return [Rod(a, b, r) for (a, b), r in zip(ends, RADII, strict=True)]
 
 
 def _wrap_angles(q: Floats) -> Floats:

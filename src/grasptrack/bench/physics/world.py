@@ -127,7 +127,7 @@ class World:
 
     def pose(self) -> Floats:
         """(4, 4) of the hand in the robot's base, from the joints' sensors."""
-        return frames.make_pose(
+        return frames.pose_of(
             self.data.site_xmat[self._tip].reshape(3, 3).copy(), self.data.site_xpos[self._tip].copy()
         )
 
@@ -145,7 +145,7 @@ class World:
 
     def fingertips(self) -> tuple[Floats, float]:
         """Where the tips of the open fingers are seen, as a person would mark them once: (k, 2) px; and their opening in m."""
-        mount = frames.invert_pose(self.setting.mount)
+        mount = frames.inverse_pose(self.setting.mount)
         opening = self.opening()
         return frames.project_points(self.setting.camera.matrix, mount, self.hand.tips(opening)), opening
 
@@ -204,13 +204,13 @@ class World:
         self.failure = "" if min(heights) >= LIFTED else "slipped" if max(heights) > 0.004 else "stayed on the table"
         return min(heights) >= LIFTED
 
-    def links(self) -> list[tuple[Floats, Floats, float]]:
-        """The arm's links as rods in the world: both ends (3,) and the radius, m; none of a gantry."""
+    def links(self) -> list[serial.Rod]:
+        """The arm's links as rods in the world; none of a gantry."""
         if self.arm == "gantry":
             return []
         at = model.base_pose(self.setting)
         rods = serial.link_rods(self.data.qpos[self._qpos])
-        return [(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
+        return [serial.Rod(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
 
     def bystander(self) -> Pixels:
         """(480, 640, 3) BGR image of a camera that stands beside and goes along."""
@@ -220,7 +220,7 @@ class World:
 
     def part_pose(self) -> Floats:
         """(4, 4) of the part in the world; its origin is at the centroid of its foot."""
-        return frames.make_pose(self.data.xmat[self._part].reshape(3, 3).copy(), self.data.xpos[self._part].copy())
+        return frames.pose_of(self.data.xmat[self._part].reshape(3, 3).copy(), self.data.xpos[self._part].copy())
 
     def camera_pose(self) -> Floats:
         """(4, 4) of the hand's camera in the world."""

@@ -7,6 +7,7 @@ import math
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -262,6 +263,14 @@ class Room:
         return float(distances[met - 1] * way[0]), float(distances[met - 1] * way[1])
 
 
+class Placed(NamedTuple):
+    """A part that found a place: its number among those that were to lie there, its turn in rad, then its shift."""
+
+    number: int
+    turn: float
+    shift: tuple[float, float]
+
+
 def place_beside(
     part: Shape,
     shapes: Sequence[Shape],
@@ -269,7 +278,7 @@ def place_beside(
     *,
     gaps: Sequence[tuple[float, float]],
     fits: Callable[[Shape], bool],
-) -> list[tuple[int, float, tuple[float, float]]]:
+) -> list[Placed]:
     """Places for parts beside an object, none of which touches another.
 
     Args:
@@ -280,9 +289,9 @@ def place_beside(
         fits: whether a part at its place is wanted there, as when it is in view.
 
     Returns:
-        Number in `shapes`, turn in rad, and shift of each for which a place was found.
+        Those for which a place was found.
     """
-    placed: list[tuple[int, float, tuple[float, float]]] = []
+    placed: list[Placed] = []
     lying = [part]
     for number, shape in enumerate(shapes):
         room = Room(lying)
@@ -291,7 +300,7 @@ def place_beside(
             shift = room.pushed_up(shape.moved(turn), direction, float(rng.uniform(*gaps[number])))
             if shift is None or not fits(shape.moved(turn, shift)):
                 continue
-            placed.append((number, turn, shift))
+            placed.append(Placed(number, turn, shift))
             lying.append(shape.moved(turn, shift))
             break
     return placed

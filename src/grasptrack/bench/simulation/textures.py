@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -95,26 +96,36 @@ def tint_relief(value: Floats32, colour: Colour) -> Pixels:
     return np.clip(np.rint(value[..., None] * np.array(colour, np.float32)), 0, 255).astype(np.uint8)
 
 
-def brushed_texture(
-    seed: int = 0,
-    *,
-    size: int = 768,
-    extent: float = 1.6,
-    colour: Colour = (66, 54, 47),
-    contrast: float = 1.0,
-    mark: str = "",
-) -> Texture:
-    """A part's own surface: brushed metal, with a faint engraved mark if asked for.
+def _texture_maker(
+    stream: int, size: int, extent: float, colour: Colour
+) -> Callable[[Callable[..., Floats32]], Callable[..., Texture]]:
+    """Makes of a function that draws a relief around 1 one that makes a texture from a seed.
 
     Args:
-        seed: of the brushing.
-        size: px of the square picture.
-        extent: table units from the part's centroid to the picture's sides.
-        colour: mean BGR.
-        contrast: of the brushing; 1 is some 5 % of the brightness.
-        mark: a word engraved around the centroid.
+        stream: of the seed's random numbers.
+        size: px of the square picture, if not told otherwise.
+        extent: table units from its middle to its sides, likewise.
+        colour: mean BGR, likewise.
     """
-    rng = np.random.default_rng((seed, 13))
+    usual = {"size": size, "extent": extent, "colour": colour, "contrast": 1.0}
+
+    def decorate(relief: Callable[..., Floats32]) -> Callable[..., Texture]:
+        def make(seed: int = 0, **options: Any) -> Texture:
+            told = {**usual, **options}
+            value = relief(np.random.default_rng((seed, stream)), **told)
+            return Texture(tint_relief(value, told["colour"]), told["extent"])
+
+        make.__name__, make.__doc__ = relief.__name__, relief.__doc__
+        return make
+
+    return decorate
+
+
+@_texture_maker(13, size=768, extent=1.6, colour=(66, 54, 47))
+def brushed_texture(
+    rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float, mark: str = ""
+) -> Floats32:
+    """A part's own surface: brushed metal, some 5 % of the brightness; `mark` is a word engraved around the centroid."""
     relief = 1.0 + contrast * (0.045 * noise_field(rng, size, 40, 0.8) + 0.05 * noise_field(rng, size, 90, 90))
     if mark:
         layer = np.zeros((size, size), np.uint8)
@@ -122,33 +133,19 @@ def brushed_texture(
         place = ((size - width) // 2, (size + height) // 2)
         cv2.putText(layer, mark, place, cv2.FONT_HERSHEY_DUPLEX, 1.15, 255, 2, cv2.LINE_AA)
         relief = relief * (1.0 + 0.42 * cv2.GaussianBlur(layer.astype(np.float32) / 255.0, (0, 0), 0.8))
-    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
+    return np.asarray(relief, np.float32)
 
 
-def blank_texture(
-    seed: int = 0,
-    *,
-    size: int = 512,
-    extent: float = 1.6,
-    colour: Colour = (66, 60, 56),
-    contrast: float = 1.0,
-) -> Texture:
+@_texture_maker(20, size=512, extent=1.6, colour=(66, 60, 56))
+def blank_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
     """Cast plastic or card: nearly one grey, with a breath of mottling."""
-    rng = np.random.default_rng((seed, 20))
     relief = 1.0 + contrast * (0.012 * noise_field(rng, size, 1.5, 1.5) + 0.012 * noise_field(rng, size, 60, 60))
-    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
+    return np.asarray(relief, np.float32)
 
 
-def printed_texture(
-    seed: int = 0,
-    *,
-    size: int = 640,
-    extent: float = 1.6,
-    colour: Colour = (70, 62, 58),
-    contrast: float = 1.0,
-) -> Texture:
+@_texture_maker(21, size=640, extent=1.6, colour=(70, 62, 58))
+def printed_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
     """A printed label: lines of words, boxes, bars, lighter or darker than the card by up to a third."""
-    rng = np.random.default_rng((seed, 21))
     ink = np.zeros((size, size), np.uint8)
     words = ("GRASP", "LOT 218", "SERIES 5", "MADE IN EU", "FRAGILE", "TOP", "STEEL", "M8 DIN 934", "24V", "KEEP DRY")
     y = 0
@@ -174,19 +171,12 @@ def printed_texture(
     mean = sum(colour) / 3.0
     sign, depth = (1.0 if mean < 110.0 else -1.0), 0.33 * max(1.0, 80.0 / mean)
     relief = (1.0 + 0.012 * noise_field(rng, size, 60, 60)) * (1.0 + sign * depth * contrast * laid_on)
-    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
+    return np.asarray(relief, np.float32)
 
 
-def picture_texture(
-    seed: int = 0,
-    *,
-    size: int = 640,
-    extent: float = 1.6,
-    colour: Colour = (110, 104, 98),
-    contrast: float = 1.0,
-) -> Texture:
+@_texture_maker(23, size=640, extent=1.6, colour=(110, 104, 98))
+def picture_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
     """A picture in print: patches of many shades with soft and sharp borders, as a photo has them, and fine detail."""
-    rng = np.random.default_rng((seed, 23))
     relief = 0.25 * noise_field(rng, size, 70, 70)
     for _ in range(40):
         middle, half = rng.uniform(0.0, size, 2), rng.uniform(0.03, 0.16, 2) * size
@@ -200,7 +190,7 @@ def picture_texture(
         share = np.asarray(cv2.GaussianBlur(patch, (0, 0), soft), np.float32) * np.float32(rng.uniform(0.5, 1.0))
         relief += share * (np.float32(rng.uniform(-0.7, 0.7)) + 0.15 * noise_field(rng, size, 8, 8) - relief)
     relief += 0.04 * noise_field(rng, size, 1.5, 1.5)
-    return Texture(tint_relief(np.asarray(1.0 + 0.8 * contrast * (relief - relief.mean()), np.float32), colour), extent)
+    return np.asarray(1.0 + 0.8 * contrast * (relief - relief.mean()), np.float32)
 
 
 SURFACES: dict[str, Callable[..., Texture]] = {
@@ -211,26 +201,11 @@ SURFACES: dict[str, Callable[..., Texture]] = {
 """Every kind of surface by its name; each takes a seed, `colour` and `contrast`."""
 
 
+@_texture_maker(11, size=1536, extent=4.5, colour=(152, 190, 214))
 def wood_texture(
-    seed: int = 0,
-    *,
-    size: int = 1536,
-    extent: float = 4.5,
-    colour: Colour = (152, 190, 214),
-    contrast: float = 1.0,
-    planks: int = 7,
-) -> Texture:
-    """A table of planks with year rings, fibres and faint seams.
-
-    Args:
-        seed: of the grain.
-        size: px of the square picture.
-        extent: table units from its centre to its sides.
-        colour: mean BGR.
-        contrast: of the grain; 1 is some 4 % of the brightness, as on a lacquered table.
-        planks: across the picture.
-    """
-    rng = np.random.default_rng((seed, 11))
+    rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float, planks: int = 7
+) -> Floats32:
+    """A table of planks: year rings, fibres, faint seams; at contrast 1 the grain is some 4 % of the brightness."""
     rows = np.arange(size)
     plank = np.minimum(rows * planks // size, planks - 1)
     bend = noise_field(rng, size, 170, 22)
@@ -246,33 +221,19 @@ def wood_texture(
     relief = 1.0 + contrast * (0.028 * rings + 0.017 * fibres + 0.014 * clouds + tone)
     to_seam = np.abs((rows * planks / size + 0.5) % 1.0 - 0.5) * size / planks
     relief *= 1.0 - 0.14 * contrast * np.exp(-0.5 * (to_seam / 1.3) ** 2)[:, None]
-    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
+    return np.asarray(relief, np.float32)
 
 
-def plain_texture(
-    seed: int = 0,
-    *,
-    size: int = 1024,
-    extent: float = 4.5,
-    colour: Colour = (188, 190, 190),
-    contrast: float = 1.0,
-) -> Texture:
+@_texture_maker(12, size=1024, extent=4.5, colour=(188, 190, 190))
+def plain_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
     """A laminate or cloth: fine and coarse mottling without a direction."""
-    rng = np.random.default_rng((seed, 12))
     relief = 1.0 + contrast * (0.012 * noise_field(rng, size, 1.2, 1.2) + 0.02 * noise_field(rng, size, 60, 60))
-    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
+    return np.asarray(relief, np.float32)
 
 
-def gravel_texture(
-    seed: int = 0,
-    *,
-    size: int = 1024,
-    extent: float = 4.5,
-    colour: Colour = (150, 156, 160),
-    contrast: float = 1.0,
-) -> Texture:
+@_texture_maker(14, size=1024, extent=4.5, colour=(150, 156, 160))
+def gravel_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
     """Fine gravel or terrazzo: pebbles of many sizes and shades, close together."""
-    rng = np.random.default_rng((seed, 14))
     relief = np.full((size, size), 0.86, np.float32)
     count = size * size // 90
     middle, radius = rng.integers(0, size, (count, 2)), np.sort(rng.gamma(4.0, 1.1, count))[::-1] + 2.0
@@ -282,27 +243,12 @@ def gravel_texture(
         at = (8 * int(middle[i, 0]), 8 * int(middle[i, 1]))
         cv2.ellipse(relief, at, axes, float(turn[i]), 0, 360, float(shade[i]), -1, cv2.LINE_8, 3)
     relief = np.asarray(cv2.GaussianBlur(relief, (0, 0), 0.9), np.float32) + 0.02 * noise_field(rng, size, 1.0, 1.0)
-    return Texture(tint_relief(1.0 + contrast * (relief - relief.mean()), colour), extent)
+    return np.asarray(1.0 + contrast * (relief - relief.mean()), np.float32)
 
 
-def pebble_texture(
-    seed: int = 0,
-    *,
-    size: int = 1440,
-    extent: float = 3.0,
-    colour: Colour = (150, 156, 160),
-    contrast: float = 1.0,
-) -> Texture:
-    """Strong gravel: dense pebbles of 6 to 15 px where the object is some 175 px in size, as light and dark as parts are.
-
-    Args:
-        seed: of the pebbles.
-        size: px of the square picture.
-        extent: table units from its centre to its sides.
-        colour: mean BGR.
-        contrast: of the pebbles; 1 spreads their brightness by a third of the mean.
-    """
-    rng = np.random.default_rng((seed, 22))
+@_texture_maker(22, size=1440, extent=3.0, colour=(150, 156, 160))
+def pebble_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
+    """Strong gravel: dense pebbles of 6 to 15 px where the object is some 175 px in size, as light and dark as parts are."""
     unit = 0.5 * size / extent
     least, most = 0.5 * 6.0 / 175.0 * unit, 0.5 * 15.0 / 175.0 * unit
     relief = np.full((size, size), 0.6, np.float32)
@@ -315,19 +261,12 @@ def pebble_texture(
         at = (int(middle[i, 0]), int(middle[i, 1]))
         cv2.ellipse(relief, at, axes, float(turn[i]), 0, 360, float(shade[i]), -1, cv2.LINE_8, 3)
     relief = np.asarray(cv2.GaussianBlur(relief, (0, 0), 1.0), np.float32) + 0.02 * noise_field(rng, size, 1.0, 1.0)
-    return Texture(tint_relief(1.0 + contrast * (relief - relief.mean()), colour), extent)
+    return np.asarray(1.0 + contrast * (relief - relief.mean()), np.float32)
 
 
-def woven_texture(
-    seed: int = 0,
-    *,
-    size: int = 1024,
-    extent: float = 4.5,
-    colour: Colour = (140, 146, 150),
-    contrast: float = 1.0,
-) -> Texture:
+@_texture_maker(15, size=1024, extent=4.5, colour=(140, 146, 150))
+def woven_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
     """Coarse cloth: threads over and under each other, uneven as spun ones are."""
-    rng = np.random.default_rng((seed, 15))
     pitch = 9.0  # px; far enough from the pixels of any image here not to alias
     y, x = np.mgrid[:size, :size].astype(np.float32)
     u = x / pitch + 0.12 * noise_field(rng, size, 8, 160)
@@ -337,25 +276,18 @@ def woven_texture(
     thread = np.where(over, across * (0.75 + 0.25 * along), along * (0.75 + 0.25 * across) - 0.06)
     relief = 0.11 * (thread - thread.mean()) + 0.02 * noise_field(rng, size, 70, 70)
     relief = cv2.GaussianBlur(np.asarray(relief, np.float32), (0, 0), 0.8) + 0.012 * noise_field(rng, size, 1.2, 1.2)
-    return Texture(tint_relief(np.asarray(1.0 + contrast * relief, np.float32), colour), extent)
+    return np.asarray(1.0 + contrast * relief, np.float32)
 
 
-def stone_texture(
-    seed: int = 0,
-    *,
-    size: int = 1024,
-    extent: float = 4.5,
-    colour: Colour = (158, 164, 166),
-    contrast: float = 1.0,
-) -> Texture:
+@_texture_maker(16, size=1024, extent=4.5, colour=(158, 164, 166))
+def stone_texture(rng: np.random.Generator, size: int, extent: float, colour: Colour, contrast: float) -> Floats32:
     """A worktop of granite: clouds, grains of three sizes, a few veins."""
-    rng = np.random.default_rng((seed, 16))
     clouds = noise_field(rng, size, 90, 90)
     grains = sum(w * noise_field(rng, size, s, s) for w, s in ((0.02, 1.3), (0.022, 3.0), (0.018, 8.0)))
     dark = np.clip(noise_field(rng, size, 2.2, 2.2) - 1.6, 0.0, 1.0)
     vein = np.exp(-((noise_field(rng, size, 120, 45) / 0.05) ** 2))
     relief = 1.0 + contrast * (0.02 * clouds + grains - 0.18 * dark + 0.05 * vein)
-    return Texture(tint_relief(np.asarray(relief, np.float32), colour), extent)
+    return np.asarray(relief, np.float32)
 
 
 TABLES: dict[str, Callable[..., Texture]] = {

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from grasptrack.bench.physics import frames
 from grasptrack.bench.physics.world import World
 from grasptrack.geometry.homographies import rotation_about_z
+from grasptrack.servo.geometry import rotation_vector
 from grasptrack.typing import Floats
 
 ABOVE = 0.05
@@ -49,7 +50,7 @@ def _twist_toward_grasp(world: World, grasp: Floats, height: float) -> tuple[Flo
     now, alike = math.atan2(hand[1, 0], hand[0, 0]), 2.0 * math.pi / world.hand.fingers
     way += alike * round((now - way) / alike)  # equal fingers change places
     R = rotation_about_z(way) @ frames.DOWN
-    turn = _rotation_vector(hand[:3, :3].T @ R)
+    turn = rotation_vector(hand[:3, :3].T @ R)
     shift = hand[:3, :3].T @ (middle - hand[:3, 3])
     carried = hand[:3, :3].T @ np.array([*world.setting.belt, 0.0])
     twist = np.concatenate([_limit_norm(6.0 * shift, 0.3) + carried, _limit_norm(6.0 * turn, 1.5)])
@@ -58,9 +59,3 @@ def _twist_toward_grasp(world: World, grasp: Floats, height: float) -> tuple[Flo
 
 def _limit_norm(v: Floats, most: float) -> Floats:
     return v * min(1.0, most / max(1e-12, float(np.linalg.norm(v))))
-
-
-def _rotation_vector(R: Floats) -> Floats:
-    q = frames.rotation_to_quaternion(R)
-    s = float(np.linalg.norm(q[1:]))
-    return np.asarray(q[1:] * (2.0 * math.atan2(s, q[0]) / s if s > 1e-12 else 2.0), dtype=np.float64)
