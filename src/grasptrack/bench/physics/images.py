@@ -3,32 +3,28 @@
 
 from __future__ import annotations
 
+import warnings
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.bench.physics import frames
+from grasptrack.bench.physics.gripper import Gripper
+from grasptrack.bench.physics.model import import_mujoco
 from grasptrack.bench.physics.serial import Rod
-from grasptrack.bench.physics.setting import HEIGHT, WIDTH
+from grasptrack.bench.physics.setting import HEIGHT, WIDTH, Setting
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.conditions import pooled_noise
-from grasptrack.bench.simulation.textures import Look
+from grasptrack.bench.simulation.render import Renderer
+from grasptrack.bench.simulation.textures import Look, Texture, sample_look
+from grasptrack.errors import InputError
 from grasptrack.typing import Floats, Floats32, Pixels
 
 if TYPE_CHECKING:
     from grasptrack.bench.physics.world import World
-import warnings
-from functools import lru_cache
-
-import cv2
-
-from grasptrack.bench.physics.gripper import Gripper
-from grasptrack.bench.physics.model import import_mujoco
-from grasptrack.bench.physics.setting import Setting
-from grasptrack.bench.simulation.render import Renderer
-from grasptrack.bench.simulation.textures import Texture, sample_look
-from grasptrack.errors import InputError
 
 NOISE = 2.0
 """Grey levels of the camera's noise."""
