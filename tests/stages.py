@@ -10,7 +10,7 @@ import numpy as np
 
 from grasptrack import GraspTracker
 from grasptrack.bench.simulation import SHAPES, Renderer, Shape, Texture, brushed_texture, plain_texture, wood_texture
-from grasptrack.bench.simulation.shapes import polygon_moments
+from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
 

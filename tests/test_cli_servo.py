@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.approach.case import Row
-from grasptrack.bench.approach.looking import Looking
-from grasptrack.bench.approach.trials import COLUMNS, Trials, draw_cases, kind_of, run_trials
+from grasptrack.bench.approach.runs import COLUMNS, Trials, draw_cases, kind_of, run_trials
+from grasptrack.bench.approach.trial import Looking
 from grasptrack.bench.schedule import Outcome
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.cli.main import main

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from grasptrack import GraspTracker
 from grasptrack.bench.baselines import PEERS, available_baselines, missing_baselines
+from grasptrack.bench.baselines.base import region_of
 from grasptrack.bench.baselines.direct import MARGIN
-from grasptrack.bench.baselines.region import region_of
 from grasptrack.bench.method import Method, Start
 from grasptrack.bench.metrics.errors import contact_distances
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Scene, SceneFrame, similarity_path

@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import math
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,11 +19,9 @@ from grasptrack.bench.metrics.mask_agreement import (
     mask_boundary,
     mask_of,
 )
-from grasptrack.bench.simulation.coverage import pixel_coverage
+from grasptrack.bench.simulation.render import pixel_coverage
+from grasptrack.bench.studies.segmentation import METHODS, largest_outline
 from grasptrack.geometry.contours import Contour, View
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-from baselines import BASELINES, outlined
 
 SHAPE = (120, 160)
 Y, X = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
@@ -132,12 +128,12 @@ def test_the_band_of_a_disc_is_that_of_its_radii() -> None:
 
 @pytest.mark.parametrize("hint", [None, (80.0, 60.0)])
 @pytest.mark.parametrize(("ground", "object_"), [(190, 40), (40, 190)])
-@pytest.mark.parametrize("name", BASELINES)
+@pytest.mark.parametrize("name", ["Otsu", "adaptive", "GrabCut"])
 def test_baselines_find_a_disc(name: str, ground: int, object_: int, hint: tuple[float, float] | None) -> None:
     share = pixel_coverage([circle(80.0, 60.0, 30.0)], SHAPE[1], SHAPE[0], 0.8)[:, :, None]
     noise = np.random.default_rng(3).normal(0.0, 2.0, (*SHAPE, 3))
     image = np.clip(ground + (object_ - ground) * share + noise, 0, 255).astype(np.uint8)
-    mask = BASELINES[name](image, hint)
+    mask = METHODS[name](image, hint)
     assert boundary_f(mask, disc(80.0, 60.0, 30.0)) > 0.95
     assert intersection_over_union(mask, disc(80.0, 60.0, 30.0)) > 0.85
 
@@ -145,8 +141,8 @@ def test_baselines_find_a_disc(name: str, ground: int, object_: int, hint: tuple
 def test_a_baseline_takes_the_largest_outline_clear_of_the_border_or_the_one_at_the_hint() -> None:
     large, small, cut = disc(60, 60, 20), disc(110, 60, 10), disc(150, 60, 20)
     both = [(large | small | cut).astype(np.uint8)]
-    assert (outlined([(large | cut).astype(np.uint8)]) == large).all()
-    assert (outlined([(large | disc(110, 60, 8)).astype(np.uint8)], (110.0, 60.0)) == disc(110, 60, 8)).all()
-    assert (outlined(both, (155.0, 60.0)) == cut).all()
-    assert not outlined(both, (10.0, 10.0)).any()
-    assert not outlined([cut.astype(np.uint8)]).any()
+    assert (largest_outline([(large | cut).astype(np.uint8)]) == large).all()
+    assert (largest_outline([(large | disc(110, 60, 8)).astype(np.uint8)], (110.0, 60.0)) == disc(110, 60, 8)).all()
+    assert (largest_outline(both, (155.0, 60.0)) == cut).all()
+    assert not largest_outline(both, (10.0, 10.0)).any()
+    assert not largest_outline([cut.astype(np.uint8)]).any()

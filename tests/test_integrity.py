@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.simulation import SHAPES, Shape
-from grasptrack.bench.simulation.texture import Texture
+from grasptrack.bench.simulation.textures import Texture
 from stages import DARK, EVEN, HEIGHT, METAL, WIDTH, Run, bar, mirrored, photo, pose, regular, twin
 
 STRATEGIES = ("auto", "homography", "grasp-line", "rrp")

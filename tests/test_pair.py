@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Path, Scene
-from grasptrack.bench.simulation.surfaces import blank_texture
+from grasptrack.bench.simulation.textures import blank_texture
 from grasptrack.errors import AmbiguousError, TransferError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography

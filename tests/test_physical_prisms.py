@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from grasptrack.bench.physics.part import extrude_body
-from grasptrack.bench.physics.prisms import convex_pieces
+from grasptrack.bench.physics.part import convex_pieces, extrude_body
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.errors import ContourError

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from grasptrack.bench.approach.refusal import pairs_that_close
 from grasptrack.bench.approach.trial import _grasp_axis_angle
+from grasptrack.bench.approach.truth import pairs_that_close
 from grasptrack.bench.physics import frames
 from grasptrack.bench.physics.gripper import make_gripper
 from grasptrack.bench.physics.setting import ASIDE, AWAY, BELT, TILT, TURN, sample_setting
@@ -25,8 +25,8 @@ if find_spec("mujoco") is None:  # not imported here: the package says first how
     pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
 
 from grasptrack.bench.physics import World
-from grasptrack.bench.physics.by_truth import lift_by_truth
-from grasptrack.bench.physics.offscreen import MujocoImages, offscreen_error
+from grasptrack.bench.physics.images import MujocoImages, offscreen_error
+from led_by_truth import lift_by_truth
 
 
 def across(shape: Shape, size: float) -> Floats:
@@ -64,10 +64,10 @@ def test_a_start_is_within_its_limits_and_shows_the_part_whole_and_beside_the_ha
     H = frames.plane_to_image(setting.camera.matrix, at, setting.place, setting.part.thickness)
     seen = apply_homography(H, setting.part.shape.outer)
     assert (seen > 0.0).all() and (seen < [639.0, 479.0]).all()
-    tips = frames.project_points(setting.camera.matrix, frames.invert_pose(setting.mount), np.zeros((1, 3)))[0]
+    tips = frames.project_points(setting.camera.matrix, frames.inverse_pose(setting.mount), np.zeros((1, 3)))[0]
     middle = apply_homography(H, np.zeros((1, 2)))[0]
     assert (np.abs(middle - tips) <= np.array([640.0, 480.0]) * ASIDE + 1e-6).all()
-    depth = (frames.invert_pose(at) @ [0.0, 0.0, setting.part.thickness, 1.0])[2] / frames.invert_pose(setting.mount)[
+    depth = (frames.inverse_pose(at) @ [0.0, 0.0, setting.part.thickness, 1.0])[2] / frames.inverse_pose(setting.mount)[
         2, 3
     ]
     assert AWAY[0] - 1e-9 <= depth <= AWAY[1] + 1e-9
@@ -78,7 +78,7 @@ def test_a_start_is_within_its_limits_and_shows_the_part_whole_and_beside_the_ha
         angle = math.acos(min(1.0, abs(float(way @ setting.hand[:3, 0]))))
         assert angle <= TURN + 1e-9
     speed = float(np.hypot(*setting.belt)) * setting.camera.matrix[0, 0] / 640.0
-    assert BELT[0] <= speed / (depth * frames.invert_pose(setting.mount)[2, 3]) <= BELT[1]
+    assert BELT[0] <= speed / (depth * frames.inverse_pose(setting.mount)[2, 3]) <= BELT[1]
 
 
 def test_a_blocked_view_lasts_half_a_second_and_shows_nothing() -> None:

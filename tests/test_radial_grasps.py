@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grasptrack.bench.approach.choosing import EVEN, FRICTION, closing_grasps, hand_for, turn_between, width_in_m
-from grasptrack.bench.approach.refusal_radial import triples_that_close
+from grasptrack.bench.approach.truth import triples_that_close
 from grasptrack.bench.physics.gripper import MAX_OPENING, make_gripper
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.bench.simulation.outlines import Shape
@@ -34,7 +34,7 @@ def view(shape: Shape, turn: float = 0.0) -> View:
 
 
 def found(shape: Shape, turn: float = 0.0) -> list[Grasp]:
-    return closing_grasps(view(shape, turn), 3, hand_for(SIZE))[0]
+    return closing_grasps(view(shape, turn), 3, hand_for(SIZE)).grasps
 
 
 @pytest.mark.parametrize("name", ["disc", "egg", "guitar", "s-blob", "notched-plate", "key", "bracket"])
@@ -82,7 +82,7 @@ def test_what_has_no_three_sides_that_face_three_fingers_is_refused_and_brute_fo
 
 
 def test_a_part_that_is_too_wide_is_refused() -> None:
-    assert not closing_grasps(view(SHAPES["disc"]()), 3, hand_for(0.2))[0]
+    assert not closing_grasps(view(SHAPES["disc"]()), 3, hand_for(0.2)).grasps
     assert triples_that_close(SHAPES["disc"](), 0.2) == 0
 
 

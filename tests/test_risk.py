@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.bench.approach import choosing
-from grasptrack.bench.approach.looking import Looking
+from grasptrack.bench.approach.trial import Looking
 from grasptrack.bench.demo import run_demo
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.cli.main import main

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from grasptrack.bench.physics import frames, linkage, serial
+from grasptrack.bench.physics import frames, model, serial
 from grasptrack.bench.physics.gripper import make_gripper
-from grasptrack.bench.physics.resolved import LENGTH, NEAR, joint_rates
+from grasptrack.bench.physics.serial import LENGTH, NEAR, joint_rates
 from grasptrack.bench.physics.setting import SCENARIOS, sample_setting
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import InputError
@@ -71,8 +71,8 @@ def test_what_is_out_of_reach_is_told_in_one_line() -> None:
 def test_starts_are_within_limits_and_away_from_singular_poses(scenario: str) -> None:
     for seed in range(25):
         setting = sample_setting(SHAPES["bracket"](), make_gripper(2), seed=seed, scenario=scenario, arm="arm")  # type: ignore[arg-type]
-        joints = linkage.start_joints(setting, "arm")
-        assert linkage.base_pose(setting) @ serial.forward_kinematics(joints) == pytest.approx(setting.hand, abs=1e-9)
+        joints = model.start_joints(setting, "arm")
+        assert model.base_pose(setting) @ serial.forward_kinematics(joints) == pytest.approx(setting.hand, abs=1e-9)
         assert (joints > serial.LOWEST + 0.1).all() and (joints < serial.HIGHEST - 0.1).all()
         weight = np.array([1.0, 1.0, 1.0, LENGTH, LENGTH, LENGTH])
         assert np.linalg.svd(weight[:, None] * jacobian(joints))[1][-1] > NEAR
@@ -82,14 +82,14 @@ def test_starts_are_within_limits_and_away_from_singular_poses(scenario: str) ->
 def test_the_hand_on_the_part_and_lifted_is_within_reach(scenario: str) -> None:
     for seed in range(25):
         setting = sample_setting(SHAPES["bracket"](), make_gripper(2), seed=seed, scenario=scenario, arm="arm")  # type: ignore[arg-type]
-        base, yaw = linkage.base_pose(setting), math.atan2(setting.hand[1, 0], setting.hand[0, 0])
+        base, yaw = model.base_pose(setting), math.atan2(setting.hand[1, 0], setting.hand[0, 0])
         speed = float(np.hypot(*setting.belt))
         along = setting.belt / speed if speed else np.zeros(2)
         for travel in (0.0, 0.5, 1.0, 1.5):
             for height in (0.0, 0.12):
                 at = np.array([*(travel * along), height])
-                pose = frames.make_pose(rotation_about_z(yaw) @ frames.DOWN, at)
-                assert serial.start_joints(frames.invert_pose(base) @ pose) is not None
+                pose = frames.pose_of(rotation_about_z(yaw) @ frames.DOWN, at)
+                assert serial.start_joints(frames.inverse_pose(base) @ pose) is not None
 
 
 # --- resolved rates ---------------------------------------------------------------------------------
@@ -139,7 +139,7 @@ def test_the_model_is_the_kinematics_and_the_hand_starts_where_the_setting_says(
         world.data.qpos[world._qpos] = joints
         world._mj.mj_forward(world.model, world.data)
         assert world.pose() == pytest.approx(
-            linkage.base_pose(world.setting) @ serial.forward_kinematics(joints), abs=1e-9
+            model.base_pose(world.setting) @ serial.forward_kinematics(joints), abs=1e-9
         )
         for (a, b, radius), name in zip(world.links(), ("base", "shoulder", "elbow", "wrist_roll"), strict=True):
             geom = world.data.geom(name)
@@ -158,7 +158,7 @@ def test_the_hand_makes_the_twist_that_it_is_told(twist: list[float]) -> None:
     for _ in range(5):
         before = world.pose()
         world.move(twist)
-        step = frames.invert_pose(before) @ world.pose()
+        step = frames.inverse_pose(before) @ world.pose()
         turned = 0.5 * np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]])
         assert turned / world.period == pytest.approx(twist[3:], abs=5e-3)
         # the way is along an arc; half the turn brings it back to the middle
@@ -197,7 +197,7 @@ def test_an_arm_at_the_end_of_its_reach_stands_there_and_says_so() -> None:
     from grasptrack.bench.physics import World
 
     world = World(SHAPES["disc"](), seed=1, arm="arm", images="planar")
-    away = linkage.base_pose(world.setting)[:3, 0]
+    away = model.base_pose(world.setting)[:3, 0]
 
     def outward(seconds: float) -> None:
         for _ in range(round(seconds / world.period)):
@@ -228,7 +228,7 @@ def test_the_cameras_view_is_free_of_the_arm(scenario: str) -> None:
                 u = np.linalg.svd(axis[None])[2][1:]
                 along = a + np.linspace(0.0, 1.0, 40)[:, None] * (b - a)
                 points = (along[:, None] + radius * (around @ u)[None]).reshape(-1, 3)
-                seen = points @ (to := frames.invert_pose(world.camera_pose()))[:3, :3].T + to[:3, 3]
+                seen = points @ (to := frames.inverse_pose(world.camera_pose()))[:3, :3].T + to[:3, 3]
                 front = seen[seen[:, 2] > 1e-3] @ camera.matrix.T
                 pixels = front[:, :2] / front[:, 2:]
                 inside = (pixels > -1.0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)

@@ -23,9 +23,9 @@ from grasptrack.bench.simulation import (
     Texture,
     tilting_path,
 )
-from grasptrack.bench.simulation.coverage import inside_polygons
-from grasptrack.bench.simulation.distractors import Room
-from grasptrack.bench.simulation.occlusion_events import Drifting
+from grasptrack.bench.simulation.lookalikes import Room
+from grasptrack.bench.simulation.occluders import Drifting
+from grasptrack.bench.simulation.outlines import inside_polygons
 from grasptrack.geometry.homographies import apply_homography
 
 SMALL = (320, 240)

@@ -30,9 +30,8 @@ from grasptrack.bench.simulation import (
     tilting_path,
 )
 from grasptrack.bench.simulation.conditions import pooled_noise
-from grasptrack.bench.simulation.coverage import pixel_coverage
 from grasptrack.bench.simulation.lookalikes import best_fit
-from grasptrack.bench.simulation.render import subdivide_polygon
+from grasptrack.bench.simulation.render import pixel_coverage, subdivide_polygon
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 

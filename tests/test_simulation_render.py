@@ -11,8 +11,8 @@ import pytest
 
 from edges import bilinear
 from grasptrack.bench.simulation import SHAPES, Bar, Camera, Conditions, Scene, demo_scene, plain_texture, tilting_path
-from grasptrack.bench.simulation.coverage import inside_mask, inside_polygons, pixel_coverage
-from grasptrack.bench.simulation.shapes import polygon_moments
+from grasptrack.bench.simulation.outlines import inside_polygons, polygon_moments
+from grasptrack.bench.simulation.render import inside_mask, pixel_coverage
 
 WIDTH, HEIGHT, SIGMA = 320, 240, 0.7
 
@@ -159,7 +159,7 @@ def test_a_frame_takes_tens_of_milliseconds_not_hundreds() -> None:
 
 def test_the_parts_of_a_still_life_lie_apart_and_are_found() -> None:
     from grasptrack.bench.simulation import still_life
-    from grasptrack.bench.simulation.still import LIE, PX_PER_UNIT
+    from grasptrack.bench.simulation.scene import LIE, PX_PER_UNIT
     from grasptrack.segmentation.objects import find_objects
 
     image = still_life()

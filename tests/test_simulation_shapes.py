@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.simulation import SHAPES, Camera, Path, similarity_path, tilting_path
-from grasptrack.bench.simulation.shapes import Shape, circle_polygon, polygon_moments, round_corners
+from grasptrack.bench.simulation.outlines import Shape, circle_polygon, polygon_moments, round_corners
 from grasptrack.geometry.homographies import apply_homography
 
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.simulation import SHAPES, Scene, Texture, part_of_photo, shape_from_mask, similarity_path
-from grasptrack.bench.simulation.coverage import inside_mask
-from grasptrack.bench.simulation.isolines import trace_isolines
 from grasptrack.bench.simulation.lookalikes import best_fit
-from grasptrack.bench.simulation.outlines import polygon_moments
-from grasptrack.bench.simulation.silhouette import mask_polygons
+from grasptrack.bench.simulation.masks import mask_polygons
+from grasptrack.bench.simulation.outlines import polygon_moments, trace_isolines
+from grasptrack.bench.simulation.render import inside_mask
 from grasptrack.errors import ContourError, InputError
 
 

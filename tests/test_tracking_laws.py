@@ -14,8 +14,7 @@ from grasptrack import GraspTracker
 from grasptrack.bench.method import chosen_grasp
 from grasptrack.bench.scenes import built_in, make_scene_cases, run_case
 from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
-from grasptrack.bench.simulation.surfaces import blank_texture, printed_texture
-from grasptrack.bench.simulation.tables import gravel_texture
+from grasptrack.bench.simulation.textures import blank_texture, gravel_texture, printed_texture
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.follower import Follower

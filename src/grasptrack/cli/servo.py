@@ -14,7 +14,7 @@ from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
     from grasptrack.bench.approach.case import Row
-    from grasptrack.bench.approach.trials import Trials
+    from grasptrack.bench.approach.runs import Trials
 
 
 def servo(
@@ -91,8 +91,7 @@ def _load_shapes(shape: str | None, silhouettes: str | None) -> list[Any]:
 def _run_single(shapes: list[Any], asked: dict[str, Any], images: str, output: Path, video: bool, quiet: bool) -> None:
     from dataclasses import replace
 
-    from grasptrack.bench.approach.film import run_and_film
-    from grasptrack.bench.approach.trials import draw_cases
+    from grasptrack.bench.approach.runs import draw_cases, run_and_film
 
     changed: dict[str, Any] = {"seed": asked["seed"], "images": images}
     case = replace(draw_cases(shapes, 1, **asked)[0], **changed)
@@ -133,7 +132,7 @@ def _run_many(
     address: str | None,
     quiet: bool,
 ) -> None:
-    from grasptrack.bench.approach.trials import draw_cases, run_trials
+    from grasptrack.bench.approach.runs import draw_cases, run_trials
     from grasptrack.bench.schedule import create_scheduler
 
     cases = draw_cases(shapes, count, images=images, **asked)  # type: ignore[arg-type]

@@ -7,8 +7,8 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from grasptrack.bench.physics.engine import import_mujoco
 from grasptrack.bench.physics.gripper import make_gripper
+from grasptrack.bench.physics.model import import_mujoco
 from grasptrack.bench.physics.setting import ARMS, SCENARIOS, Arm, Scenario
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError

@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-from grasptrack.bench.baselines.direct import Ecc
+from grasptrack.bench.baselines.direct import Ecc, ViSP, why_not
 from grasptrack.bench.baselines.features import Klt, Sift
-from grasptrack.bench.baselines.paper import PaperGraspLine, PaperHomography, PaperRRP
-from grasptrack.bench.baselines.silhouette import Otsu
-from grasptrack.bench.baselines.visp_template import ViSP, why_not
+from grasptrack.bench.baselines.paper import Otsu, PaperGraspLine, PaperHomography, PaperRRP
 from grasptrack.bench.method import Maker
 
 __all__ = ["PEERS", "available_baselines", "missing_baselines"]

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.bench.baselines.base import Found, LostError, Peer
-from grasptrack.bench.baselines.region import region_of
+from grasptrack.bench.baselines.base import Found, LostError, Peer, region_of
 from grasptrack.geometry.homographies import apply_homography, check_plausible
 from grasptrack.segmentation.images import Grey
 from grasptrack.typing import Floats

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.bench.simulation.coverage import inside_mask
+from grasptrack.bench.simulation.render import inside_mask
 from grasptrack.geometry.contours import Contour, View
 
 Mask = NDArray[np.bool_]

@@ -12,7 +12,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.bench.simulation import SHAPES, Camera, Path, Scene, Shape, similarity_path, tilting_path
-from grasptrack.bench.simulation.coverage import inside_mask
+from grasptrack.bench.simulation.render import inside_mask
 from grasptrack.errors import ObservationError, TransferError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography

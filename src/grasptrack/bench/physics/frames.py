@@ -12,7 +12,13 @@ import cv2
 import numpy as np
 
 from grasptrack.geometry.homographies import rotation_about_z
+from grasptrack.servo.camera import inverse_pose, pose_of
 from grasptrack.typing import Floats
+
+__all__ = [
+    "DOWN", "NEAR", "about_x", "about_y", "convex_silhouette", "inverse_pose", "plane_to_image", "pose_of", "project_points",
+    "rotation_to_quaternion", "tilt_rotation",
+]  # fmt: skip
 
 DOWN: Floats = np.diag([1.0, -1.0, -1.0])
 """Rotation of a hand that points straight down and whose x is that of the world."""
@@ -35,18 +41,6 @@ def about_y(angle: float) -> Floats:
 def tilt_rotation(angle: float, toward: float) -> Floats:
     """(3, 3) rotation by `angle` rad about the horizontal axis in direction `toward`."""
     return rotation_about_z(toward) @ about_x(angle) @ rotation_about_z(-toward)
-
-
-def make_pose(R: Floats, at: Floats) -> Floats:
-    """(4, 4) from a rotation (3, 3) and a place (3,)."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, at
-    return T
-
-
-def invert_pose(T: Floats) -> Floats:
-    """(4, 4) of the first frame in the second."""
-    return make_pose(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
 
 
 def rotation_to_quaternion(R: Floats) -> Floats:

@@ -3,21 +3,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+import warnings
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.bench.physics import frames
-from grasptrack.bench.physics.setting import HEIGHT, WIDTH
-from grasptrack.bench.simulation.appearance import Look
+from grasptrack.bench.physics.gripper import Gripper
+from grasptrack.bench.physics.model import import_mujoco
+from grasptrack.bench.physics.serial import Rod
+from grasptrack.bench.physics.setting import HEIGHT, WIDTH, Setting
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.conditions import pooled_noise
-from grasptrack.typing import Floats, Pixels
+from grasptrack.bench.simulation.render import Renderer
+from grasptrack.bench.simulation.textures import Look, Texture, sample_look
+from grasptrack.errors import InputError
+from grasptrack.typing import Floats, Floats32, Pixels
 
 if TYPE_CHECKING:
     from grasptrack.bench.physics.world import World
-
 
 NOISE = 2.0
 """Grey levels of the camera's noise."""
@@ -88,4 +95,228 @@ def bystander_pose(world: World) -> Floats:
     z = z / np.linalg.norm(z)
     x = np.cross(z, np.array([0.0, 0.0, 1.0]))
     x = x / np.linalg.norm(x)
-    return frames.make_pose(np.column_stack([x, np.cross(z, x), z]), at)
+    return frames.pose_of(np.column_stack([x, np.cross(z, x), z]), at)
+
+
+_TEXTURE = "table.png"
+
+
+@lru_cache(maxsize=1)
+def offscreen_error() -> str:
+    """Empty where MuJoCo can draw without a window, else why not."""
+    mujoco = import_mujoco()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 8, 8).close()
+    except Exception as error:  # whatever a missing driver makes of it
+        return " ".join(str(error).split()) or type(error).__name__
+    return ""
+
+
+class MujocoImages:
+    """Draws by OpenGL; see `Images`."""
+
+    def __init__(self, setting: Setting, seen: Look, seed: int) -> None:
+        self.levels = {"table": seen.table_level, "part": seen.surface_level, "hand": hand_level(seen)}
+        self._blocked_seed = seed
+        found, data = cv2.imencode(".png", seen.table.coloured.image)
+        self.texture = _TEXTURE if found else ""
+        self.assets = {_TEXTURE: data.tobytes()} if found else {}
+        self._renderer: Any = None
+        self._segments: Any = None
+        self._model: Any = None
+
+    def bind(self, model: Any) -> None:
+        """Learn the model."""
+        self._model = model
+
+    def _render_camera(self, world: World, camera: str) -> Pixels:
+        if self._renderer is None:
+            self._renderer = import_mujoco().Renderer(self._model, HEIGHT, WIDTH)
+        self._renderer.update_scene(world.data, camera=camera)
+        return np.asarray(self._renderer.render(), dtype=np.uint8)
+
+    def hand(self, world: World) -> Pixels:
+        """(480, 640) grey, of the hand's camera."""
+        frame = frame_number(world)
+        if world.blocked():
+            return blocked_view(self._blocked_seed, frame)
+        grey = cv2.cvtColor(self._render_camera(world, "hand"), cv2.COLOR_RGB2GRAY)
+        soft = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 0.6)
+        return add_camera_noise(np.asarray(soft, dtype=np.float32), self._blocked_seed, frame)
+
+    def bystander(self, world: World) -> Pixels:
+        """(480, 640, 3) BGR, of the one who stands beside."""
+        at = bystander_pose(world)
+        world.data.mocap_pos[0] = at[:3, 3]
+        world.data.mocap_quat[0] = frames.rotation_to_quaternion(at[:3, :3] @ frames.DOWN)
+        import_mujoco().mj_camlight(self._model, world.data)
+        import_mujoco().mj_kinematics(self._model, world.data)
+        import_mujoco().mj_camlight(self._model, world.data)
+        return np.asarray(cv2.cvtColor(self._render_camera(world, "bystander"), cv2.COLOR_RGB2BGR), dtype=np.uint8)
+
+    def part_mask(self, world: World) -> NDArray[np.bool_]:
+        """(480, 640) where MuJoCo draws the part, pixel by pixel; for comparing with the planar images."""
+        if self._segments is None:
+            self._segments = import_mujoco().Renderer(self._model, HEIGHT, WIDTH)
+            self._segments.enable_segmentation_rendering()
+        self._segments.update_scene(world.data, camera="hand")
+        found = self._segments.render()
+        pieces = np.flatnonzero(self._model.geom_bodyid == self._model.body("part").id)
+        return np.asarray(np.isin(found[..., 0], pieces) & (found[..., 1] == int(import_mujoco().mjtObj.mjOBJ_GEOM)))
+
+
+BLUR = 0.7
+"""px, of lens and pixel together."""
+_SUN = np.array([-0.35, -0.45, 0.82])
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+_CIRCLE: Floats = np.column_stack([np.cos(_ROUND), np.sin(_ROUND)])
+_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
+
+
+class PlanarImages:
+    """Draws by homographies.
+
+    Args:
+        setting, hand: what is drawn.
+        seen: textures of table and part.
+        seed: of the noise.
+    """
+
+    def __init__(self, setting: Setting, hand: Gripper, seen: Look, seed: int) -> None:
+        self.levels = {"table": seen.table_level, "part": seen.surface_level, "hand": hand_level(seen)}
+        self.texture, self.assets = "", dict[str, bytes]()
+        self._setting, self._gripper, self._seed = setting, hand, seed
+        size = setting.part.size
+        table = Texture(seen.table.image, seen.table.extent * size)
+        surface = Texture(seen.surface.image, seen.surface.extent * size)
+        self._views = [
+            Renderer(setting.part.shape, table, surface, width=WIDTH, height=HEIGHT, blur=BLUR, colour=colour)
+            for colour in (False, True)
+        ]
+        self._layer: tuple[float, Layer] | None = None
+
+    def bind(self, model: Any) -> None:
+        """Nothing is needed of the model."""
+
+    def hand(self, world: World) -> Pixels:
+        """(480, 640) grey, of the hand's camera."""
+        frame = frame_number(world)
+        if world.blocked():
+            return blocked_view(self._seed, frame)
+        image = self._render_scene(world, self._views[0], self._setting.camera.matrix, world.camera_pose())
+        opening = round(world.opening(), 4)
+        if self._layer is None or self._layer[0] != opening:
+            boxes = self._gripper.boxes(opening)
+            drawn = boxes_seen(
+                boxes, frames.inverse_pose(self._setting.mount), self._setting.camera.matrix, self.levels["hand"]
+            )
+            self._layer = (opening, drawn)
+        share, light = self._layer[1]
+        image *= 1.0 - share
+        image += light
+        return add_camera_noise(image, self._seed, frame)
+
+    def bystander(self, world: World) -> Pixels:
+        """(480, 640, 3) BGR, of the one who stands beside."""
+        at = bystander_pose(world)
+        image = self._render_scene(world, self._views[1], BYSTANDER.matrix, at)
+        to_camera, K, level = frames.inverse_pose(at), BYSTANDER.matrix, self.levels["hand"]
+        for share, light in (
+            rods_seen(world.links(), to_camera, K, level),  # the hand hangs below them
+            boxes_seen(self._gripper.boxes(world.opening()), to_camera @ world.pose(), K, level),
+        ):
+            image *= 1.0 - share[..., None]
+            image += light[..., None] * np.array([1.06, 1.0, 0.92], np.float32)
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    def _render_scene(self, world: World, view: Renderer, K: Floats, camera_pose: Floats) -> Floats32:
+        table = np.eye(4)
+        table[:2, 3] = world.belt_travel()
+        image = view.ground(frames.plane_to_image(K, camera_pose, table))
+        part = world.part_pose()
+        upper = frames.plane_to_image(K, camera_pose, part, self._setting.part.thickness)
+        view.lay(image, upper, foot=frames.plane_to_image(K, camera_pose, part))
+        return image
+
+
+class Layer(NamedTuple):
+    """What lies over an image: the share of each pixel that it covers, and that share times its grey level; (480, 640) each."""
+
+    share: Floats32
+    light: Floats32
+
+
+def boxes_seen(boxes: list[Floats], to_camera: Floats, K: Floats, level: float) -> Layer:
+    """What boxes cover of an image. The farther faces are drawn first.
+
+    Args:
+        boxes: (8, 3) corners each.
+        to_camera: (4, 4) from their frame to the camera's.
+        K: (3, 3) of the camera.
+        level: mean grey level; faces differ by their direction.
+    """
+    faces: list[tuple[float, float, Floats]] = []
+    for box in boxes:
+        corners = box @ to_camera[:3, :3].T + to_camera[:3, 3]
+        if corners[:, 2].min() < frames.NEAR:
+            continue
+        middle = corners.mean(axis=0)
+        for face in _FACES:
+            quad = corners[list(face)]
+            normal = np.cross(quad[1] - quad[0], quad[2] - quad[1])
+            normal *= np.sign(normal @ (quad.mean(axis=0) - middle)) / np.linalg.norm(normal)
+            if normal @ quad.mean(axis=0) < 0.0:
+                lit = 1.0 + 0.25 * float(to_camera[:3, :3].T @ normal @ _SUN)
+                pixels = quad @ K.T
+                faces.append((float(np.linalg.norm(quad.mean(axis=0))), lit, pixels[:, :2] / pixels[:, 2:]))
+    share, light = np.zeros((HEIGHT, WIDTH), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)
+    for _, lit, quad in sorted(faces, key=lambda f: -f[0]):
+        corners = np.rint(quad * 16.0).astype(np.int32)
+        cv2.fillConvexPoly(share, corners, 255, cv2.LINE_AA, 4)
+        cv2.fillConvexPoly(light, corners, int(min(255.0, max(1.0, level * lit))), cv2.LINE_AA, 4)
+    return _blur_layers(share, light)
+
+
+def rods_seen(rods: list[Rod], to_camera: Floats, K: Floats, level: float) -> Layer:
+    """As `boxes_seen`, of rods. Lit along the middle, as what is round is."""
+    share, light = np.zeros((HEIGHT, WIDTH), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)
+    seen = [(np.array([a, b]) @ to_camera[:3, :3].T + to_camera[:3, 3], radius) for a, b, radius in rods]
+    for ends, radius in sorted(seen, key=lambda rod: -float(rod[0][:, 2].mean())):
+        if ends[:, 2].min() < frames.NEAR:
+            continue
+        pixels = ends @ K.T
+        middles, wide = pixels[:, :2] / pixels[:, 2:], K[0, 0] * radius / ends[:, 2]
+        for part, lit in ((1.0, 0.75), (0.8, 0.9), (0.5, 1.05), (0.2, 1.15)):
+            around = middles[:, None] + part * wide[:, None, None] * _CIRCLE
+            hull = cv2.convexHull(np.rint(around.reshape(-1, 2) * 16.0).astype(np.int32))
+            cv2.fillConvexPoly(share, hull, 255, cv2.LINE_AA, 4)
+            cv2.fillConvexPoly(light, hull, int(min(255.0, max(1.0, level * lit))), cv2.LINE_AA, 4)
+    return _blur_layers(share, light)
+
+
+def _blur_layers(share: Pixels, light: Pixels) -> Layer:
+    soft = cv2.GaussianBlur(share.astype(np.float32) / np.float32(255.0), (0, 0), BLUR)
+    glow = cv2.GaussianBlur(light.astype(np.float32), (0, 0), BLUR)
+    return Layer(np.asarray(soft, dtype=np.float32), np.asarray(glow, dtype=np.float32))
+
+
+def images_of(
+    kind: Literal["auto", "mujoco", "planar"], setting: Setting, hand: Gripper, name: str, seed: int
+) -> Images:
+    """Who draws.
+
+    Raises:
+        InputError: an unknown kind, or MuJoCo is asked to draw and offscreen OpenGL is missing.
+    """
+    if kind not in ("auto", "mujoco", "planar"):
+        raise InputError(f'unknown images "{kind}"; choose from auto, mujoco, planar', images=kind)
+    seen = sample_look(name, seed)
+    if kind != "planar":
+        why = offscreen_error()
+        if not why:
+            return MujocoImages(setting, seen, seed)
+        if kind == "mujoco":
+            raise InputError(f"MuJoCo cannot draw here: {why}; MUJOCO_GL=egl or osmesa chooses how, planar needs none")
+    return PlanarImages(setting, hand, seen, seed)

@@ -9,6 +9,7 @@ pitch, yaw and roll: it is singular where the hand points along the arm's pitch 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def base_for(hand: Floats, part: Floats, belt: Floats) -> Floats:
         at = part + ASIDE * back / max(float(np.hypot(*back)), 1e-9)
     centre = hand[:3, :3] @ WRIST + hand[:3, 3]
     way = centre[:2] - at
-    return frames.make_pose(rotation_about_z(math.atan2(way[1], way[0])), np.array([*at, HIGH]))
+    return frames.pose_of(rotation_about_z(math.atan2(way[1], way[0])), np.array([*at, HIGH]))
 
 
 def forward_kinematics(joints: Floats) -> Floats:
@@ -80,7 +81,7 @@ def forward_kinematics(joints: Floats) -> Floats:
     turn = rotation_about_z(yaw)
     wrist = frames.about_y(shoulder + elbow + pitch) @ frames.about_x(aside) @ rotation_about_z(roll)
     R = turn @ wrist @ ZERO
-    return frames.make_pose(R, turn @ flat - R @ WRIST)
+    return frames.pose_of(R, turn @ flat - R @ WRIST)
 
 
 def inverse_kinematics(hand: Floats) -> list[Floats]:
@@ -127,8 +128,16 @@ def start_joints(hand: Floats) -> Floats:
     return min(ways, key=lambda q: float(((q - REST) ** 2).sum()))
 
 
-def link_rods(joints: Floats) -> list[tuple[Floats, Floats, float]]:
-    """The links as rods in the base's frame: both ends (3,) and the radius, m."""
+class Rod(NamedTuple):
+    """A link with round ends: both of them (3,) and its radius, m."""
+
+    start: Floats
+    end: Floats
+    radius: float
+
+
+def link_rods(joints: Floats) -> list[Rod]:
+    """The links as rods in the base's frame."""
     yaw, shoulder, elbow, *_ = (float(q) for q in joints)
     turn = rotation_about_z(yaw)
     bend = turn @ frames.about_y(shoulder) @ np.array([UPPER, 0.0, 0.0])
@@ -136,8 +145,37 @@ def link_rods(joints: Floats) -> list[tuple[Floats, Floats, float]]:
     palm = centre + FLANGE * forward_kinematics(joints)[:3, 2]
     origin = np.zeros(3)
     ends = [(np.array([0.0, 0.0, COLUMN]), origin), (origin, bend), (bend, centre), (centre, palm)]
-    return [(a, b, r) for (a, b), r in zip(ends, RADII, strict=True)]
+    return [Rod(a, b, r) for (a, b), r in zip(ends, RADII, strict=True)]
 
 
 def _wrap_angles(q: Floats) -> Floats:
     return np.asarray((q + math.pi) % (2.0 * math.pi) - math.pi, dtype=np.float64)
+
+
+LENGTH = 0.3
+"""m to a rad: how much a turn counts beside a way."""
+NEAR, DAMPING = 0.04, 0.04
+"""Least singular value below which rates are damped, and the damping where it is 0."""
+BRAKE_S = 0.1
+"""s: a joint comes no nearer to its limit than it could go in this time at its present rate."""
+
+
+def joint_rates(jacobian: Floats, twist: Floats, joints: Floats) -> Floats:
+    """Rates (6,) rad/s that move the hand by a twist as nearly as the arm can.
+
+    Damped least squares (C. W. Wampler 1986; Y. Nakamura and H. Hanafusa 1986), the damping growing from 0 as the least
+    singular value falls below NEAR, so that elsewhere the twist is met exactly. What would exceed a joint's speed, or run it
+    into its limit, is slowed as a whole: the hand goes the same way, less fast.
+
+    Args:
+        jacobian: (6, 6) from rates to the twist.
+        twist: (6,) m/s and rad/s, in any frame that is the Jacobian's too.
+        joints: (6,) rad, where they are.
+    """
+    weight = np.array([1.0, 1.0, 1.0, LENGTH, LENGTH, LENGTH])
+    U, s, Vt = np.linalg.svd(weight[:, None] * jacobian)
+    damped = DAMPING**2 * max(0.0, 1.0 - (float(s[-1]) / NEAR) ** 2)
+    rates = Vt.T @ (s / (s**2 + damped) * (U.T @ (weight * twist)))
+    room = np.maximum(0.0, np.where(rates > 0.0, HIGHEST - joints, joints - LOWEST)) / BRAKE_S
+    share = np.minimum(SPEED, room) / np.maximum(np.abs(rates), 1e-12)
+    return np.asarray(rates * min(1.0, float(share.min())), dtype=np.float64)

@@ -108,9 +108,9 @@ def sample_setting(
     mount = _sample_camera_mount(rng)
     chosen = float(rng.uniform(0.0, math.pi)) if axis is None else axis
     yaw = float(rng.uniform(-math.pi, math.pi))
-    place = frames.make_pose(rotation_about_z(yaw), np.zeros(3))
-    goal = frames.project_points(camera.matrix, frames.invert_pose(mount), np.zeros((1, 3)))[0]
-    depth = float((frames.invert_pose(mount) @ np.array([0.0, 0.0, 0.0, 1.0]))[2])
+    place = frames.pose_of(rotation_about_z(yaw), np.zeros(3))
+    goal = frames.project_points(camera.matrix, frames.inverse_pose(mount), np.zeros((1, 3)))[0]
+    depth = float((frames.inverse_pose(mount) @ np.array([0.0, 0.0, 0.0, 1.0]))[2])
     blocked = _open_hand_mask(camera, mount, hand)
     for attempt in range(400):
         tilt = float(rng.uniform(0.0, TILT)) if arm == "arm" else 0.0
@@ -128,7 +128,7 @@ def sample_setting(
         ray = np.linalg.inv(camera.matrix) @ np.array([*(goal + off), 1.0])
         R_camera = R @ mount[:3, :3]
         at = np.array([0.0, 0.0, part.thickness]) - R_camera @ ray * away
-        start = frames.make_pose(R_camera, at) @ frames.invert_pose(mount)
+        start = frames.pose_of(R_camera, at) @ frames.inverse_pose(mount)
         if _is_fully_visible(part, place, start @ mount, camera, blocked) and start[2, 3] > 0.08:
             break
     else:
@@ -154,7 +154,7 @@ def _sample_camera_mount(rng: np.random.Generator) -> Floats:
     aim, aside, roll = (math.radians(float(v)) for v in rng.uniform([0.0, -6.0, -15.0], [12.0, 6.0, 15.0]))
     # y of the image is y of the hand; leaning toward the tips turns the axis from z toward +y
     R = frames.about_x(-aim) @ frames.about_y(aside) @ rotation_about_z(roll)
-    return frames.make_pose(R, np.array([x, y, z]))
+    return frames.pose_of(R, np.array([x, y, z]))
 
 
 def _open_hand_mask(camera: Camera, mount: Floats, hand: Gripper) -> NDArray[np.uint8]:
@@ -164,7 +164,7 @@ def _open_hand_mask(camera: Camera, mount: Floats, hand: Gripper) -> NDArray[np.
 def hand_mask(camera: Camera, mount: Floats, hand: Gripper, opening: float, grow: int) -> NDArray[np.uint8]:
     """(H, W) 255 where the hand is seen by its own camera, `grow` px more on every side."""
     mask = np.zeros((camera.height, camera.width), np.uint8)
-    inverse = frames.invert_pose(mount)
+    inverse = frames.inverse_pose(mount)
     for corners in hand.boxes(opening):
         outline = frames.convex_silhouette(camera.matrix, inverse, corners)
         if outline is not None:

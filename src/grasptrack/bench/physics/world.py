@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from grasptrack.bench.physics import frames, linkage, model, serial
-from grasptrack.bench.physics.drawing import images_of
-from grasptrack.bench.physics.engine import import_mujoco
+from grasptrack.bench.physics import frames, model, serial
 from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING, make_gripper
-from grasptrack.bench.physics.images import Images
-from grasptrack.bench.physics.resolved import joint_rates
+from grasptrack.bench.physics.images import Images, images_of
+from grasptrack.bench.physics.model import import_mujoco
+from grasptrack.bench.physics.serial import joint_rates
 from grasptrack.bench.physics.setting import BLACKOUT_S, Arm, Scenario, hand_mask, sample_setting
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.errors import InputError
@@ -97,8 +96,8 @@ class World:
 
     def _resolve_indices(self) -> None:
         m = self.model
-        self._dofs = np.array([m.joint(name).dofadr[0] for name in linkage.joint_names(self.arm)])
-        self._qpos = np.array([m.joint(name).qposadr[0] for name in linkage.joint_names(self.arm)])
+        self._dofs = np.array([m.joint(name).dofadr[0] for name in model.joint_names(self.arm)])
+        self._qpos = np.array([m.joint(name).qposadr[0] for name in model.joint_names(self.arm)])
         self._belt = int(m.joint("belt").dofadr[0])
         self._part, self._part_dof = int(m.body("part").id), int(m.joint("part").dofadr[0])
         self._tip = int(m.site("tip").id)
@@ -110,7 +109,7 @@ class World:
 
     def _set_initial_state(self) -> None:
         """The joints at which the hand is where the setting wants it."""
-        self.data.qpos[self._qpos] = linkage.start_joints(self.setting, self.arm)
+        self.data.qpos[self._qpos] = model.start_joints(self.setting, self.arm)
         self.data.qvel[self._belt] = float(np.hypot(*self.setting.belt))
         self.data.qvel[self._part_dof : self._part_dof + 2] = self.setting.belt
         self._mj.mj_forward(self.model, self.data)
@@ -128,7 +127,7 @@ class World:
 
     def pose(self) -> Floats:
         """(4, 4) of the hand in the robot's base, from the joints' sensors."""
-        return frames.make_pose(
+        return frames.pose_of(
             self.data.site_xmat[self._tip].reshape(3, 3).copy(), self.data.site_xpos[self._tip].copy()
         )
 
@@ -146,7 +145,7 @@ class World:
 
     def fingertips(self) -> tuple[Floats, float]:
         """Where the tips of the open fingers are seen, as a person would mark them once: (k, 2) px; and their opening in m."""
-        mount = frames.invert_pose(self.setting.mount)
+        mount = frames.inverse_pose(self.setting.mount)
         opening = self.opening()
         return frames.project_points(self.setting.camera.matrix, mount, self.hand.tips(opening)), opening
 
@@ -205,13 +204,13 @@ class World:
         self.failure = "" if min(heights) >= LIFTED else "slipped" if max(heights) > 0.004 else "stayed on the table"
         return min(heights) >= LIFTED
 
-    def links(self) -> list[tuple[Floats, Floats, float]]:
-        """The arm's links as rods in the world: both ends (3,) and the radius, m; none of a gantry."""
+    def links(self) -> list[serial.Rod]:
+        """The arm's links as rods in the world; none of a gantry."""
         if self.arm == "gantry":
             return []
-        at = linkage.base_pose(self.setting)
+        at = model.base_pose(self.setting)
         rods = serial.link_rods(self.data.qpos[self._qpos])
-        return [(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
+        return [serial.Rod(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
 
     def bystander(self) -> Pixels:
         """(480, 640, 3) BGR image of a camera that stands beside and goes along."""
@@ -221,7 +220,7 @@ class World:
 
     def part_pose(self) -> Floats:
         """(4, 4) of the part in the world; its origin is at the centroid of its foot."""
-        return frames.make_pose(self.data.xmat[self._part].reshape(3, 3).copy(), self.data.xpos[self._part].copy())
+        return frames.pose_of(self.data.xmat[self._part].reshape(3, 3).copy(), self.data.xpos[self._part].copy())
 
     def camera_pose(self) -> Floats:
         """(4, 4) of the hand's camera in the world."""

@@ -9,11 +9,8 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from grasptrack.typing import Floats
-
-Floats32 = NDArray[np.float32]
+from grasptrack.typing import Floats, Floats32
 
 COARSE = 4
 """px; shadows are soft, so they are made on a grid this much coarser."""

@@ -4,20 +4,85 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
-from grasptrack.bench.simulation.appearance import another_surface
+import numpy as np
+
 from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.conditions import Glare, Shadow
-from grasptrack.bench.simulation.courses import add_hand_tremor, at_rest, drift_out_of_view, from_aside
-from grasptrack.bench.simulation.hand import bar_over, hand_over
 from grasptrack.bench.simulation.lookalikes import best_fit, mirrored_shape, near_twin
-from grasptrack.bench.simulation.occluders import irregular_over, parallel_bar
+from grasptrack.bench.simulation.occluders import bar_over, hand_over, irregular_over, parallel_bar
 from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.bench.simulation.paths import (
+    Path,
+    add_hand_tremor,
+    at_rest,
+    bounded_path,
+    drift_out_of_view,
+    from_aside,
+)
 from grasptrack.bench.simulation.scene import Guest
-from grasptrack.bench.simulation.setting import Parts, Setting
 from grasptrack.bench.simulation.shapes import SHAPES
-from grasptrack.bench.simulation.texture import Texture
+from grasptrack.bench.simulation.textures import Texture, another_surface
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a disturbance starts from.
+
+    Attributes:
+        shape: the part.
+        frames: number of frames.
+        seed: of the path.
+        rng: for everything else.
+        size: px, sqrt(area) of the part in the first frame, where it fits.
+        width, height: px of the image.
+        start: rad, of the part in the first image.
+        level: mean grey level of the part.
+        table_level: mean grey level of the table.
+    """
+
+    shape: Shape
+    frames: int
+    seed: int
+    rng: np.random.Generator
+    size: float
+    width: int
+    height: int
+    start: float
+    level: float
+    table_level: float = 150.0
+
+    def course(self, camera: Camera | None = None, **options: Any) -> Path:
+        """A gentle path with some tilt, its options as in `courses.course`; speeds are those of a 640 px wide image."""
+        scale = self.width / 640.0
+        given: dict[str, Any] = {"tilt": math.radians(15.0), "speed": 4.0, **options}
+        given["speed"] *= scale
+        return bounded_path(
+            self.shape,
+            self.frames,
+            self.seed,
+            camera=camera if camera is not None else Camera(self.width, self.height),
+            size=self.size,
+            start=self.start,
+            **given,
+        )
+
+    def at(self, *shares: float) -> tuple[float, ...]:
+        """Frames at shares of the sequence."""
+        return tuple(share * self.frames for share in shares)
+
+    def view(self, path: Path) -> float:
+        """Table units from the middle of the image to its corner, where the camera is farthest."""
+        focal = float(Camera(self.width, self.height).matrix[0, 0])
+        return 0.5 * math.hypot(self.width, self.height) / focal * float(path.distance.max()) + 0.5
+
+
+Parts = dict[str, Any]
+"""Arguments of a `Scene` that a disturbance sets; `light` are changes of its conditions. A `table` or a `surface` gives way
+to the user's own."""
+
 
 ADDED = ("half-disc", "slotted-disc", "pencil", "bottle")
 """Built-in shapes that came after `part_exchange`: it does not draw from them, so that its scenes stay as they were."""

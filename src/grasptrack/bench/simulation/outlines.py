@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A flat part's outline, and how to draw one from lines, arcs and strokes."""
+"""A flat part's outline: its polygons, and how to draw them from lines, arcs, strokes and fields."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import contourpy
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.typing import Floats
 
@@ -159,3 +160,38 @@ def _round_cap(end: Floats, across: Floats, turn: float) -> Floats:
     """The half circle about an end of a stroke, without its own ends."""
     angle = math.degrees(math.atan2(across[1], across[0])) + turn
     return arc_points(end[0], end[1], math.hypot(across[0], across[1]), angle, angle - 180.0)[1:-1]
+
+
+def inside_polygons(polygons: Sequence[Floats], points: Floats) -> NDArray[np.bool_]:
+    """(k,) whether points (k, 2) px lie inside, by the even-odd rule."""
+    odd = np.zeros(len(points), dtype=np.bool_)
+    for polygon in polygons:
+        near = np.flatnonzero(np.all((points >= polygon.min(axis=0)) & (points <= polygon.max(axis=0)), axis=1))
+        a, b = polygon, np.roll(polygon, -1, axis=0)
+        x, y = points[near, 0, None], points[near, 1, None]
+        spans = (a[:, 1] <= y) != (b[:, 1] <= y)
+        rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
+        crossing = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / rise
+        odd[near] ^= (np.count_nonzero(spans & (crossing <= x), axis=1) & 1).astype(np.bool_)
+    return odd
+
+
+def trace_isolines(field: NDArray[np.float32] | Floats, level: float) -> list[Floats]:
+    """All closed curves (N, 2) px at `level`, by marching squares.
+
+    Args:
+        field: (H, W), below `level` all along its border, so that every curve closes.
+        level: between two values of the field.
+
+    Returns:
+        Outer curves have positive signed area, x right and y down; curves around lower values have negative. The lowest
+        curve comes first, and each ends in its lowest cell: where a curve begins decides which points a simplification keeps.
+    """
+    found = []
+    tracer = contourpy.contour_generator(z=np.asarray(field, dtype=np.float64), line_type=contourpy.LineType.Separate)
+    for closed in tracer.lines(level):
+        ring = np.asarray(closed, dtype=np.float64)[:-1]
+        column, row = np.floor(0.5 * (ring + np.roll(ring, -1, axis=0))).T
+        lowest = int(np.lexsort((column, row))[-1])
+        found.append((row[lowest], column[lowest], np.roll(ring, -(lowest + 2), axis=0)))
+    return [ring for _, _, ring in sorted(found, key=lambda each: each[:2], reverse=True)]

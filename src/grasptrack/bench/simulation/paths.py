@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the camera is, frame by frame, and smooth paths for it. The tracker never learns any of these numbers."""
+"""Where the camera is, frame by frame: smooth paths, and paths that keep a part in view or lose it on purpose."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.bench.simulation.camera import Camera
-from grasptrack.geometry.homographies import rotation_about_z
+from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.geometry.homographies import apply_homography, rotation_about_z
 from grasptrack.typing import Floats
 
 
@@ -153,3 +154,182 @@ def tilting_path(
         tilt=tilt * lean / max(1e-9, float(lean.max())),
         azimuth=np.arctan2(lean_y, lean_x),
     )
+
+
+PARTS_OF_A_PATH = ("target", "distance", "roll", "tilt", "azimuth")
+MARGIN = 10.0
+"""px between a part that is to stay in view and the border."""
+
+
+def bounded_path(
+    shape: Shape,
+    frames: int,
+    seed: int,
+    *,
+    camera: Camera,
+    size: float = 175.0,
+    start: float = 0.0,
+    tilt: float = 0.0,
+    speed: float = 4.0,
+    spin: float = 2.0,
+    reach: float = 0.35,
+    zoom: float = 0.15,
+    cycles: float = 0.6,
+) -> Path:
+    """A smooth path over a part that stays in view: slowed down, and farther away where it must be.
+
+    Args:
+        shape: the part.
+        frames: number of frames; the first is frontal, with the part in the middle.
+        seed: of the path.
+        camera: whose image the part stays in.
+        size: px, sqrt(area) of the part in the first frame, or less where it would not fit.
+        start: rad, of the roll in the first frame.
+        tilt: rad, largest.
+        speed: px a frame, largest motion of the part's middle.
+        spin: degrees a frame, largest change of the roll.
+        reach: table units, largest shift.
+        zoom: largest relative change of the distance.
+        cycles: slow waves over the whole path.
+    """
+    focal = float(camera.matrix[0, 0])
+    path = tilting_path(
+        frames, tilt=tilt, distance=focal / size, reach=reach, zoom=zoom, turn=math.pi / 2, cycles=cycles, seed=seed
+    )
+    most = float(np.abs(np.diff(path.roll)).max(initial=0.0))
+    roll = start + path.roll * min(1.0, math.radians(spin) / max(most, 1e-12))
+    path = replace(path, roll=roll)
+    for _ in range(3):
+        moved = apply_all(path.table_to_image(camera), np.zeros((1, 2)))[:, 0]
+        steps = np.hypot(*np.diff(moved, axis=0).T)
+        path = replace(path, target=path.target * min(1.0, speed / max(float(steps.max(initial=0.0)), 1e-12)))
+    for step in range(60):
+        if in_view(shape, path, camera):
+            break
+        path = replace(path, target=0.8 * path.target) if step < 5 else replace(path, distance=1.05 * path.distance)
+    return path
+
+
+def at_rest(path: Path) -> Path:
+    """A camera that stays where a path begins."""
+    return replace(path, **{k: np.repeat(getattr(path, k)[:1], len(path), axis=0) for k in PARTS_OF_A_PATH})
+
+
+def add_hand_tremor(shape: Shape, path: Path, camera: Camera, *, speed: float, seed: int) -> Path:
+    """The same path with the tremor of a hand: irregular, its direction another every few frames, from rest on.
+
+    Args:
+        shape: the part; the camera keeps so far away that it stays in view.
+        path: without tremor.
+        camera: whose image the part stays in.
+        speed: px a frame, largest motion of the part's middle that the tremor adds.
+        seed: of the tremor.
+    """
+    rng, frames = np.random.default_rng((seed, 71)), len(path)
+    white = rng.standard_normal((frames + 24, 3))
+    near, wide = (np.exp(-0.5 * (np.arange(-12, 13) / sigma) ** 2) for sigma in (0.9, 2.5))
+    band = near / near.sum() - wide / wide.sum()
+    tremor = np.column_stack([np.convolve(white[:, k], band, mode="valid") for k in range(3)])
+    tremor = (tremor - tremor[0]) * np.clip(np.arange(frames) / 4.0, 0.0, 1.0)[:, None] ** 2
+    most = float(np.hypot(*np.diff(tremor[:, :2], axis=0).T).max(initial=0.0))
+    units = speed / float(camera.matrix[0, 0]) * path.distance / max(most, 1e-12)
+    moved = replace(path, target=path.target + units[:, None] * tremor[:, :2], roll=path.roll + 0.012 * tremor[:, 2])
+    for _ in range(60):
+        if in_view(shape, moved, camera):
+            break
+        moved = replace(moved, distance=1.02 * moved.distance)
+    return moved
+
+
+def from_aside(shape: Shape, path: Path, camera: Camera, *, lean: float, seed: int) -> Path:
+    """A frontal path that begins aside: the camera leans at first, and comes over the part in four fifths of the time.
+
+    Args:
+        shape: the part; the camera keeps so far away that it stays in view.
+        path: frontal.
+        camera: whose image the part stays in.
+        lean: rad, in the first frame.
+        seed: of the direction.
+    """
+    u = np.clip(np.arange(len(path)) / max(1.0, 0.8 * (len(path) - 1)), 0.0, 1.0)
+    azimuth = np.random.default_rng((seed, 72)).uniform(0.0, 2.0 * math.pi)
+    leaning = replace(path, tilt=lean * 0.5 * (1.0 + np.cos(math.pi * u)), azimuth=np.full(len(path), azimuth))
+    for _ in range(60):
+        if in_view(shape, leaning, camera):
+            break
+        leaning = replace(leaning, distance=1.03 * leaning.distance)
+    return leaning
+
+
+def add_camera_retreat(path: Path, *, factor: float, shift: tuple[float, float], times: tuple[float, float]) -> Path:
+    """The same path, but the camera draws back and aside, so that it sees more of the table.
+
+    Args:
+        path: as it was.
+        factor: of the distance at last.
+        shift: table units by which it looks aside at last.
+        times: frames at which it sets out and has arrived.
+    """
+    ramp = np.clip((np.arange(len(path)) - times[0]) / max(1e-9, times[1] - times[0]), 0.0, 1.0)
+    ramp = ramp * ramp * (3.0 - 2.0 * ramp)
+    distance = path.distance * (1.0 + (factor - 1.0) * ramp)
+    return replace(path, distance=distance, target=path.target + ramp[:, None] * np.array(shift))
+
+
+def apply_all(homographies: Floats, points: Floats) -> Floats:
+    """(F, N, 2) points (N, 2) through each of (F, 3, 3) homographies."""
+    return np.array([apply_homography(H, points) for H in homographies])
+
+
+def _project_outline(shape: Shape, path: Path, camera: Camera, count: int) -> Floats:
+    """(F, count, 2) px of points of the outline, every other frame."""
+    every = replace(path, **{k: getattr(path, k)[::2] for k in PARTS_OF_A_PATH})
+    return camera.distort(apply_all(every.table_to_image(camera), shape.samples(count)))
+
+
+def in_view(shape: Shape, path: Path, camera: Camera) -> bool:
+    """Whether the whole part stays in the image, MARGIN px from its border, in all frames."""
+    points = _project_outline(shape, path, camera, 60)
+    limit = np.array([camera.width - 1, camera.height - 1]) - MARGIN
+    return bool(np.all((points >= MARGIN) & (points <= limit)))
+
+
+def drift_out_of_view(
+    shape: Shape,
+    path: Path,
+    camera: Camera,
+    *,
+    direction: float,
+    share: float,
+    times: tuple[float, float, float, float],
+) -> Path:
+    """The same path, but for some time the part drifts out of the image, and comes back.
+
+    Args:
+        shape: the part.
+        path: on which it stays in view.
+        camera: whose image it leaves.
+        direction: rad in the image, where it goes.
+        share: of the outline's length out of view, at most; 1 is all of it, and a little farther.
+        times: frames at which it sets out, has arrived, starts back, is back.
+    """
+    index = np.arange(len(path), dtype=np.float64)
+    u = np.clip((index - times[0]) / max(1e-9, times[1] - times[0]), 0.0, 1.0)
+    v = np.clip((times[3] - index) / max(1e-9, times[3] - times[2]), 0.0, 1.0)
+    ramp = np.minimum(u, v)
+    ramp = ramp * ramp * (3.0 - 2.0 * ramp)
+    heading = direction - path.roll  # a direction of the image in the table
+    way = -ramp[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+    limit = np.array([camera.width - 1, camera.height - 1])
+
+    def most(distance: float) -> float:
+        points = _project_outline(shape, replace(path, target=path.target + distance * way), camera, 120)
+        return float(1.0 - np.all((points >= 0.0) & (points <= limit), axis=2).mean(axis=1).min())
+
+    low, high = 0.0, 0.5 * math.hypot(camera.width, camera.height) / float(camera.matrix[0, 0]) * path.distance.max()
+    high += shape.radius()
+    for _ in range(14):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if most(middle) < share else (low, middle)
+    farther = high + 0.15 if share >= 1.0 else low
+    return replace(path, target=path.target + farther * way)

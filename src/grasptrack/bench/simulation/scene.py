@@ -5,27 +5,122 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from grasptrack.bench.simulation.camera import Camera
+from grasptrack.bench.simulation.camera import KNOTS, Camera, RollingShutter
 from grasptrack.bench.simulation.conditions import Conditions
-from grasptrack.bench.simulation.distractors import Distractor
-from grasptrack.bench.simulation.occlusion_events import Cover
-from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.bench.simulation.lookalikes import Distractor
+from grasptrack.bench.simulation.occluders import Cover
+from grasptrack.bench.simulation.outlines import Shape, inside_polygons, polygon_moments
 from grasptrack.bench.simulation.paths import Path
-from grasptrack.bench.simulation.render import Floats32, Projection, Renderer
-from grasptrack.bench.simulation.shapes import l_bracket
-from grasptrack.bench.simulation.shutter import KNOTS, RollingShutter
-from grasptrack.bench.simulation.surfaces import brushed_texture
-from grasptrack.bench.simulation.tables import wood_texture
-from grasptrack.bench.simulation.texture import Texture
-from grasptrack.bench.simulation.truth import SceneFrame
+from grasptrack.bench.simulation.render import Projection, Renderer
+from grasptrack.bench.simulation.shapes import SHAPES, l_bracket
+from grasptrack.bench.simulation.textures import Texture, brushed_texture, plain_texture, wood_texture
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.typing import Floats
+from grasptrack.typing import Floats, Floats32
 
-__all__ = ["Guest", "Scene", "SceneFrame", "demo_scene"]
+PINHOLE = Camera()
+STEP = 1.0
+"""px between the points at which an outline is asked whether it is seen."""
+
+
+@dataclass(frozen=True)
+class SceneFrame:
+    """One image and what is true of it.
+
+    Attributes:
+        index: from 0.
+        time: s.
+        image: (height, width) or (height, width, 3) 8 bit.
+        name: for messages.
+        H_current_reference: (3, 3) pixels of frame 0 to pixels of this frame, of the plane in which the contacts lie;
+            exact. Where the lens distorts, pixels of the ideal image; where rows are exposed one after another, at the
+            time of the middle row: see `carry`.
+        outline: polygons in px of the image, outer first, where the tracked object is, seen or not. Empty when it is
+            not on the table.
+        covers: polygons in px of the image of what hides the part: what lies in front, and saturated glare.
+        present: the tracked object itself is on the table; not while it is exchanged for another or taken away.
+        camera: its intrinsics, with the lens.
+        shutters: of a rolling shutter, from the plane of the contacts to frame 0 and to this frame; None where all rows
+            are exposed at once.
+    """
+
+    index: int
+    time: float | None
+    image: NDArray[np.uint8]
+    name: str
+    H_current_reference: Floats
+    outline: tuple[Floats, ...]
+    covers: tuple[Floats, ...] = ()
+    present: bool = True
+    camera: Camera = PINHOLE
+    shutters: tuple[RollingShutter, RollingShutter] | None = None
+
+    def carry(self, points: ArrayLike) -> Floats:
+        """(k, 2) px of this frame, of points (k, 2) px of frame 0 in the plane of the contacts; exact.
+
+        Under a rolling shutter both are where the image shows the point: at the time of its own row.
+        """
+        if self.shutters is not None:
+            return self._map_rolling_points(*self.shutters, points)
+        return self._map_points(self.H_current_reference, points)
+
+    def back(self, points: ArrayLike) -> Floats:
+        """(k, 2) px of frame 0, of points (k, 2) px of this frame: the inverse of `carry`."""
+        if self.shutters is not None:
+            return self._map_rolling_points(*self.shutters[::-1], points)
+        return self._map_points(np.asarray(np.linalg.inv(self.H_current_reference), dtype=np.float64), points)
+
+    def contacts(self, reference: ArrayLike) -> Floats:
+        """(k, 2) where contacts (k, 2) of frame 0 truly are in this frame."""
+        return self.carry(reference)
+
+    def _map_points(self, H: Floats, points: ArrayLike) -> Floats:
+        if not self.camera.distorted:
+            return apply_homography(H, points)
+        return self.camera.distort(apply_homography(H, self.camera.undistort(points)))
+
+    def _map_rolling_points(self, seen: RollingShutter, shown: RollingShutter, points: ArrayLike) -> Floats:
+        px = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        return shown.project(seen.back(px, self.camera), self.camera)
+
+    def visible(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """(k,) which points (k, 2) px of this frame can be seen: in the image, not covered, and the object present."""
+        pts = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        height, width = self.image.shape[:2]
+        seen = np.all((pts >= 0.0) & (pts <= np.array([width - 1, height - 1])), axis=1)
+        for cover in self.covers:
+            seen &= ~inside_polygons([cover], pts)
+        return np.asarray(seen & self.present, dtype=np.bool_)
+
+    @property
+    def outline_visible(self) -> float:
+        """Share of the outline's length that is in view and uncovered, 0 to 1; 0 when the object is not present."""
+        if not self.present or not self.outline:
+            return 0.0
+        points, weights = sample_outline(self.outline, STEP)
+        return float(weights[self.visible(points)].sum() / weights.sum())
+
+    @property
+    def area(self) -> float:
+        """Area of the object's image in px^2, holes subtracted; 0 when it is not present."""
+        return float(sum(polygon_moments(polygon)[0] for polygon in self.outline))
+
+
+def sample_outline(polygons: Sequence[Floats], step: float) -> tuple[Floats, Floats]:
+    """Points (N, 2) along all sides of polygons, at most `step` apart, and the length (N,) that each stands for."""
+    starts = np.concatenate(polygons)
+    sides = np.concatenate([np.roll(p, -1, axis=0) - p for p in polygons])
+    lengths = np.hypot(sides[:, 0], sides[:, 1])
+    count = np.maximum(1, np.ceil(lengths / step)).astype(np.int64)
+    side = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[side]
+    return starts[side] + share[:, None] * sides[side], lengths[side] / count[side]
 
 
 RIPPLE = 1.4
@@ -131,6 +226,12 @@ class Scene:
         H = self._plane_to_image[index] @ self._image_to_plane
         return np.asarray(H / H[2, 2], dtype=np.float64)
 
+    def with_conditions(self, **changes: Any) -> Scene:
+        """The same scene with other light or another sensor: fields of its conditions, all but the blur."""
+        made = copy(self)
+        made.conditions = replace(self.conditions, **changes)
+        return made
+
     def guest(self, index: int) -> Guest | None:
         """What lies in the object's place in a frame; None when the object does."""
         return next((g for g in self.guests if g.start <= index < g.end), None)
@@ -142,7 +243,7 @@ class Scene:
         view, rng = self._renderer, np.random.default_rng((self.seed, 17, index))
         H, guest, glare = self._plane_to_image[index], self.guest(index), self.conditions.glare
         shutter = self._shutter(index)
-        image = self._light(index)
+        image = self.exposed_light(index)
         if self.conditions.shadow is not None:
             view.shade(image, self.conditions.shadow, index)
         covers = []
@@ -178,7 +279,7 @@ class Scene:
         poses = self.path.between(index, offset + readout * np.linspace(-0.5, 0.5, KNOTS))
         return RollingShutter(poses.table_to_image(self.camera, 0.0 if table else self.thickness), self.camera.height)
 
-    def _light(self, index: int) -> Floats32:
+    def exposed_light(self, index: int) -> Floats32:
         """What falls on the sensor while it is exposed: the mean of the images from its beginning to its end."""
         exposure = self.conditions.exposure
         if exposure <= 0.0:
@@ -270,3 +371,37 @@ def demo_scene(frames: int = 120, seed: int = 3, *, width: int = 640, height: in
         colour=colour,
         seed=seed,
     )
+
+
+PX_PER_UNIT = 130.0
+"""Scale of the image; a part's area is its size squared."""
+LIE = (
+    ("spanner", 1.0, -1.0, -0.7, 0.5),
+    ("gasket", 1.0, 0.75, 0.8, 0.35),
+    ("rectangle", 0.75, 1.55, -0.75, -0.3),
+    ("disc", 0.6, -1.2, 0.95, 0.0),
+)
+"""Name, size, x, y in table units, turn in rad of each part."""
+
+
+def still_life(seed: int = 3, *, width: int = 640, height: int = 480) -> NDArray[np.uint8]:
+    """(height, width, 3) BGR: a spanner, a gasket, a plate and a disc on a laminate.
+
+    Args:
+        seed: of textures and noise.
+        width: px.
+        height: px.
+    """
+    parts = []
+    for name, size, x, y, turn in LIE:
+        cos, sin = size * math.cos(turn), size * math.sin(turn)
+        parts += [ring @ np.array([[cos, sin], [-sin, cos]]) + (x, y) for ring in SHAPES[name]().polygons]
+    scale = PX_PER_UNIT * width / 640
+    H = np.array([[scale, 0.0, 0.5 * (width - 1)], [0.0, scale, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
+    together = Shape("parts", parts[0], tuple(parts[1:]))  # rendered by the even-odd rule, which parts apart obey too
+    light = Conditions(blur=0.75 * width / 640, noise=1.0, vignette=0.14)
+    view = Renderer(
+        together, plain_texture(seed), brushed_texture(seed), width=width, height=height, blur=light.blur, colour=True
+    )
+    rng = np.random.default_rng((seed, 19))
+    return view.expose(view.light(H), rng, light)

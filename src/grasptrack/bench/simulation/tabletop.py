@@ -10,19 +10,22 @@ from functools import lru_cache
 
 import numpy as np
 
-from grasptrack.bench.simulation import surfaces
-from grasptrack.bench.simulation.appearance import adjust_grey_level, another_surface
 from grasptrack.bench.simulation.camera import Camera
-from grasptrack.bench.simulation.courses import add_camera_retreat
-from grasptrack.bench.simulation.distractors import Distractor, place_beside, scale_shape, sheet_under
-from grasptrack.bench.simulation.hand import hand_over
+from grasptrack.bench.simulation.effects import Parts, Setting
+from grasptrack.bench.simulation.lookalikes import Distractor, place_beside, scale_shape, sheet_under
+from grasptrack.bench.simulation.occluders import hand_over
 from grasptrack.bench.simulation.outlines import Shape
-from grasptrack.bench.simulation.paths import Path
+from grasptrack.bench.simulation.paths import Path, add_camera_retreat
 from grasptrack.bench.simulation.scene import Guest
-from grasptrack.bench.simulation.setting import Parts, Setting
 from grasptrack.bench.simulation.shapes import SHAPES
-from grasptrack.bench.simulation.tables import pebble_texture
-from grasptrack.bench.simulation.texture import Texture
+from grasptrack.bench.simulation.textures import (
+    Texture,
+    adjust_grey_level,
+    another_surface,
+    pebble_texture,
+    picture_texture,
+    printed_texture,
+)
 from grasptrack.geometry.homographies import apply_homography
 
 OUT = 6.0
@@ -74,10 +77,10 @@ def crowded_table(s: Setting) -> Parts:
     gaps = [(0.04, 0.07) if k % 2 == 0 else (0.1, 0.4) for k in range(count)]
     placed = place_beside(s.shape, shapes, s.rng, gaps=gaps, fits=_in_view(s, path, 0.6))
     made = []
-    for k, turn, shift in placed:
+    for part in placed:
         level = s.level if s.rng.uniform() < 0.5 else 2.0 * s.table_level - s.level
         surface = another_surface(float(np.clip(level, 25.0, 225.0)), s.rng)
-        made.append(Distractor(shapes[k], surface, turn=turn, shift=shift))
+        made.append(Distractor(shapes[part.number], surface, turn=part.turn, shift=part.shift))
     return {"path": path, "distractors": tuple(made)}
 
 
@@ -90,7 +93,7 @@ def identical_parts(s: Setting) -> Parts:
     path, count = s.course(reach=0.25), int(s.rng.integers(1, 4))
     fits = _in_view(s, path, 0.7)
     placed = place_beside(s.shape, [s.shape] * count, s.rng, gaps=[(0.06, 0.5)] * count, fits=fits)
-    made = tuple(Distractor(s.shape, turn=turn, shift=shift) for _, turn, shift in placed)
+    made = tuple(Distractor(s.shape, turn=part.turn, shift=part.shift) for part in placed)
     return {"path": path, "distractors": made}
 
 
@@ -102,7 +105,9 @@ def equal_enters(s: Setting) -> Parts:
     out, there, a, b, c, d = s.at(0.2, 0.5, 0.25, 0.42, 0.62, 0.8)
     if s.rng.uniform() < 0.5:
         placed = place_beside(s.shape, [s.shape], s.rng, gaps=[(0.06, 0.4)], fits=_in_view(s, path, 0.6))
-        turn, shift = placed[0][1:] if placed else (turn, _nearest_place_outside(s, path, angle, turn))
+        turn, shift = (
+            (placed[0].turn, placed[0].shift) if placed else (turn, _nearest_place_outside(s, path, angle, turn))
+        )
         far = _nearest_place_outside(s, path, math.atan2(shift[1], shift[0]), turn)
         away = (far[0] - shift[0], far[1] - shift[1])
         equal = Distractor(s.shape, turn=turn, shift=shift, away=away, times=(max(out, 1.0), there))
@@ -151,7 +156,7 @@ def _nearest_place_outside(s: Setting, path: Path, direction: float, turn: float
 
 @lru_cache(maxsize=4 * PATTERNS)
 def _cached_print_texture(kind: str, pattern: int, level: float) -> Texture:
-    make, contrast = (surfaces.printed_texture, 240.0 / level) if kind == "words" else (surfaces.picture_texture, 1.0)
+    make, contrast = (printed_texture, 240.0 / level) if kind == "words" else (picture_texture, 1.0)
     return make(pattern, colour=(level, level, level), contrast=contrast).grey
 
 

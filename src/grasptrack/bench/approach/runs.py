@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is written of approaches: a film of one, or the table and the figures of many at random."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from grasptrack.bench.approach.case import Case, Law, Row
+from grasptrack.bench.approach.pictures import side_by_side
+from grasptrack.bench.approach.trial import Step, run_trial
+from grasptrack.bench.physics import World
+from grasptrack.bench.physics.setting import Arm, Scenario
+from grasptrack.bench.physics.world import PERIOD_S
+from grasptrack.bench.schedule import Scheduler
+from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.io.results import software_versions, write_json
+from grasptrack.io.run import prepare_folder
+from grasptrack.io.video import VideoWriter
+from grasptrack.statistics import wilson_interval
+from grasptrack.tracking.numbers import DEFAULT_RISK
+from grasptrack.typing import Floats
+from grasptrack.view.approach import plot_approach
+
+Progress = Callable[[str, int, int], None]
+
+VIDEO, PLOTS, VERDICT = "approach.mp4", "approach.png", "approach.json"
+_EXPECTED = 250
+
+
+class Record:
+    """Keeps what the plots show, and writes the video as it goes.
+
+    Args:
+        video: file; None writes none.
+        progress: called with stage, images so far, and how many are to be expected.
+    """
+
+    def __init__(self, video: Path | None, progress: Progress | None) -> None:
+        self._writer = None if video is None else VideoWriter(video, 1.0 / PERIOD_S)
+        self._progress = progress
+        self.time: list[float] = []
+        self.errors: list[Floats] = []
+        self.error_px: list[float] = []
+        self.twists: list[Floats] = []
+        self.states: list[str] = []
+        self.count = 0
+
+    def __call__(self, world: World, step: Step) -> None:
+        """Take in one step."""
+        if self._writer is not None:
+            self._writer.write(side_by_side(world, step))
+        self.count += 1
+        if self._progress is not None:
+            self._progress(step.stage, self.count, max(_EXPECTED, self.count))
+        if step.stage == "approach" and step.command is not None:
+            self.time.append(step.time)
+            self.errors.append(np.asarray(step.command.error, dtype=np.float64))
+            self.error_px.append(step.command.error_px)
+            self.twists.append(step.command.twist)
+            self.states.append(step.command.state)
+
+    def close(self) -> None:
+        """Finish the video."""
+        if self._writer is not None:
+            self._writer.close()
+
+
+def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, Any], progress: Progress | None) -> Row:
+    """Run one approach; write approach.mp4, approach.png and approach.json.
+
+    Args:
+        case: what to try.
+        output: folder, made when missing.
+        video: write the video.
+        options: what was asked for, for the verdict's file.
+        progress: see `Record`.
+
+    Raises:
+        InputError: the folder cannot be written, MuJoCo is missing, or the part cannot be shown.
+    """
+    prepare_folder(output)
+    record = Record(output / VIDEO if video else None, progress)
+    try:
+        row, _ = run_trial(case, record)
+    finally:
+        record.close()
+    blind = [state in ("holding", "searching") for state in record.states]
+    title = f"{row.shape}, {row.scenario}, {row.law}: {row.outcome}. {row.reason}"[:110]
+    plot_approach(record.time, record.errors, record.error_px, record.twists, blind, title, output / PLOTS)
+    told = {name: _finite_or_none(value) for name, value in row.values().items()}
+    write_json(output / VERDICT, {"options": options, "versions": software_versions(), "verdict": told})
+    return row
+
+
+def _finite_or_none(value: Any) -> Any:
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+TABLE, INDEX, FAILURES = "trials.csv", "trials.json", "failures"
+MEASURED = "time_s", "error_px", "contact_error_px", "aside_mm", "servo_ms", "loop_ms", "loop_p99_ms", "look_ms"
+COLUMNS = tuple(f.name for f in fields(Row))
+
+
+def draw_cases(
+    shapes: Sequence[Shape],
+    count: int,
+    *,
+    seed: int,
+    scenario: Scenario,
+    arm: Arm,
+    law: Law,
+    images: Literal["auto", "mujoco", "planar"] = "planar",
+    fingers: Literal[2, 3] = 2,
+    risk: float = DEFAULT_RISK,
+) -> list[Case]:
+    """Trials with shapes in an order that the seed decides, each as often as the others, give or take one.
+
+    Args:
+        shapes: to draw from.
+        count: of trials.
+        seed: of everything; trial k is the same for every law.
+        scenario, arm, law, images, fingers, risk: as in `Case`.
+    """
+    rng = np.random.default_rng((seed, 73))
+    order: list[int] = []
+    while len(order) < count:
+        order += rng.permutation(len(shapes)).tolist()
+    return [
+        Case(shapes[i], 100_000 * seed + k, scenario, arm, law, images, fingers=fingers, risk=risk)
+        for k, i in enumerate(order[:count])
+    ]
+
+
+@dataclass
+class Trials:
+    """What many trials came to.
+
+    Attributes:
+        rows: by the order of the cases; without those that broke.
+        broken: reason by name of a case that did not run to its end.
+    """
+
+    rows: list[Row] = field(default_factory=list)
+    broken: dict[str, str] = field(default_factory=dict)
+
+    def count(self, outcome: str) -> int:
+        """Trials that ended so."""
+        return sum(row.outcome == outcome for row in self.rows)
+
+    @property
+    def tried(self) -> int:
+        """Trials on shapes that were not refused, broken ones included."""
+        return len(self.rows) + len(self.broken) - self.count("refused")
+
+    @property
+    def rate(self) -> float:
+        """Share lifted and held of those tried; NaN for none."""
+        return self.count("lifted") / self.tried if self.tried else math.nan
+
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the rate (E. B. Wilson 1927)."""
+        return wilson_interval(self.count("lifted"), self.tried)
+
+    def reasons(self) -> list[tuple[str, int]]:
+        """Why trials failed, the most frequent first; numbers within a reason are left out."""
+        found = [kind_of(row.reason) for row in self.rows if row.outcome == "failed"]
+        return Counter([*found, *(f"broken: {kind_of(r)}" for r in self.broken.values())]).most_common()
+
+    @property
+    def unbelieved(self) -> int:
+        """How often the hand closed on what was not believed."""
+        return sum(row.believed is False for row in self.rows)
+
+    @property
+    def wrong(self) -> int:
+        """How often the hand closed on what was believed, and was elsewhere in truth."""
+        return sum(bool(row.believed) and row.right is False for row in self.rows)
+
+    def figures(self) -> dict[str, Any]:
+        """For the index."""
+        low, high = self.interval()
+        refused = [row for row in self.rows if row.outcome == "refused"]
+        return {
+            "trials": len(self.rows) + len(self.broken),
+            "shapes": len({row.shape for row in self.rows}),
+            "lifted": self.count("lifted"),
+            "failed": self.count("failed") + len(self.broken),
+            "refused": len(refused),
+            "refusals_confirmed": sum(bool(row.confirmed) for row in refused),
+            "rate": self.rate,
+            "rate_95": [low, high],
+            "closed": sum(row.believed is not None for row in self.rows),
+            "closed_unbelieved": self.unbelieved,
+            "closed_wrong": self.wrong,
+            "reasons": dict(self.reasons()),
+            "median": {name: _finite_median([getattr(row, name) for row in self.rows]) for name in MEASURED},
+        }
+
+
+def run_trials(
+    output: Path,
+    cases: Sequence[Case],
+    schedule: Scheduler,
+    *,
+    options: dict[str, Any],
+    progress: Progress | None = None,
+) -> Trials:
+    """Try every case; write trials.csv, trials.json, and a picture of the end of each failure.
+
+    Args:
+        output: folder, made when missing; the files of an earlier run are written over.
+        cases: with distinct names.
+        schedule: who does the work.
+        options: what was asked for, for the index.
+        progress: called with a step's name, trials done, and all of them.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    prepare_folder(output)
+    pictures = output / FAILURES
+    for old in pictures.glob("*.png") if pictures.is_dir() else ():
+        old.unlink()
+    rows: dict[int, Row] = {}
+    trials = Trials()
+    if progress is not None:
+        progress("trials", 0, len(cases))
+    for outcome in schedule(run_trial, list(cases)):
+        case = cases[outcome.index]
+        if outcome.error:
+            trials.broken[case.name] = outcome.error
+        else:
+            rows[outcome.index], picture = outcome.value
+            if picture:
+                pictures.mkdir(exist_ok=True)
+                (pictures / f"{_file_name(case.name)}.png").write_bytes(picture)
+            _write_table(output / TABLE, [rows[i] for i in sorted(rows)])  # whatever stops the rest
+        if progress is not None:
+            progress("trials", len(rows) + len(trials.broken), len(cases))
+    trials.rows = [rows[i] for i in sorted(rows)]
+    _write_table(output / TABLE, trials.rows)
+    write_json(
+        output / INDEX,
+        {"options": options, "versions": software_versions(), "figures": trials.figures(), "broken": trials.broken},
+    )
+    return trials
+
+
+def kind_of(reason: str) -> str:
+    """A reason without its numbers, so that the same ones can be counted."""
+    return re.sub(r"\s+", " ", re.sub(r"[-+]?\d+(\.\d+)?", "#", reason)).strip()[:110] or "no reason"
+
+
+def _finite_median(values: list[float]) -> float | None:
+    known = [v for v in values if math.isfinite(v)]
+    return round(float(np.median(known)), 3) if known else None
+
+
+def _write_table(path: Path, rows: Sequence[Row]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for row in rows:
+            writer.writerow([_format_cell(value) for value in row.values().values()])
+
+
+def _format_cell(value: Any) -> str:
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return ""
+    if isinstance(value, bool):
+        return str(int(value))
+    return f"{value:.4f}" if isinstance(value, float) else str(value)
+
+
+def _file_name(name: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", name)
