@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every command that README, CONTRIBUTING and docs name is understood as it stands, and runs in a short form.
+
+The pages' own file names are laid out in a folder (`workspace`), so that commands find `video.mp4` or `photo.jpg`; the
+tables below say which options make a command short. A command that no table knows fails.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import shlex
+import socket
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import typer
+
+from grasptrack.cli.main import app, main
+from grasptrack.io.video import VideoWriter
+from recordings import plate, plates
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DATA = Path(os.environ.get("GRASPTRACK_DATA", ROOT.parent / "shared" / "data"))
+PROGRAMS = ("grasptrack", "python", "python3", "pip", "make", "dask")
+
+# Options that are set, in the place of a page's own value or beside what it gives. None: only where the page gives it.
+SHORT: dict[str, dict[str, str]] = {
+    "synthesize": {},
+    "inspect": {"--runs": "1"},
+    "track": {},
+    "transfer": {},
+    "demo": {"--frames": "3"},
+    "servo": {},
+    "evaluate scenes": {"--shapes": "bracket", "--disturbances": "clean-4dof", "--frames": "2", "--workers": "1"},
+    "evaluate real": {"--workers": "1"},
+    "evaluate paper": {"--frames": "4"},
+    "compare": {},
+}
+STUDIES: dict[str, dict[str, str]] = {
+    "bound": {"--shapes": "bracket", "--disturbances": "noise", "--frames": "3"},
+    "calibration": {"--frames": "3", "--disturbances": "noise", "--parts": "bracket", "--others": "key"},
+    "closing": {"--draws": "10", "--grasps": "1"},
+    "confidence": {},
+    "first_outline": {"--shapes": "bracket", "--frames": "8"},
+    "global_match": {"--pairs": "1", "--silhouettes": "0", "--cut": "0", "--images": "0"},
+    "loop": {"--frames": "4", "--repeat": "1", "--long": "0"},
+    "lost": {"--frames": "8"},
+    "plane": {"--parts": "bracket", "--workers": "1"},
+    "real_videos": {},  # skipped where the real data is absent, as is the next
+    "segmentation": {"--only": "15-34-08"},
+    "servo": {"--trials": "1"},
+    "silhouettes": {"--folder": "shapes"},
+    "startup": {"--runs": "1"},
+    "steps": {"--calls": "2", "--updates": "2"},
+    "suitability": {"--parts": "bracket", "--disturbances": "noise", "--frames": "4", "--write": "unforeseen.json"},
+    "synthesis": {"--calls": "1"},
+    "thickness": {"--parts": "bracket", "--workers": "1"},
+    "undistortion": {"--frames": "2", "--shapes": "bracket", "--workers": "1"},
+}
+FEWER = {"--trials": "1", "--repeats": "1", "--runs": "1"}  # wherever a page gives them
+DROPPED = {"--silhouettes": ("--shapes",), "--trials": ("--no-video",)}  # what an option of the page rules out
+WORDS = {"SOURCE": "photos", "IMAGE": "photo.jpg", "IMAGE_A": "a.png", "IMAGE_B": "b.png", "A": "old", "B": "new"}
+WORDS |= {"N": "1", "MU": "0.5", "camera:0": "video.mp4"}
+FOLDERS = {"--silhouettes": "shapes", "--folder": "shapes", "--data": "data", "--real": "videos", "real": "videos"}
+SLOW = {"servo", "evaluate paper", *STUDIES} - {"confidence", "startup", "segmentation"}
+ELSEWHERE = {
+    "pip install .": ".ci/run builds a wheel and installs it",
+    "pip install --no-deps .": "the same without dependencies",
+    "pip check": "pip's own",
+    "pip install --no-binary av av": "builds FFmpeg's bindings from source",
+    "pip install mujoco": "a dependency of the tests",
+    "python tests/golden.py --write": "writes a file of the repository; tests/test_golden.py runs the rest",
+    "python3 -m venv fresh": ".ci/run makes one",
+    "fresh/bin/pip install .": ".ci/run builds a wheel and installs it",
+}
+
+
+def documented() -> list[str]:
+    """Each command once, comments, prompts and the path of the environment taken off."""
+    found: dict[str, None] = {}
+    for page in PAGES:
+        text = re.sub(r"<!--.*?-->", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for block in re.findall(r"^```(?:sh|bash|console)\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL):
+            for line in block.replace("\\\n", " ").splitlines():
+                for part in line.split("&&"):
+                    words = shlex.split(part.rstrip("& "), comments=True)
+                    if words:
+                        found[shlex.join(words).replace(".venv/bin/", "")] = None
+        prose = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+        for quoted in re.findall(r"`([^`]+)`", prose):
+            words = quoted.replace(".venv/bin/", "").split()
+            if len(words) > 1 and words[0] in PROGRAMS and "VERB" not in words:
+                found[shlex.join(shlex.split(" ".join(words)))] = None
+    return list(found)
+
+
+def split(command: str) -> tuple[dict[str, str], list[str]]:
+    """Settings of the environment before a command, and its words without the placeholder of a synopsis."""
+    words = [w for w in shlex.split(command) if w != "[options]"]
+    given = {}
+    while "=" in words[0]:
+        name, _, value = words.pop(0).partition("=")
+        given[name] = value
+    return given, words
+
+
+def verb_of(words: list[str]) -> tuple[str, list[str]]:
+    """The verb of the command line, and what follows it."""
+    count = 2 if words[1:2] == ["evaluate"] else 1
+    return " ".join(words[1 : 1 + count]), words[1 + count :]
+
+
+def study_of(words: list[str]) -> str | None:
+    """The name of the benchmark that a command starts, as a script or as a module."""
+    found = re.match(r"python (?:benchmarks/|-m grasptrack\.bench\.studies\.)(\w+?)(?:\.py)?(?= |$)", " ".join(words))
+    return found[1] if found else None
+
+
+def set_option(words: list[str], name: str, value: str) -> list[str]:
+    if name in words:
+        at = words.index(name) + 1
+        return [*words[:at], value, *words[at + 1 :]]
+    return [*words, name, value]
+
+
+def shortened(words: list[str], options: dict[str, str]) -> list[str]:
+    """The words with metavariables filled in and long options made short."""
+    out: list[str] = []
+    for word in words:
+        before = out[-1] if out else ""
+        out.append(FOLDERS.get(before, "videos") if word == "DIR" else WORDS.get(word, word))
+    ruled_out = {o for given, others in DROPPED.items() if given in words for o in others}
+    for name, value in options.items():
+        if name not in ruled_out:
+            out = set_option(out, name, value)
+    for name, value in FEWER.items():
+        if name in words:
+            out = set_option(out, name, value)
+    return out
+
+
+def cases() -> list[object]:
+    """What is run: (environment, words) of each short form once, slow ones marked."""
+    seen: dict[str, object] = {}
+    for command in documented():
+        if command in ELSEWHERE:
+            continue
+        environment, words = split(command)
+        if words[0] == "grasptrack" and not words[1].startswith("-"):
+            kind, rest = verb_of(words)
+            if kind not in SHORT or (not rest and needs_arguments(kind)):
+                continue  # unknown ones fail below; a verb's bare name in running text is no command
+            short = ["grasptrack", *kind.split(), *shortened(rest, SHORT[kind])]
+        elif (study := study_of(words)) in STUDIES:
+            kind = str(study)
+            start = words.index("-m") + 2 if "-m" in words else 2
+            short = [*words[:start], *set_option(shortened(words[start:], STUDIES[kind]), "--output", "results.md")]
+        else:
+            continue
+        name = shlex.join(short)
+        slow = kind in SLOW or "--scheduler" in short
+        seen[name] = pytest.param(environment, short, id=name, marks=[pytest.mark.slow] if slow else [])
+    return list(seen.values())
+
+
+def command_of(verb: str) -> typer.core.TyperCommand:
+    found = typer.main.get_command(app)
+    for name in verb.split():
+        found = found.commands[name]  # type: ignore[attr-defined]
+    return found  # type: ignore[return-value]
+
+
+def needs_arguments(verb: str) -> bool:
+    return any(p.param_type_name == "argument" and p.required for p in command_of(verb).params)
+
+
+# --- as they stand -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", documented())
+def test_every_command_is_known(command: str) -> None:
+    """As it stands: verbs, options and values by the program's own parser, scripts, targets of make, extras of pip."""
+    if command in ELSEWHERE:
+        return
+    _, words = split(command)
+    if words[0] == "grasptrack":
+        if words[1:] in (["--version"], ["--help"]):
+            return
+        verb, rest = verb_of(words)
+        assert verb in SHORT, "no such verb in the table above"
+        if rest:
+            filled = [{"N": "1", "R": "0.5"}.get(word, word) for word in rest]
+            command_of(verb).make_context(verb, filled)
+    elif (study := study_of(words)) is not None:
+        assert study in STUDIES, "no such benchmark in the table above"
+        options = {w for w in words if w.startswith("--")}
+        shown = "\n".join(path.read_text(encoding="utf-8") for path in sources(words))
+        assert {o for o in options - {"--output"} if f'"{o}"' not in shown} == set(), "unknown options"
+    elif words[0] == "make":
+        subprocess.run(["make", "-n", *words[1:]], cwd=ROOT, check=True, capture_output=True)
+    elif words[0] == "pip":
+        optional = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        for extra in re.findall(r"(?:grasptrack|\.)\[(\w+)\]", command):
+            assert extra in optional["optional-dependencies"]
+        for name in re.findall(r"([a-z]+[\w-]*)>=", command):
+            assert any(wanted.startswith(name) for wanted in optional["dependencies"])
+    else:
+        assert words[0] == "dask", "a command that no table knows"
+
+
+def sources(words: list[str]) -> list[Path]:
+    """The files of a benchmark that may name its options."""
+    study = study_of(words)
+    if "-m" not in words:
+        return [ROOT / words[1]]
+    home = ROOT / "src" / "grasptrack" / "bench" / "studies"
+    return sorted((home / str(study)).rglob("*.py")) or [home / f"{study}.py"]
+
+
+def test_the_tables_name_nothing_that_is_gone() -> None:
+    told = set(documented())
+    assert {c for c in ELSEWHERE if c not in told} == set()
+
+
+# --- in a short form -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files that the pages' commands name, small."""
+    home = tmp_path_factory.mktemp("documented")
+    plates(home / "photos", 4)
+    plates(home / "images", 3)
+    plates(home / "videos" / "film", 4)
+    with (home / "videos" / "film.homographies.csv").open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["frame", *(f"h{i}{j}" for i in "123" for j in "123")])
+        for i in range(4):  # the motion of `plates`
+            c, s = np.cos(0.01 * i), np.sin(0.01 * i)
+            start, end = np.array([150.0, 118.0]), np.array([150.0 + 1.5 * i, 118.0 + i])
+            shift = end - np.array([[c, -s], [s, c]]) @ start
+            table.writerow([i, c, -s, shift[0], s, c, shift[1], 0.0, 0.0, 1.0])
+    for name, angle in (("photo.jpg", 0.2), ("a.png", 0.2), ("b.png", 0.5)):
+        cv2.imwrite(str(home / name), np.dstack([plate(angle=angle, size=(480, 640), centre=(193.0, 250.0))] * 3))
+    cv2.imwrite(str(home / "mask.png"), np.where(plate(size=(480, 640)) < 130, 255, 0).astype(np.uint8))
+    cv2.imwrite(str(home / "fingers.png"), np.pad(np.full((40, 40), 255, np.uint8), ((200, 0), (280, 0))))
+    (home / "shapes").mkdir()
+    silhouette = np.where(plate(size=(240, 320)) < 130, 255, 0).astype(np.uint8)
+    cv2.imwrite(str(home / "shapes" / "plate-1.png"), silhouette)
+    return home
+    (home / "camera.yaml").write_text(
+        "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0]}\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0.0, 0.0, 0.0, 0.0]}\n"
+    )
+    (home / "mine.json").write_bytes((ROOT / "src/grasptrack/tracking/numbers.json").read_bytes())
+    writer = VideoWriter(home / "video.mp4", 25.0)
+    for i in range(4):
+        writer.write(np.dstack([plate(angle=0.2 + 0.01 * i, size=(480, 640), centre=(193.0 + i, 250.0))] * 3))
+    writer.close()
+    options = ["--shapes", "bracket", "--disturbances", "clean-4dof", "--frames", "3", "--methods", "auto"]
+    for name in ("evaluation-scenes", "evaluation-new", "old", "new"):
+        assert main(["evaluate", "scenes", *options, "--workers", "1", "--quiet", "--output", str(home / name)]) == 0
+    if DATA.is_dir():
+        (home / "data").symlink_to(DATA)
+    return home
+
+
+@pytest.fixture
+def here(workspace: Path, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder with links to those files of the workspace that the command reads, but not to what it writes."""
+    words = request.node.callspec.params["words"]
+    if "data" in words or study_of(words) == "real_videos":
+        if not DATA.is_dir():
+            pytest.skip(f"no real data in {DATA}; set GRASPTRACK_DATA")
+        monkeypatch.setenv("GRASPTRACK_DATA", str(DATA))
+    written = {words[i + 1] for i, word in enumerate(words[:-1]) if word in ("--output", "--pictures", "--write")}
+    for word in {w.split("/")[0] for w in words} - written:
+        if (workspace / word).exists():
+            (tmp_path / word).symlink_to(workspace / word)
+    for name in written:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def start_cluster(folder: Path) -> tuple[str, list[subprocess.Popen[bytes]]]:
+    """The two commands of docs/evaluation.md that start a Dask cluster, on a free port."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address, started = f"tcp://127.0.0.1:{port}", []
+    for command in (c for c in documented() if c.startswith("dask ")):
+        words = [address if w.startswith("tcp:") else w for w in shlex.split(command)[1:]]
+        if words[0] == "scheduler":
+            words += ["--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+        else:
+            words[words.index("--nworkers") + 1] = "1"
+            time.sleep(2)
+        given = [sys.executable, "-m", "dask", *words]
+        started.append(subprocess.Popen(given, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+    return address, started
+
+
+@pytest.mark.parametrize(("environment", "words"), cases())
+def test_a_short_form_runs(
+    environment: dict[str, str], words: list[str], here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    cluster: list[subprocess.Popen[bytes]] = []
+    if "--scheduler" in words:
+        pytest.importorskip("distributed")
+        address, cluster = start_cluster(here)
+        words = set_option(words, "--scheduler", address)
+    try:
+        if words[0] == "grasptrack":
+            run = [sys.executable, "-m", "grasptrack.cli.main", *words[1:]]
+        elif "-m" in words:
+            run = [sys.executable, *words[1:]]
+        else:
+            run = [sys.executable, str(ROOT / words[1]), *words[2:]]
+        done = subprocess.run(run, capture_output=True, text=True, check=False)
+    finally:
+        for process in reversed(cluster):
+            process.terminate()
+        for process in cluster:
+            process.wait(20)
+    assert done.returncode == 0, f"{shlex.join(words)}\n{done.stdout[-500:]}{done.stderr[-800:]}"
