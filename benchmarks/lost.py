@@ -26,11 +26,11 @@ DISTURBANCES = ("leave", "exchange", "twin", "hand", "clip")
 MOST_MS = 15.0
 GONE, RETURNED = 0.3, 0.98  # of the outline in view
 STEPS: tuple[tuple[str, object, str], ...] = (
-    ("pyramid of the image", follower, "pyramid"),
-    ("where it is expected", follower, "predict"),
+    ("pyramid of the image", follower, "build_pyramid"),
+    ("where it is expected", follower, "predict_hypotheses"),
     ("which hypotheses promise", Redetection, "promising"),
     ("pose estimates", Solutions, "add"),
-    ("decisions", follower, "decide"),
+    ("decisions", follower, "decide_pose"),
     ("the last look, laid anew", redetection, "shifted_looks"),
     ("keypoints", Keypoints, "find"),
     ("outlines anywhere", Outlines, "find"),
