@@ -37,7 +37,7 @@ PROGRAMS = ("grasptrack", "python", "python3", "pip", "make", "dask")
 SHORT: dict[str, dict[str, str]] = {
     "synthesize": {},
     "inspect": {"--runs": "1"},
-    "track": {},
+    "track": {"--no-video": ""},
     "transfer": {},
     "demo": {"--frames": "2", "--no-video": ""},
     "servo": {"--no-video": ""},
@@ -82,7 +82,6 @@ ELSEWHERE = {
     "pip install --no-deps .": "the same without dependencies",
     "pip check": "pip's own",
     "pip install --no-binary av av": "builds FFmpeg's bindings from source",
-    "pip install mujoco": "a dependency of the tests",
     "python tests/golden.py --write": "writes a file of the repository; tests/test_golden.py runs the rest",
     "python3 -m venv fresh": ".ci/run makes one",
     "fresh/bin/pip install .": ".ci/run builds a wheel and installs it",
@@ -171,7 +170,7 @@ def cases() -> list[object]:
             short = [*words[:start], *set_option(shortened(words[start:], STUDIES[kind]), "--output", "results.md")]
         else:
             continue
-        name = shlex.join(short)
+        name = " ".join([*(f"{key}={value}" for key, value in environment.items()), shlex.join(short)])
         slow = kind in SLOW or "--scheduler" in short
         seen[name] = pytest.param(environment, short, id=name, marks=[pytest.mark.slow] if slow else [])
     return list(seen.values())
@@ -239,7 +238,7 @@ def test_the_tables_name_nothing_that_is_gone() -> None:
 # --- in a short form -----------------------------------------------------------------------------
 
 
-CORNERS = np.array([[100, 99], [440, 110], [430, 230], [400, 240], [430, 250], [425, 300], [310, 308], [100, 308]])
+CORNERS = np.array([[100, 99], [440, 110], [430, 180], [350, 200], [430, 215], [425, 300], [310, 308], [100, 308]])
 """Of a plate at px that the pages name: contacts at 193,308 and 157,99, the object at 320,240 and at 300,250."""
 
 
@@ -256,7 +255,10 @@ def frame(i: int) -> np.ndarray:
     """(480, 640, 3) the plate in frame i, dark on light."""
     image = np.full((480, 640), 210, np.uint8)
     moved = np.rint(apply_homography(motion(i), CORNERS.astype(float)) * 16).astype(np.int32)
-    cv2.fillPoly(image, [moved], 50, cv2.LINE_AA, 4)
+    cv2.fillPoly(image, [moved], (50,), cv2.LINE_AA, 4)
+    for x, y, radius in ((150, 250, 12), (220, 150, 18), (270, 230, 9)):
+        (u, v), *_ = apply_homography(motion(i), np.array([[x, y]], dtype=float)).tolist()
+        cv2.circle(image, (round(16 * u), round(16 * v)), 16 * radius, (90,), cv2.FILLED, cv2.LINE_AA, 4)
     return np.dstack([cv2.GaussianBlur(image, (0, 0), 0.8)] * 3)
 
 
@@ -289,8 +291,8 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cv2.imwrite(str(home / "shapes" / "plate-1.png"), silhouette)
     (home / "camera.yaml").write_text(
         "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\n"
-        "camera_matrix: {rows: 3, cols: 3, data: [600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0]}\n"
-        "distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0.0, 0.0, 0.0, 0.0]}\n"
+        "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0]\n"
+        "distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.1, 0.0, 0.0, 0.0, 0.0]\n"
     )
     (home / "mine.json").write_bytes((ROOT / "src/grasptrack/tracking/numbers.json").read_bytes())
     writer = VideoWriter(home / "video.mp4", 25.0)
@@ -311,12 +313,13 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def here(workspace: Path, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder with links to those files of the workspace that the command reads, but not to what it writes."""
     words = request.node.callspec.params["words"]
-    if "data" in words or study_of(words) == "real_videos":
+    if "data" in words or study_of(words) in ("real_videos", "segmentation"):
         if not DATA.is_dir():
             pytest.skip(f"no real data in {DATA}; set GRASPTRACK_DATA")
         monkeypatch.setenv("GRASPTRACK_DATA", str(DATA))
     written = {words[i + 1] for i, word in enumerate(words[:-1]) if word in ("--output", "--pictures", "--write")}
-    for word in {w.split("/")[0] for w in words} - written:
+    read = [*words, *request.node.callspec.params["environment"].values()]
+    for word in {w.split("/")[0] for w in read} - written:
         if (workspace / word).exists():
             (tmp_path / word).symlink_to(workspace / word)
     for name in written:
