@@ -17,7 +17,7 @@ class BlueParts:
         return np.where(blue > red, 255, 0).astype(np.uint8)
 
 
-hand = gt.Hand(max_opening=gt.Length(1.0, "size"), finger_width=15)  # opens as wide as the root of the part's area; fingers of 15 px
+hand = gt.Hand(max_opening=gt.Length(1.0, "size"), finger_width=15)  # as wide as the root of the area; 15 px
 tracker = gt.GraspTracker(segmenter=BlueParts(), hand=hand)
 for frame in demo_scene(frames=60):
     result = tracker.update(frame.image, time=frame.time)
