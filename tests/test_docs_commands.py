@@ -68,7 +68,11 @@ STUDIES: dict[str, dict[str, str]] = {
     "undistortion": {"--frames": "2", "--shapes": "bracket", "--workers": "1"},
 }
 FEWER = {"--trials": "1", "--repeats": "1", "--runs": "1"}  # wherever a page gives them
-DROPPED = {"--silhouettes": ("--shapes",), "--trials": ("--no-video",)}  # what an option of the page rules out
+DROPPED = {
+    "--silhouettes": ("--shapes",),
+    "--trials": ("--no-video",),
+    "--scheduler": ("--workers",),
+}  # by an option of the page
 WORDS = {"SOURCE": "photos", "IMAGE": "photo.jpg", "IMAGE_A": "a.png", "IMAGE_B": "b.png", "A": "old", "B": "new"}
 WORDS |= {"N": "1", "MU": "0.5", "camera:0": "video.mp4"}
 FOLDERS = {"--silhouettes": "shapes", "--folder": "shapes", "--data": "data", "--real": "videos", "real": "videos"}
