@@ -76,11 +76,6 @@ DROPPED = {
 WORDS = {"SOURCE": "photos", "IMAGE": "photo.jpg", "IMAGE_A": "a.png", "IMAGE_B": "b.png", "A": "old", "B": "new"}
 WORDS |= {"N": "1", "MU": "0.5", "camera:0": "video.mp4"}
 FOLDERS = {"--silhouettes": "shapes", "--folder": "shapes", "--data": "data", "--real": "videos", "real": "videos"}
-SLOW = {"demo", "servo", "evaluate scenes", "evaluate real", "evaluate paper", *STUDIES} - {
-    "confidence",
-    "startup",
-    "segmentation",
-}
 ELSEWHERE = {
     "pip install .": ".ci/run builds a wheel and installs it",
     "pip install --no-deps .": "the same without dependencies",
@@ -157,7 +152,7 @@ def shortened(words: list[str], options: dict[str, str]) -> list[str]:
 
 
 def cases() -> list[object]:
-    """What is run: (environment, words) of each short form once, slow ones marked."""
+    """What is run: (environment, words) of each short form once."""
     seen: dict[str, object] = {}
     for command in documented():
         if command in ELSEWHERE:
@@ -175,8 +170,7 @@ def cases() -> list[object]:
         else:
             continue
         name = " ".join([*(f"{key}={value}" for key, value in environment.items()), shlex.join(short)])
-        slow = kind in SLOW or "--scheduler" in short
-        seen[name] = pytest.param(environment, short, id=name, marks=[pytest.mark.slow] if slow else [])
+        seen[name] = pytest.param(environment, short, id=name)
     return list(seen.values())
 
 
@@ -350,6 +344,7 @@ def start_cluster(folder: Path) -> tuple[str, list[subprocess.Popen[bytes]]]:
     return address, started
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("environment", "words"), cases())
 def test_a_short_form_runs(
     environment: dict[str, str], words: list[str], here: Path, monkeypatch: pytest.MonkeyPatch
