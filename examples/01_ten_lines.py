@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A grasp through a sequence in ten lines; `gt.open_source("video.mp4")` in the scene's place takes your own images."""
+"""Track a grasp through a sequence in ten lines. Replace `demo_scene` with `gt.open_source("video.mp4")` for your images."""
 
 import grasptrack as gt
 from grasptrack.bench.simulation import demo_scene

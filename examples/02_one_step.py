@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One step on plain outlines, without images: choose a grasp, carry it to another view, judge it."""
+"""One step on plain outlines, without images: choose a grasp, transfer it to another view, analyse it."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES, Camera, tilting_path
 from grasptrack.geometry.homographies import apply_homography
 
-# Two views of a bracket as a camera sees it: frontal, and a few frames later from nearer and slightly tilted.
+# Two views of a bracket: frontal, and a few frames later from nearer and slightly tilted.
 frontal, later = tilting_path(60, seed=8).table_to_image(Camera())[[0, 4]]
 corners = SHAPES["bracket"]().outer
 sides = np.roll(corners, -1, axis=0) - corners

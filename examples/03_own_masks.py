@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Your own segmentation in place of the built-in one: hand a mask to each update."""
+"""Use your own segmentation: pass a mask to each update."""
 
 import cv2
 import numpy as np
@@ -9,7 +9,7 @@ from grasptrack.bench.simulation import demo_scene
 
 
 def segment(image: np.ndarray) -> np.ndarray:
-    """Stands for any network or colour rule: here, what is more blue than red."""
+    """Replace it with your network or colour rule; here, whatever is more blue than red."""
     blue, _, red = cv2.split(cv2.GaussianBlur(image, (5, 5), 0))
     return np.where(blue > red, 255, 0).astype(np.uint8)
 

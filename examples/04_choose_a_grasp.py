@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Choose a grasp on each object of an image for a hand measured in mm, and see what each grasp's rank rests on.
+"""Choose a grasp on each object in an image for a hand measured in mm, and print the terms of each grasp's quality.
 
-`cv2.imread("photo.jpg")` in the scene's place takes your own image, and `objects(image, mask=...)` your own masks.
+Replace `still_life()` with `cv2.imread("photo.jpg")` for your own image; `find_objects(image, mask=...)` takes your masks.
 """
 
 from pathlib import Path
@@ -21,12 +21,12 @@ hand = gt.Hand(
 )
 
 image = still_life()
-views = [found.view for found in find_objects(image)]  # outlines, the one that stands out most first
+views = [found.view for found in find_objects(image)]  # outlines, the most outstanding object first
 planned = []
 for number, view in enumerate(views, start=1):
     beside = [other for other in views if other is not view]
     grasps = gt.synthesize(view, fingers=2, friction=0.5, top=10, hand=hand, neighbours=beside)
-    planned.append(Planned(view, beside, hand.in_px(1.0), grasps))  # lengths in mm are the same on every object
+    planned.append(Planned(view, beside, hand.in_px(1.0), grasps))  # lengths in mm do not depend on the object
     print(f"object {number}: {len(grasps)} grasps {grasps.reason}")
     for grasp in grasps[:3]:
         contacts = "  ".join(f"({x:5.1f}, {y:5.1f})" for x, y in grasp.contacts)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Your own segmentation as an object with one method, asked for every image; here with a hand, too."""
+"""Use your own segmentation as an object with a method `segment`, called for every image; here also with a hand."""
 
 import cv2
 import numpy as np
@@ -9,15 +9,15 @@ from grasptrack.bench.simulation import demo_scene
 
 
 class BlueParts:
-    """Stands for a network: load its weights in __init__, run it in segment."""
+    """Replace it with your network: load the weights in `__init__`, run it in `segment`."""
 
     def segment(self, image: np.ndarray) -> np.ndarray:
-        """(H, W) uint8, not 0 on objects: what is more blue than red."""
+        """(H, W) uint8, nonzero on objects: whatever is more blue than red."""
         blue, _, red = cv2.split(cv2.GaussianBlur(image, (5, 5), 0))
         return np.where(blue > red, 255, 0).astype(np.uint8)
 
 
-hand = gt.Hand(max_opening=gt.Length(1.0, "size"), finger_width=15)  # as wide as the root of the part's area; 15 px
+hand = gt.Hand(max_opening=gt.Length(1.0, "size"), finger_width=15)  # as wide as the root of the area; 15 px
 tracker = gt.GraspTracker(segmenter=BlueParts(), hand=hand)
 for frame in demo_scene(frames=60):
     result = tracker.update(frame.image, time=frame.time)

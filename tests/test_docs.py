@@ -30,6 +30,8 @@ PAGES = (
     "paper-map.md",
     "servo.md",
     "simulation.md",
+    "../README.md",
+    "../CONTRIBUTING.md",
 )
 
 
@@ -93,10 +95,21 @@ def test_the_paper_map_quotes_nothing_but_names_that_are_checked() -> None:
     assert [n for n in names if not (OBJECT.fullmatch(n) or TEST.fullmatch(n) or FILE.fullmatch(n))] == []
 
 
+def anchors(page: Path) -> set[str]:
+    """Of the headings of a page, as GitHub makes them."""
+    heads = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page: str) -> None:
-    links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text(page))
-    assert [n for n in links if not n.startswith("http") and not (DOCS / n).exists()] == []
+    here = (DOCS / page).resolve()
+    broken = []
+    for path, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", text(page)):
+        target = here.parent / path if path else here
+        if not path.startswith("http") and not (target.exists() and (not anchor or anchor in anchors(target))):
+            broken.append(f"{path}#{anchor}")
+    assert broken == []
 
 
 def test_every_kernel_is_in_the_paper_map_or_the_design() -> None:

@@ -15,7 +15,8 @@ from grasptrack import kernels
 from grasptrack.bench.metrics.score import FrameScore, Score, Truth
 from grasptrack.errors import GraspError
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.tracking.initialization import AUTO, synthesize_grasps
+from grasptrack.tracking.follower import AUTO
+from grasptrack.tracking.initialization import synthesize_grasps
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a silhouette to an object that may be meant: its sub-pixel contours, and how it differs from the ground."""
+"""From a silhouette to a candidate object: its sub-pixel contours, and how it differs from the background."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from grasptrack.segmentation.rating import Rating
 from grasptrack.segmentation.silhouettes import Silhouette
 
 MAX_SHARE = 0.85
-"""A region that fills more of the image than this is the background."""
+"""A region that fills a larger share of the image is the background."""
 MIN_STEP = 1.0
-"""Across its outline an object differs from the ground by as much as the edge rises in so many px at least: the grain of
-a table has slopes, and the same grey on both sides."""
+"""px; an object differs from the background by at least as much as its edge rises over this distance. The grain of a
+table has gradients too, but the same grey on both sides."""
 NEAR = 1.5
-"""px: closed edges run along the very edge; farther off lies the other side of a thin part."""
+"""px; closed edges lie on the edge itself, and farther away may be the other side of a thin part."""
 ONE_SIGN = 0.9
-"""Where at least this share of an outline rises outward, or falls, the object is dark, or light; else it is both."""
+"""Where at least this share of an outline rises outward, or falls, the object is dark, or light; otherwise it is mixed."""
 
 
 class Candidate(NamedTuple):
-    """An object that may be meant.
+    """A candidate object.
 
     Attributes:
         view: its outline.
         polarity: +1 darker than its surroundings, -1 lighter, 0 where its parts differ.
         inside, outside: median grey levels on either side of the outer contour.
-        score: 0 to 1: the product of the rating's terms, less a little for a threshold's.
-        level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
-        recipe: which closing of edges found it; -1 for a threshold.
-        channel: the mixture of colours that shows it; grey levels are levels of that.
+        score: 0 to 1: the product of the rating's terms, slightly reduced for thresholds.
+        level: grey level of the threshold that separated it from the background; NaN for closed edges.
+        recipe: the closing recipe that found it; -1 for a threshold.
+        channel: the mixture of colours that shows it best; grey levels are levels of that mixture.
         rating: the terms of the score.
-        grain: Lab units per px of the image's own slopes, as that closing saw them.
-        shaded: its shadow was cut out of the silhouette, and has to be again in every image.
+        grain: Lab units per px, the gradient noise of the image for that recipe.
+        shaded: its shadow was cut out of the silhouette, and must be in every later image.
     """
 
     view: View
@@ -62,20 +62,20 @@ class Candidate(NamedTuple):
 
 
 def is_plausible_object(shape: Silhouette, size: tuple[int, ...]) -> bool:
-    """Whether a silhouette is not the ground's: not nearly the whole image, nor along three of its sides."""
+    """Whether a silhouette is not the background: neither nearly the whole image nor along three of its sides."""
     x, y, w, h = shape.box
     touched = (x <= 0) + (y <= 0) + (x + w >= size[1]) + (y + h >= size[0])
     return shape.area <= MAX_SHARE * size[0] * size[1] and touched < 3
 
 
 def of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | None) -> Candidate | None:
-    """The contours of a silhouette that a threshold found, or None where it cannot be an object.
+    """The contours of a silhouette found by a threshold, or None if it cannot be an object.
 
     Args:
         grey: (H, W).
         shape: the silhouette.
-        polarity: +1 darker than the ground, -1 lighter.
-        hidden: (H, W) nonzero where nothing belongs to the scene.
+        polarity: +1 darker than the background, -1 lighter.
+        hidden: (H, W) nonzero where pixels are ignored.
     """
     if not is_plausible_object(shape, grey.shape):
         return None
@@ -98,13 +98,13 @@ def of_one_level(grey: Grey, shape: Silhouette, polarity: int, hidden: Grey | No
 def of_closed_edges(
     image: NDArray[np.uint8], seen: Planes | None, shape: Silhouette, hidden: Grey | None
 ) -> Candidate | None:
-    """The contours of a silhouette that closed edges found, in the mixture of colours that shows it best.
+    """The contours of a silhouette found by closed edges, in the mixture of colours that shows it best.
 
     Args:
         image: (H, W) or BGR (H, W, 3).
-        seen: its planes, in which holes are looked for; None to look for none.
+        seen: its planes, for finding holes; None to skip them.
         shape: the silhouette.
-        hidden: (H, W) nonzero where nothing belongs to the scene.
+        hidden: (H, W) nonzero where pixels are ignored.
     """
     if not is_plausible_object(shape, image.shape):
         return None
@@ -129,7 +129,7 @@ def of_closed_edges(
 
 
 def sign_of(grey: Grey, outline: Contour) -> int:
-    """+1 where nearly all of an outline rises outward, -1 where it falls, 0 where it does both."""
+    """+1 where nearly all of an outline rises outward, -1 where it falls, 0 where it is mixed."""
     ahead = np.roll(outline.points, -1, axis=0) - np.roll(outline.points, 1, axis=0)
     normals = np.column_stack([ahead[:, 1], -ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
     rise = kernels.edge_search(grey, outline.points, np.ascontiguousarray(normals), 2.0, 0)[:, 1]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Silhouettes from edges that close: for objects of several colours, glossy ones, and ground as bright or dark as they.
+"""Silhouettes from closed edges: for objects of several colours, glossy ones, or as bright as their background.
 
-Edges are thinned at several levels, their broken ends linked by good continuation, what gaps are left bridged by a
-closing, and all that is enclosed is filled. The right level and the right closing are not known: each choice proposes,
-and one rating decides.
+Edges are thinned at several levels, their broken ends linked by good continuation, the remaining gaps bridged by a
+morphological closing, and everything enclosed is filled. The right level and closing radius are not known, so each
+recipe proposes and one rating decides.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from grasptrack.segmentation.normalized_gradient import NormalizedGradient, Plan
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 
 WORKING_SIDE = 800
-"""px; larger images are looked at from farther away, and outlines localised in the image itself afterwards."""
+"""px; larger images are reduced first, and outlines are localised in the full image afterwards."""
 SOFTENING = (1.0, 1.6)
-"""px, before slopes are taken: the first follows fine parts, the second sees through grain."""
+"""px, Gaussian blur before gradients: the first follows fine parts, the second suppresses noise."""
 RECIPES = (
     (0, 2.5, 1),
     (0, 4.0, 2),
@@ -34,24 +34,24 @@ RECIPES = (
     (1, 2.0, 3),
     (1, 1.6, 4),
 )
-"""Softening, level in units of grain, and radius of closing in px of each proposal: low levels see faint edges and much
-else, wide closings bridge gaps and fill notches."""
+"""Index into SOFTENING, level in units of noise, and closing radius in px. Low levels find faint edges and clutter, wide
+closings bridge gaps and fill notches."""
 REACH = 0.125
-"""Ends are linked across gaps of at most this share of the image's longer side, ..."""
+"""Edge ends are linked across gaps of at most this share of the image's longer side, ..."""
 BEND, LOOSE = float(np.radians(25.0)), float(np.radians(70.0))
-"""... and by how much they may point aside: rad, the latter across a few px."""
+"""... and may point aside by these angles, rad; the second for gaps of a few px."""
 MAX_SHARE = 0.6
-"""Edges that enclose more of the image than this enclose the ground."""
+"""Edges that enclose a larger share of the image enclose the background."""
 
 
 class Closure(NamedTuple):
-    """A region that edges enclose.
+    """A region enclosed by edges.
 
     Attributes:
         silhouette: in px of the image, without holes.
-        bridge: px, the widest gap that its closing bridges.
-        recipe: index into RECIPES, what found it.
-        grain: unit of the field in which it was found.
+        bridge: px, the widest gap that the closing bridges.
+        recipe: index into RECIPES.
+        grain: noise unit of the gradient field in which it was found.
     """
 
     silhouette: Silhouette
@@ -65,11 +65,11 @@ class ClosedEdgeSegmenter:
 
     Args:
         image: planes, (H, W, C).
-        hidden: (H, W) nonzero where nothing belongs to the scene.
+        hidden: (H, W) nonzero where pixels are ignored.
 
     Attributes:
-        shrink: px of the image for one px here.
-        fields: for each softening.
+        shrink: image px per px here.
+        fields: gradients, one for each softening.
     """
 
     def __init__(self, image: Planes, hidden: Grey | None = None) -> None:
@@ -80,7 +80,7 @@ class ClosedEdgeSegmenter:
         self.fields = tuple(NormalizedGradient(image, softening, hidden) for softening in SOFTENING)
 
     def closures(self, least: float, extent: float) -> list[Closure]:
-        """What edges enclose by any recipe, of at least so many px^2 of the image and px across."""
+        """Regions enclosed by any recipe, of at least `least` px^2 and `extent` px across."""
         px = self.shrink
         found: list[Closure] = []
         edges: dict[tuple[int, float], Grey] = {}
@@ -95,11 +95,11 @@ class ClosedEdgeSegmenter:
 
 
 class Closing:
-    """One recipe, applied again to images in which the object is looked for.
+    """One recipe, applied again to later images.
 
     Args:
         recipe: index into RECIPES.
-        grain: of the image in which it found the object: a window that the object fills has more slopes than grain.
+        grain: noise of the image in which it found the object. In a window that the object fills it cannot be measured.
         size: height and width of the image.
     """
 
@@ -109,11 +109,11 @@ class Closing:
         self._reach = REACH * max(size[:2]) / self._shrink
 
     def shapes(self, image: Planes, hidden: Grey | None, least: float, origin: tuple[int, int]) -> list[Silhouette]:
-        """What edges enclose.
+        """Regions enclosed by edges.
 
         Args:
             image: planes of an image or of a window of it.
-            hidden: (H, W) nonzero where nothing belongs to the scene.
+            hidden: (H, W) nonzero where pixels are ignored.
             least: px^2.
             origin: (x, y) px of the window's first pixel in the image.
         """
@@ -129,18 +129,18 @@ class Closing:
 
 
 def link_edges(edges: Grey, reach: float) -> Grey:
-    """Thin edges (H, W) with their broken ends linked, in place, across gaps of at most so many px."""
+    """Link the broken ends of thin edges (H, W), in place, across gaps of at most `reach` px."""
     for x0, y0, x1, y1 in kernels.edge_links(edges, reach, BEND, LOOSE).tolist():
         cv2.line(edges, (x0, y0), (x1, y1), (255,), 1)
     return edges
 
 
 def enclosed_silhouettes(edges: Grey, radius: int, least: float, extent: float) -> list[Silhouette]:
-    """Silhouettes of what thin edges enclose.
+    """Silhouettes enclosed by thin edges.
 
     Args:
         edges: (H, W) one pixel wide.
-        radius: px, of the closing that bridges gaps.
+        radius: px, of the closing.
         least: px^2.
         extent: px across at least.
     """
@@ -176,7 +176,7 @@ def _downsample_mask(hidden: Grey | None, times: int) -> Grey | None:
 
 
 def _to_full_resolution(shape: Silhouette, px: int, origin: tuple[int, int] = (0, 0)) -> Silhouette:
-    """A silhouette of a smaller window in px of the image: centres of pixels go to centres of blocks."""
+    """A silhouette of a reduced window in px of the image: pixel centres go to block centres."""
     if px == 1 and origin == (0, 0):
         return shape
     outer = shape.outer * px + (px - 1) // 2 + np.array(origin, np.int32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which mixture of an image's colours shows an outline best: one grey image, in which everything else looks for it."""
+"""The mixture of an image's colours that shows an outline best, as one grey image for the whole tracker."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from grasptrack.segmentation.images import PLAIN, Channel
 from grasptrack.typing import Floats
 
 BETTER = 1.5
-"""A mixture replaces plain grey when it shows the outline so many times as clearly against its grain."""
+"""A mixture replaces plain grey when its contrast over noise is this many times as high."""
 CLEARLY = 2.0
-"""Times the grain's rms by which the two sides of an edge differ."""
+"""The two sides of a clear edge differ by this many times the rms noise."""
 FAINT = 0.3
-"""An edge so much fainter than the others, relative to their median, will not be asked for."""
+"""An edge fainter than this share of the median is not required."""
 LESS = 0.95
-"""A mixture shows at least this share of what plain grey shows of an outline."""
+"""A mixture shows at least this share of the outline that plain grey shows."""
 BESIDE = 2.5
-"""px from the outline on either side, at which colours are compared."""
+"""px on either side of the outline at which colours are compared."""
 SAMPLES = 200
-"""Points of the outline that are asked."""
+"""Points of the outline that are sampled."""
 
 
 def best_color_projection(image: NDArray[np.uint8], outline: Contour) -> Channel:
     """The mixture that shows an outline best, if it is much better than plain grey.
 
-    The colours differ across the outline by d at each point. The mixture w maximises the sum of (w d)^2 over that of the
-    same differences on the ground alone: an eigenvector.
+    The colours differ across the outline by d at each point. The mixture w maximises the sum of (w d)^2 over the same sum
+    for differences within the background: an eigenvector.
 
     Args:
         image: (H, W) or BGR (H, W, 3).
@@ -50,7 +50,7 @@ def best_color_projection(image: NDArray[np.uint8], outline: Contour) -> Channel
     plain = np.array([0.114, 0.587, 0.299])
     if values[-1] < BETTER**2 * float(plain @ between @ plain) / float(plain @ noise @ plain):
         return PLAIN
-    # strong edges on a part of the outline do not make up for none on another part
+    # strong edges on one part of the outline do not compensate for missing ones on another
     if _distinct_share(across, noise, best) < LESS * _distinct_share(across, noise, plain):
         return PLAIN
     best /= np.abs(best).sum()
@@ -60,13 +60,13 @@ def best_color_projection(image: NDArray[np.uint8], outline: Contour) -> Channel
 
 
 def _distinct_share(across: Floats, noise: Floats, weights: Floats) -> float:
-    """Share of the outline's points across which a mixture differs clearly."""
+    """Share of the outline's points with a clear difference."""
     difference = np.abs(across @ weights)
     grain = float(np.sqrt(weights @ noise @ weights))
     return float((difference >= max(CLEARLY * grain, FAINT * float(np.median(difference)))).mean())
 
 
 def _sample_colors(image: NDArray[np.uint8], points: Floats) -> Floats:
-    """(n, 3) colours at the pixels of points (n, 2) px, those beyond the border at it."""
+    """(n, 3) colours at points (n, 2) px, clamped to the image."""
     column, row = np.rint(points).astype(np.intp).T
     return np.asarray(image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)], dtype=np.float64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holes of an object: places within its outline where the ground is seen, and not something printed on it."""
+"""Holes of an object: places within its outline where the background is seen, as opposed to print."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from grasptrack.segmentation.silhouettes import Chain, Silhouette, trace_silhoue
 from grasptrack.typing import Floats
 
 SHARPNESS = 0.5
-"""A hole's edge is at least so strong, relative to the outer one's: what is printed on an object seldom is."""
+"""Least strength of a hole's edge relative to the outer one; print is seldom as sharp."""
 LEVEL = 0.25
-"""Through a hole the same ground is seen as around the object, within this fraction of the contrast."""
+"""A hole shows the same background as around the object, within this fraction of the contrast."""
 MOST = 12
-"""Holes that are looked at, the largest first."""
+"""Holes that are examined, the largest first."""
 LEAST = 0.004
-"""Smallest hole that colours alone may show, as a share of its object."""
+"""Smallest hole found by colour alone, as a share of its object."""
 ALIKE = 3.0
-"""Ground seen through a hole differs from that around by so many times its own grain at most."""
+"""The background in a hole differs from that around the object by at most this many times its noise."""
 RIM = 3
-"""px of material at least between a hole and the outline: what reaches it is a notch, or ground that was enclosed."""
+"""px, least width of material between a hole and the outline; what reaches the outline is a notch, or enclosed
+background."""
 MARGIN = 12
-"""px of ground round the object that is looked at."""
+"""px of background around the object that are examined."""
 
 
 def true_hole(grey: Grey, chain: Chain, outer: Localised, polarity: int, hidden: Grey | None) -> Contour | None:
-    """The hole's contour if its edge is sharp and the ground is seen through it; of a print seldom both are so."""
+    """The hole's contour if its edge is sharp and shows the background, else None; print seldom does both."""
     try:
         hole = localize_contour(grey, chain, hole=True, polarity=polarity, hidden=hidden)
     except ContourError:
@@ -47,15 +48,15 @@ def true_hole(grey: Grey, chain: Chain, outer: Localised, polarity: int, hidden:
 
 
 def lower_quintile(values: Floats) -> float:
-    """The value that a fifth of the others lie below."""
+    """The value below which a fifth of the values lie."""
     k = len(values) // 5
     return float(np.partition(values, k)[k])
 
 
 def ground_within(image: Planes, shape: Silhouette) -> list[Chain]:
-    """Chains of pixels round the places within a silhouette that look like the ground beside it, the largest first.
+    """Pixel chains around the places within a silhouette that look like the background, the largest first.
 
-    The ground is what lies round the silhouette, carried on to its inside by a wide average.
+    The background around the silhouette is extrapolated to its inside by a wide average.
 
     Args:
         image: planes.
@@ -70,7 +71,7 @@ def ground_within(image: Planes, shape: Silhouette) -> list[Chain]:
     outside = (cv2.dilate(filled, np.ones((7, 7), np.uint8)) == 0).astype(np.float32)
     if not outside.any():
         return []
-    wide = (2 * (max(w, h) // 2) + 1,) * 2  # a box: the ground changes slowly, and no Gaussian so wide is quick
+    wide = (2 * (max(w, h) // 2) + 1,) * 2  # a box filter: a Gaussian this wide is slow
     weight = cv2.blur(outside, wide) + 1e-6
     ground = cv2.blur(window * outside[:, :, None], wide).reshape(window.shape) / weight[:, :, None]
     soft = cv2.GaussianBlur(window, (0, 0), 1.0).reshape(window.shape)
@@ -82,7 +83,7 @@ def ground_within(image: Planes, shape: Silhouette) -> list[Chain]:
     limit = min(ALIKE * max(grain, 1.0), LEVEL * float(np.median(away[deep > 0])))
     alike = np.where((filled > 0) & (away <= limit), np.uint8(255), np.uint8(0))
     alike = np.asarray(cv2.morphologyEx(alike, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), dtype=np.uint8)
-    # the chain of a hole runs through the material beside it
+    # the chain of a hole runs through the adjacent material
     grown = np.asarray(cv2.dilate(alike, np.ones((3, 3), np.uint8)), dtype=np.uint8)
     found = trace_silhouettes(grown, max(LEAST * shape.area, 30.0), holes=False)
     whole = [s for s in found if (deep[s.outer[:, 1], s.outer[:, 0]] > 0).all()]

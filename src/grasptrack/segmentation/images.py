@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any image that users have, as the one grey image that everything looks at."""
+"""Converts any image that users have to the grey image that everything else works on."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from grasptrack.errors import InputError, SourceError
 Grey = NDArray[np.uint8]
 
 MIN_SIDE = 32
-"""px; a smaller image holds no outline that could be followed."""
+"""px; a smaller image cannot show a usable outline."""
 
 
 def to_grey(image: NDArray[Any]) -> Grey:
-    """(H, W) uint8 of a grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4) image of 8 or 16 bits; alpha is dropped.
+    """A grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4) image of 8 or 16 bits as (H, W) uint8; alpha is dropped.
 
     Raises:
         SourceError: another type or shape, or a side under 32 px.
@@ -31,7 +31,7 @@ def to_grey(image: NDArray[Any]) -> Grey:
 
 
 def to_bgr(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """(H, W) or (H, W, 3) uint8, an image of any kind that `to_grey` takes with its colours, where it has some.
+    """An image of any kind that `to_grey` takes as (H, W) or (H, W, 3) uint8, keeping its colours.
 
     Raises:
         SourceError: as `to_grey`.
@@ -44,13 +44,13 @@ class Channel(NamedTuple):
     """A mixture of blue, green and red, scaled so that no value leaves 0 to 255.
 
     Attributes:
-        weights: of blue, green and red, sum of sizes 1; None is plain grey.
+        weights: of blue, green and red, with absolute values that sum to 1; None is plain grey.
     """
 
     weights: tuple[float, float, float] | None = None
 
     def look(self, image: NDArray[Any]) -> tuple[NDArray[np.uint8], Grey]:
-        """An image of any kind as `to_bgr` has it, and (H, W) in this mixture; plain grey where it has no colours.
+        """The image as `to_bgr` gives it, and (H, W) in this mixture; plain grey if it has no colours.
 
         Raises:
             SourceError: as `to_grey`.
@@ -65,7 +65,7 @@ class Channel(NamedTuple):
         return colours, np.asarray(cv2.transform(colours, mix), dtype=np.uint8)
 
     def grey(self, image: NDArray[Any]) -> Grey:
-        """The second of `look`."""
+        """The grey image of `look` alone."""
         return self.look(image)[1]
 
 
@@ -94,7 +94,7 @@ def _check_image(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def to_mask(mask: NDArray[Any], shape: tuple[int, ...], what: str) -> Grey:
-    """(H, W) uint8 of 0 and 255 from any mask of the image's size, nonzero being set.
+    """Any mask of the image's size as (H, W) uint8 of 0 and 255; nonzero is set.
 
     Raises:
         InputError: not the image's size.
@@ -111,5 +111,5 @@ def to_mask(mask: NDArray[Any], shape: tuple[int, ...], what: str) -> Grey:
 
 
 def as_scene(mask: Grey) -> Grey:
-    """A mask as an image of a white object on black, its stairs softened: everything that reads images reads it too."""
+    """A mask as an image of a white object on black, its steps softened, for everything that reads images."""
     return np.asarray(cv2.GaussianBlur(mask, (5, 5), 1.0), dtype=np.uint8)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the chain of pixels round a silhouette to a sub-pixel contour, each point localised along its normal."""
+"""From the pixel chain around a silhouette to a sub-pixel contour, each point localised along its normal."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ SPACING = 1.0
 """px between contour points."""
 MAX_POINTS = 1600
 SMOOTHING = 4.0
-"""px of outline over which the chain's stairs are averaged before the edge is searched."""
+"""px of outline over which the steps of the chain are averaged before the edge search."""
 REACH = 4.0
-"""px on either side of the silhouette's boundary in which the edge is searched: thresholds sit that far off at most."""
+"""px on either side of the silhouette's boundary in which the edge is searched; thresholds are off by at most this."""
 OUTLIER = 1.0
-"""px from the median of its neighbours at which an edge is some other edge."""
+"""px; an edge farther from the median of its neighbours is a different edge."""
 BORDER = 1.5
-"""px from the image border within which a point is cut off rather than seen."""
+"""px; a point nearer to the image border counts as cut off."""
 BESIDE = 3.0
-"""The same, from what is hidden: a silhouette ends a little before it."""
+"""px; the same for ignored pixels, before which a silhouette ends a little early."""
 
 
 class Localised(NamedTuple):
-    """A contour with the median grey levels on its material side and on the other."""
+    """A contour with the median grey levels on its inner and outer side."""
 
     contour: Contour
     inside: float
@@ -49,10 +49,10 @@ def localize_contour(
 
     Args:
         grey: (H, W) image.
-        chain: as cv2.findContours gives it: pixel centres just inside the material.
-        hole: the chain runs round a hole.
-        polarity: +1 for an object darker than what surrounds it, -1 for a lighter one, 0 for either.
-        hidden: (H, W) nonzero where nothing was looked at; points beside it count as cut off.
+        chain: as cv2.findContours returns it: pixel centres just inside the material.
+        hole: the chain runs around a hole.
+        polarity: +1 for an object darker than its surroundings, -1 for a lighter one, 0 for either.
+        hidden: (H, W) nonzero where pixels are ignored; points beside them count as cut off.
         reach: px on either side of the chain in which the edge is searched.
 
     Raises:
@@ -67,7 +67,7 @@ def localize_contour(
 
 
 def _is_near_hidden(points: Floats, hidden: Grey) -> NDArray[np.bool_]:
-    """(N,) whether something within BESIDE px along the axes is hidden. A silhouette ends just before what is."""
+    """(N,) whether a pixel within BESIDE px along the axes is ignored. A silhouette ends just before such pixels."""
     height, width = hidden.shape
     found = np.zeros(len(points), dtype=np.bool_)
     for dx, dy in ((BESIDE, 0.0), (-BESIDE, 0.0), (0.0, BESIDE), (0.0, -BESIDE)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Edges of a colour image: how steep it is, in units of what its own grain makes of a slope."""
+"""Gradients of a colour image, in units of its own gradient noise."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 from grasptrack.segmentation.images import Grey
 
 Planes = NDArray[np.float32]
-"""(H, W, C): lightness, and for colour images the two chromas, in units of CIE Lab."""
+"""(H, W, C): lightness, and for colour images the two chroma planes, in units of CIE Lab."""
 
 LIGHTNESS = 100.0 / 255.0
 """Lab units of a step of OpenCV's lightness."""
 CHROMA = 1.4
-"""Weight of the chromas against lightness: shadow and glare change lightness, another material both."""
+"""Weight of chroma against lightness: shadow and glare change lightness alone, another material both."""
 LEAST_GRAIN = 0.8
-"""Lab units per px that count as grain in an image without any."""
+"""Lab units per px that count as noise in an image without any."""
 FINE = 100.0
-"""Steps of a slope of 1 for OpenCV's edge thinning, which wants whole numbers."""
+"""Integer steps per unit of gradient: OpenCV's Canny takes whole numbers."""
 
 
 def lab_planes(image: NDArray[np.uint8]) -> Planes:
-    """Lightness and chromas of a grey (H, W) or BGR (H, W, 3) image."""
+    """Lightness and chroma of a grey (H, W) or BGR (H, W, 3) image."""
     if image.ndim == 2:
         return cv2.LUT(image, _lightness_table()).astype(np.float32)[:, :, None] * np.float32(LIGHTNESS)
     lab = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2Lab))
@@ -42,16 +42,16 @@ def _lightness_table() -> NDArray[np.uint8]:
 
 
 class NormalizedGradient:
-    """Slopes of an image, each that of the plane in which it is steepest there.
+    """Gradients of an image, at each pixel that of its steepest plane.
 
     Args:
         image: planes.
-        softening: px, sigma of the Gaussian before slopes are taken: more sees through grain, less follows fine parts.
-        hidden: (H, W) nonzero where nothing belongs to the scene, or None.
-        unit: the image's grain where it is known, Lab units per px; else it is measured.
+        softening: px, sigma of the Gaussian blur: more suppresses noise, less follows fine parts.
+        hidden: (H, W) nonzero where pixels are ignored, or None.
+        unit: the image's gradient noise if known, Lab units per px; otherwise it is measured.
 
     Attributes:
-        unit: Lab units per px, the median slope, LEAST_GRAIN allowed for.
+        unit: Lab units per px, the median gradient combined with LEAST_GRAIN.
     """
 
     def __init__(self, image: Planes, softening: float, hidden: Grey | None = None, unit: float | None = None) -> None:
@@ -75,17 +75,17 @@ class NormalizedGradient:
 
     @property
     def strength(self) -> NDArray[np.float32]:
-        """(H, W) slope in units of the image's grain."""
+        """(H, W) gradient magnitude in units of the image's noise."""
         return np.asarray(self._steep * np.float32(1.0 / (FINE * self.unit)), dtype=np.float32)
 
     def thin(self, level: float) -> Grey:
-        """(H, W) 255 along edges of at least `level` units that somewhere reach twice as much, one pixel wide."""
+        """(H, W) 255 along edges of at least `level` units that reach twice as much somewhere, one pixel wide."""
         low = level * self.unit * FINE
         return np.asarray(cv2.Canny(self._dx, self._dy, low, 2.0 * low, L2gradient=True), dtype=np.uint8)
 
 
 def _scharr_gradients(plane: NDArray[Any]) -> tuple[Any, Any, Any]:
-    """Slopes across and along in FINE steps of units per px, and their size."""
+    """Gradients along x and y and their magnitude, in FINE steps per unit."""
     dx = cv2.Scharr(plane, cv2.CV_32F, 1, 0, scale=FINE / 32.0)
     dy = cv2.Scharr(plane, cv2.CV_32F, 0, 1, scale=FINE / 32.0)
     return dx, dy, cv2.magnitude(dx, dy)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The flat objects in an image seen for the first time: many proposals, one rating.
+"""The flat objects in a first image: many proposals, one rating.
 
 Thresholds propose silhouettes of one grey level, closed edges those of several colours. Each is rated along its outline,
 and the best become contours.
@@ -28,11 +28,11 @@ from grasptrack.segmentation.silhouettes import Silhouette
 MIN_EXTENT = 20
 """px across; a smaller object has no outline worth following."""
 LOOKED_AT = 6
-"""Proposals that become contours, the best first; after them only those that lie apart from all that was found."""
+"""Proposals that become contours, the best first; after them only those apart from everything found so far."""
 SHADOWS = 3
-"""Objects that are looked at for a shadow, the best first."""
+"""Objects that are checked for a shadow, the best first."""
 MOST = 60
-"""Proposals that become contours at all."""
+"""Largest number of proposals that become contours."""
 WORTH = 0.02
 """Ratings below this are chance, ..."""
 FAINT = 0.3
@@ -40,7 +40,7 @@ FAINT = 0.3
 
 
 class Segmenter(Protocol):
-    """Your own segmentation, a network or a model of the object, in the place of this one."""
+    """Your own segmentation instead of this one: a network, or a model of the object."""
 
     def segment(self, image: NDArray[Any]) -> NDArray[Any]:
         """(H, W) nonzero on objects, of an image (H, W) or (H, W, 3)."""
@@ -71,7 +71,7 @@ def segment_object(
     Args:
         image: 8 or 16 bit, grey, BGR or BGRA.
         object_at: (x, y) px of the object.
-        ignore: (H, W) nonzero where nothing belongs to the scene.
+        ignore: (H, W) nonzero where pixels are ignored.
         box: left, top, width and height of the object, px.
 
     Raises:
@@ -87,14 +87,14 @@ def find_objects(
     ignore: NDArray[Any] | None = None,
     mask: NDArray[Any] | None = None,
 ) -> list[Candidate]:
-    """All flat objects in an image, none within another: the one that is meant first, then the most outstanding.
+    """All flat objects in an image, none within another: the chosen one first, then the most outstanding.
 
     Args:
         image: 8 or 16 bit, grey, BGR or BGRA.
-        object_at: (x, y) px of the object that is meant.
+        object_at: (x, y) px of the chosen object.
         box: left, top, width and height of it, px.
-        ignore: (H, W) nonzero where nothing belongs to the scene.
-        mask: (H, W) nonzero on objects: your own segmentation, which takes the image's place.
+        ignore: (H, W) nonzero where pixels are ignored.
+        mask: (H, W) nonzero on objects: your own segmentation, which replaces the image.
 
     Raises:
         ObservationError: no object, or none there.
@@ -107,7 +107,7 @@ def find_objects(
 
 
 def dilate_mask(hidden: Grey | None) -> Grey | None:
-    """What is hidden and two pixels round it, where edges are its own."""
+    """The ignored pixels and a margin of two, in which edges belong to them."""
     return None if hidden is None else np.asarray(cv2.dilate(hidden, np.ones((5, 5), np.uint8)), dtype=np.uint8)
 
 
@@ -125,8 +125,8 @@ def find_candidates(
     Args:
         image: grey or colour.
         object_at: (x, y) px that the object covers.
-        hidden: (H, W) nonzero where nothing belongs to the scene.
-        masked: the image is a softened mask, in which objects are white and nothing else is meant.
+        hidden: (H, W) nonzero where pixels are ignored.
+        masked: the image is a softened mask with white objects.
         box: left, top, width and height of the object, px.
         others: append those that are not at `object_at` or in the box.
 
@@ -151,7 +151,7 @@ def find_candidates(
 
 
 def remove_nested(found: list[Candidate]) -> list[Candidate]:
-    """Those that neither lie within a better one, as its parts do, nor round it."""
+    """Candidates that neither lie within a better one, as its parts do, nor around it."""
     kept: list[Candidate] = []
     for c in found:
         if not any(_share_within(c.view, o.view) + _share_within(o.view, c.view) > 0.5 for o in kept):
@@ -189,8 +189,10 @@ def _candidates_from_proposals(
 
 
 def _out_of_shadow(p: Proposal, proposals: list[Proposal], colours: NDArray[np.uint8]) -> tuple[Proposal, bool]:
-    """A proposal without the shadow that its object casts, and whether it had to be cut out: where another proposal
-    is the object alone, that one is taken."""
+    """A proposal without its object's shadow, and whether that had to be cut out.
+
+    Where another proposal is the object alone, that one is taken.
+    """
     alone = without_shadow(colours, p.silhouette)
     if alone is None:
         return p, False
@@ -199,7 +201,7 @@ def _out_of_shadow(p: Proposal, proposals: list[Proposal], colours: NDArray[np.u
 
 
 def _overlaps_found(shape: Silhouette, taken: NDArray[np.uint8], found: list[Candidate]) -> bool:
-    """Whether a silhouette lies within what was taken, or round it, at least for a good part."""
+    """Whether a good part of a silhouette lies within the objects found, or around one of them."""
     if not found:
         return False
     column, row = shape.outer.T
@@ -210,7 +212,7 @@ def _overlaps_found(shape: Silhouette, taken: NDArray[np.uint8], found: list[Can
 
 
 def _no_object_error(meant: list[Proposal], object_at: tuple[float, float] | None, box: Box | None) -> ObservationError:
-    """Why there is no object."""
+    """The error that says why there is no object."""
     where = "" if object_at is None else f" at {object_at[0]:g},{object_at[1]:g}"
     where = where if box is None else " in the box"
     tiny = max((e for p in meant if (e := max(p.silhouette.box[2:])) < MIN_EXTENT), default=0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The outline of one object from frame to frame: near where it is expected first, anywhere when it is not there."""
+"""Finds the outline of one object in later images: near the expected place first, otherwise anywhere."""
 
 from __future__ import annotations
 
@@ -36,30 +36,30 @@ from grasptrack.segmentation.thresholds import candidate_thresholds
 from grasptrack.typing import Floats
 
 MARGIN = 0.3
-"""The window round the expected outline is larger than it by this fraction of its size on each side, ..."""
+"""Margin of the window around the expected outline on each side, as a fraction of its size, ..."""
 MIN_MARGIN = 24
-"""... and by so many px at least."""
+"""... and in px at least."""
 LEARNING = 0.2
 """Share of a new frame in the learned grey levels, which follow slow changes of light."""
 BALANCE = 0.25
-"""A threshold is at least by this share of the contrast away from the object's and the ground's own level."""
+"""Least distance of a threshold from the levels of object and background, as a share of the contrast."""
 DISTINCT = 6.0
 """Thresholds that differ by fewer grey levels give the same outlines."""
 OTHER_LIGHT = 1.12
-"""A window whose contrast differs from the last one's by more than this factor may be exposed otherwise."""
+"""A window whose contrast differs from the last one by more than this factor may be exposed differently."""
 MOST_GAIN = 3.0
-"""Edges do not get steeper or fainter than by so many times."""
+"""Largest factor by which edges may get steeper or fainter."""
 ANYWHERE = 2
-"""Objects in the whole image that are tried for each threshold after a loss, those most alike first."""
+"""Objects in the whole image that are tried for each threshold after a loss, the most similar first."""
 MAX_ZOOM = 16.0
-"""After a loss, an area that differs from the last one by more than this factor is another object's."""
+"""After a loss, an area that differs from the last one by more than this factor belongs to another object."""
 
 
 class OutlineDetector:
-    """Finds outlines that may be the object's. Which one is believed is not decided here.
+    """Finds outlines that may be the object's. The decision which one is right is made elsewhere.
 
     Args:
-        hidden: (H, W) nonzero where nothing belongs to the scene.
+        hidden: (H, W) nonzero where pixels are ignored.
     """
 
     def __init__(self, hidden: Grey | None = None) -> None:
@@ -72,29 +72,29 @@ class OutlineDetector:
         self._inside = self._outside = math.nan
         self._balance = 0.5
         self._holes = 0
-        self._levels: dict[int, tuple[float, float, float]] = {}  # of the outlines of this image
-        self._sharpness = math.nan  # of the outline as it was found first
-        self._gain = 1.0  # of its edges since then
-        self._contrast = math.nan  # of the window, in this image and where the object was believed last
+        self._levels: dict[int, tuple[float, float, float]] = {}  # of this image's outlines
+        self._sharpness = math.nan  # of the first outline
+        self._gain = 1.0  # of its edges relative to that
+        self._contrast = math.nan  # of the window, in this image and in the last accepted one
         self._last_contrast = math.nan
 
     def look(self, image: NDArray[Any]) -> Grey:
-        """The next image as everything that follows will see it: in the mixture of colours that shows the object best.
+        """The next image in the mixture of colours that shows the object best.
 
         Raises:
             SourceError: an image that cannot be used.
         """
-        self._levels.clear()  # they are told apart by their views' ids, which later views are given again
+        self._levels.clear()  # keyed by the ids of views, which later views may reuse
         self._colours, grey = self._channel.look(image)
         return grey
 
     def first(
         self, masked: bool, object_at: tuple[float, float] | None = None, box: Box | None = None
     ) -> list[Candidate]:
-        """Objects of the image that was looked at, the most outstanding first.
+        """Objects in the image last looked at, the most outstanding first.
 
         Args:
-            masked: it is a softened mask, in which objects are white and nothing else is meant.
+            masked: it is a softened mask with white objects.
             object_at: (x, y) px that the object covers.
             box: left, top, width and height of it, px.
 
@@ -104,7 +104,7 @@ class OutlineDetector:
         return find_candidates(self._colours, object_at, self.hidden, masked=masked, box=box)
 
     def choose(self, candidate: Candidate) -> Grey:
-        """From now on it is this object that is looked for; the image it was found in, in its mixture of colours."""
+        """Look for this object from now on. Returns its image in its mixture of colours."""
         self.polarity = candidate.polarity
         self._channel = candidate.channel
         self._recipe = candidate.recipe, candidate.grain
@@ -116,12 +116,12 @@ class OutlineDetector:
         return self._channel.grey(self._colours)
 
     def near(self, grey: Grey, expected: Floats, centres: Floats) -> Iterator[View]:
-        """Outlines in a window round the expected one, the likeliest first. Call it first for each new image.
+        """Outlines in a window around the expected one, the likeliest first. Call it first for each new image.
 
         Args:
             grey: (H, W).
-            expected: (m, 2) px, points of the outer contour as predicted.
-            centres: (holes, 2) px, the reference's holes as predicted.
+            expected: (m, 2) px, predicted points of the outer contour.
+            centres: (holes, 2) px, predicted centres of the reference's holes.
         """
         self._levels.clear()
         (x0, y0), (x1, y1) = expected.min(axis=0).tolist(), expected.max(axis=0).tolist()
@@ -145,11 +145,13 @@ class OutlineDetector:
     def _window_silhouettes(
         self, grey: Grey, window: tuple[int, int, int, int], least: float
     ) -> Iterator[tuple[float, list[Silhouette]]]:
-        """Silhouettes in a window and the level that gave them, as the object was found last; then by its own levels,
-        for the light may have changed."""
+        """Silhouettes in a window and their threshold: by the learned levels, then by the window's own.
+
+        The light may have changed since the levels were learned.
+        """
         left, top, right, bottom = window
         if self._recipe[0] >= 0:
-            if self.polarity:  # dark or light all round: a threshold may serve as well, and is quicker
+            if self.polarity:  # dark or light all around: a threshold may work as well, and is faster
                 yield self._threshold_level, self._threshold_window(grey, window, self._threshold_level, least)
             part = lab_planes(self._colours[top:bottom, left:right])
             hidden = None if self.hidden is None else self.hidden[top:bottom, left:right]
@@ -192,7 +194,7 @@ class OutlineDetector:
 
     @property
     def levels(self) -> tuple[float, float]:
-        """Learned grey levels of the object and of the ground round it."""
+        """Learned grey levels of the object and of the background around it."""
         return self._inside, self._outside
 
     def anywhere(
@@ -203,15 +205,15 @@ class OutlineDetector:
         known: View | None = None,
         unlike: Callable[[Silhouette], float] | None = None,
     ) -> Iterator[list[View]]:
-        """Outlines in the whole image that may be the object's: by the learned grey levels, then by the image's own.
+        """Outlines anywhere in the image that may be the object's: by the learned grey levels, then by the image's own.
 
         Args:
             grey: (H, W).
-            area: px^2 of the outline as last known.
-            turn: number of this search; of the image's own thresholds each search tries the next.
-            known: an outline that has been looked at already.
-            unlike: how much a silhouette's shape differs from the object's, infinite when it is another one. Then few are
-                looked at closely: the most alike always, the others in turn.
+            area: px^2, last known area of the outline.
+            turn: number of this search; each search tries the next of the image's own thresholds.
+            known: an outline that has been examined already.
+            unlike: how much a silhouette's shape differs from the object's, infinite for another object. If given, only few
+                are examined closely: the most similar always, the others in turn.
         """
         seen = [] if known is None else [area_and_mean_point(known)]
         if self._recipe[0] >= 0:
@@ -235,7 +237,7 @@ class OutlineDetector:
         turn: int,
         unlike: Callable[[Silhouette], float] | None,
     ) -> list[View]:
-        """Outlines at one threshold, without those that were seen at another."""
+        """Outlines at one threshold, without those seen at another."""
         views = []
         height, width = grey.shape
         binary = kernels.blur_threshold(grey, 0, 0, width, height, level, self.polarity)
@@ -262,7 +264,7 @@ class OutlineDetector:
         turn: int,
         unlike: Callable[[Silhouette], float] | None,
     ) -> list[View]:
-        """Outlines that closed edges give in the whole image, without those that were seen before."""
+        """Outlines from closed edges in the whole image, without those seen before."""
         least = max(area / MAX_ZOOM, 30.0)
         shapes = self._closing_for_gain(gain).shapes(lab_planes(self._colours), self.hidden, least, (0, 0))
         views = []
@@ -276,7 +278,7 @@ class OutlineDetector:
         return views
 
     def _without_shadow(self, shape: Silhouette) -> Silhouette:
-        """A silhouette without the shadow that the object cast when it was chosen."""
+        """A silhouette without its shadow, if the object had one when it was chosen."""
         return shadow_removed(self._colours, shape) if self._shaded else shape
 
     def _localize_view(self, grey: Grey, shape: Silhouette, centres: Floats, level: float) -> View | None:
@@ -298,7 +300,7 @@ class OutlineDetector:
         return view
 
     def believe(self, view: View) -> None:
-        """Learn the grey levels and the light of an outline that was found here and accepted."""
+        """Learn grey levels and light from an outline that was found here and accepted."""
         inside, outside, level = self._levels.get(id(view), (math.nan, math.nan, math.nan))
         self._last_contrast = self._contrast
         if math.isfinite(inside) and self._recipe[0] >= 0:
@@ -306,7 +308,7 @@ class OutlineDetector:
         if not self.polarity and math.isfinite(inside + outside):
             self._inside, self._outside = inside, outside
         elif (outside - inside) * self.polarity > 0.0:
-            # what its own levels found may be lit otherwise altogether
+            # an outline found by the image's own levels may be lit differently altogether
             share = 1.0 if abs(level - self._threshold_level) >= DISTINCT else LEARNING
             self._learn_balance(level, inside, outside)
             self._inside += share * (inside - self._inside)
@@ -314,23 +316,23 @@ class OutlineDetector:
 
     @property
     def _threshold_level(self) -> float:
-        """The threshold that separates the object from the ground: where it did when it was believed last."""
+        """The threshold between object and background, as in the last accepted image."""
         return self._inside + self._balance * (self._outside - self._inside)
 
     def _learn_balance(self, level: float, inside: float, outside: float) -> None:
-        """Print at the border can lie nearer to the ground than half-way; the threshold then does as well."""
+        """Learn where between object and background the threshold lies; print at the border can shift it."""
         if math.isfinite(level + inside + outside) and outside != inside:
             self._balance = min(max((level - inside) / (outside - inside), BALANCE), 1.0 - BALANCE)
 
     def _with_holes(self, view: View) -> View:
-        """At most as many holes as the reference has: what is printed on an object comes and goes with a threshold."""
+        """At most as many holes as the reference has; apparent holes from print come and go with a threshold."""
         return view if len(view.contours) <= self._holes + 1 else View(view.contours[: self._holes + 1])
 
 
 def _select_likeliest(
     shapes: list[Silhouette], turn: int, unlike: Callable[[Silhouette], float] | None
 ) -> list[Silhouette]:
-    """Those to look at closely in this search: the most alike, and of the others as many as there is time for, in turn."""
+    """The silhouettes to examine closely in this search: the most similar, and one of the others in turn."""
     if unlike is None:
         return shapes
     rated = sorted(((unlike(s), i) for i, s in enumerate(shapes)), key=lambda pair: pair)

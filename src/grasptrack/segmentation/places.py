@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Silhouettes and outlines held against where, how large and how sharp the object is expected."""
+"""Compares silhouettes and outlines with the expected place, size and sharpness of the object."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.typing import Floats
 
 MAX_GROWTH = 2.5
-"""An area that differs from the expected one by more than this factor is another object's."""
+"""An area that differs from the expected one by more than this factor belongs to another object."""
 
 
 def edge_sharpness(view: View) -> float:
-    """Grey levels per px of the outer contour's edges."""
+    """Median gradient of the outer contour's edges, grey levels per px."""
     strength = view.outer.strength
     return math.nan if strength is None else max(float(np.median(strength)), 1.0)
 
@@ -30,7 +30,7 @@ def area_and_mean_point(view: View) -> tuple[float, float, float]:
 
 
 def same_place(one: tuple[float, float, float], other: tuple[float, float, float]) -> bool:
-    """Whether two outlines are of the same thing, seen with different thresholds."""
+    """Whether two outlines show the same object at different thresholds."""
     (area, x, y), (a, u, v) = one, other
     return 0.97 < area / a < 1.03 and math.hypot(x - u, y - v) < 0.02 * math.sqrt(a)
 
@@ -69,7 +69,7 @@ def cut_by_window(shape: Silhouette, window: tuple[int, int, int, int], image: t
 
 
 def nearest_holes(holes: tuple[NDArray[np.int32], ...], centres: Floats) -> list[NDArray[np.int32]]:
-    """For each expected centre the hole nearest to it, none twice, in the order of the centres."""
+    """The nearest hole to each expected centre, none twice, in the order of the centres."""
     left = list(holes)
     chosen = []
     for x, y in centres.tolist():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Silhouettes that may be objects, from thresholds and from closed edges, all rated alike."""
+"""Silhouettes that may be objects, from thresholds and closed edges, all rated alike."""
 
 from __future__ import annotations
 
@@ -20,26 +20,28 @@ Box = tuple[float, float, float, float]
 """Left, top, width and height, px."""
 
 PER_THRESHOLD = 8
-"""Silhouettes of each threshold that are looked at closely, the largest first."""
+"""Silhouettes of each threshold that are examined closely, the largest first."""
 LEAST_AREA = 150.0
-"""px^2 that closed edges enclose at least."""
+"""px^2, least area enclosed by closed edges."""
 ONE_LEVEL = 0.9
-"""What a threshold finds leaves out what is of another grey, and closed edges are preferred where both rate alike; ..."""
+"""Factor on the rating of thresholds, which leave out parts of another grey: closed edges are preferred if both rate
+alike; ..."""
 ALIKE = 0.06
-"""... but where box and area differ by less than this share of the size they are the same, and a threshold is simpler."""
+"""... but where box and area differ by less than this share of the size, both are the same region, and a threshold is
+simpler."""
 
 
 class Proposal(NamedTuple):
-    """A silhouette that may be an object's.
+    """A silhouette that may be an object.
 
     Attributes:
         silhouette: the region.
         rating: of its outline.
-        polarity: +1 darker than its surroundings, -1 lighter, 0 where nobody looked.
-        level: grey level of the threshold that found it; NaN where closed edges did.
+        polarity: +1 darker than its surroundings, -1 lighter, 0 unknown.
+        level: grey level of the threshold that found it; NaN for closed edges.
         bridge: px, the widest gap that was bridged.
-        recipe: which closing of edges found it; -1 for a threshold.
-        grain: Lab units per px of the image's own slopes, as that closing saw them.
+        recipe: the closing recipe that found it; -1 for a threshold.
+        grain: Lab units per px, the gradient noise of the image for that recipe.
     """
 
     silhouette: Silhouette
@@ -52,11 +54,11 @@ class Proposal(NamedTuple):
 
     @property
     def worth(self) -> float:
-        """What proposals are ordered by."""
+        """The value by which proposals are ordered."""
         return self.rating.score * (ONE_LEVEL if self.recipe < 0 else 1.0)
 
     def is_meant(self, object_at: tuple[float, float] | None, box: Box | None) -> bool:
-        """Whether it covers a pixel, and fills a box at least in part."""
+        """Whether it covers a given pixel, and overlaps a given box."""
         if object_at is not None and not self.silhouette.contains(*object_at):
             return False
         return box is None or box_iou(self.silhouette.box, box) > 0.3
@@ -70,9 +72,9 @@ def propose_silhouettes(
     Args:
         grey: (H, W).
         scenery: the image's edges.
-        hidden: (H, W) nonzero where nothing belongs to the scene.
-        masked: the image is a softened mask: only what is light is meant, and thresholds find all of it.
-        extent: px across; what is smaller is not rated, and not looked for by closed edges.
+        hidden: (H, W) nonzero where pixels are ignored.
+        masked: the image is a softened mask with light objects; thresholds find all of them.
+        extent: px across; smaller silhouettes are not rated.
     """
     rater = SilhouetteScorer(scenery.fields[0], scenery.shrink, grey.shape)
     found: list[Proposal] = []
@@ -95,7 +97,7 @@ def propose_silhouettes(
 def threshold_silhouettes(
     grey: Grey, level: float, polarity: int, hidden: Grey | None, least: float = 30.0
 ) -> list[Silhouette]:
-    """Regions darker (polarity +1) or lighter (-1) than a level, of at least so many px^2, the largest first."""
+    """Regions darker (polarity +1) or lighter (-1) than a level, of at least `least` px^2, the largest first."""
     binary = kernels.blur_threshold(grey, 0, 0, grey.shape[1], grey.shape[0], level, polarity)
     if hidden is not None:
         binary[hidden != 0] = 0
@@ -119,7 +121,7 @@ def is_alike(one: Silhouette, other: Silhouette) -> bool:
 
 
 def _remove_duplicates(found: list[Proposal]) -> list[Proposal]:
-    """Of those that are the same region the first, or the first that a threshold found."""
+    """One proposal for each region: the first, or the first found by a threshold."""
     kept: list[Proposal] = []
     places = np.zeros((len(found), 5))
     for p in found:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much an outline looks like that of an object: one score, of terms that can be told."""
+"""How much an outline looks like that of an object: one score, a product of named terms."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from grasptrack.segmentation.normalized_gradient import NormalizedGradient
 from grasptrack.segmentation.silhouettes import Silhouette
 
 ENOUGH = 4.0
-"""Units of grain: a stronger edge is no better. What is sharper than its parts would else be taken for the whole."""
+"""Units of noise; a stronger edge is no better. Otherwise a sharp part would win over the whole object."""
 NOTHING = 1.0
-"""Units: grain alone has as much."""
+"""Units of noise; noise alone reaches this."""
 CLOSED = 2.0
-"""Units at which an edge is there."""
+"""Units of noise from which an edge counts as present."""
 COMPACT = 8.0
-"""An outline of up to so many times a circle's length^2 / area is smooth enough."""
+"""An outline is smooth enough up to this many times a circle's length^2 / area."""
 TOUCHING = 0.5
-"""For each side of the image that the silhouette reaches."""
+"""Factor for each image side that the silhouette reaches."""
 BRIDGED = 0.8
-"""For a closing that bridges gaps of 16 px."""
+"""Factor for a closing that bridges gaps of 16 px."""
 
 
 SAMPLES = 200
-"""Pixels of an outline that are asked."""
+"""Pixels of an outline that are sampled."""
 
 
 class Rating(NamedTuple):
@@ -36,12 +36,12 @@ class Rating(NamedTuple):
 
     Attributes:
         closed: share of the outline on an edge.
-        contrast: mean strength of the edge along it, what is strong enough counting alike.
+        contrast: mean strength of the edge along it, capped at ENOUGH.
         complete: not cut by the image's border.
         smooth: short for the area it encloses.
         exact: found without bridging wide gaps.
-        size: large outlines are less likely chance: square root of the convex hull's length over the image's width and
-            height.
+        size: square root of the convex hull's length over the image's width and height; large outlines are less likely
+            to arise by chance.
     """
 
     closed: float
@@ -58,15 +58,15 @@ class Rating(NamedTuple):
 
 
 NONE = Rating(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-"""Of what nobody looked at."""
+"""The rating of a silhouette that was not examined."""
 
 
 class SilhouetteScorer:
     """Rates silhouettes by the edges of one image.
 
     Args:
-        field: edges, perhaps of the image made smaller.
-        shrink: px of the image for one px of the field.
+        field: gradients, possibly of a reduced image.
+        shrink: image px per px of the field.
         shape: height and width of the image.
     """
 
@@ -76,7 +76,7 @@ class SilhouetteScorer:
         self._shrink, self._shape = shrink, shape
 
     def rate(self, shape: Silhouette, bridge: float = 0.0) -> Rating:
-        """Rate a silhouette, which a closing has bridged gaps of so many px for."""
+        """Rate a silhouette; `bridge` px is the widest gap that a closing bridged for it."""
         chain = shape.outer[:: max(1, len(shape.outer) // SAMPLES)]
         height, width = self._strength.shape
         column, row = np.minimum(chain // self._shrink, (width - 1, height - 1)).T
@@ -87,7 +87,7 @@ class SilhouetteScorer:
         around = cv2.arcLength(cv2.convexHull(shape.outer.reshape(-1, 1, 2)), True)
         compact = 4.0 * math.pi * shape.area / max(length, 1.0) ** 2
         high, wide = self._shape
-        # a closing draws back from the border by its radius
+        # a closing shrinks back from the border by its radius
         near = 0.5 * bridge + 2.0 * self._shrink
         sides = self._near_image_sides(chain, near, wide, high)
         cut = float(sides.any(axis=0).mean())
@@ -102,6 +102,6 @@ class SilhouetteScorer:
 
     @staticmethod
     def _near_image_sides(chain: NDArray[np.int32], near: float, wide: int, high: int) -> NDArray[np.bool_]:
-        """(4, N) whether each pixel of the chain lies at each side of the image."""
+        """(4, N) whether each pixel of the chain lies at each image side."""
         x, y = chain[:, 0], chain[:, 1]
         return np.stack([x <= near, y <= near, x >= wide - 1 - near, y >= high - 1 - near])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A silhouette without the shadow that its object casts: ground, darker, beside it, in the object's own shape."""
+"""Removes an object's shadow from its silhouette: darker background beside it, in the object's own shape."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.thresholds import otsu_threshold
 
 DARK, BRIGHT = 0.25, 0.93
-"""A shadow leaves between these shares of the light."""
+"""A shadow leaves a share of the light between these."""
 SAME_COLOUR = 0.08
-"""It takes as much of blue as of red, within this share."""
+"""It darkens all colours alike, within this share."""
 MOST = 0.45
-"""A larger share of a silhouette is no shadow of the rest."""
+"""A larger share of a silhouette cannot be the shadow of the rest."""
 LEAST = 0.03
-"""A smaller share is not worth while."""
+"""A smaller share is ignored."""
 LENGTH = 0.3
-"""A flat object's shadow is shifted by this fraction of sqrt(area) at most."""
+"""A flat object's shadow is shifted by at most this fraction of sqrt(area)."""
 EXPLAINED = 0.6
-"""The shifted object must cover so much of what it does not cover unshifted, overshoot counted against it."""
+"""The shifted object must cover this share of the shadow; what it covers beyond is subtracted."""
 DIRECTIONS = 16
 LENGTHS = 6
 MARGIN = 12
-"""px of ground round the silhouette that tell its colour."""
+"""px of background around the silhouette from which its colour is taken."""
 GLANCE = 3
-"""Most objects cast none, and every third pixel tells."""
+"""Step of a first look in px: most objects cast no shadow."""
 
 
 def without_shadow(image: NDArray[np.uint8], shape: Silhouette) -> Silhouette | None:
-    """The silhouette of the object alone, or None where it casts no shadow that can be told from it.
+    """The silhouette of the object alone, or None if no shadow can be distinguished from it.
 
     Args:
         image: (H, W) or BGR (H, W, 3).
-        shape: object and perhaps shadow.
+        shape: the object, perhaps with its shadow.
     """
     window, (left, top), filled = _crop_window(image, shape, GLANCE)
     if _shadow_mask(window, filled) is None:
@@ -53,7 +53,7 @@ def without_shadow(image: NDArray[np.uint8], shape: Silhouette) -> Silhouette | 
 
 
 def shadow_removed(image: NDArray[np.uint8], shape: Silhouette) -> Silhouette:
-    """As `without_shadow` where the object is known to cast one: only colours are asked."""
+    """As `without_shadow` for an object known to cast a shadow: by colour alone."""
     window, (left, top), filled = _crop_window(image, shape)
     shade = _shadow_mask(window, filled)
     alone = None if shade is None else _largest_region(np.where(shade, np.uint8(0), filled))
@@ -64,7 +64,7 @@ def shadow_removed(image: NDArray[np.uint8], shape: Silhouette) -> Silhouette:
 def _crop_window(
     image: NDArray[np.uint8], shape: Silhouette, step: int = 1
 ) -> tuple[NDArray[np.float32], tuple[int, int], Grey]:
-    """(h, w, C) the image round a silhouette, softened, its origin, and the silhouette filled; every step-th pixel."""
+    """(h, w, C) the blurred image around a silhouette, its origin, and the filled silhouette; every step-th pixel."""
     x, y, w, h = shape.box
     left, top = max(x - MARGIN, 0), max(y - MARGIN, 0)
     right, bottom = min(x + w + MARGIN, image.shape[1]), min(y + h + MARGIN, image.shape[0])
@@ -77,7 +77,7 @@ def _crop_window(
 
 
 def _shadow_mask(window: NDArray[np.float32], filled: Grey) -> NDArray[np.bool_] | None:
-    """(h, w) where a silhouette shows shaded ground, or None."""
+    """(h, w) where a silhouette shows shaded background, or None."""
     outside = cv2.dilate(filled, np.ones((7, 7), np.uint8)) == 0
     if np.count_nonzero(outside) < 20:
         return None
@@ -89,7 +89,7 @@ def _shadow_mask(window: NDArray[np.float32], filled: Grey) -> NDArray[np.bool_]
     shaded &= light.max(axis=2) - light.min(axis=2) < SAME_COLOUR
     total = np.count_nonzero(inside)
     if np.count_nonzero(shaded) > MOST * total:
-        # the object is of the ground's hue as well, and must be darker than its shadow
+        # the object has the background's hue too, so it must be darker than its shadow
         level = otsu_threshold(
             np.bincount((left_over[shaded] * 255.0).astype(np.intp), minlength=256)[:256].astype(np.float64)
         )
@@ -103,7 +103,7 @@ def _shadow_mask(window: NDArray[np.float32], filled: Grey) -> NDArray[np.bool_]
 
 
 def _largest_region(mask: Grey) -> Grey | None:
-    """The largest region of a mask, smoothed, alone."""
+    """The largest region of a smoothed mask."""
     opened = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(opened)
     if count < 2:
@@ -113,7 +113,7 @@ def _largest_region(mask: Grey) -> Grey | None:
 
 
 def _is_cast(alone: Grey, both: Grey) -> bool:
-    """Whether what was taken away is the object's own shape, shifted."""
+    """Whether the removed part is the object's own shape, shifted."""
     area = float(np.count_nonzero(alone))
     rest = (both > 0) & (alone == 0)
     wanted = float(np.count_nonzero(rest))

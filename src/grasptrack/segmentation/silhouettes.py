@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Silhouettes in a binary image: their outer boundaries and holes as chains of pixels."""
+"""Silhouettes in a binary image: outer boundaries and holes as pixel chains."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Silhouette(NamedTuple):
         return bool(cv2.pointPolygonTest(self.outer, (float(x), float(y)), False) >= 0)
 
     def ring(self, most: int) -> NDArray[np.float64]:
-        """(N, 2) px, about so many points of its outer boundary, of positive signed area."""
+        """(N, 2) px, about `most` points of its outer boundary, with positive signed area."""
         chain = self.outer[:: max(1, len(self.outer) // most)]
         forward = cv2.contourArea(self.outer, oriented=True) > 0.0
         return np.ascontiguousarray(chain if forward else chain[::-1], dtype=np.float64)
@@ -43,13 +43,13 @@ class Silhouette(NamedTuple):
 def trace_silhouettes(
     binary: Grey, least: float, origin: tuple[int, int] = (0, 0), *, holes: bool = True, least_hole: float = 0.002
 ) -> list[Silhouette]:
-    """All silhouettes of at least an area, largest first.
+    """All silhouettes of at least a given area, largest first.
 
     Args:
         binary: (H, W), nonzero where there is material.
         least: px^2.
         origin: where the binary image's first pixel lies in the image.
-        holes: look for holes too, which costs time.
+        holes: also find holes, which takes time.
         least_hole: smallest hole as a fraction of its silhouette.
     """
     mode = cv2.RETR_CCOMP if holes else cv2.RETR_EXTERNAL

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Grey levels that may separate objects from the ground."""
+"""Grey levels that may separate objects from the background."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from grasptrack.typing import Floats
 
 def candidate_thresholds(values: NDArray[np.uint8]) -> list[float]:
     """Otsu's threshold of all grey levels, and of those on either side of it, where these differ."""
-    # OpenCV wants a channel that lies in one piece, and is ten times as quick as bincount
+    # OpenCV needs a contiguous channel, and is ten times as fast as bincount
     grey = np.ascontiguousarray(values)
     histogram = cv2.calcHist([grey], [0], None, [256], [0.0, 256.0]).ravel().astype(np.float64)
     middle = otsu_threshold(histogram)
@@ -30,7 +30,7 @@ def candidate_thresholds(values: NDArray[np.uint8]) -> list[float]:
 
 
 def otsu_threshold(histogram: Floats) -> float | None:
-    """The level k + 0.5 that separates a histogram (256,) best into up to k and above; None if it is one level."""
+    """The level k + 0.5 that best separates a histogram (256,) into up to k and above; None for a single level."""
     total = histogram.sum()
     below = np.cumsum(histogram)[:-1]
     above = total - below

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images of a calibrated camera made straight, and what was found in them given back in px of the images as they are."""
+"""Undistorts images of a calibrated camera, and maps results back to px of the original images."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ if TYPE_CHECKING:
 Box = tuple[float, float, float, float]
 
 MOST = 0.3
-"""A straight image is larger than the one seen by this share of its side at most, on each side."""
+"""An undistorted image is larger than the original by at most this share on each side."""
 _COARSE = 8
 _STEP = 0.05
 
 
 class Undistortion:
-    """Straightens images of one size, and maps what belongs to them both ways.
+    """Undistorts images of one size, and maps points and masks both ways.
 
-    The straight image has the matrix of the camera, so that the middle keeps its scale, and is as much larger or smaller
-    as it takes to hold all that was seen, up to MOST. It reaches as far to either side of the optical axis, up to MOST, which
-    so is in its middle. What lies outside of the image seen is hidden.
+    The undistorted ("straight") image has the camera's matrix, so that its middle keeps its scale. It is large enough to
+    hold everything seen, up to MOST, and symmetric about the optical axis, up to MOST. What lies outside the original
+    image is hidden.
 
     Args:
-        camera: as calibrated; a calibration for a larger or smaller image of the same shape is scaled.
-        width, height: px of the images as they are.
+        camera: as calibrated; a calibration for an image of another size but the same shape is scaled.
+        width, height: px of the original images.
 
     Attributes:
-        camera: for this size.
+        camera: scaled to this size.
         offset: (2,) ideal px of the straight image's pixel (0, 0); whole numbers.
         hidden: (h, w) uint8, 255 where the straight image shows nothing.
-        focal: focal length in widths of the straight image, and by which share its two axes differ; None where the optical
-            axis is not in the middle.
+        focal: focal length in widths of the straight image, and the relative difference between its axes; None if the
+            optical axis is not in the middle.
 
     Raises:
         InputError: a calibration for images of another shape.
@@ -72,7 +72,7 @@ class Undistortion:
         seen, shown = self._distort_with_visibility(
             self._pixel_grid(np.arange(left, right + 1), np.arange(top, bottom + 1))
         )
-        nearest = np.clip(seen, 0.0, (width - 1, height - 1)).astype(np.float32)  # so that no edge is made up
+        nearest = np.clip(seen, 0.0, (width - 1, height - 1)).astype(np.float32)  # so that no edge is invented
         self._maps = cv2.convertMaps(nearest[..., 0], nearest[..., 1], cv2.CV_16SC2)
         self.hidden: NDArray[np.uint8] = np.where(shown, np.uint8(0), np.uint8(255))
         (fx, fy), (x, y) = np.diag(self.camera.matrix)[:2].tolist(), self.camera.matrix[:2, 2].tolist()
@@ -84,7 +84,7 @@ class Undistortion:
         return np.stack(np.meshgrid(x, y), axis=-1).astype(np.float64)
 
     def _distort_with_visibility(self, ideal: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Where points (..., 2) are seen, and whether that is in the image."""
+        """Where points (..., 2) appear in the original image, and whether they lie within it."""
         seen = self.camera.distort(ideal)
         inside = np.all((seen >= -0.5) & (seen <= np.array(self.size) - 0.5), axis=-1)
         return seen, np.asarray(inside & self.camera.within(ideal))
@@ -92,7 +92,7 @@ class Undistortion:
     # --- what goes in ----------------------------------------------------------------------------
 
     def image(self, image: NDArray[Any]) -> NDArray[np.uint8]:
-        """An image, grey or BGR, as a lens without distortion would show it.
+        """A grey or BGR image as a lens without distortion would show it.
 
         Raises:
             SourceError: an image that cannot be used, or of another size.
@@ -106,7 +106,7 @@ class Undistortion:
         return np.asarray(cv2.remap(colours, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
 
     def mask(self, mask: NDArray[Any], what: str = "mask", least: int = 128) -> NDArray[np.uint8]:
-        """A mask of an image, 0 and 255. What is set to `least` / 255 of a pixel counts as set.
+        """A mask of the straight image, 0 and 255; pixels covered by at least `least` / 255 are set.
 
         Raises:
             InputError: not of the images' size.
@@ -116,7 +116,7 @@ class Undistortion:
         return np.where(straight >= least, np.uint8(255), np.uint8(0))
 
     def ignored(self, mask: NDArray[Any] | None) -> NDArray[Any] | None:
-        """What nothing of the scene is in: outside the image seen, and under the user's mask; None where nothing is.
+        """Ignored pixels: outside the original image, and under the user's mask; None if there are none.
 
         Raises:
             InputError: not of the images' size.
@@ -125,11 +125,11 @@ class Undistortion:
         return hidden if hidden.any() else None
 
     def points(self, seen: ArrayLike) -> Floats:
-        """(k, 2) px of the straight image, of points (k, 2) in px of the image seen."""
+        """Points (k, 2) of the original image in px of the straight one."""
         return self.camera.undistort(np.asarray(seen, dtype=np.float64)) - self.offset
 
     def box(self, box: Box) -> Box:
-        """Left, top, width and height of what a box of the image seen holds: the rectangle round its straight sides."""
+        """A box of the original image in the straight one: the rectangle around its undistorted sides."""
         x, y, w, h = box
         along = np.linspace(0.0, 1.0, 9)
         sides = [(x + w * t, y + h * e) for t in along for e in (0, 1)] + [
@@ -142,11 +142,11 @@ class Undistortion:
     # --- what comes out --------------------------------------------------------------------------
 
     def seen(self, points: ArrayLike) -> Floats:
-        """(k, 2) px of the image seen, of points (k, 2) of the straight one."""
+        """Points (k, 2) of the straight image in px of the original one."""
         return self.camera.distort(np.asarray(points, dtype=np.float64) + self.offset)
 
     def _seen_near(self, points: Floats) -> tuple[Floats, Floats]:
-        """As `seen` and `stretch`, in one go: there are few points, and they come with every frame."""
+        """`seen` and `stretch` together, for the few points of every frame."""
         around = self.seen(points[:, None] + _STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]))
         J = np.stack([around[:, 1] - around[:, 2], around[:, 3] - around[:, 4]], axis=-1) / (2.0 * _STEP)
         return around[:, 0], J
@@ -156,13 +156,13 @@ class Undistortion:
         return self.camera.jacobian(np.asarray(points, dtype=np.float64) + self.offset)
 
     def view(self, view: View) -> View:
-        """An outline of the straight image, as it is seen."""
+        """An outline of the straight image in px of the original one."""
         return View(
             [Contour(self.seen(c.points), hole=c.hole, strength=c.strength, clipped=c.clipped) for c in view.contours]
         )
 
     def grasp(self, grasp: RankedGrasp) -> SeenGrasp:
-        """A grasp of the straight image, as it is seen; lengths stay those of the straight image."""
+        """A grasp of the straight image in px of the original one; lengths stay those of the straight image."""
         turned = (self.stretch(grasp.contacts) @ grasp.directions[..., None])[..., 0]
         return SeenGrasp(
             self.seen(grasp.contacts),
@@ -178,7 +178,7 @@ class Undistortion:
         )
 
     def result(self, result: TrackResult) -> TrackResult:
-        """Of straight images: contacts, covariance and outline as seen, homography and rectification in ideal px."""
+        """A result with contacts, covariance and outline in px of the original image, homographies in ideal px."""
         contacts, covariance = result.contacts, result.covariance
         H, spread = result.homography, result.homography_covariance
         plane = result.rectification
@@ -210,7 +210,7 @@ class Undistortion:
 
 
 def _centered_range(middle: float, low: int, high: int, most: float) -> tuple[int, int]:
-    """The range of whole px from low to high, longer at one end by `most` at most, so that its middle is as given."""
+    """The range of whole px from low to high, extended at one end by at most `most`, so that its middle is as given."""
     if 2.0 * middle > low + high + 1.0:
         return low, min(math.floor(2.0 * middle) - low, high + math.floor(most))
     if 2.0 * middle < low + high - 1.0:
@@ -219,7 +219,7 @@ def _centered_range(middle: float, low: int, high: int, most: float) -> tuple[in
 
 
 class SeenGrasp(RankedGrasp):
-    """A grasp in px of the image as it is; opening, regions and margin are those of the straight image.
+    """A grasp in px of the original image; opening, regions and margin are those of the straight image.
 
     Attributes:
         straight: (k, 2) px, the contacts in the straight image.
@@ -233,13 +233,13 @@ class SeenGrasp(RankedGrasp):
 
 
 class Told(NamedTuple):
-    """What the user said of the first image.
+    """What the user specified in the first image.
 
     Attributes:
         contacts: (k, 2) px, or None.
         object_at: (x, y) px, or None.
         box: left, top, width and height in px, or None.
-        ignore: (H, W) nonzero where nothing belongs to the scene, or None.
+        ignore: (H, W) nonzero where pixels are ignored, or None.
     """
 
     contacts: Floats | None
@@ -248,7 +248,7 @@ class Told(NamedTuple):
     ignore: NDArray[Any] | None
 
     def straight(self, lens: Undistortion) -> Told:
-        """The same, of the straight image.
+        """The same for the straight image.
 
         Raises:
             InputError: a mask of another size.

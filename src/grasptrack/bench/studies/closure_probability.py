@@ -11,7 +11,8 @@ import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.bench.studies import common
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.grasp.closure_probability import chance_of_closing, regions_of
+from grasptrack.grasp.closure_probability import chance_of_closing
+from grasptrack.grasp.contact_regions import regions_of
 from grasptrack.grasp.force_closure import closes_after, closes_at
 from grasptrack.typing import Floats
 
