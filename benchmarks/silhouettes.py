@@ -45,7 +45,7 @@ def outline(path: Path) -> gt.View:
 
 def by_brute_force(view: gt.View, fingers: int, friction: float) -> tuple[int, int]:
     """Of all pairs or triples of contour points how many are stable, and how many of them the hand can do."""
-    area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
+    area, cx, cy, *_ = kernels.polygon_moments(view.points, view.offsets)
     hand = gt.Hand().in_px(math.sqrt(area))
     at = every_point(view, area, np.array([cx, cy]), hand)
     if fingers == 2:

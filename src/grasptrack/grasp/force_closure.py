@@ -110,7 +110,7 @@ class Analyzer:
     ) -> None:
         check_width(finger_width)
         self._points, self._offsets, self._judged_in = outline.points, outline.offsets, judged_in
-        area, cx, cy, *_ = kernels.inertia(self._points, self._offsets)
+        area, cx, cy, *_ = kernels.polygon_moments(self._points, self._offsets)
         self._size, self._centroid = math.sqrt(area), (cx, cy)
         self._width = finger_width or FINGER_WIDTH * self._size
 
@@ -118,7 +118,7 @@ class Analyzer:
         """See the function `analyze`; contacts (k, 2) px."""
         check_friction(friction)
         (cx, cy), rho = self._centroid, 0.5 * self._size
-        places = kernels.locate(self._points, self._offsets, contacts)
+        places = kernels.project_to_contour(self._points, self._offsets, contacts)
         for i, (_, _, distance) in enumerate(places.tolist()):
             if distance > ON_OUTLINE * self._size:
                 raise GraspError(

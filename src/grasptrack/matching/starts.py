@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.kernels.reference_evidence import near_identity
+from grasptrack.kernels.reference.homography import near_identity
 from grasptrack.matching.samples import Sampled
 from grasptrack.typing import Floats
 

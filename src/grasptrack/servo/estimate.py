@@ -14,9 +14,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grasptrack import kernels
 from grasptrack.servo.camera import HandCamera
-from grasptrack.servo.model import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, Placed, unpack_state
+from grasptrack.servo.model import (
+    FOCAL,
+    OFFSET,
+    PLACE,
+    POSE,
+    SHAPE,
+    SPEED,
+    TURN,
+    Placed,
+    advance_state,
+    check_size,
+    count_points,
+    expected_sightings,
+    retract_state,
+    unpack_state,
+)
 from grasptrack.servo.sighting import Observation, block_diagonal
 from grasptrack.typing import Floats
 
@@ -95,7 +109,7 @@ class Estimate:
         self.time = time
         wander = PUSHED if time < self.displaced_at + ASTIR else WANDER
         may = (0.0, 0.0, 0.0) if evenly else (DRIFT**2, wander**2, TWIRL**2)
-        self._set_state(*kernels.advance_state(self._state, self.covariance, dt, *may))
+        self._set_state(*advance_state(self._state, self.covariance, dt, *may))
 
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
         """The points (n, 3) m in the frame of a hand at a pose (4, 4), at a time in s (default: the estimate's)."""
@@ -110,7 +124,7 @@ class Estimate:
             The innovation, in standard deviations (root of the mean square); inf where nothing could be compared.
         """
         self.advance(seen.time)
-        state, covariance, off, size = kernels.filter_sighting(
+        state, covariance, off, size = filter_sighting(
             self._state, self.covariance, seen.hand, seen.points, seen.noise, ROBUST
         )
         if math.isfinite(size):
@@ -165,6 +179,47 @@ class Estimate:
         """The plane's normal (3,) in the hand's frame, away from the hand."""
         n = hand[:3, :3].T @ self.object.turn[:, 2]
         return np.asarray(n if n[2] > 0.0 else -n)
+
+
+def filter_sighting(
+    state: Floats, covariance: Floats, hand: Floats, points: Floats, noise: Floats, robust: float
+) -> tuple[Floats, Floats, Floats, float]:
+    """One update of an extended Kalman filter by what was seen at the state's time.
+
+    Args:
+        state: (39 + 2n,) before.
+        covariance: (16 + 2n, 16 + 2n) of its error.
+        hand: (4, 4), its pose in the base.
+        points: (n, 2) px, where they were seen.
+        noise: (n, 2, 2) px^2.
+        robust: innovations of so many standard deviations count a quarter: the noise grows with the innovation (Geman and
+            McClure's weight).
+
+    Returns:
+        State and covariance after; (2n,) px, what was seen less what was expected; the innovation in standard deviations
+        (root of the mean square), infinite where a point would lie behind the camera: nothing is changed then.
+
+    Raises:
+        ValueError: a size that is none, or a noise that makes the update singular.
+    """
+    n = count_points(state)
+    check_size(covariance, n)
+    if hand.shape != (4, 4):
+        raise ValueError("a pose is (4, 4)")
+    if points.shape != (n, 2) or noise.shape != (n, 2, 2):
+        raise ValueError("each point needs its noise, (2, 2)")
+    pixels, H = expected_sightings(state, hand[None], np.zeros(1))
+    off = (points - pixels).ravel()
+    if not np.isfinite(pixels).all():
+        return state.copy(), covariance.copy(), off, float("inf")
+    R = np.zeros((2 * n, 2 * n))
+    for i, block in enumerate(noise):
+        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
+    PH = covariance @ H.T
+    size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
+    gain = np.linalg.solve(H @ PH + R * (1.0 + (size / robust) ** 2) ** 2, PH.T).T
+    P = covariance - gain @ PH.T
+    return retract_state(state, gain @ off), np.asarray(0.5 * (P + P.T)), off, size
 
 
 def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Floats, slope: float = 0.0) -> Placed:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.kernels.reference_evidence import displacement_fields
+from grasptrack.kernels.reference.homography import displacement_fields
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.snake.template import Grey, Template
 from grasptrack.typing import Bools, Floats
@@ -85,7 +85,7 @@ def search_along_normals(model: Model, state: Floats, image: Grey, reach: float)
     normals = template.normals @ np.array(((d, -b), (-c, a)))  # the cofactors carry normals
     length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     normals /= length[:, None]
-    edges = kernels.edge_search(image, points, normals, reach, template.polarity)
+    edges = kernels.search_along_normals(image, points, normals, reach, template.polarity)
     gap = edges[:, 0] - template.bias * ((a * d - b * c) / length)
     used = edges[:, 1] * template.sign >= FAINTEST * template.strength
     gap[~used] = 0.0

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from grasptrack.grasp.contact_regions import CHANCE
-from grasptrack.kernels.reference_edges import WINDOW
+from grasptrack.kernels.reference.image import WINDOW
 from grasptrack.trackability.edges import MIN_STRENGTH, RELATIVE_STRENGTH
 from grasptrack.trackability.motions import SLIDING, Motions
 from grasptrack.trackability.prediction import Prediction

@@ -86,7 +86,7 @@ def predict_hypotheses(
 def _fixes_contacts(target: Target, flow: dict[str, Any], numbers: Numbers) -> bool:
     """Whether its own texture tells where every contact is, as surely as an answer is asked for."""
     area = abs(seen_area(flow["G"], target.outline))
-    most = worst_variance(target.handle.placed(flow["G"], flow["P"])[1])
+    most = worst_variance(target.handle.placed(flow["G"], flow["P"]).covariance)
     return math.sqrt(most) < largest_sigma(area, numbers)
 
 

@@ -217,7 +217,7 @@ class _Scene:
     ) -> None:
         self._numbers, self._strict = numbers, NUMBERS.learning(numbers.risk)
         self._grasp, self._view, self._friction, self._object_at = grasp, reference, friction, object_at
-        self._width = FINGER_WIDTH * math.sqrt(kernels.inertia(reference.points, reference.offsets)[0])
+        self._width = FINGER_WIDTH * math.sqrt(kernels.polygon_moments(reference.points, reference.offsets).area)
         self._found = found
         channel = PLAIN if found is None else found.channel
         self._first, self._second = channel.grey(first), channel.grey(second)

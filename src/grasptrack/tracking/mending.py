@@ -182,7 +182,7 @@ class Mender:
         if _share_on_outline(candidate, edges) < 1.0 - target.numbers.elsewhere or candidate.view.is_clipped:
             return None
         samples = apply_homography(target.A, target.points) - shift
-        gone = kernels.locate(candidate.view.points, candidate.view.offsets, samples)[:, 2] > NEAR
+        gone = kernels.project_to_contour(candidate.view.points, candidate.view.offsets, samples)[:, 2] > NEAR
         if gone.any() and self._agreed[gone].mean() > CHANCE:  # what was seen once was right
             return None
         sides = _Sides(first, shown, own, candidate.view)
@@ -304,7 +304,9 @@ def _mean_log_ratio(off: Floats, spread: float, numbers: Numbers) -> float:
 def _outline_distances(points: Floats, outline: Floats) -> Floats:
     """(n,) distance of points (n, 2) from a closed outline (N, 2), in their unit."""
     offsets = np.array([0, len(outline)], dtype=np.int64)
-    return np.asarray(kernels.locate(outline, offsets, np.ascontiguousarray(points))[:, 2], dtype=np.float64)
+    return np.asarray(
+        kernels.project_to_contour(outline, offsets, np.ascontiguousarray(points))[:, 2], dtype=np.float64
+    )
 
 
 def _longest_open_stretch(outline: Floats, edges: Floats) -> float:
@@ -348,7 +350,9 @@ def _warp_to_first(view: Look, target: Target, first: Grey, shift: Floats) -> Gr
 def _share_on_outline(candidate: Candidate, edges: Floats) -> float:
     """Share of edges (n, 2) px that lie on a candidate's outline."""
     view = candidate.view
-    return float(np.mean(kernels.locate(view.points, view.offsets, np.ascontiguousarray(edges))[:, 2] < NEAR))
+    return float(
+        np.mean(kernels.project_to_contour(view.points, view.offsets, np.ascontiguousarray(edges))[:, 2] < NEAR)
+    )
 
 
 def _shift_view(view: View, by: Floats) -> View:

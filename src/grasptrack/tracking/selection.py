@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import similarity_transform
-from grasptrack.kernels.reference_pose_edges import LEAST_HALF, MOST_HALF
-from grasptrack.kernels.reference_pose_texture import noise_of
+from grasptrack.kernels.reference.registration.edges import LEAST_HALF, MOST_HALF
+from grasptrack.kernels.reference.registration.texture import noise_of
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.surface import (
     PATCH,
@@ -183,7 +183,9 @@ def _detect_edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats
     half, wanted = 0, LEAST_HALF
     while half < wanted:  # by the outline as it was found: where a narrow filter answers, noise is steep
         half = wanted
-        wanted = _filter_half_width(kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half)[3], half)
+        wanted = _filter_half_width(
+            kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half).width, half
+        )
     while True:
         edges = _edges_by(levels, A, points, normals, noise, half)
         if edges.wanted >= half:
@@ -374,7 +376,7 @@ def _symmetry_turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
     """(3, 3) each, work px -> work px: turns of the outline onto itself; of a disc some, and whether it is one."""
     if view.is_clipped:
         return (), False
-    area, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
+    area, x, y, *_ = kernels.polygon_moments(view.outer.points, view.outer.offsets)
     radii = np.hypot(*(view.outer.points - (x, y)).T)
     # turned anyhow it differs from itself by less than what alignments that fit alike do
     is_round = float(np.std(radii)) * math.sqrt(2.0) < TIE * math.sqrt(area)

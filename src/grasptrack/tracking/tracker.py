@@ -271,7 +271,7 @@ class GraspTracker:
                 self._again(moved.view, plane.beforehand(H, homography_covariance))
             beside = Reason("false-edge", {"distance": track.false_edge})
             return _make_result(moment, "lost", beside, grasp_id=track.number, confidence=moved.decision.confidence)
-        covariance = target.handle.placed(estimate.G, P)[1]
+        covariance = target.handle.placed(estimate.G, P).covariance
         try:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)
         except (GraspError, ConditioningError) as error:
@@ -365,7 +365,7 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
 
 def _make_closure_check(grasp: Grasp, view: View, friction: float) -> ClosureCheck:
     """Judges a grasp on an outline."""
-    width = FINGER_WIDTH * math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+    width = FINGER_WIDTH * math.sqrt(kernels.polygon_moments(view.points, view.offsets).area)
     return ClosureCheck(grasp, view, friction, width)
 
 

@@ -23,7 +23,7 @@ def code_fingerprint() -> str:
     for path in sorted(root.rglob("*.py")):
         digest.update(str(path.relative_to(root)).encode())
         digest.update(path.read_bytes())
-    native = find_spec("grasptrack._native")
+    native = find_spec("_grasptrack_native")
     if native is not None and native.origin is not None:
         digest.update(Path(native.origin).read_bytes())
     return digest.hexdigest()

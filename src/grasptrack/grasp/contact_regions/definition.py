@@ -24,7 +24,9 @@ def closes_after(outline: Outline, contacts: Floats, slips: Floats, friction: fl
     """
     n, k = slips.shape
     places = np.empty((n, k, 2))
-    for i, (contour, position, _) in enumerate(kernels.locate(outline.points, outline.offsets, contacts).tolist()):
+    for i, (contour, position, _) in enumerate(
+        kernels.project_to_contour(outline.points, outline.offsets, contacts).tolist()
+    ):
         line = outline.contours[int(contour)]
         s = line.arc_length
         here = np.interp(position, np.arange(len(s)), s)
@@ -36,12 +38,12 @@ def closes_after(outline: Outline, contacts: Floats, slips: Floats, friction: fl
 def closes_at(outline: Outline, points: Floats, friction: float) -> Bools:
     """(n,) whether contacts at the places of an outline that are nearest to points (n, k, 2) px close."""
     n, k = points.shape[:2]
-    places = kernels.locate(outline.points, outline.offsets, np.ascontiguousarray(points.reshape(-1, 2)))
+    places = kernels.project_to_contour(outline.points, outline.offsets, np.ascontiguousarray(points.reshape(-1, 2)))
     return _closure_at_places(outline, places, n, k, friction)
 
 
 def _closure_at_places(outline: Outline, places: Floats, n: int, k: int, friction: float) -> Bools:
-    area, cx, cy, *_ = kernels.inertia(outline.points, outline.offsets)
+    area, cx, cy, *_ = kernels.polygon_moments(outline.points, outline.offsets)
     size, angle = math.sqrt(area), math.atan(friction)
     contacts = kernels.point_at(outline.points, outline.offsets, places).reshape(n, k, 2)
     frames = kernels.contact_frames(outline.points, outline.offsets, places, FINGER_WIDTH * size)

@@ -17,6 +17,7 @@ from grasptrack.grasp.synthesis.reasons import Tried, why_none
 from grasptrack.grasp.synthesis.rectangles import finger_rectangles
 from grasptrack.grasp.synthesis.result import GraspList, RankedGrasp, Terms
 from grasptrack.grasp.synthesis.terms import Stable, stable_pairs, stable_triples
+from grasptrack.kernels.results import RankedCandidates, RankingLimits, WrenchSpace
 from grasptrack.typing import Floats, Ints
 
 DISTINCT = 0.12
@@ -38,7 +39,7 @@ def find_grasps(
     limits: Limits,
 ) -> GraspList:
     """As `synthesize`, with the limits on how uneven the outline under a finger may be."""
-    area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
+    area, cx, cy, *_ = kernels.polygon_moments(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
 
     def look(size: HandPx) -> tuple[Candidates, Stable, Ints, dict[str, int]]:
@@ -61,21 +62,12 @@ def find_grasps(
         )
         return GraspList([], reason, refused)
     chosen, quality, regions = kernels.rank_grasps(
-        at.contacts,
-        at.normals,
-        at.usable,
-        at.starts,
-        at.steps,
+        RankedCandidates(at.contacts, at.normals, at.usable, at.starts, at.steps),
         found.index[left],
         found.strength[left],
         found.terms[left].prod(axis=1),
-        friction,
-        cx,
-        cy,
-        0.5 * at.size,
-        far_enough(at.size, px.finger_width),
-        duplicate_radius(at.size, px.finger_width),
-        max(top, 0),
+        WrenchSpace(friction, cx, cy, 0.5 * at.size),
+        RankingLimits(far_enough(at.size, px.finger_width), duplicate_radius(at.size, px.finger_width), max(top, 0)),
     )
     return GraspList(_ranked_grasps(found, at, left[chosen], quality, regions, px, friction), "", refused)
 
