@@ -2,7 +2,7 @@
 """The arithmetic of every frame: compiled where it could be compiled, NumPy elsewhere, of the same names.
 
 `BACKEND` is "native" or "numpy". GRASPTRACK_BACKEND=numpy in the environment asks for NumPy. What each kernel computes
-is said in `grasptrack.kernels.reference`, whose `__all__` is the one table of their names.
+is said in `grasptrack.kernels.reference`, the `__all__` of whose modules is the one table of their names.
 """
 
 from __future__ import annotations
@@ -16,11 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 BACKEND: Literal["native", "numpy"]
 
 if TYPE_CHECKING:
-    from grasptrack.kernels import reference
     from grasptrack.kernels.reference import *  # noqa: F403
-
-    __all__ = ["BACKEND"]
-    __all__ += reference.__all__
 else:
 
     def _load_kernels() -> ModuleType:

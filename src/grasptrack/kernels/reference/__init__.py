@@ -9,6 +9,8 @@ along a contour's direction, (ty, -tx) points out of the material and (-ty, tx) 
 position on a contour of n points is a vertex index plus the fraction of the segment that follows, in [0, n).
 """
 
+from typing import TYPE_CHECKING
+
 from grasptrack.kernels.reference import geometry, grasp, homography, image, matching, registration, synthesis, transfer
 from grasptrack.kernels.reference.geometry import *  # noqa: F403
 from grasptrack.kernels.reference.grasp import *  # noqa: F403
@@ -19,12 +21,6 @@ from grasptrack.kernels.reference.registration import *  # noqa: F403
 from grasptrack.kernels.reference.synthesis import *  # noqa: F403
 from grasptrack.kernels.reference.transfer import *  # noqa: F403
 
-__all__: list[str] = []
-__all__ += geometry.__all__
-__all__ += grasp.__all__
-__all__ += homography.__all__
-__all__ += image.__all__
-__all__ += matching.__all__
-__all__ += registration.__all__
-__all__ += synthesis.__all__
-__all__ += transfer.__all__
+if not TYPE_CHECKING:  # who checks types follows the imports
+    _parts = geometry, grasp, homography, image, matching, registration, synthesis, transfer
+    __all__ = [name for part in _parts for name in part.__all__]
