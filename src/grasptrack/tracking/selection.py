@@ -14,10 +14,13 @@ from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import similarity_transform
 from grasptrack.kernels.reference.registration.edges import LEAST_HALF, MOST_HALF
+from grasptrack.kernels.reference.registration.occlusion import FIRST, LEAST_SPREAD, NEAR
+from grasptrack.kernels.reference.registration.solver import FINE
+from grasptrack.kernels.reference.registration.target import CELLS
+from grasptrack.kernels.reference.registration.texture import SIDE as PATCH
 from grasptrack.kernels.reference.registration.texture import noise_of
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.surface import (
-    PATCH,
     camera_noise,
     select_textured_patches,
     self_similar_shifts,
@@ -33,8 +36,6 @@ SAMPLES = 400
 """... of which there are so many at most."""
 PATCHES = 120
 """Patches of texture on the finest level at most; a quarter of that on each coarser one."""
-TOLD = 3
-"""Levels of texture, the finest, whose correlations an estimate tells."""
 RING = 7.0
 """Places along the side of the first view, at which the ground is looked at."""
 ROUND_TURNS = 12
@@ -156,7 +157,7 @@ def make_target(
         is_round,
         self_similar_shifts(image, surface_mask, noise, size, numbers),
         patches,
-        tuple(counts[:TOLD]),
+        tuple(counts[:FINE]),
         edges.share,
         edges.width,
         noise,
@@ -311,12 +312,9 @@ def without_noise(points: Floats) -> Floats:
     return np.column_stack([smooth.real, smooth.imag])
 
 
-CELLS, FIRST_CELL, REGION, WIDER = 16, 2.0, 0.45, 1.6
+FIRST_CELL, REGION, WIDER = 2.0, 0.45, 1.6
 """Cells beside the outline, from so many work px up to this share of sqrt(area), ever wider by this power: a notch or tab ends
 within it."""
-LEVEL_SAMPLES, LEVEL_CELLS, LEVEL_SPREAD = 8, 4, 3.0
-"""Samples on each side and cells of each that tell the level of a side, and grey levels that are added to its spread: as the
-kernel has them."""
 
 
 def _region_cells(
@@ -344,14 +342,14 @@ def _region_cells(
 
 def _level_along(cells: Floats) -> tuple[Floats, Floats]:
     """(N,) median of the first cells (N, 16) of a sample and its neighbours; (N,) how far off a cell is not of that."""
-    n, near = len(cells), np.arange(-LEVEL_SAMPLES, LEVEL_SAMPLES + 1)
+    n, near = len(cells), np.arange(-NEAR, NEAR + 1)
     if n == 0:
         return np.zeros(0), np.zeros(0)
-    around = cells[(np.arange(n)[:, None] + near) % n, :LEVEL_CELLS].reshape(n, -1)
+    around = cells[(np.arange(n)[:, None] + near) % n, :FIRST].reshape(n, -1)
     known = np.asarray(np.isfinite(around).any(axis=1))
     around = np.where(known[:, None], around, 0.0)
     level = np.nanmedian(around, axis=1)
-    spread = 1.4826 * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEVEL_SPREAD
+    spread = 1.4826 * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEAST_SPREAD
     return np.where(known, level, np.nan), 3.0 * spread
 
 

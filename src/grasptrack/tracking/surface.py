@@ -8,12 +8,11 @@ import math
 import cv2
 import numpy as np
 
+from grasptrack.kernels.reference.registration.texture import SIDE as PATCH
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey
 from grasptrack.typing import Floats
 
-PATCH = 7
-"""Side of a patch of texture, pixels."""
 SURFACE = 400
 """Samples of the surface, for its gain and bias."""
 

@@ -6,8 +6,6 @@ Gauss-Newton on edges, texture, thickness and what a pinhole allows, with a prio
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from grasptrack.kernels.reference.registration.camera import Pinhole
@@ -16,7 +14,6 @@ from grasptrack.kernels.reference.registration.edges import (
     MOST_HALF,
     Candidates,
     EdgeNumbers,
-    Light,
     edge_likelihoods,
     edge_widths,
     measure_edges,
@@ -39,8 +36,8 @@ from grasptrack.kernels.reference.registration.pyramid import (
     upper_median,
 )
 from grasptrack.kernels.reference.registration.system import (
-    NUISANCES,
     Beliefs,
+    Solution,
     Start,
     System,
     beyond_noise,
@@ -57,6 +54,7 @@ from grasptrack.kernels.reference.registration.texture import (
     TextureNumbers,
     empty_fit,
     fit_patches,
+    is_informative,
     join_matches,
     match_patches,
 )
@@ -87,40 +85,6 @@ LEAST_TOLD = 1e-9
 """Information about a readout that is none."""
 NEAR = 0.3
 """Of a patch's pixel: a step that is no larger is the last on its level. The edges' steps go on with the texture."""
-
-
-@dataclass
-class Solution:
-    """The pose and its evidence; see `PoseTarget.solve`, which returns the same."""
-
-    valid: bool = False
-    G: Floats = field(default_factory=lambda: np.zeros((3, 3)))
-    P: Floats = field(default_factory=lambda: np.zeros((8, 8)))
-    nuisance: Floats = field(default_factory=lambda: np.zeros(NUISANCES))
-    nuisance_covariance: Floats = field(default_factory=lambda: np.zeros((NUISANCES, NUISANCES)))
-    readout: float = 0.0
-    readout_variance: float = np.inf
-    by_readout: Floats = field(default_factory=lambda: np.zeros(8))
-    sides: float = np.nan
-    light: Light = field(default_factory=lambda: Light(1.0, 0.0))
-    edge_width: float = np.nan
-    blur_share: float = np.nan
-    blur: float = np.nan
-    edge_share: float = 0.0
-    edge_sigma: float = 0.0
-    look: float = 0.0
-    texture_used: int = 0
-    texture_agreeing: float = 0.0
-    texture_spread: float = 0.0
-    correlation: list[Floats] = field(default_factory=list)
-    visible: Floats = field(default_factory=lambda: np.zeros(0))
-    occluded: Floats = field(default_factory=lambda: np.zeros(0))
-    other: Floats = field(default_factory=lambda: np.zeros(0))
-    log_odds: float = 0.0
-    elsewhere: float = 0.0
-    astray: float = 0.0
-    other_shape: float = 0.0
-    differs: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 class Solver:
@@ -273,7 +237,7 @@ class Solver:
                     break
                 A, b = system.reduced(8)
                 fit = fit_patches(self._match_levels(level, level + 1, G), A, b, self.texture_numbers)
-                if not _is_informative(fit, len(patches)):
+                if not is_informative(fit, len(patches)):
                     break
                 P = inverse_definite(A + fit.information)
                 if P is None:
@@ -293,7 +257,7 @@ class Solver:
             return empty_fit()
         fit = fit_patches(matches, A, b, self.texture_numbers)
         out.texture_used, out.texture_agreeing, out.texture_spread = fit.used, fit.agreeing, fit.spread
-        return fit if _is_informative(fit, len(matches.inside)) else empty_fit()
+        return fit if is_informative(fit, len(matches.inside)) else empty_fit()
 
     # --- edges ----------------------------------------------------------------------------------
 
@@ -505,15 +469,6 @@ class Solver:
         correlation = np.where(self.matches.inside, self.matches.correlation, np.nan)
         counts = [len(patches) for patches in target.texture[:FINE]]
         out.correlation = np.split(correlation, np.cumsum(counts)[:-1]) if counts else []
-
-
-LEAST, CHANCE = 4, 0.12
-"""Patches that texture must rest on, and the share of all that may agree by chance."""
-
-
-def _is_informative(fit: TextureFit, count: int) -> bool:
-    # noise alone agrees here and there
-    return fit.used >= LEAST and fit.agreeing * count >= LEAST + CHANCE * count
 
 
 def _max_ignoring_nan(values: Floats) -> float:

@@ -6,7 +6,7 @@ Priors, bounded perspective, a pinhole's view of a rigid plane, and what is not 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +54,40 @@ class Start:
     reach: float
     edge_width: float
     blur_share: float
+
+
+@dataclass
+class Solution:
+    """The pose and its evidence; see `PoseTarget.solve`, which returns the same."""
+
+    valid: bool = False
+    G: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    P: Floats = field(default_factory=lambda: np.zeros((8, 8)))
+    nuisance: Floats = field(default_factory=lambda: np.zeros(NUISANCES))
+    nuisance_covariance: Floats = field(default_factory=lambda: np.zeros((NUISANCES, NUISANCES)))
+    readout: float = 0.0
+    readout_variance: float = np.inf
+    by_readout: Floats = field(default_factory=lambda: np.zeros(8))
+    sides: float = np.nan
+    light: Light = field(default_factory=lambda: Light(1.0, 0.0))
+    edge_width: float = np.nan
+    blur_share: float = np.nan
+    blur: float = np.nan
+    edge_share: float = 0.0
+    edge_sigma: float = 0.0
+    look: float = 0.0
+    texture_used: int = 0
+    texture_agreeing: float = 0.0
+    texture_spread: float = 0.0
+    correlation: list[Floats] = field(default_factory=list)
+    visible: Floats = field(default_factory=lambda: np.zeros(0))
+    occluded: Floats = field(default_factory=lambda: np.zeros(0))
+    other: Floats = field(default_factory=lambda: np.zeros(0))
+    log_odds: float = 0.0
+    elsewhere: float = 0.0
+    astray: float = 0.0
+    other_shape: float = 0.0
+    differs: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass

@@ -269,6 +269,15 @@ def join_matches(parts: list[Matches]) -> Matches:
     return Matches(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
+LEAST, CHANCE = 4, 0.12
+"""Patches that texture must rest on, and the share of all that may agree by chance."""
+
+
+def is_informative(fit: TextureFit, count: int) -> bool:
+    """Whether so many patches tell more than noise alone, which agrees here and there."""
+    return fit.used >= LEAST and fit.agreeing * count >= LEAST + CHANCE * count
+
+
 def fit_patches(matches: Matches, prior: Floats, gradient: Floats, numbers: TextureNumbers) -> TextureFit:
     """Robust normal equations of patches about their own best fit together with a prior.
 
