@@ -17,12 +17,13 @@ from grasptrack import kernels
 from grasptrack.errors import ObservationError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.kernels.reference.registration.occlusion import LEAST_SPREAD
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.objects import find_candidates
 from grasptrack.tracking.decision import Decision, surface_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.selection import LEVEL_SPREAD, make_target
+from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import FOLLOWED, Look, TrackState
 from grasptrack.tracking.target import Grey, Target, as_grey, build_pyramid
 from grasptrack.typing import Bools, Floats
@@ -276,7 +277,7 @@ class _Sides:
         if not len(own):
             return 0.0
         level = float(np.median(own))
-        spread = 1.4826 * float(np.median(np.abs(own - level))) + LEVEL_SPREAD
+        spread = 1.4826 * float(np.median(np.abs(own - level))) + LEAST_SPREAD
         return _mean_log_ratio(self._shown[part] - level, spread, numbers)
 
     def _background_log_ratio(self, noise: float, numbers: Numbers) -> float:
@@ -287,7 +288,7 @@ class _Sides:
             return 0.0
         changed = self._shown - self._first
         light = float(np.median(changed[known]))
-        return _mean_log_ratio(changed[beside] - light, math.sqrt(2.0) * noise + LEVEL_SPREAD, numbers)
+        return _mean_log_ratio(changed[beside] - light, math.sqrt(2.0) * noise + LEAST_SPREAD, numbers)
 
     def _nearby_mask(self, part: Bools) -> Bools:
         square = np.ones((2 * self._reach + 1, 2 * self._reach + 1), np.uint8)
