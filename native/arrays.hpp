@@ -1,17 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
-// NumPy arrays in and out.
+// NumPy arrays and named tuples, in and out.
 #pragma once
 
-#include "geometry.hpp"
-#include "numpy.hpp"
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <initializer_list>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "geometry/points.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
 
 namespace grasptrack {
 
-using PointArray = Input<double, 2, 2>;
-using RowArray = Input<double, 2>;
-using ValueArray = Input<double, 1>;
-using IndexArray = Input<std::int64_t, 1>;
-using FlagArray = Input<bool, 1>;
+template <typename Value, typename... Shape> using Input = nb::ndarray<const Value, Shape..., nb::c_contig, nb::device::cpu>;
+using PointArray = Input<double, nb::shape<-1, 2>>;
+using RowArray = Input<double, nb::ndim<2>>;
+using MatrixArray = Input<double, nb::shape<3, 3>>;
+using ValueArray = Input<double, nb::ndim<1>>;
+using IndexArray = Input<std::int64_t, nb::ndim<1>>;
+using FlagArray = Input<bool, nb::ndim<1>>;
+using ByteImage = Input<std::uint8_t, nb::ndim<2>>;
 
 inline const Vec *vectors(const PointArray &array) {
     static_assert(sizeof(Vec) == 2 * sizeof(double));
@@ -45,10 +64,68 @@ inline std::size_t count_places(const RowArray &places) {
     return places.shape(0);
 }
 
-class Output : public OutputOf<double> {
+inline void check_arc(std::size_t points, const ValueArray &arc) {
+    if (points < 1 || arc.shape(0) != points + 1)
+        throw std::invalid_argument("arc needs one entry more than the contour has points");
+}
+
+inline void check_indices(const std::int64_t *indices, std::size_t count, std::size_t points) {
+    for (std::size_t i = 0; i < count; ++i)
+        if (indices[i] < 0 || indices[i] >= static_cast<std::int64_t>(points))
+            throw std::invalid_argument("index out of range");
+}
+
+inline void check_power_of_2(std::int64_t count) {
+    if (count < 4 || count > (std::int64_t{1} << 24) || (count & (count - 1)) != 0)
+        throw std::invalid_argument("count must be a power of 2, at least 4, not " + std::to_string(count));
+}
+
+// A new array, which Python owns once `array` has been called.
+template <typename Value = double> class Output {
   public:
-    using OutputOf::OutputOf;
-    Vec *vectors() { return reinterpret_cast<Vec *>(values()); }
+    template <typename... Shape>
+    explicit Output(Shape... shape) : shape_{static_cast<std::size_t>(shape)...}, ndim_(sizeof...(Shape)) {
+        std::size_t size = 1;
+        for (std::size_t i = 0; i < ndim_; ++i) size *= shape_[i];
+        data_ = new Value[std::max<std::size_t>(size, 1)];
+        owner_ = nb::capsule(data_, [](void *p) noexcept { delete[] static_cast<Value *>(p); });
+    }
+
+    Value *values() { return data_; }
+    Vec *vectors() { return reinterpret_cast<Vec *>(data_); }
+    nb::object array() { return nb::cast(nb::ndarray<nb::numpy, Value>(data_, ndim_, shape_, owner_)); }
+
+  private:
+    std::size_t shape_[4] = {}, ndim_;
+    Value *data_;
+    nb::capsule owner_;
+};
+
+template <typename Value, typename... Shape> nb::object copied(const Value *values, Shape... shape) {
+    Output<Value> out(shape...);
+    std::copy(values, values + (static_cast<std::size_t>(shape) * ...), out.values());
+    return out.array();
+}
+template <typename Value> nb::object copied(const std::vector<Value> &values) { return copied(values.data(), values.size()); }
+
+// Makes named tuples of one class of grasptrack.kernels.results: as quick as plain ones.
+class Record {
+  public:
+    explicit Record(const char *name)
+        : type_(nb::module_::import_("grasptrack.kernels.results").attr(name).inc_ref().ptr()),
+          allocate_(reinterpret_cast<allocfunc>(PyType_GetSlot(reinterpret_cast<PyTypeObject *>(type_), Py_tp_alloc))) {}
+
+    template <typename... Values> nb::object operator()(Values &&...values) const {
+        nb::object out = nb::steal(allocate_(reinterpret_cast<PyTypeObject *>(type_), sizeof...(Values)));
+        if (!out.is_valid()) nb::raise_python_error();
+        Py_ssize_t i = 0;
+        (PyTuple_SetItem(out.ptr(), i++, nb::cast(std::forward<Values>(values)).release().ptr()), ...);
+        return out;
+    }
+
+  private:
+    PyObject *type_;
+    allocfunc allocate_;
 };
 
 }  // namespace grasptrack

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from grasptrack.bench.physics import frames
 from grasptrack.bench.physics.world import World
 from grasptrack.geometry.homographies import rotation_about_z
-from grasptrack.kernels.reference_rigid import rotation_vector
+from grasptrack.servo.camera import rotation_vector
 from grasptrack.typing import Floats
 
 ABOVE = 0.05

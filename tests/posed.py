@@ -12,11 +12,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from compiled import native
 from grasptrack.kernels import reference
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.typing import Floats
-
-native = pytest.importorskip("grasptrack._native")
 
 Grey = NDArray[np.uint8]
 

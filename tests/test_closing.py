@@ -243,7 +243,7 @@ def test_what_cannot_be_told() -> None:
 
 def test_contacts_are_judged_where_they_lay_in_the_first_view() -> None:
     view, grasp, regions = chosen("gasket", 2)
-    width, C = 0.1 * math.sqrt(kernels.inertia(view.points, view.offsets)[0]), np.array([np.eye(2)] * 2)
+    width, C = 0.1 * math.sqrt(kernels.polygon_moments(view.points, view.offsets).area), np.array([np.eye(2)] * 2)
     check = ClosureCheck(grasp, view, FRICTION, width)
     there = apply_homography(TILTED, grasp.contacts)
     judged = check.judge(there, FRICTION, TILTED, TILTED, C)

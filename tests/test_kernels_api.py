@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The names under `grasptrack`, and what importing it costs."""
 
+import inspect
+import re
 import subprocess
 import sys
 
@@ -41,3 +43,11 @@ def test_each_kernel_has_its_reference():
     names = set(kernels.__all__) - {"BACKEND"}
     assert names == set(reference.__all__)
     assert all(callable(getattr(kernels, name)) for name in names)
+
+
+def test_compiled_kernels_take_the_arguments_of_their_definitions(native):
+    assert {name for name in dir(native) if not name.startswith("_")} == set(reference.__all__)
+    for name in set(reference.__all__) - {"PoseTarget"}:
+        wanted = list(inspect.signature(getattr(reference, name)).parameters)
+        for signature, *_ in getattr(native, name).__nb_signature__:
+            assert re.findall(r"(?:\(|, )(\w+): ", signature) == wanted, signature

@@ -25,7 +25,7 @@ def test_no_bias(sigma, contrast):
     for angle in np.radians([0, 7.5, 26.565, 33, 45, 61, 90, 118, 135, 180, 222, 270, 315]):
         for offset in np.arange(8) / 8:
             image, p, n = step(angle, offset, sigma, contrast)
-            found = kernels.edge_search(image, p + SHIFTS[:, None] * n, np.tile(n, (len(SHIFTS), 1)), 4.0, 1)
+            found = kernels.search_along_normals(image, p + SHIFTS[:, None] * n, np.tile(n, (len(SHIFTS), 1)), 4.0, 1)
             errors.append(found[:, 0] + SHIFTS)
     # Rounding to 8 bit alone accounts for most of the largest error; the mean is the bias.
     assert np.abs(errors).max() < 0.025
@@ -36,22 +36,24 @@ def test_no_bias(sigma, contrast):
 def test_polarity_strength_and_levels():
     image, p, n = step(0.6, 0.3, 1.0, 120.0)
     points, normals = p[None], n[None]
-    offset, strength, inside, outside = kernels.edge_search(image, points, normals, 6.0, 1)[0]
+    offset, strength, inside, outside = kernels.search_along_normals(image, points, normals, 6.0, 1)[0]
     assert abs(offset) < 0.02 and abs(inside - 60) < 8 and abs(outside - 180) < 8
     assert strength == pytest.approx(120 / np.sqrt(2 * np.pi), rel=0.15)
-    mirrored = kernels.edge_search(image, points, -normals, 6.0, -1)[0]
+    mirrored = kernels.search_along_normals(image, points, -normals, 6.0, -1)[0]
     np.testing.assert_allclose(mirrored, [-offset, -strength, outside, inside], atol=1e-9)
-    either = kernels.edge_search(image.astype(np.float32), points, normals, 6.0, 0)[0]
+    either = kernels.search_along_normals(image.astype(np.float32), points, normals, 6.0, 0)[0]
     np.testing.assert_allclose(either, [offset, strength, inside, outside], atol=1e-9)
-    assert np.isnan(kernels.edge_search(image, points, normals, 6.0, -1)[0, 0])
+    assert np.isnan(kernels.search_along_normals(image, points, normals, 6.0, -1)[0, 0])
 
 
 def test_what_is_no_edge():
     image, p, n = step(0.0, 0.0, 1.0, 120.0)
     normals = n[None]
-    assert np.isnan(kernels.edge_search(np.full_like(image, 9), p[None], normals, 6.0, 0)[0, 0])
-    assert np.isnan(kernels.edge_search(image, p[None] + 3.0 * n, normals, 3.0, 1)[0, 0])  # its peak is at the end
-    assert np.isnan(kernels.edge_search(image, np.array([[-3.0, 5.0]]), normals, 4.0, 0)[0, 0])  # outside
+    assert np.isnan(kernels.search_along_normals(np.full_like(image, 9), p[None], normals, 6.0, 0)[0, 0])
+    assert np.isnan(
+        kernels.search_along_normals(image, p[None] + 3.0 * n, normals, 3.0, 1)[0, 0]
+    )  # its peak is at the end
+    assert np.isnan(kernels.search_along_normals(image, np.array([[-3.0, 5.0]]), normals, 4.0, 0)[0, 0])  # outside
     np.testing.assert_array_equal(
-        kernels.edge_search(image, np.array([[-30.0, 5.0]]), normals, 4.0, 0), [[np.nan, 0, np.nan, np.nan]]
+        kernels.search_along_normals(image, np.array([[-30.0, 5.0]]), normals, 4.0, 0), [[np.nan, 0, np.nan, np.nan]]
     )

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from compiled import native
 from grasptrack.kernels import reference
-
-native = pytest.importorskip("grasptrack._native")
 
 
 @st.composite
@@ -30,7 +29,8 @@ def outlines(draw):
 
 def same(name, *args, atol=1e-9):
     got, wanted = getattr(native, name)(*args), getattr(reference, name)(*args)
-    np.testing.assert_allclose(np.array(got), np.array(wanted), rtol=1e-9, atol=atol)
+    for one, other in zip(got, wanted, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=atol)
 
 
 @settings(max_examples=40, deadline=None)
@@ -41,7 +41,8 @@ def test_curve_kernels(outline):
     length = reference.arc_length(contour)[-1]
     same("arc_length", contour)
     same("blend_normals", contour)
-    same("curvature", contour, float(rng.uniform(0.005, 0.25) * length), atol=1e-8)
+    for clipped in (None, rng.random(len(contour)) < 0.05):
+        same("curvature_vector", contour, clipped, float(rng.uniform(0.005, 0.25)), atol=1e-8 * length)
     for smooth in (0.0, float(rng.uniform(0.01, 1.0) * length)):
         same("resample", contour, int(rng.integers(1, 100)), smooth)
 
@@ -51,19 +52,15 @@ def test_curve_kernels(outline):
 def test_outline_kernels(outline):
     points, offsets, rng = outline
     middle = points.mean(axis=0)
-    same("inertia", points, offsets)
+    same("polygon_moments", points, offsets)
     places = np.array([[c, rng.uniform(0, offsets[c + 1] - offsets[c])] for c in (0, 1, 0)])
     same("point_at", points, offsets, places)
-    same("locate", points, offsets, middle + rng.uniform(-120, 120, (5, 2)))
-    same("locate", points, offsets, points[rng.integers(0, len(points), 3)])
+    same("project_to_contour", points, offsets, middle + rng.uniform(-120, 120, (5, 2)))
+    same("project_to_contour", points, offsets, points[rng.integers(0, len(points), 3)])
     same("fixed_places", points, offsets, middle + rng.uniform(-120, 120, (2, 2)))
     same("carry_places", places, offsets, points, offsets.copy())
     for width in (3.0, 40.0, 400.0):
         same("contact_frames", points, offsets, places, width)
-    turn = rng.uniform(0, 2 * np.pi)
-    line = (*(middle + rng.uniform(-40, 40, 2)).tolist(), np.cos(turn), np.sin(turn))
-    same("crossings", points, offsets, *line)
-    same("nearest_crossings", points, offsets, *line, -60.0, 70.0)
 
 
 @settings(max_examples=40, deadline=None)
@@ -73,8 +70,9 @@ def test_grasp_line_kernels(first, second):
     at = rng.choice(offsets[1] - 1, 2, replace=False)  # on sides: a line through a vertex may touch or cross
     contacts = points[at] + 0.4 * (points[at + 1] - points[at])
     wanted = reference.grasp_line(points, offsets, contacts)
-    same("grasp_line", points, offsets, contacts)
-    line, frame = wanted[:4], wanted[4:12]
+    for found, expected in zip(native.grasp_line(points, offsets, contacts), wanted, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    line, frame = wanted[:4], (*wanted.skewness, wanted.area, *wanted.centroid, wanted.angle)
     for ahead, least in (((0.0, 0.0), 0.0), ((0.0, 0.0), 1.0), ((0.3, -2.0), 0.0)):
         for current in (first, second):
             arguments = current[0], current[1], line, frame, ahead, least
@@ -93,7 +91,11 @@ def test_grasp_kernels(seed, k):
     contacts = rng.uniform(-1, 1, (k, 2))
     # The bisection's own width is 1e-9 rad.
     same("force_closure", contacts, normals, 0.1, -0.2, 0.7, float(rng.uniform(0, 2)), atol=3e-9)
-    same("homography_4", rng.uniform(0, 640, (4, 2)), rng.uniform(0, 640, (4, 2)), atol=1e-7)
+    four = list(range(4))
+    views = rng.uniform(0, 640, (4, 2)), four, rng.uniform(0, 640, (4, 2)), four
+    np.testing.assert_allclose(
+        native.fit_homography(*views).H, reference.fit_homography(*views).H, rtol=1e-9, atol=1e-7
+    )
 
 
 @settings(max_examples=25, deadline=None)
@@ -103,22 +105,22 @@ def test_edge_search(seed, kind, polarity):
     image = rng.integers(0, 255, (30, 40)).astype(kind)
     angle = rng.uniform(0, 2 * np.pi, 12)
     points = np.column_stack([rng.uniform(-3, 42, 12), rng.uniform(-3, 32, 12)])
-    same("edge_search", image, points, np.column_stack([np.cos(angle), np.sin(angle)]), 4.3, polarity)
+    same("search_along_normals", image, points, np.column_stack([np.cos(angle), np.sin(angle)]), 4.3, polarity)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (2, 2)])
 def test_edge_search_on_the_smallest_images(shape):
     image = np.arange(shape[0] * shape[1], dtype=np.uint8).reshape(shape)
     points = np.zeros((2, 2))
-    same("edge_search", image, points, np.array([[1.0, 0.0], [0.0, 1.0]]), 6.0, 0)
+    same("search_along_normals", image, points, np.array([[1.0, 0.0], [0.0, 1.0]]), 6.0, 0)
 
 
 def test_both_refuse_the_same():
     points, offsets = np.array([[0.0, 0], [4, 0], [4, 2], [0, 2]]), np.array([0, 4])
     row, square = np.array([[0.0, 0], [1, 0], [2, 0], [0, 1]]), points
     bad = [
-        ("curvature", points, 0.0),
-        ("curvature", points, 3.01),
+        ("curvature_vector", points, None, 0.0),
+        ("curvature_vector", points, None, 0.26),
         ("resample", points, 0, 0.0),
         ("resample", points, 4, 12.1),
         ("point_at", points, offsets, np.array([[1.0, 0.0]])),
@@ -128,14 +130,15 @@ def test_both_refuse_the_same():
         ("carry_places", np.zeros((1, 2)), offsets, points, np.array([0, 5])),
         ("grasp_line", points, offsets, points[:3]),
         ("contact_frames", points, offsets, np.array([[0.0, 0.0]]), 0.0),
-        ("homography_4", row, square),
-        ("homography_4", square, row),
-        ("homography_4", np.zeros((4, 2)), square),
+        ("fit_homography", row, [0, 1, 2, 3], square, [0, 1, 2, 3]),
+        ("fit_homography", square, [0, 1, 2, 3], row, [0, 1, 2, 3]),
+        ("fit_homography", np.zeros((4, 2)), [0, 1, 2, 3], square, [0, 1, 2, 3]),
+        ("fit_homography", square, [0, 1, 2, 4], square, [0, 1, 2, 3]),
         ("force_closure", points[:1], points[:1], 0.0, 0.0, 1.0, 0.5),
         ("force_closure", points[:2], points[:2], 0.0, 0.0, 0.0, 0.5),
         ("force_closure", points[:2], points[:2], 0.0, 0.0, 1.0, -0.5),
-        ("edge_search", np.zeros((5, 5), np.uint8), points, points, 0.0, 0),
-        ("edge_search", np.zeros((5, 5), np.uint8), points, points[:2], 4.0, 0),
+        ("search_along_normals", np.zeros((5, 5), np.uint8), points, points, 0.0, 0),
+        ("search_along_normals", np.zeros((5, 5), np.uint8), points, points[:2], 4.0, 0),
     ]
     for name, *args in bad:
         for module in (native, reference):
@@ -143,4 +146,4 @@ def test_both_refuse_the_same():
                 getattr(module, name)(*args)
     for offsets in ([0, 5], [1, 4], [0, 3, 2, 4], [0]):
         with pytest.raises(ValueError):
-            native.inertia(points, np.array(offsets))
+            native.polygon_moments(points, np.array(offsets))

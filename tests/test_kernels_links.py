@@ -14,7 +14,7 @@ RULES = (60.0, np.radians(25.0), np.radians(70.0))
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(8, 70), st.integers(8, 70), st.integers(0, 10_000), st.floats(0.02, 0.3))
-def test_native_equals_reference(height, width, seed, share):
+def test_native_equals_reference(native, height, width, seed, share):
     rng = np.random.default_rng(seed)
     edges = (rng.random((height, width)) < share * 0.3).astype(np.uint8)
     for _ in range(6):  # strokes, so that some edges have ends
@@ -23,7 +23,7 @@ def test_native_equals_reference(height, width, seed, share):
         for k in range(rng.integers(5, 40)):
             if 0 <= x + k * dx < width and 0 <= y + k * dy < height:
                 edges[y + k * dy, x + k * dx] = 255
-    np.testing.assert_array_equal(kernels.edge_links(edges, *RULES), reference.edge_links(edges, *RULES))
+    np.testing.assert_array_equal(native.edge_links(edges, *RULES), reference.edge_links(edges, *RULES))
 
 
 @pytest.mark.parametrize("gap", [3, 12, 40])

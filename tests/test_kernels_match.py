@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from compiled import native
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import reference
+from grasptrack.kernels.results import AlignmentSteps
 from outlines import blobs, dense, stars
-
-native = pytest.importorskip("grasptrack._native")
 
 BENDS = np.array([[0.0, 0.0], [0.1, 0.0], [-0.05, 0.08], [5.0, 0.0]])
 
@@ -58,7 +58,12 @@ def test_laying_is_alike(points, seed):
                        for _ in range(3)])  # fmt: skip
     starts = starts / starts[:, 8:]
     first, second = with_normals(points), with_normals(moved)
-    arguments = (starts, *first[:2], *second, np.array([40.0, 20.0]), np.array([1e-3, 1e-4]), np.array([2, 1]), 1.0)
+    arguments = (
+        starts,
+        *first[:2],
+        *second,
+        AlignmentSteps(np.array([40.0, 20.0]), np.array([1e-3, 1e-4]), np.array([2, 1]), 1.0),
+    )
     got, wanted = native.align_projective(*arguments), reference.align_projective(*arguments)
     np.testing.assert_allclose(got, wanted, rtol=1e-6, atol=1e-6)
 
@@ -82,8 +87,5 @@ def test_what_does_not_belong_together_is_refused(kernels):
             points,
             normals,
             offsets,
-            np.ones(1),
-            np.ones(1),
-            np.zeros(1, int),
-            1.0,
+            AlignmentSteps(np.ones(1), np.ones(1), np.zeros(1, int), 1.0),
         )

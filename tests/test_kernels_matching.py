@@ -6,18 +6,19 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from grasptrack import kernels
+from compiled import native as kernels
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import reference
+from grasptrack.kernels.reference.transfer import curvature_peaks
+from grasptrack.kernels.results import CurvatureVector, MatchWindow
 from outlines import blobs, frame_motions, stars
 
-pytestmark = pytest.mark.skipif(kernels.BACKEND != "native", reason="no compiled kernels here")
 FEW = settings(max_examples=40, deadline=None)
 
 
 def vectors(points):
     arc = reference.arc_length(points)
-    return reference.curvature(points, 0.012 * arc[-1]) * arc[-1], arc
+    return reference.curvature_vector(points, None, 0.012).curvature, arc
 
 
 @FEW
@@ -25,10 +26,9 @@ def vectors(points):
 def test_peaks(points, prominence):
     v, arc = vectors(points)
     v[5:9] = np.nan
-    found = kernels.curvature_peaks(v, arc, 0.03 * arc[-1], prominence)
-    assert found.tolist() == reference.curvature_peaks(v, arc, 0.03 * arc[-1], prominence).tolist()
-    assert found.dtype == np.int64
-    assert not set(found.tolist()) & set(range(4, 10))
+    found = kernels.select_points(points, arc, v, 0.03 * arc[-1], prominence)
+    assert found.peaks == reference.select_points(points, arc, v, 0.03 * arc[-1], prominence).peaks
+    assert not set(found.peaks) & set(range(4, 10))
 
 
 @FEW
@@ -37,8 +37,8 @@ def test_peaks_among_very_many_crests(points, seed, prominence):
     v, arc = vectors(points)
     v += np.random.default_rng(seed).normal(0.0, 0.5 * prominence, len(v))
     v[50] = np.nan
-    found = kernels.curvature_peaks(v, arc, 0.03 * arc[-1], prominence)
-    assert found.tolist() == reference.curvature_peaks(v, arc, 0.03 * arc[-1], prominence).tolist()
+    found = kernels.select_points(points, arc, v, 0.03 * arc[-1], prominence)
+    assert found.peaks == reference.select_points(points, arc, v, 0.03 * arc[-1], prominence).peaks
 
 
 @FEW
@@ -58,7 +58,7 @@ def test_curvature_vectors_and_the_points_selected_by_them(points, cut, clip):
             reference.select_points(*arguments),
         )
         assert peaks == same
-        assert sorted(peaks) == sorted(kernels.curvature_peaks(v, arc, 0.03 * arc[-1], prominence).tolist())
+        assert sorted(peaks) == sorted(curvature_peaks(v, arc, 0.03 * arc[-1], prominence).tolist())
         assert triangle == pytest.approx(wanted_triangle)
 
 
@@ -67,7 +67,7 @@ def test_curvature_vectors_and_the_points_selected_by_them(points, cut, clip):
 def test_homographies_of_samples_and_contacts_carried_by_them(points, H, samples):
     current, offsets = apply_homography(H, points), np.array([0, len(points)])
     arguments = points, samples, current, samples
-    assume(reference.best_quadrilateral(points[samples], np.ones(4))[4] > 100.0)
+    assume(reference.best_quadrilateral(points[samples], np.ones(4)).triangle > 100.0)
     wanted = reference.fit_homography(*arguments)
     assert wanted[1:] == pytest.approx(reference.distortion(wanted[0], points[samples]))
     assume(wanted[1] > 1e-3)
@@ -103,8 +103,8 @@ def test_quadrilateral(count, seed):
     rng = np.random.default_rng(seed)
     points, weights = rng.uniform(0, 100, (count, 2)), rng.uniform(1, 5, count)
     found, wanted = kernels.best_quadrilateral(points, weights), reference.best_quadrilateral(points, weights)
-    assert found[:4] == wanted[:4]
-    assert found[4] == pytest.approx(wanted[4])
+    assert found.corners == wanted.corners
+    assert found.triangle == pytest.approx(wanted.triangle)
 
 
 @FEW
@@ -127,10 +127,12 @@ def test_eq_3(points, H, start, gap):
     peaks = np.argsort(-np.abs(v1))[:4].astype(np.int64)
     kappa = arc2[-1] / arc1[-1]
     centres = kappa * arc1[peaks] + 3.0
-    arguments = (v1, arc1, peaks.tolist(), v2, arc2, centres.tolist(), kappa, 0.04 * arc1[-1], 12, 0.0025 * arc1[-1])
-    strict, same = kernels.match_curvature(*arguments, 0.2), reference.match_curvature(*arguments, 0.2)
+    arguments = CurvatureVector(arc1, v1), peaks.tolist(), CurvatureVector(arc2, v2), centres.tolist()
+    window = MatchWindow(kappa, 0.04 * arc1[-1], 12, 0.0025 * arc1[-1], 0.2)
+    strict, same = kernels.match_curvature(*arguments, window), reference.match_curvature(*arguments, window)
     assert [j < 0 for j in strict[0]] == [j < 0 for j in same[0]]
-    found, wanted = kernels.match_curvature(*arguments, 1e9), reference.match_curvature(*arguments, 1e9)
+    window = window._replace(tolerance=1e9)
+    found, wanted = kernels.match_curvature(*arguments, window), reference.match_curvature(*arguments, window)
     np.testing.assert_allclose(found[1], wanted[1], rtol=1e-9, atol=1e-9)
     # of samples that fit alike either may be taken; all must be samples
     samples = np.array(found[0])
@@ -142,7 +144,7 @@ def test_eq_3(points, H, start, gap):
 def test_bad_arguments():
     v, arc = np.ones(10), np.arange(10.0)
     with pytest.raises(ValueError, match="arc"):
-        kernels.curvature_peaks(v, arc, 1.0, 1.0)
+        kernels.select_points(np.zeros((10, 2)), arc, v, 1.0, 1.0)
     with pytest.raises(ValueError, match="weight"):
         kernels.best_quadrilateral(np.zeros((4, 2)), np.ones(3))
     with pytest.raises(ValueError, match="flag"):
@@ -157,18 +159,9 @@ def test_bad_arguments():
 
 @FEW
 @given(stars(count=60), frame_motions(), st.integers(0, 1000))
-def test_edges_settle_and_normals_are_carried(points, H, seed):
+def test_normals_are_carried(points, H, seed):
     rng = np.random.default_rng(seed)
     normals = kernels.blend_normals(points)
-    edges = np.column_stack([rng.normal(0, 1, len(points)), rng.normal(0, 9, (len(points), 3))])
-    edges[rng.random(len(points)) < 0.2] = np.nan
-    fixed = rng.random(len(points)) < 0.1
-    for found, wanted in zip(
-        kernels.settle_edges(points, normals, edges, fixed, 0.5, 1.0),
-        reference.settle_edges(points, normals, edges, fixed, 0.5, 1.0),
-        strict=True,
-    ):
-        np.testing.assert_allclose(found, wanted, atol=1e-12)
     found, wanted = kernels.carry_normals(H, points, normals), reference.carry_normals(H, points, normals)
     np.testing.assert_allclose(found, wanted, atol=1e-9)
     (moved, in_front), (at, least) = kernels.carry_points(H, points), reference.carry_points(H, points)

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack import kernels
+from compiled import native
 from grasptrack.kernels import reference
+from grasptrack.kernels.results import TraceOptions
 from outlines import stars
 
 
@@ -31,8 +32,8 @@ def test_native_equals_reference(points, seed, hole, polarity, cover):
     if cover:
         hidden = np.zeros_like(image)
         hidden[:150] = 255
-    arguments = (image, chain, hidden, hole, polarity, 1.0, 700, 4.0, 4.0, 1.5, 1.0)
-    found, wanted = kernels.trace_edges(*arguments), reference.trace_edges(*arguments)
+    arguments = image, chain, hidden, TraceOptions(hole, polarity, 1.0, 700, 4.0, 4.0, 1.5, 1.0)
+    found, wanted = native.trace_edges(*arguments), reference.trace_edges(*arguments)
     # of two slopes of 8 bit images that are equal, rounding decides which is the stronger
     apart = np.abs(found[0] - wanted[0]).max(axis=1) + np.abs(found[1] - wanted[1])
     assert (apart > 1e-6).mean() < 0.03
@@ -44,10 +45,17 @@ def test_native_equals_reference(points, seed, hole, polarity, cover):
     assert (area < 0) is hole
 
 
+HOW = TraceOptions(False, 1, 1.0, 100, 4.0, 4.0, 1.5, 1.0)
+
+
 def test_bad_arguments():
     image = np.zeros((50, 50), np.uint8)
     chain = np.array([[1, 1], [20, 1], [20, 20], [1, 20]], np.int32)
     with pytest.raises((ValueError, IndexError)):
-        kernels.trace_edges(image, chain[:2], None, False, 1, 1.0, 100, 4.0, 4.0, 1.5, 1.0)
+        native.trace_edges(image, chain[:2], None, HOW)
+    for how in (HOW._replace(spacing=0.0), HOW._replace(most=10**9), HOW._replace(reach=np.nan)):
+        for kernels in (native, reference):
+            with pytest.raises(ValueError):
+                kernels.trace_edges(image, chain, None, how)
     with pytest.raises((ValueError, IndexError)):
-        kernels.trace_edges(image, chain, image[:20].copy(), False, 1, 1.0, 100, 4.0, 4.0, 1.5, 1.0)
+        native.trace_edges(image, chain, image[:20].copy(), HOW)

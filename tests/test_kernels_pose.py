@@ -305,7 +305,7 @@ def test_both_refuse_the_same() -> None:
 
 
 def reference_names() -> tuple[str, ...]:
-    from grasptrack.kernels.reference_pose import NAMES
+    from grasptrack.kernels.reference.registration.pose import NAMES
 
     return NAMES
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasptrack.kernels.reference_pose_target import Target
+from grasptrack.kernels.reference.registration.target import Target
 from posed import (
     CENTRE,
     CONTACTS,

@@ -1,19 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The servo's kernels: compiled ones equal their definitions, and the laws of filter and search."""
+"""The laws of the servo's filter and search."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from grasptrack import kernels
-from grasptrack.kernels import reference
-from grasptrack.kernels.reference_sightings import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN, state_difference
 from grasptrack.servo.camera import apply_twist, pose_of, rotation_matrix
-
-native = pytest.importorskip("grasptrack._native")
+from grasptrack.servo.estimate import ROBUST, Search, Sightings, calibrate_batch, filter_sighting
+from grasptrack.servo.model import (
+    FOCAL,
+    OFFSET,
+    PLACE,
+    POSE,
+    SHAPE,
+    SPEED,
+    TURN,
+    advance_state,
+    expected_sightings,
+    retract_state,
+    state_difference,
+)
 
 DOWN = rotation_matrix((np.pi, 0.0, 0.0))
 FEW = settings(max_examples=40, deadline=None)
@@ -56,92 +67,49 @@ def noise_of(rng: np.random.Generator, *shape: int) -> np.ndarray:
 def story(rng: np.random.Generator, n: int, N: int, wrong: int = 0, exact: bool = False) -> tuple[np.ndarray, ...]:
     """What is known before, poses, times, what was seen, its noise, and the truth."""
     origin = state_of(rng, n)
-    truth = reference.retract_state(origin, deviations(n) * rng.normal(0.0, 0.5, SHAPE + 2 * n))
+    truth = retract_state(origin, deviations(n) * rng.normal(0.0, 0.5, SHAPE + 2 * n))
     hands, later, noise = hands_of(rng, N), np.sort(rng.uniform(0.0, 2.0, N)), noise_of(rng, N, n)
-    points = reference.expected_sightings(truth, hands, later)[0].reshape(N, n, 2)
+    points = expected_sightings(truth, hands, later)[0].reshape(N, n, 2)
     if not exact:
         points += (np.linalg.cholesky(noise) @ rng.normal(size=(N, n, 2, 1)))[..., 0]
     points[:wrong] += rng.uniform(-80.0, 80.0, (wrong, n, 2))
     return origin, np.diag(deviations(n) ** -2.0), hands, later, points, noise, truth
 
 
-# --- equal ------------------------------------------------------------------------------------------
-
-
-def same(name: str, *args: object, rtol: float = 1e-9, atol: float = 1e-9) -> None:
-    for got, wanted in zip(getattr(native, name)(*args), getattr(reference, name)(*args), strict=True):
-        np.testing.assert_allclose(got, wanted, rtol=rtol, atol=atol)
+# --- what is refused, and what is told of it ---------------------------------------------------------
 
 
 @FEW
 @given(**CASES)
-def test_what_is_expected(seed: int, n: int) -> None:
+def test_what_lies_behind_the_camera(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     state, hands = state_of(rng, n), hands_of(rng, 3)
     hands[0, :3, :3] = hands[0, :3, :3] @ DOWN  # looks away
-    pixels, _ = reference.expected_sightings(state, hands, rng.uniform(0.0, 1.0, 3))
+    pixels, _ = expected_sightings(state, hands, rng.uniform(0.0, 1.0, 3))
     assert np.isnan(pixels[:n]).all() and np.isfinite(pixels[n:]).all()
-    later = rng.uniform(0.0, 1.0, 3)
-    same("expected_sightings", state, hands, later, rtol=1e-8, atol=1e-7)
-    step = deviations(n) * rng.normal(size=SHAPE + 2 * n)
-    for size in (1.0, 1e-9, 20.0):
-        same("retract_state", state, size * step)
-
-
-@FEW
-@given(**CASES)
-def test_filters(seed: int, n: int) -> None:
-    rng = np.random.default_rng(seed)
     origin, known, hands, _, points, noise, _ = story(rng, n, 1)
-    arguments = origin, np.linalg.inv(known), hands[0], points[0], noise[0], 3.0
-    same("filter_sighting", *arguments, rtol=1e-6, atol=1e-9)
-    same("advance_state", *arguments[:2], *rng.uniform(0.0, 1.0, 4))
-    away = hands[0] @ pose_of(DOWN, (0.0, 0.0, 0.0))
-    for module in (native, reference):
-        state, covariance, _, size = module.filter_sighting(origin, arguments[1], away, *arguments[3:])
-        assert size == np.inf and (state == origin).all() and (covariance == arguments[1]).all()
+    covariance, away = np.linalg.inv(known), hands[0] @ pose_of(DOWN, (0.0, 0.0, 0.0))
+    after, left, _, size = filter_sighting(origin, covariance, away, points[0], noise[0], ROBUST)
+    assert size == np.inf and (after == origin).all() and (left == covariance).all()
 
 
-@FEW
-@given(**CASES, steps=st.integers(0, 4), wrong=st.integers(0, 4), behind=st.booleans())
-def test_searches(seed: int, n: int, steps: int, wrong: int, behind: bool) -> None:
-    rng = np.random.default_rng(seed)
-    origin, known, hands, later, points, noise, _ = story(rng, n, 12, wrong)
-    if behind:
-        hands[3] = hands[3] @ pose_of(DOWN, (0.0, 0.0, 0.0))
-    arguments = known, hands, later, points, noise, origin, 1e-3, steps, 3.0, 1e-2, 1e6
-    found, wanted = native.calibrate_batch(origin, *arguments), reference.calibrate_batch(origin, *arguments)
-    deviation = np.sqrt(np.diag(wanted[1]))
-    assert (np.abs(state_difference(wanted[0], found[0])) < 1e-5 * deviation).all()
-    np.testing.assert_allclose(
-        found[1] / np.outer(deviation, deviation), wanted[1] / np.outer(deviation, deviation), atol=1e-5
-    )
-    assert found[2:4] == pytest.approx(wanted[2:4]) and found[4] == pytest.approx(wanted[4], rel=1e-6)
-
-
-def test_both_refuse_the_same() -> None:
+def test_sizes_that_are_none_are_refused() -> None:
     rng = np.random.default_rng(0)
     origin, known, hands, later, points, noise, _ = story(rng, 2, 3)
-    fine = origin, known, hands, later, points, noise, origin, 1e-3, 2, 3.0, 1e-2, 1e6
-    bad = [("retract_state", origin, np.zeros(5)), ("retract_state", origin[:-1], np.zeros(20))]
-    bad += [("expected_sightings", origin, hands[:0], later[:0]), ("expected_sightings", origin, hands, later[:2])]
-    bad += [("advance_state", origin, known[1:], 0.1, 0.0, 0.0, 0.0)]
+    seen, search = Sightings(hands, later, points, noise), Search(origin)
+    bad = [(retract_state, origin, np.zeros(5)), (retract_state, origin[:-1], np.zeros(20))]
+    bad += [(expected_sightings, origin, hands[:0], later[:0]), (expected_sightings, origin, hands, later[:2])]
+    bad += [(advance_state, origin, known[1:], 0.1, 0.0, 0.0, 0.0)]
     one = origin, known, hands[0], points[0], noise[0], 3.0
     for at, value in ((0, origin[:39]), (1, known[:5, :5]), (2, np.eye(3)), (3, points[0, :1]), (4, noise[0, :1])):
-        bad.append(("filter_sighting", *one[:at], value, *one[at + 1 :]))
-    for at, value in (
-        (1, known[:-1, :-1]),
-        (2, hands[:2]),
-        (3, later[:2]),
-        (4, points[:2]),
-        (5, -noise),
-        (6, origin[:-2]),
-    ):
-        bad.append(("calibrate_batch", *fine[:at], value, *fine[at + 1 :]))
-    for name, *arguments in bad:
-        for module in (native, reference):
-            with pytest.raises(ValueError):
-                getattr(module, name)(*arguments)
+        bad.append((filter_sighting, *one[:at], value, *one[at + 1 :]))
+    wrong = {"hands": hands[:2], "later": later[:2], "points": points[:2], "noise": -noise}
+    bad += [(calibrate_batch, origin, known, seen._replace(**{k: v}), search, 2) for k, v in wrong.items()]
+    bad += [(calibrate_batch, origin, known[:-1, :-1], seen, search, 2)]
+    bad += [(calibrate_batch, origin, known, seen, Search(origin[:-2]), 2)]
+    for function, *arguments in bad:
+        with pytest.raises(ValueError):
+            function(*arguments)
 
 
 # --- laws -------------------------------------------------------------------------------------------
@@ -152,7 +120,7 @@ def test_both_refuse_the_same() -> None:
 def test_a_step_and_the_difference_undo_each_other(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     state, step = state_of(rng, n), deviations(n) * rng.normal(size=SHAPE + 2 * n)
-    assert np.abs(state_difference(state, kernels.retract_state(state, step)) - step).max() < 1e-9
+    assert np.abs(state_difference(state, retract_state(state, step)) - step).max() < 1e-9
 
 
 @FEW
@@ -162,15 +130,15 @@ def test_what_goes_on_twice_goes_on_once(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     state, first, second, rates = state_of(rng, n), *rng.uniform(0.01, 0.5, 2), rng.uniform(0.0, 1.0, 3)
     covariance = np.diag(deviations(n) ** 2)
-    once = kernels.advance_state(state, covariance, first + second, *rates)
-    twice = kernels.advance_state(*kernels.advance_state(state, covariance, first, *rates), second, *rates)
+    once = advance_state(state, covariance, first + second, *rates)
+    twice = advance_state(*advance_state(state, covariance, first, *rates), second, *rates)
     for a, b in zip(once, twice, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
     hands = hands_of(rng, 1)
-    later, _ = kernels.expected_sightings(state, hands, np.array([first + second]))
-    moved_on, _ = kernels.expected_sightings(once[0], hands, np.zeros(1))
+    later, _ = expected_sightings(state, hands, np.array([first + second]))
+    moved_on, _ = expected_sightings(once[0], hands, np.zeros(1))
     np.testing.assert_allclose(later, moved_on, atol=1e-8)
-    unknown = np.linalg.eigvalsh(once[1] - kernels.advance_state(state, covariance, first + second, 0.0, 0.0, 0.0)[1])
+    unknown = np.linalg.eigvalsh(once[1] - advance_state(state, covariance, first + second, 0.0, 0.0, 0.0)[1])
     assert unknown.min() > -1e-12
 
 
@@ -180,10 +148,8 @@ def test_what_a_filter_learns_adds_up(seed: int, n: int) -> None:
     """Without doubt in outliers the inverse of the covariance grows by H'R^-1 H, and the state by what that makes likeliest."""
     rng = np.random.default_rng(seed)
     origin, known, hands, _, points, noise, _ = story(rng, n, 1)
-    _, H = kernels.expected_sightings(origin, hands, np.zeros(1))
-    state, covariance, off, _ = kernels.filter_sighting(
-        origin, np.linalg.inv(known), hands[0], points[0], noise[0], 1e9
-    )
+    _, H = expected_sightings(origin, hands, np.zeros(1))
+    state, covariance, off, _ = filter_sighting(origin, np.linalg.inv(known), hands[0], points[0], noise[0], 1e9)
     white = np.linalg.inv(noise[0])
     weighed = np.concatenate([white[i] @ H[2 * i : 2 * i + 2] for i in range(n)])
     information = known + weighed.T @ H
@@ -200,12 +166,11 @@ def test_what_a_filter_learns_adds_up(seed: int, n: int) -> None:
 def test_a_search_explains_what_was_seen_although_some_is_wrong(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     origin, known, hands, later, points, noise, _ = story(rng, n, 40, wrong=8, exact=True)
-    state, damping = origin, 1e-3
+    found = Search(origin)
     for _ in range(10):  # one call may end where the scale was still another; the next goes on
-        state, _, damping, *_ = kernels.calibrate_batch(
-            origin, known, hands, later, points, noise, state, min(damping, 1.0), 20, 3.0, 1e-6, 1e6
-        )
-    pixels = kernels.expected_sightings(state, hands, later)[0].reshape(points.shape)
+        found = replace(found, damping=min(found.damping, 1.0))
+        found, _ = calibrate_batch(origin, known, Sightings(hands, later, points, noise), found, 20)
+    pixels = expected_sightings(found.state, hands, later)[0].reshape(points.shape)
     assert np.abs(pixels - points)[8:].max() < 0.3
 
 
@@ -214,14 +179,12 @@ def test_a_search_explains_what_was_seen_although_some_is_wrong(seed: int, n: in
 def test_a_search_that_goes_on_ends_where_a_long_one_does(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     origin, known, hands, later, points, noise, _ = story(rng, n, 20)
-    given_ = origin, known, hands, later, points, noise
     ends = []
     for calls, steps in ((6, 20), (60, 2)):
-        state, damping, covariance = origin, 1e-3, known
+        found, covariance = Search(origin), known
         for _ in range(calls):
-            state, covariance, damping, *_ = kernels.calibrate_batch(
-                *given_, state, min(damping, 1.0), steps, 3.0, 1e-6, 1e6
-            )
-        ends.append((state, np.sqrt(np.diag(covariance))))
+            found = replace(found, damping=min(found.damping, 1.0))
+            found, covariance = calibrate_batch(origin, known, Sightings(hands, later, points, noise), found, steps)
+        ends.append((found.state, np.sqrt(np.diag(covariance))))
     (first, deviation), (second, _) = ends
     assert (np.abs(state_difference(first, second)) < 0.1 * deviation).all()

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from compiled import native
 from grasptrack import kernels
 from grasptrack.kernels import reference
-from grasptrack.kernels.reference_triples import LEAST_EPSILON
-
-native = pytest.importorskip("grasptrack._native")
+from grasptrack.kernels.reference.grasp import LEAST_EPSILON
+from grasptrack.kernels.results import RankedCandidates, RankingLimits, WrenchSpace
 
 FEW = settings(max_examples=20, deadline=None)
 
@@ -127,11 +127,12 @@ def test_ranking_is_exact_and_distinct(outline, friction, fingers, gap, top):
         grasps, _, strength = native.closing_triples(points[some], normals[some], 0.0, 0.0, 50.0, friction)
         grasps = some[grasps]
     bound = rng.uniform(0, 1, len(grasps))
-    given_ = (points, normals, usable, starts, steps, grasps, strength, bound, friction, 0.0, 0.0, 50.0, 20.0)
-    chosen, quality, regions = both("rank_grasps", *given_, gap, top)
+    given_ = RankedCandidates(points, normals, usable, starts, steps), grasps, strength, bound
+    given_ += (WrenchSpace(friction, 0.0, 0.0, 50.0),)
+    chosen, quality, regions = both("rank_grasps", *given_, RankingLimits(20.0, gap, top))
     assert (np.diff(quality) <= 0).all() and len(chosen) <= top
     assert (regions > 0).all() and (regions <= 20.0).all()
-    everything, exact, _ = native.rank_grasps(*given_, 0.0, len(grasps))
+    everything, exact, _ = native.rank_grasps(*given_, RankingLimits(20.0, 0.0, len(grasps)))
     assert sorted(everything) == list(range(len(grasps)))
     np.testing.assert_allclose(
         quality, [dict(zip(everything.tolist(), exact, strict=True))[i] for i in chosen.tolist()]
@@ -154,7 +155,8 @@ def test_both_refuse_the_same():
     points, normals, flags = SQUARE, np.tile([0.0, 1.0], (4, 1)), np.ones(4, dtype=bool)
     starts, steps, pair = np.array([0, 4]), np.array([100.0]), np.array([[0, 2]])
     one = np.array([0.1])
-    ranking = (points, normals, flags, starts, steps, pair, one, one, 0.5, 0.0, 0.0, 50.0, 10.0, 5.0, 5)
+    places = RankedCandidates(points, normals, flags, starts, steps)
+    rest = pair, one, one, WrenchSpace(0.5, 0.0, 0.0, 50.0), RankingLimits(10.0, 5.0, 5)
     wrong = [
         ("opposed_pairs", (points, normals[:3], one, 1, 0.5)),
         ("opposed_pairs", (points, normals, np.ones(4), 3, 0.5)),
@@ -164,12 +166,12 @@ def test_both_refuse_the_same():
         ("finger_clearance", (points, starts, points, normals[:3], None, 1.0, 1.0, 1.0)),
         ("finger_clearance", (points, starts, points, normals, None, 0.0, 1.0, 1.0)),
         ("finger_clearance", (points, starts, points, normals, np.full((4, 2), 7.0), 1.0, 1.0, 1.0)),
-        ("rank_grasps", (*ranking[:2], flags[:2], *ranking[3:])),
-        ("rank_grasps", (*ranking[:3], np.array([0, 3]), *ranking[4:])),
-        ("rank_grasps", (*ranking[:4], np.ones(2), *ranking[5:])),
-        ("rank_grasps", (*ranking[:5], np.array([[0, 9]]), *ranking[6:])),
-        ("rank_grasps", (*ranking[:5], np.array([[0, 1, 2, 3]]), *ranking[6:])),
-        ("rank_grasps", (*ranking[:12], 0.0, 5.0, 5)),
+        ("rank_grasps", (places._replace(usable=flags[:2]), *rest)),
+        ("rank_grasps", (places._replace(starts=np.array([0, 3])), *rest)),
+        ("rank_grasps", (places._replace(steps=np.ones(2)), *rest)),
+        ("rank_grasps", (places, np.array([[0, 9]]), *rest[1:])),
+        ("rank_grasps", (places, np.array([[0, 1, 2, 3]]), *rest[1:])),
+        ("rank_grasps", (places, *rest[:4], RankingLimits(0.0, 5.0, 5))),
     ]
     for name, args in wrong:
         for backend in (native, reference):

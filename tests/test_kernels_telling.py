@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasptrack.bench.simulation import DISTURBANCES, SHAPES
-from grasptrack.kernels.reference_pose_system import beyond_noise
+from grasptrack.kernels.reference.registration.system import beyond_noise
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
 from posed import FEW, SEEDS

@@ -12,13 +12,13 @@ from grasptrack.kernels import reference
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(3, 40), st.integers(3, 40), st.integers(0, 10_000), st.floats(-5, 260), st.sampled_from([1, -1]))
-def test_native_equals_reference(height, width, seed, level, polarity):
+def test_native_equals_reference(native, height, width, seed, level, polarity):
     rng = np.random.default_rng(seed)
     image = rng.integers(0, 256, (height, width), dtype=np.uint8)
     left, right = np.sort(rng.choice(width + 1, 2, replace=False)).tolist()
     top, bottom = np.sort(rng.choice(height + 1, 2, replace=False)).tolist()
     window = (left, top, right, bottom, level, polarity)
-    np.testing.assert_array_equal(kernels.blur_threshold(image, *window), reference.blur_threshold(image, *window))
+    np.testing.assert_array_equal(native.blur_threshold(image, *window), reference.blur_threshold(image, *window))
     other = kernels.blur_threshold(image, left, top, right, bottom, level, -polarity)
     np.testing.assert_array_equal(kernels.blur_threshold(image, *window), 255 - other)
 

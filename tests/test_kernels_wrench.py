@@ -82,8 +82,10 @@ def test_two_fingers_exactly():
     contacts = np.array([[-1.0, 0.0], [1.0, 0.3]])
     squeeze, spread = np.array([[1.0, 0], [-1, 0]]), np.array([[-1.0, 0], [1, 0]])
     for normals in (squeeze, spread):
-        assert kernels.force_closure(contacts, normals, 0, 0, 1, 0.5)[1] == pytest.approx(math.atan2(0.3, 2.0))
+        assert kernels.force_closure(contacts, normals, 0, 0, 1, 0.5).friction_angle == pytest.approx(
+            math.atan2(0.3, 2.0)
+        )
     same_way = np.array([[1.0, 0], [1.0, 0]])
     epsilon, angle = kernels.force_closure(contacts, same_way, 0, 0, 1, 0.5)
     assert angle == math.pi / 2 and epsilon <= 0
-    assert kernels.force_closure(contacts, squeeze, 0, 0, 1, 0.0)[0] == 0.0
+    assert kernels.force_closure(contacts, squeeze, 0, 0, 1, 0.0).epsilon == 0.0

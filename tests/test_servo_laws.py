@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import grasptrack as gt
-from grasptrack import kernels
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.servo.camera import (
     HandCamera,
@@ -29,6 +28,7 @@ from grasptrack.servo.closing import CloseGate
 from grasptrack.servo.estimate import SHAPE, Estimate, Placed, pack_state, unpack_state
 from grasptrack.servo.features import Features, rms_diameter, wrap_angle
 from grasptrack.servo.law import Approach, compute_aim, twist_for
+from grasptrack.servo.model import expected_sightings, retract_state
 from grasptrack.servo.observation import FLOOR, MOST, Observation, Poses, ResultObserver
 from servo_bench import Bench
 
@@ -131,15 +131,13 @@ def test_derivatives_by_all_that_is_unknown(seed: int) -> None:
     hands = np.array([apply_twist(hand, rng.normal(0.0, 0.1, 6), 0.3) for _ in range(2)])
     later = np.array([0.0, 0.4])
     state = pack_state(cam, object_)
-    _, found = kernels.expected_sightings(state, hands, later)
+    _, found = expected_sightings(state, hands, later)
     found = found.reshape(2 * n, 2, -1)
     step = 1e-6
     for i in range(SHAPE + 2 * n):
         d = np.zeros(SHAPE + 2 * n)
         d[i] = step
-        up, down = (
-            kernels.expected_sightings(kernels.retract_state(state, s * d), hands, later)[0] for s in (1.0, -1.0)
-        )
+        up, down = (expected_sightings(retract_state(state, s * d), hands, later)[0] for s in (1.0, -1.0))
         assert np.abs(found[..., i] - (up - down) / (2.0 * step)).max() < 1e-4 * (1.0 + np.abs(found[..., i]).max())
 
 
@@ -155,7 +153,7 @@ def test_a_state_keeps_camera_and_object(seed: int) -> None:
         rng.uniform(-0.03, 0.03, (n, 2)), turn, place, rng.normal(0.0, 0.1, 3), rotation_matrix(rng.normal(size=3))
     )
     state = pack_state(cam, object_)
-    pixels, _ = kernels.expected_sightings(state, hand[None], np.array([0.2]))
+    pixels, _ = expected_sightings(state, hand[None], np.array([0.2]))
     in_hand = (object_.later(0.2).in_base() - hand[:3, 3]) @ hand[:3, :3]
     np.testing.assert_allclose(pixels, cam.project(in_hand), atol=1e-6)
     assert (pack_state(*unpack_state(state)) == state).all()

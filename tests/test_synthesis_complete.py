@@ -30,7 +30,7 @@ def missing(view, friction, *, narrow=True):
     such pairs are not asked for as are stable only in a place narrower than a step of candidates: at a corner the normal
     may turn by 20 degrees in one step, a twentieth of a finger's width.
     """
-    area, *_ = kernels.inertia(view.points, view.offsets)
+    area, *_ = kernels.polygon_moments(view.points, view.offsets)
     size = math.sqrt(area)
     _, contacts, pairs, _ = every_stable_pair(view, 200, 0.1 * size, friction)
     stretch = sum(c.length for c in view.contours) / GROUPS
@@ -71,7 +71,7 @@ def test_no_stable_pair_is_missing_on_silhouettes(friction):
 def test_what_the_hand_can_do_with_something_to_spare_is_not_refused(name, friction):
     """Fingers a little larger all round that fit, on an outline that is well within the limits: not lost."""
     view = as_view(SHAPES[name])
-    area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
+    area, cx, cy, *_ = kernels.polygon_moments(view.points, view.offsets)
     size = math.sqrt(area)
     places, contacts, pairs, sense = every_stable_pair(view, 200, 0.1 * size, friction)
     stretch = sum(c.length for c in view.contours) / GROUPS
@@ -112,7 +112,7 @@ def test_what_the_hand_can_do_with_something_to_spare_is_not_refused(name, frict
 
 def test_more_friction_and_more_opening_lose_nothing():
     view = as_view(SHAPES["notched"])
-    area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
+    area, cx, cy, *_ = kernels.polygon_moments(view.points, view.offsets)
     at = sample_candidates(view, area, np.array([cx, cy]), 0.1 * math.sqrt(area))
     before: set[tuple[int, int]] = set()
     for friction in FRICTIONS:

@@ -29,7 +29,7 @@ OUTLINES = st.one_of(
 @FEW
 @given(OUTLINES, st.sampled_from([2, 3]), st.floats(0.2, 1.0))
 def test_each_closes_by_a_linear_programme(outline, fingers, friction):
-    area, cx, cy, *_ = kernels.inertia(outline.points, outline.offsets)
+    area, cx, cy, *_ = kernels.polygon_moments(outline.points, outline.offsets)
     for grasp in synthesize(outline, fingers, friction, top=12):
         found = analyze(grasp, outline, friction)
         assert found.stable and found.margin == pytest.approx(grasp.margin, abs=1e-6)
@@ -44,7 +44,7 @@ def test_each_closes_by_a_linear_programme(outline, fingers, friction):
 def test_no_finger_stands_in_material_or_in_another(outline, fingers, seed):
     rng = np.random.default_rng(seed)
     view = as_view(outline)
-    size = math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+    size = math.sqrt(kernels.polygon_moments(view.points, view.offsets).area)
     width, depth = 0.1 * size, 0.13 * size
     for grasp in synthesize(outline, fingers, top=10):
         for contact, direction, corners in zip(grasp.contacts, grasp.directions, grasp.swept, strict=True):
@@ -112,7 +112,7 @@ def test_a_moved_outline_has_the_moved_grasps(outline, S, fingers):
 def test_neighbours_only_remove(outline, fingers, seed):
     rng = np.random.default_rng(seed)
     points = outline.points
-    size = math.sqrt(kernels.inertia(points, outline.offsets)[0])
+    size = math.sqrt(kernels.polygon_moments(points, outline.offsets).area)
     beside = points[rng.integers(len(points))] + rng.normal(0, 0.2 * size, 2)
     neighbours = [Contour(circle(*beside, 0.15 * size, 12)), Contour(circle(*(points[0] + 9 * size), size, 8))]
     free = synthesize(outline, fingers, top=100_000)
@@ -184,7 +184,7 @@ def test_openings():
     assert wide and min(g.opening for g in wide) >= limit
     assert f"narrower than the least opening of {limit:.0f} px" in wide.refused
     three = synthesize(NOTCHED, 3, top=1000, hand=Hand(max_opening=Length(1.2, "size")))
-    size = math.sqrt(kernels.inertia(NOTCHED.points, NOTCHED.offsets)[0])
+    size = math.sqrt(kernels.polygon_moments(NOTCHED.points, NOTCHED.offsets).area)
     for grasp in three:
         assert np.hypot(*(grasp.contacts - grasp.contacts.mean(axis=0)).T).max() <= 0.6 * size + 1e-9
 

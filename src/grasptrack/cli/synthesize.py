@@ -136,7 +136,7 @@ def _plan_grasps(views: list[View], every: bool, fingers: int, friction: float, 
     for view in views if every else views[:1]:
         others = [other for other in views if other is not view]
         grasps = synthesize(view, fingers, friction, None, top, hand=hand, neighbours=others)
-        size = math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+        size = math.sqrt(kernels.polygon_moments(view.points, view.offsets).area)
         planned.append(Planned(view, others, hand.in_px(size), grasps))
     return planned
 

@@ -108,7 +108,7 @@ class ClosureCheck:
         self._view, self._contacts, self._friction = view, grasp.contacts, friction
         self._points, self._offsets = view.points, view.offsets
         self._built: float | None = None  # margin at which the regions were found
-        self._share = width / math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+        self._share = width / math.sqrt(kernels.polygon_moments(view.points, view.offsets).area)
         self._update_rectification(FRONTAL)
 
     def _update_rectification(self, plane: Rectifications) -> None:
@@ -116,7 +116,7 @@ class ClosureCheck:
         frontal = np.array_equal(plane.best, FRONTAL.best)
         view = self._view if frontal else self._view.transformed(plane.best)
         contacts = self._contacts if frontal else carried_points(plane.best, self._contacts)
-        width = self._share * math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+        width = self._share * math.sqrt(kernels.polygon_moments(view.points, view.offsets).area)
         self._plane, self._analyzer = plane, Analyzer(view, width, "plane")
         self._analysis = self._analyzer.analyze(contacts, self._friction)
         self._to_view = np.asarray(np.linalg.inv(plane.best), dtype=np.float64)
@@ -149,7 +149,7 @@ class ClosureCheck:
         most = 0.0
         for way in (-1.0, 1.0):
             beside = carried_points(self._plane.best, self._contacts + way * tangents)
-            places = kernels.locate(view.points, view.offsets, beside)
+            places = kernels.project_to_contour(view.points, view.offsets, beside)
             there = kernels.contact_frames(view.points, view.offsets, places, width)[:, :2]
             for i in range(len(contacts)):
                 changed = normals.copy()
@@ -170,9 +170,9 @@ class ClosureCheck:
 
     def in_image(self, contacts: Floats, carried: Floats) -> float:
         """Margin, rad, of contacts (k, 2) px in a view as it is, the outline carried there by H_current_reference (3, 3)."""
-        points = kernels.carry_points(carried, self._points)[0]
-        width = self._share * math.sqrt(kernels.inertia(points, self._offsets)[0])
-        places = kernels.locate(points, self._offsets, contacts)
+        points = kernels.carry_points(carried, self._points).points
+        width = self._share * math.sqrt(kernels.polygon_moments(points, self._offsets).area)
+        places = kernels.project_to_contour(points, self._offsets, contacts)
         frames = kernels.contact_frames(points, self._offsets, places, width)
         return self._closure_margin(contacts, np.ascontiguousarray(frames[:, :2]))
 
@@ -233,7 +233,7 @@ class ClosureCheck:
 
 def carried_points(H: Floats, points: Floats) -> Floats:
     """(k, 2) points under a homography (3, 3) that keeps them in front of the camera."""
-    return np.asarray(kernels.carry_points(H, np.ascontiguousarray(points))[0], dtype=np.float64)
+    return np.asarray(kernels.carry_points(H, np.ascontiguousarray(points)).points, dtype=np.float64)
 
 
 def chance_of_closing(

@@ -238,7 +238,7 @@ def regions_of(
     if len(grasp) == 2:
         ends = _of_pair(slips, friction)
     else:
-        _, cx, cy, *_ = kernels.inertia(outline.points, outline.offsets)
+        _, cx, cy, *_ = kernels.polygon_moments(outline.points, outline.offsets)
         edges = [s.edges(np.array([cx, cy]), analysis.rho, friction) for s in slips]
         ends = of_more(edges, [s.usable for s in slips])
     if ends is None:

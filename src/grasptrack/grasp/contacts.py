@@ -59,7 +59,7 @@ class Grasp:
 
     def on(self, outline: Outline) -> Floats:
         """(k, 3) where each contact lies on an outline: contour index, position (point index + fraction), distance px."""
-        return kernels.locate(outline.points, outline.offsets, self.contacts)
+        return kernels.project_to_contour(outline.points, outline.offsets, self.contacts)
 
     def snapped(self, outline: Outline) -> Grasp:
         """The same grasp with each contact moved to the nearest point of the outline."""

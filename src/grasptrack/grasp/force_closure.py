@@ -139,7 +139,7 @@ class Analyzer:
     ) -> None:
         check_width(finger_width)
         self._points, self._offsets, self._judged_in = outline.points, outline.offsets, judged_in
-        area, cx, cy, *_ = kernels.inertia(self._points, self._offsets)
+        area, cx, cy, *_ = kernels.polygon_moments(self._points, self._offsets)
         self._size, self._centroid = math.sqrt(area), (cx, cy)
         self._width = finger_width or FINGER_WIDTH * self._size
 
@@ -147,7 +147,7 @@ class Analyzer:
         """See the function `analyze`; contacts (k, 2) px."""
         check_friction(friction)
         (cx, cy), rho = self._centroid, 0.5 * self._size
-        places = kernels.locate(self._points, self._offsets, contacts)
+        places = kernels.project_to_contour(self._points, self._offsets, contacts)
         for i, (_, _, distance) in enumerate(places.tolist()):
             if distance > ON_OUTLINE * self._size:
                 raise GraspError(
@@ -205,7 +205,9 @@ def closes_after(outline: Outline, contacts: Floats, slips: Floats, friction: fl
     """
     n, k = slips.shape
     places = np.empty((n, k, 2))
-    for i, (contour, position, _) in enumerate(kernels.locate(outline.points, outline.offsets, contacts).tolist()):
+    for i, (contour, position, _) in enumerate(
+        kernels.project_to_contour(outline.points, outline.offsets, contacts).tolist()
+    ):
         line = outline.contours[int(contour)]
         s = line.arc_length
         here = np.interp(position, np.arange(len(s)), s)
@@ -216,12 +218,12 @@ def closes_after(outline: Outline, contacts: Floats, slips: Floats, friction: fl
 
 def closes_at(outline: Outline, points: Floats, friction: float) -> Bools:
     """(n,) whether contacts at the places of an outline that are nearest to points (n, k, 2) px close."""
-    places = kernels.locate(outline.points, outline.offsets, np.ascontiguousarray(points.reshape(-1, 2)))
+    places = kernels.project_to_contour(outline.points, outline.offsets, np.ascontiguousarray(points.reshape(-1, 2)))
     return _closes_at_places(outline, places, points.shape[1], friction)
 
 
 def _closes_at_places(outline: Outline, places: Floats, k: int, friction: float) -> Bools:
-    area, *centre = kernels.inertia(outline.points, outline.offsets)[:3]
+    area, *centre = kernels.polygon_moments(outline.points, outline.offsets)[:3]
     size = math.sqrt(area)
     contacts = kernels.point_at(outline.points, outline.offsets, places).reshape(-1, k, 2)
     frames = kernels.contact_frames(outline.points, outline.offsets, places, FINGER_WIDTH * size)

@@ -75,7 +75,7 @@ def _image_entry(name: str, shape: tuple[int, ...]) -> dict[str, Any]:
 
 
 def _object_entry(found: Planned, px_per_mm: float | None) -> dict[str, Any]:
-    area, x, y, *_ = kernels.inertia(found.outline.points, found.outline.offsets)
+    area, x, y, *_ = kernels.polygon_moments(found.outline.points, found.outline.offsets)
     return {
         "outline": _outline_points(found.outline),
         "area_px2": round(area, 3),

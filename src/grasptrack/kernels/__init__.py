@@ -2,179 +2,45 @@
 """The arithmetic of every frame: compiled where it could be compiled, NumPy elsewhere, of the same names.
 
 `BACKEND` is "native" or "numpy". GRASPTRACK_BACKEND=numpy in the environment asks for NumPy. What each kernel computes
-is said in `grasptrack.kernels.reference`.
+is said in `grasptrack.kernels.reference`, the `__all__` of whose modules is the one table of their names.
 """
+
+from __future__ import annotations
 
 import os
 import warnings
-from typing import Literal
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Literal
 
 BACKEND: Literal["native", "numpy"]
 
-try:
-    if os.environ.get("GRASPTRACK_BACKEND") == "numpy":
-        raise ImportError
-    # The compiled functions themselves, not wrappers: a call costs a third of a microsecond.
-    from grasptrack._native import (
-        PoseTarget,
-        advance_state,
-        align_outlines,
-        align_projective,
-        arc_length,
-        best_quadrilateral,
-        blend_normals,
-        blur_threshold,
-        calibrate_batch,
-        carry_grasp_line,
-        carry_normals,
-        carry_places,
-        carry_points,
-        closing_triples,
-        contact_frames,
-        crossings,
-        curvature,
-        curvature_peaks,
-        curvature_vector,
-        distortion,
-        edge_links,
-        edge_search,
-        expected_sightings,
-        filter_sighting,
-        finger_clearance,
-        fit_homography,
-        fixed_places,
-        force_closure,
-        grasp_line,
-        homography_4,
-        inertia,
-        initial_alignments,
-        locate,
-        match_curvature,
-        nearest_crossings,
-        opposed_pairs,
-        outline_gaps,
-        point_at,
-        rank_grasps,
-        refine_contacts,
-        resample,
-        retract_state,
-        seen_area,
-        select_points,
-        settle_edges,
-        strongest_edges,
-        surface_evidence,
-        trace_edges,
-    )
+if TYPE_CHECKING:
+    from grasptrack.kernels.reference import *  # noqa: F403
+else:
 
-    BACKEND = "native"
-except ImportError as error:
-    from grasptrack.kernels.reference import (
-        PoseTarget,
-        advance_state,
-        align_outlines,
-        align_projective,
-        arc_length,
-        best_quadrilateral,
-        blend_normals,
-        blur_threshold,
-        calibrate_batch,
-        carry_grasp_line,
-        carry_normals,
-        carry_places,
-        carry_points,
-        closing_triples,
-        contact_frames,
-        crossings,
-        curvature,
-        curvature_peaks,
-        curvature_vector,
-        distortion,
-        edge_links,
-        edge_search,
-        expected_sightings,
-        filter_sighting,
-        finger_clearance,
-        fit_homography,
-        fixed_places,
-        force_closure,
-        grasp_line,
-        homography_4,
-        inertia,
-        initial_alignments,
-        locate,
-        match_curvature,
-        nearest_crossings,
-        opposed_pairs,
-        outline_gaps,
-        point_at,
-        rank_grasps,
-        refine_contacts,
-        resample,
-        retract_state,
-        seen_area,
-        select_points,
-        settle_edges,
-        strongest_edges,
-        surface_evidence,
-        trace_edges,
-    )
+    def _load_kernels() -> ModuleType:
+        if os.environ.get("GRASPTRACK_BACKEND") != "numpy":
+            try:
+                return import_module("_grasptrack_native")
+            except ImportError as error:
+                warnings.warn(
+                    f"grasptrack runs without its compiled kernels ({error}): NumPy takes their place, many times slower. "
+                    "To compile them install a C++17 compiler, then install grasptrack again from its source "
+                    "(pip install --force-reinstall --no-binary grasptrack grasptrack, or make .venv/.package in a clone). "
+                    "GRASPTRACK_BACKEND=numpy asks for NumPy, without this warning.",
+                    RuntimeWarning,
+                    stacklevel=3,
+                )
+        return import_module("grasptrack.kernels.reference")
 
-    BACKEND = "numpy"
-    if str(error):
-        warnings.warn(
-            f"compiled kernels are missing: NumPy takes their place, which is slow ({error})",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+    # The functions themselves, not wrappers: a call costs a third of a microsecond.
+    _loaded = _load_kernels()
+    BACKEND = "native" if _loaded.__name__ == "_grasptrack_native" else "numpy"
+    _names = getattr(_loaded, "__all__", [name for name in vars(_loaded) if not name.startswith("_")])
+    globals().update({name: getattr(_loaded, name) for name in _names})
+    __all__ = ["BACKEND", *sorted(_names)]
 
-__all__ = [
-    "BACKEND",
-    "PoseTarget",
-    "advance_state",
-    "align_outlines",
-    "align_projective",
-    "arc_length",
-    "best_quadrilateral",
-    "blend_normals",
-    "blur_threshold",
-    "calibrate_batch",
-    "carry_grasp_line",
-    "carry_normals",
-    "carry_places",
-    "carry_points",
-    "closing_triples",
-    "contact_frames",
-    "crossings",
-    "curvature",
-    "curvature_peaks",
-    "curvature_vector",
-    "distortion",
-    "edge_links",
-    "edge_search",
-    "expected_sightings",
-    "filter_sighting",
-    "finger_clearance",
-    "fit_homography",
-    "fixed_places",
-    "force_closure",
-    "grasp_line",
-    "homography_4",
-    "inertia",
-    "initial_alignments",
-    "locate",
-    "match_curvature",
-    "nearest_crossings",
-    "opposed_pairs",
-    "outline_gaps",
-    "point_at",
-    "rank_grasps",
-    "refine_contacts",
-    "resample",
-    "retract_state",
-    "seen_area",
-    "select_points",
-    "settle_edges",
-    "strongest_edges",
-    "surface_evidence",
-    "trace_edges",
-]
+    def __getattr__(name: str) -> Any:
+        hint = "; were the compiled kernels built before it was added?" if BACKEND == "native" else ""
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")

@@ -7,6 +7,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline
+from grasptrack.kernels.results import AlignmentSteps
 from grasptrack.matching.rating import Match, measure_observability, rate_homography
 from grasptrack.matching.samples import Sampled, align_parts, align_wholes, as_sampled
 from grasptrack.typing import Floats
@@ -143,10 +144,7 @@ def _align_starts(
         b.points,
         b.normals,
         b.offsets,
-        reaches * b.size,
-        damping,
-        np.array(strides, dtype=np.int64),
-        noise,
+        AlignmentSteps(reaches * b.size, damping, np.array(strides, dtype=np.int64), noise),
     )
     return found[np.isfinite(found[:, 9])]
 

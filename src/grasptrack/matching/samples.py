@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Outline, as_view
-from grasptrack.kernels.reference_evidence import displacement_fields, whitening_matrix
+from grasptrack.kernels.reference.homography import displacement_fields, whitening_matrix
 from grasptrack.typing import Floats
 
 MOST = 400
@@ -50,7 +50,7 @@ class Sampled:
             count = max(FEWEST, round(contour.length / spacing))
             smooth = min(SMOOTHING * max(1.0, spacing), 0.25 * contour.length)
             rings.append(kernels.resample(contour.points, count, smooth))
-        area, x, y, *_ = kernels.inertia(rings[0], np.array([0, len(rings[0])], dtype=np.int64))
+        area, x, y, *_ = kernels.polygon_moments(rings[0], np.array([0, len(rings[0])], dtype=np.int64))
         self.size: float = math.sqrt(area)
         self.centre: Floats = np.array([x, y])
         # from the centre: with strong perspective the image's own origin may lie beyond the horizon

@@ -132,7 +132,7 @@ def sign_of(grey: Grey, outline: Contour) -> int:
     """+1 where nearly all of an outline rises outward, -1 where it falls, 0 where it is mixed."""
     ahead = np.roll(outline.points, -1, axis=0) - np.roll(outline.points, 1, axis=0)
     normals = np.column_stack([ahead[:, 1], -ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
-    rise = kernels.edge_search(grey, outline.points, np.ascontiguousarray(normals), 2.0, 0)[:, 1]
+    rise = kernels.search_along_normals(grey, outline.points, np.ascontiguousarray(normals), 2.0, 0)[:, 1]
     total = float(np.abs(rise).sum())
     share = float(rise[rise > 0.0].sum()) / total if total > 0.0 else 0.5
     return 1 if share >= ONE_SIGN else -1 if share <= 1.0 - ONE_SIGN else 0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import Contour
+from grasptrack.kernels.results import TraceOptions
 from grasptrack.segmentation.images import Grey
 from grasptrack.typing import Floats
 
@@ -58,9 +59,8 @@ def localize_contour(
     Raises:
         ContourError: fewer than 8 points or no area.
     """
-    points, strength, cut, inside, outside = kernels.trace_edges(
-        grey, chain, hidden, hole, polarity, SPACING, MAX_POINTS, SMOOTHING, reach, BORDER, OUTLIER
-    )
+    how = TraceOptions(hole, polarity, SPACING, MAX_POINTS, SMOOTHING, reach, BORDER, OUTLIER)
+    points, strength, cut, inside, outside = kernels.trace_edges(grey, chain, hidden, how)
     if hidden is not None:
         cut = cut | _is_near_hidden(points, hidden)
     return Localised(Contour(points, hole=hole, strength=strength, clipped=cut), inside, outside)

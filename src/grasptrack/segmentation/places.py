@@ -38,7 +38,7 @@ def same_place(one: tuple[float, float, float], other: tuple[float, float, float
 def area_and_centre(points: Floats) -> tuple[float, float, float]:
     """Area and centroid of the closed curve through points (m, 2) px."""
     offsets = np.array([0, len(points)], dtype=np.int64)
-    area, x, y, *_ = kernels.inertia(np.ascontiguousarray(points), offsets)
+    area, x, y, *_ = kernels.polygon_moments(np.ascontiguousarray(points), offsets)
     return abs(area), x, y
 
 

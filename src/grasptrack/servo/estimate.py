@@ -12,66 +12,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack import kernels
-from grasptrack.kernels.reference_sightings import FOCAL, OFFSET, PLACE, POSE, SHAPE, SPEED, TURN
 from grasptrack.servo.camera import HandCamera, NominalCamera
 from grasptrack.servo.features import rms_diameter
+from grasptrack.servo.model import (
+    FOCAL,
+    OFFSET,
+    PLACE,
+    POSE,
+    SHAPE,
+    SPEED,
+    TURN,
+    Placed,
+    advance_state,
+    check_size,
+    count_points,
+    expected_sightings,
+    pack_state,
+    retract_state,
+    state_difference,
+    unpack_state,
+)
 from grasptrack.servo.observation import Observation, block_diagonal, stack_observations
 from grasptrack.typing import Floats
-
-"""Those in capitals say where in an error of all unknowns: log focal length; the camera's turn (rad, in its own frame) and
-offset (m); the object's place (m, base), turn (rad, its own frame) and velocity (m/s); then x, y of its points (m)."""
-
-
-@dataclass
-class Placed:
-    """The object.
-
-    Attributes:
-        points: (n, 2) m in its plane.
-        turn: (3, 3), its plane's axes and normal in the base.
-        place: (3,) m in the base.
-        speed: (3,) m/s along `axes`.
-        axes: (3, 3) in the base; the third, off the plane of motion, is short where that is known.
-    """
-
-    points: Floats
-    turn: Floats
-    place: Floats
-    speed: Floats
-    axes: Floats
-
-    def in_base(self) -> Floats:
-        """The points, (n, 3) m."""
-        return np.asarray(self.points @ self.turn[:, :2].T + self.place)
-
-    def velocity(self) -> Floats:
-        """(3,) m/s in the base."""
-        return np.asarray(self.axes @ self.speed)
-
-    def later(self, seconds: float) -> Placed:
-        """The object when it has gone on for some time, or back."""
-        return Placed(self.points, self.turn, self.place + seconds * self.velocity(), self.speed, self.axes)
-
-
-def pack_state(camera: HandCamera, object_: Placed) -> Floats:
-    """Both as the kernels want them, (39 + 2n,): see `grasptrack.kernels.reference_sightings`."""
-    o = object_
-    parts = ((camera.focal,), camera.centre, camera.turn, camera.offset, o.turn, o.place, o.speed, o.axes, o.points)
-    return np.concatenate([np.ravel(part) for part in parts])
-
-
-def unpack_state(state: Floats) -> tuple[HandCamera, Placed]:
-    """The inverse of `pack_state`."""
-    camera = HandCamera(float(state[0]), state[1:3], state[3:12].reshape(3, 3), state[12:15])
-    turn, axes = state[15:24].reshape(3, 3), state[30:39].reshape(3, 3)
-    return camera, Placed(state[39:].reshape(-1, 2), turn, state[24:27], state[27:30], axes)
-
 
 ROBUST = 3.0
 """Innovations of so many standard deviations count a quarter (Geman and McClure)."""
@@ -148,7 +116,7 @@ class Estimate:
         self.time = time
         wander = PUSHED if time < self.displaced_at + ASTIR else WANDER
         may = (0.0, 0.0, 0.0) if evenly else (DRIFT**2, wander**2, TWIRL**2)
-        self._set_state(*kernels.advance_state(self._state, self.covariance, dt, *may))
+        self._set_state(*advance_state(self._state, self.covariance, dt, *may))
 
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
         """The points (n, 3) m in the frame of a hand at a pose (4, 4), at a time in s (default: the estimate's)."""
@@ -163,7 +131,7 @@ class Estimate:
             The innovation, in standard deviations (root of the mean square); inf where nothing could be compared.
         """
         self.advance(seen.time)
-        state, covariance, off, size = kernels.filter_sighting(
+        state, covariance, off, size = filter_sighting(
             self._state, self.covariance, seen.hand, seen.points, seen.noise, ROBUST
         )
         if math.isfinite(size):
@@ -224,6 +192,47 @@ class Estimate:
         return np.asarray(n if n[2] > 0.0 else -n)
 
 
+def filter_sighting(
+    state: Floats, covariance: Floats, hand: Floats, points: Floats, noise: Floats, robust: float
+) -> tuple[Floats, Floats, Floats, float]:
+    """One update of an extended Kalman filter by what was seen at the state's time.
+
+    Args:
+        state: (39 + 2n,) before.
+        covariance: (16 + 2n, 16 + 2n) of its error.
+        hand: (4, 4), its pose in the base.
+        points: (n, 2) px, where they were seen.
+        noise: (n, 2, 2) px^2.
+        robust: innovations of so many standard deviations count a quarter: the noise grows with the innovation (Geman and
+            McClure's weight).
+
+    Returns:
+        State and covariance after; (2n,) px, what was seen less what was expected; the innovation in standard deviations
+        (root of the mean square), infinite where a point would lie behind the camera: nothing is changed then.
+
+    Raises:
+        ValueError: a size that is none, or a noise that makes the update singular.
+    """
+    n = count_points(state)
+    check_size(covariance, n)
+    if hand.shape != (4, 4):
+        raise ValueError("a pose is (4, 4)")
+    if points.shape != (n, 2) or noise.shape != (n, 2, 2):
+        raise ValueError("each point needs its noise, (2, 2)")
+    pixels, H = expected_sightings(state, hand[None], np.zeros(1))
+    off = (points - pixels).ravel()
+    if not np.isfinite(pixels).all():
+        return state.copy(), covariance.copy(), off, float("inf")
+    R = np.zeros((2 * n, 2 * n))
+    for i, block in enumerate(noise):
+        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
+    PH = covariance @ H.T
+    size = float(np.sqrt(off @ np.linalg.solve(H @ PH + R, off) / len(off)))
+    gain = np.linalg.solve(H @ PH + R * (1.0 + (size / robust) ** 2) ** 2, PH.T).T
+    P = covariance - gain @ PH.T
+    return retract_state(state, gain @ off), np.asarray(0.5 * (P + P.T)), off, size
+
+
 def place_object(camera: HandCamera, seen: Observation, depth: float, facing: Floats, slope: float = 0.0) -> Placed:
     """The object as it lies if it is seen somewhere before the camera.
 
@@ -261,6 +270,9 @@ def normalized_residual(known: Estimate, seen: Observation) -> float:
 
 SETTLED, HOPELESS = 1e-2, 1e6
 """Fall of the cost, in squared standard deviations, and damping at which a search ends."""
+FARTHEST = 0.5
+"""rad by which a step may turn camera or object: one that tips the object's plane over ends where its back explains almost
+as much, and no small step leads back."""
 
 
 @dataclass(frozen=True)
@@ -320,13 +332,126 @@ def refine_estimate(
     """
     all_seen = stack_observations(seen)
     now = start or Search(origin.state)
-    state, covariance, damping, settled, scale = kernels.calibrate_batch(
-        origin.state, origin.known, all_seen.hands, all_seen.times - origin.time, all_seen.points, all_seen.noise,
-        now.state, now.damping, steps, ROBUST, SETTLED, HOPELESS,
-    )  # fmt: skip
-    made = Estimate(state, covariance, origin.time)
+    sightings = Sightings(all_seen.hands, all_seen.times - origin.time, all_seen.points, all_seen.noise)
+    found, covariance = calibrate_batch(origin.state, origin.known, sightings, now, steps)
+    made = Estimate(found.state, covariance, origin.time)
     made.advance(seen[-1].time, evenly=True)
-    return made, Search(state, min(damping, 1.0), settled, scale)
+    return made, replace(found, damping=min(found.damping, 1.0))
+
+
+class Sightings(NamedTuple):
+    """What was seen from N poses.
+
+    Attributes:
+        hands: (N, 4, 4) poses in the base.
+        later: (N,) s, of each after the time of the states.
+        points: (N, n, 2) px, where they were seen.
+        noise: (N, n, 2, 2) px^2.
+    """
+
+    hands: Floats
+    later: Floats
+    points: Floats
+    noise: Floats
+
+
+def calibrate_batch(origin: Floats, known: Floats, seen: Sightings, start: Search, steps: int) -> tuple[Search, Floats]:
+    """The state that explains all sightings best, with what was known before as a prior.
+
+    Residuals of a sighting count together, in Geman and McClure's function: where their rms is `ROBUST` times the scale,
+    a quarter. A step that would turn camera or object by more than half a radian is damped as one that explains less.
+
+    Args:
+        origin: (39 + 2n,), the most likely state before.
+        known: (16 + 2n, 16 + 2n), the inverse of its covariance.
+        seen: all sightings.
+        start: where the search begins.
+        steps: most steps.
+
+    Returns:
+        Where the search has come to, and the covariance (16 + 2n, 16 + 2n) of that state.
+
+    Raises:
+        ValueError: a size that is none, a noise that is not positive, or equations that are singular.
+    """
+    n, N = count_points(origin), len(seen.hands)
+    check_size(known, n)
+    if not N or seen.hands.shape[1:] != (4, 4) or len(seen.later) != N:
+        raise ValueError("poses are (N, 4, 4), one or more, each with its time")
+    if len(start.state) != len(origin):
+        raise ValueError("both states have as many points")
+    if seen.points.shape != (N, n, 2) or seen.noise.shape != (N, n, 2, 2):
+        raise ValueError("each point needs its noise, (2, 2)")
+    evidence = _Evidence(origin, known, seen)
+    now, damping = start.state.copy(), start.damping
+    evidence.look(now)
+    scale = evidence.scale(None)
+    cost = evidence.cost(scale)
+    A, b = evidence.equations(scale)
+    settled = False
+    for _ in range(steps):
+        step = np.asarray(np.linalg.solve(A + damping * np.diag(np.diag(A)), b))
+        found = np.inf
+        if max(np.linalg.norm(step[TURN]), np.linalg.norm(step[POSE])) <= FARTHEST:
+            tried = retract_state(now, step)
+            evidence.look(tried)
+            found = evidence.cost(scale)
+        if found <= cost:
+            settled = cost - found < SETTLED
+            now, (A, b), damping = tried, evidence.equations(scale), max(damping / 5.0, 1e-9)
+            if not settled:
+                scale = evidence.scale(scale)
+            cost = evidence.cost(scale)
+        else:
+            damping *= 10.0
+            settled = damping > HOPELESS
+        if settled:
+            break
+    return Search(now, damping, settled, scale), np.asarray(np.linalg.inv(A), dtype=np.float64)
+
+
+class _Evidence:
+    """The sightings as one system of equations."""
+
+    def __init__(self, origin: Floats, known: Floats, seen: Sightings) -> None:
+        self._origin, self._known, self._seen = origin, known, seen
+        self._white = np.linalg.inv(np.linalg.cholesky(seen.noise))
+
+    def look(self, state: Floats) -> None:
+        """What a state leaves of the sightings, and of what was known before."""
+        pixels, slopes = expected_sightings(state, self._seen.hands, self._seen.later)
+        shape = self._seen.points.shape
+        self._off = (self._white @ (self._seen.points - pixels.reshape(shape))[..., None])[..., 0].reshape(
+            len(self._seen.hands), -1
+        )
+        self._slopes = slopes.reshape(*shape, -1)
+        size2 = (self._off * self._off).mean(axis=1)
+        self._size2 = np.where(np.isnan(size2), np.inf, size2)
+        self._d = state_difference(self._origin, state)
+
+    def cost(self, scale: float) -> float:
+        """In squared standard deviations."""
+        u = self._size2 / (ROBUST * scale) ** 2
+        share = np.divide(u, 1.0 + u, out=np.ones_like(u), where=np.isfinite(u))
+        prior = float(self._d @ self._known @ self._d)
+        return float(self._off.shape[1] * (ROBUST * scale) ** 2 * share.sum()) + prior
+
+    def scale(self, last: float | None) -> float:
+        """The scale of what is left, where it is not much like the last one."""
+        now = max(1.0, 1.5 * float(np.sqrt(np.median(self._size2))))
+        now = now if np.isfinite(now) else 1e3
+        return now if last is None or abs(now - last) > 0.2 * last else last
+
+    def equations(self, scale: float) -> tuple[Floats, Floats]:
+        """The normal equations A x = b."""
+        weight = 1.0 / (1.0 + self._size2 / (ROBUST * scale) ** 2) ** 2
+        behind = ~np.isfinite(self._size2)  # the camera: they count as far off, and ask for nothing
+        J = (self._white @ self._slopes).reshape(*self._off.shape, -1)
+        off = self._off.copy()
+        off[behind], J[behind] = 0.0, 0.0
+        JW = (J * weight[:, None, None]).reshape(-1, J.shape[-1])
+        A = np.asarray(JW.T @ J.reshape(-1, J.shape[-1]) + self._known)
+        return A, np.asarray(JW.T @ off.ravel() - self._known @ self._d)
 
 
 class ClassicalIBVS:

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grasptrack.errors import InputError
-from grasptrack.kernels.reference_rigid import skew_matrix
-from grasptrack.servo.camera import HandCamera, turn_between
+from grasptrack.servo.camera import HandCamera, skew_matrix, turn_between
 from grasptrack.servo.estimate import ClassicalIBVS, Estimate
 from grasptrack.servo.features import Features
 from grasptrack.servo.goal import Goal

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.geometry.homographies import rotation_about_z
-from grasptrack.kernels.reference_sightings import SHAPE
 from grasptrack.servo.camera import HandCamera, NominalCamera, inverse_pose
 from grasptrack.servo.estimate import (
     AGREEING,
@@ -40,6 +39,7 @@ from grasptrack.servo.estimate import (
     refine_estimate,
 )
 from grasptrack.servo.features import rms_diameter
+from grasptrack.servo.model import SHAPE
 from grasptrack.servo.observation import Observation
 from grasptrack.typing import Floats
 

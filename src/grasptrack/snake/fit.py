@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.kernels.reference_evidence import displacement_fields
+from grasptrack.kernels.reference.homography import displacement_fields
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.snake.template import NEAR, Grey, Template
 from grasptrack.statistics import MAD_TO_SD
@@ -87,7 +87,7 @@ def search_along_normals(model: Model, state: Floats, image: Grey, reach: float)
     normals = template.normals @ np.array(((d, -b), (-c, a)))  # the cofactors carry normals
     length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     normals /= length[:, None]
-    edges = kernels.edge_search(image, points, normals, reach, template.polarity)
+    edges = kernels.search_along_normals(image, points, normals, reach, template.polarity)
     gap = edges[:, 0] - template.bias * ((a * d - b * c) / length)
     used = edges[:, 1] * template.sign >= FAINTEST * template.strength
     gap[~used] = 0.0

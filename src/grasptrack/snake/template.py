@@ -56,7 +56,7 @@ def sampled_outline(view: Outline, tolerance: float, contacts: ArrayLike | None 
         sampled = View(curves, view.image)
         gap = rms
         if contacts is not None:
-            places = kernels.locate(sampled.points, sampled.offsets, np.array(contacts, dtype=np.float64))
+            places = kernels.project_to_contour(sampled.points, sampled.offsets, np.array(contacts, dtype=np.float64))
             gap = max(rms, float(places[:, 2].max()))
         if gap <= tolerance or spans >= MAX_SPANS:
             return sampled, np.concatenate([s.normals() for s in splines]), rms
@@ -88,7 +88,7 @@ class Template:
         step = max(1, math.ceil(len(view.points) / MAX_SEARCHED))
         candidates = np.arange(0, len(view.points), step)
         points, across = view.points[candidates], np.ascontiguousarray(normals[candidates])
-        edges = kernels.edge_search(image, points, across, NEAR, 0)
+        edges = kernels.search_along_normals(image, points, across, NEAR, 0)
         found = np.isfinite(edges[:, 0])
         if 2 * int(found.sum()) < len(found):
             share = float(found.mean())
@@ -96,7 +96,7 @@ class Template:
         rising = float((edges[found, 1] > 0).mean())
         self.polarity = 1 if rising > 0.7 else -1 if rising < 0.3 else 0
         if self.polarity:
-            edges = kernels.edge_search(image, points, across, NEAR, self.polarity)
+            edges = kernels.search_along_normals(image, points, across, NEAR, self.polarity)
             found = np.isfinite(edges[:, 0])
         size = np.abs(edges[:, 1])
         enough = max(MIN_STRENGTH, MIN_SHARE * float(np.median(size[found]))) if found.any() else MIN_STRENGTH

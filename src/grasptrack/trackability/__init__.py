@@ -180,7 +180,7 @@ def _refusal_reason(fixed: bool, covariance: Floats, limit: float) -> str:
 
 
 def _inertia_frame(view: View) -> Frame:
-    area, x, y, theta, *_ = kernels.inertia(view.points, view.offsets)
+    area, x, y, theta, *_ = kernels.polygon_moments(view.points, view.offsets)
     c, s = math.cos(theta), math.sin(theta)
     return Frame(np.array([x, y]), np.array([[c, s], [-s, c]]), math.sqrt(area))
 

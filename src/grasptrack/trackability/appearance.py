@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
-from grasptrack.kernels.reference_evidence import lower_median
+from grasptrack.kernels.reference.homography import lower_median
 from grasptrack.segmentation.images import Grey
 from grasptrack.statistics import MAD_TO_SD, robust_sd
 from grasptrack.typing import Bools, Floats
@@ -71,7 +71,7 @@ def edges_of(view: View, grey: Grey, polarity: int) -> Edges:
     )
     frames = kernels.contact_frames(view.points, view.offsets, np.ascontiguousarray(where), ACROSS)
     normals = np.ascontiguousarray(-frames[:, :2])
-    found = kernels.edge_search(grey, np.ascontiguousarray(view.points), normals, NEAR, polarity)
+    found = kernels.search_along_normals(grey, np.ascontiguousarray(view.points), normals, NEAR, polarity)
     cut = np.concatenate([np.zeros(len(c), np.bool_) if c.clipped is None else c.clipped for c in view.contours])
     strength = np.where(np.isnan(found[:, 0]) | cut, 0.0, np.abs(found[:, 1]))
     clear = (np.abs(found[:, 0]) <= 0.5 * NEAR) & (strength >= MIN_STRENGTH)

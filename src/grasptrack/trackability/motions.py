@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasptrack.kernels.reference_evidence import displacement_fields, whitening_matrix
+from grasptrack.kernels.reference.homography import displacement_fields, whitening_matrix
 from grasptrack.typing import Floats
 
 MODELS = {"similarity": 4, "affine": 6, "homography": 8}

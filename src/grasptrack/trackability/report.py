@@ -7,7 +7,7 @@ import math
 from typing import Literal, NamedTuple
 
 from grasptrack.grasp.closure_probability import CHANCE
-from grasptrack.kernels.reference_edges import WINDOW
+from grasptrack.kernels.reference.image import WINDOW
 from grasptrack.trackability.appearance import MIN_STRENGTH, RELATIVE_STRENGTH
 from grasptrack.trackability.evidence import PEAKS, Settled, Symmetry, Usable, recommended_strategy
 from grasptrack.trackability.motions import SLIDING, Motions

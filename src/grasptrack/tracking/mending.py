@@ -17,13 +17,14 @@ from grasptrack import kernels
 from grasptrack.errors import ObservationError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.kernels.reference.registration.occlusion import LEAST_SPREAD
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.objects import find_candidates
 from grasptrack.statistics import robust_sd
 from grasptrack.tracking.decision import Decision, surface_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate, estimate_pose
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.selection import LEVEL_SPREAD, make_target
+from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.state import FOLLOWED, Look, TrackState
 from grasptrack.tracking.target import Grey, Target, as_grey, build_pyramid
 from grasptrack.typing import Bools, Floats
@@ -183,7 +184,7 @@ class Mender:
         if _share_on_outline(candidate, edges) < 1.0 - target.numbers.elsewhere or candidate.view.is_clipped:
             return None
         samples = apply_homography(target.A, target.points) - shift
-        gone = kernels.locate(candidate.view.points, candidate.view.offsets, samples)[:, 2] > NEAR
+        gone = kernels.project_to_contour(candidate.view.points, candidate.view.offsets, samples)[:, 2] > NEAR
         if gone.any() and self._agreed[gone].mean() > CHANCE:  # what was seen once was right
             return None
         sides = _Sides(first, shown, own, candidate.view)
@@ -277,7 +278,7 @@ class _Sides:
         if not len(own):
             return 0.0
         level = float(np.median(own))
-        spread = robust_sd(own - level) + LEVEL_SPREAD
+        spread = robust_sd(own - level) + LEAST_SPREAD
         return _mean_log_ratio(self._shown[part] - level, spread, numbers)
 
     def _background_log_ratio(self, noise: float, numbers: Numbers) -> float:
@@ -288,7 +289,7 @@ class _Sides:
             return 0.0
         changed = self._shown - self._first
         light = float(np.median(changed[known]))
-        return _mean_log_ratio(changed[beside] - light, math.sqrt(2.0) * noise + LEVEL_SPREAD, numbers)
+        return _mean_log_ratio(changed[beside] - light, math.sqrt(2.0) * noise + LEAST_SPREAD, numbers)
 
     def _nearby_mask(self, part: Bools) -> Bools:
         square = np.ones((2 * self._reach + 1, 2 * self._reach + 1), np.uint8)
@@ -305,7 +306,9 @@ def _mean_log_ratio(off: Floats, spread: float, numbers: Numbers) -> float:
 def _outline_distances(points: Floats, outline: Floats) -> Floats:
     """(n,) distance of points (n, 2) from a closed outline (N, 2), in their unit."""
     offsets = np.array([0, len(outline)], dtype=np.int64)
-    return np.asarray(kernels.locate(outline, offsets, np.ascontiguousarray(points))[:, 2], dtype=np.float64)
+    return np.asarray(
+        kernels.project_to_contour(outline, offsets, np.ascontiguousarray(points))[:, 2], dtype=np.float64
+    )
 
 
 def _longest_open_stretch(outline: Floats, edges: Floats) -> float:
@@ -349,7 +352,9 @@ def _warp_to_first(view: Look, target: Target, first: Grey, shift: Floats) -> Gr
 def _share_on_outline(candidate: Candidate, edges: Floats) -> float:
     """Share of edges (n, 2) px that lie on a candidate's outline."""
     view = candidate.view
-    return float(np.mean(kernels.locate(view.points, view.offsets, np.ascontiguousarray(edges))[:, 2] < NEAR))
+    return float(
+        np.mean(kernels.project_to_contour(view.points, view.offsets, np.ascontiguousarray(edges))[:, 2] < NEAR)
+    )
 
 
 def _shift_view(view: View, by: Floats) -> View:

@@ -204,7 +204,7 @@ def _make_detector(grey: Grey, view: View, hidden: Grey | None) -> OutlineDetect
     points = view.outer.points
     ahead = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
     normals = np.column_stack([ahead[:, 1], -ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
-    sides = kernels.edge_search(grey, points, np.ascontiguousarray(normals), FIRST_REACH, polarity)[:, 2:]
+    sides = kernels.search_along_normals(grey, points, np.ascontiguousarray(normals), FIRST_REACH, polarity)[:, 2:]
     inside, outside = np.nanmedian(sides, axis=0).tolist() if np.isfinite(sides).any() else (math.nan, math.nan)
     if not (outside - inside) * polarity > 0.0:
         return None
@@ -270,7 +270,9 @@ class Redetection:
         self._points = np.ascontiguousarray(target.points[::every])
         self._normals = np.ascontiguousarray(target.normals[::every])
         at, normals = self._project_samples(target.A)
-        strength = kernels.edge_search(levels[0], at, normals, FIRST_REACH, 0)[:, 1] if len(at) else np.zeros(0)
+        strength = (
+            kernels.search_along_normals(levels[0], at, normals, FIRST_REACH, 0)[:, 1] if len(at) else np.zeros(0)
+        )
         self._strength = np.asarray(strength, dtype=np.float64)
 
     def search(self, state: TrackState, levels: list[Grey]) -> list[Hypothesis]:
@@ -343,7 +345,7 @@ class Redetection:
         for sign in (1, -1):
             own = self._strength * sign > 0.0
             if own.any():
-                edges = kernels.edge_search(grey, at[own], normals[own], reach, sign)[:, 1]
+                edges = kernels.search_along_normals(grey, at[own], normals[own], reach, sign)[:, 1]
                 hits += int(np.count_nonzero(np.abs(edges) >= KEPT * np.abs(self._strength[own])))
         return hits / len(self._points)
 

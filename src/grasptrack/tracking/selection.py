@@ -13,16 +13,18 @@ from numpy.typing import NDArray
 from grasptrack import kernels
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import similarity_transform
-from grasptrack.kernels.reference_pose_edges import LEAST_HALF, MOST_HALF
-from grasptrack.kernels.reference_pose_texture import noise_of
+from grasptrack.kernels.reference.registration.edges import LEAST_HALF, MOST_HALF
+from grasptrack.kernels.reference.registration.occlusion import FIRST, LEAST_SPREAD, NEAR
+from grasptrack.kernels.reference.registration.solver import FINE
+from grasptrack.kernels.reference.registration.target import CELLS
+from grasptrack.kernels.reference.registration.texture import SIDE as PATCH
+from grasptrack.kernels.reference.registration.texture import noise_of
 from grasptrack.statistics import MAD_TO_SD
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target, as_grey, hidden_levels
 from grasptrack.transfer.alignment import TIE, as_similarity, find_alignments
 from grasptrack.typing import Floats
 
-PATCH = 7
-"""Side of a patch of texture, pixels."""
 SURFACE = 400
 """Samples of the surface, for its gain and bias."""
 
@@ -144,8 +146,6 @@ SAMPLES = 400
 """... of which there are so many at most."""
 PATCHES = 120
 """Patches of texture on the finest level at most; a quarter of that on each coarser one."""
-TOLD = 3
-"""Levels of texture, the finest, whose correlations an estimate tells."""
 RING = 7.0
 """Places along the side of the first view, at which the ground is looked at."""
 ROUND_TURNS = 12
@@ -267,7 +267,7 @@ def make_target(
         is_round,
         self_similar_shifts(image, surface_mask, noise, size, numbers),
         patches,
-        tuple(counts[:TOLD]),
+        tuple(counts[:FINE]),
         edges.share,
         edges.width,
         noise,
@@ -294,7 +294,9 @@ def _detect_edges(levels: list[Grey], A: Floats, points: Floats, normals: Floats
     half, wanted = 0, LEAST_HALF
     while half < wanted:  # by the outline as it was found: where a narrow filter answers, noise is steep
         half = wanted
-        wanted = _filter_half_width(kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half)[3], half)
+        wanted = _filter_half_width(
+            kernels.strongest_edges(levels, A, points, normals, noise, half + 2, half).width, half
+        )
     while True:
         edges = _edges_by(levels, A, points, normals, noise, half)
         if edges.wanted >= half:
@@ -420,12 +422,9 @@ def without_noise(points: Floats) -> Floats:
     return np.column_stack([smooth.real, smooth.imag])
 
 
-CELLS, FIRST_CELL, REGION, WIDER = 16, 2.0, 0.45, 1.6
+FIRST_CELL, REGION, WIDER = 2.0, 0.45, 1.6
 """Cells beside the outline, from so many work px up to this share of sqrt(area), ever wider by this power: a notch or tab ends
 within it."""
-LEVEL_SAMPLES, LEVEL_CELLS, LEVEL_SPREAD = 8, 4, 3.0
-"""Samples on each side and cells of each that tell the level of a side, and grey levels that are added to its spread: as the
-kernel has them."""
 
 
 def _region_cells(
@@ -453,14 +452,14 @@ def _region_cells(
 
 def _level_along(cells: Floats) -> tuple[Floats, Floats]:
     """(N,) median of the first cells (N, 16) of a sample and its neighbours; (N,) how far off a cell is not of that."""
-    n, near = len(cells), np.arange(-LEVEL_SAMPLES, LEVEL_SAMPLES + 1)
+    n, near = len(cells), np.arange(-NEAR, NEAR + 1)
     if n == 0:
         return np.zeros(0), np.zeros(0)
-    around = cells[(np.arange(n)[:, None] + near) % n, :LEVEL_CELLS].reshape(n, -1)
+    around = cells[(np.arange(n)[:, None] + near) % n, :FIRST].reshape(n, -1)
     known = np.asarray(np.isfinite(around).any(axis=1))
     around = np.where(known[:, None], around, 0.0)
     level = np.nanmedian(around, axis=1)
-    spread = MAD_TO_SD * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEVEL_SPREAD
+    spread = MAD_TO_SD * np.nanmedian(np.abs(around - level[:, None]), axis=1) + LEAST_SPREAD
     return np.where(known, level, np.nan), 3.0 * spread
 
 
@@ -485,7 +484,7 @@ def _symmetry_turns(view: View, A: Floats) -> tuple[tuple[Floats, ...], bool]:
     """(3, 3) each, work px -> work px: turns of the outline onto itself; of a disc some, and whether it is one."""
     if view.is_clipped:
         return (), False
-    area, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
+    area, x, y, *_ = kernels.polygon_moments(view.outer.points, view.outer.offsets)
     radii = np.hypot(*(view.outer.points - (x, y)).T)
     # turned anyhow it differs from itself by less than what alignments that fit alike do
     is_round = float(np.std(radii)) * math.sqrt(2.0) < TIE * math.sqrt(area)

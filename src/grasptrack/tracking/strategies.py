@@ -245,7 +245,7 @@ class Alone:
             if self._extractor.segments:
                 yield batch(view, self._correct_homography(expected, outline, view))
             yield batch(view, *self._align_reference(view))
-        area = abs(kernels.inertia(outline, np.array([0, len(outline)], dtype=np.int64))[0])
+        area = abs(kernels.polygon_moments(outline, np.array([0, len(outline)], dtype=np.int64))[0])
         for views in self._observer.anywhere(grey, area, missed, known):
             alike = sorted((self._shape_difference(view), i) for i, view in enumerate(views))
             for unlike, i in alike[:ANYWHERE]:
@@ -256,8 +256,8 @@ class Alone:
         """A predicted homography moved and scaled so that the outline's centroid and area are those observed."""
         if view.is_clipped or self._reference.is_clipped:
             return H
-        area, x, y, *_ = kernels.inertia(view.outer.points, view.outer.offsets)
-        wanted, u, v, *_ = kernels.inertia(outline, np.array([0, len(outline)], dtype=np.int64))
+        area, x, y, *_ = kernels.polygon_moments(view.outer.points, view.outer.offsets)
+        wanted, u, v, *_ = kernels.polygon_moments(outline, np.array([0, len(outline)], dtype=np.int64))
         s = math.sqrt(area / abs(wanted))
         return np.array([[s, 0.0, x - s * u], [0.0, s, y - s * v], [0.0, 0.0, 1.0]]) @ H
 

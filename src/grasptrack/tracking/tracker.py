@@ -327,7 +327,7 @@ def _checked_fingers(fingers: int, strategy: str, given: Grasp | None) -> int:
 
 def _make_closure_check(grasp: Grasp, view: View, friction: float) -> ClosureCheck:
     """Judges a grasp on an outline."""
-    width = FINGER_WIDTH * math.sqrt(kernels.inertia(view.points, view.offsets)[0])
+    width = FINGER_WIDTH * math.sqrt(kernels.polygon_moments(view.points, view.offsets).area)
     return ClosureCheck(grasp, view, friction, width)
 
 

@@ -72,6 +72,6 @@ def choose_alignment(found: list[Alignment], expected_angle: float = 0.0) -> Ali
 
 def as_similarity(alignment: Alignment, first: Contour, second: Contour) -> Floats:
     """(3, 3) the similarity of an alignment, from the first outline to the second."""
-    area1, x1, y1, *_ = kernels.inertia(first.points, first.offsets)
-    area2, x2, y2, *_ = kernels.inertia(second.points, second.offsets)
+    area1, x1, y1, *_ = kernels.polygon_moments(first.points, first.offsets)
+    area2, x2, y2, *_ = kernels.polygon_moments(second.points, second.offsets)
     return similarity_transform(math.sqrt(area2 / area1), alignment.angle, (x1, y1), (x2, y2))

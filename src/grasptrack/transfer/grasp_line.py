@@ -69,19 +69,16 @@ def describe(grasp: Grasp, view: Outline) -> GraspLineDescription:
             f"grasp-line coordinates carry two fingers, not {len(grasp)}; use rrp or homography", fingers=len(grasp)
         )
     _check_whole(view)
-    d_c, alpha_m, d_1, d_2, *frame, major, minor, sine, opening = kernels.grasp_line(
-        view.points, view.offsets, grasp.contacts
-    )
-    _check_axes(major, minor)
-    if opening == 0.0:
+    line = kernels.grasp_line(view.points, view.offsets, grasp.contacts)
+    _check_axes(line.major, line.minor)
+    if line.opening == 0.0:
         raise ParallelLineError("both contacts are the same point: they have no grasp line")
-    if abs(sine) < MIN_SINE:
-        apart = math.degrees(math.asin(abs(sine)))
+    if abs(line.sine) < MIN_SINE:
+        apart = math.degrees(math.asin(abs(line.sine)))
         raise ParallelLineError(
-            f"the grasp line runs along I_min ({apart:.1f} degrees apart) and never meets it", sine=sine
+            f"the grasp line runs along I_min ({apart:.1f} degrees apart) and never meets it", sine=line.sine
         )
-    t30, t21, t12, t03, area, cx, cy, theta = frame
-    return GraspLineDescription(d_c, alpha_m, d_1, d_2, (t30, t21, t12, t03), area, (cx, cy), theta)
+    return GraspLineDescription(*line[:8])
 
 
 def apply(description: GraspLineDescription, view: Outline, prior: Floats | None = None) -> Transfer:
@@ -95,19 +92,17 @@ def apply(description: GraspLineDescription, view: Outline, prior: Floats | None
     _check_whole(view)
     reference = (*description.skewness, description.area, *description.centroid, description.theta)
     ahead = (0.0, 0.0) if prior is None else _predicted_axis(description, prior)
-    contacts, H, residual, area, major, minor, told = kernels.carry_grasp_line(
-        view.points, view.offsets, description[:4], reference, ahead, MIN_SKEWNESS
-    )
-    _check_axes(major, minor)
-    if not told and not _maps_to_itself(description):
+    found = kernels.carry_grasp_line(view.points, view.offsets, description[:4], reference, ahead, MIN_SKEWNESS)
+    _check_axes(found.major, found.minor)
+    if not found.told and not _maps_to_itself(description):
         raise AmbiguousError(
             "the outline maps to itself by a half turn, so one pair of views cannot tell the grasp from its turned twin"
         )
-    if not residual <= MAX_MISMATCH * math.sqrt(area):
+    if not found.residual <= MAX_MISMATCH * math.sqrt(found.area):
         raise CrossingError(
-            "the transferred grasp line does not meet the outline where the contacts should be", residual=residual
+            "the transferred grasp line does not meet the outline where the contacts should be", residual=found.residual
         )
-    return Transfer(Grasp.of(contacts), H, None, residual)
+    return Transfer(Grasp.of(found.contacts), found.H, None, found.residual)
 
 
 def _check_whole(view: Outline) -> None:

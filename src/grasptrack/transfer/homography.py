@@ -13,6 +13,7 @@ from grasptrack.errors import ClippedError, ConditioningError, CrossingError, Pe
 from grasptrack.geometry.contours import Contour, Outline
 from grasptrack.geometry.homographies import apply_homography, check_in_front, judge_distortion
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.kernels.results import CurvatureVector, MatchWindow
 from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
@@ -75,7 +76,7 @@ def describe(grasp: Grasp, view: Outline) -> HomographyDescription:
         raise PeaksError("three of the outline's curvature peaks lie in a row; a homography needs four that do not")
     normals = None
     if len(grasp.contacts) != 2:
-        places = kernels.locate(view.points, view.offsets, grasp.contacts)
+        places = kernels.project_to_contour(view.points, view.offsets, grasp.contacts)
         normals = kernels.contact_frames(view.points, view.offsets, places, 0.02 * length)[:, :2]
     return HomographyDescription(grasp.contacts, normals, outline, arc, curvature, peaks)
 
@@ -98,18 +99,17 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
     reference = description.outline
     selected, matched = _match_peaks(description, current, prior)  # step 1, eq. (3)
     try:  # step 2, eq. (1)
-        H, *distortion = kernels.fit_homography(reference.points, selected, current.points, matched)
+        H, *worst = kernels.fit_homography(reference.points, selected, current.points, matched)
     except ValueError:
         raise ConditioningError("the four correspondences give no homography: three lie in a row") from None
-    judge_distortion(H, *distortion)
+    judge_distortion(H, *worst)
     # steps 3 and 4, eq. (2) and Fig. 11: two contacts move along their line onto the outline, more along their normals
-    contacts, residual, growth, in_front = kernels.refine_contacts(
-        H, description.contacts, description.normals, view.points, view.offsets
-    )
-    check_in_front(H, in_front)
-    if not residual <= MAX_REFINEMENT * growth * math.sqrt(reference.area):
+    found = kernels.refine_contacts(H, description.contacts, description.normals, view.points, view.offsets)
+    check_in_front(H, found.in_front)
+    residual = found.residual
+    if not residual <= MAX_REFINEMENT * found.growth * math.sqrt(reference.area):
         raise CrossingError("the outline is not where the homography puts a contact", residual=residual)
-    return Transfer(Grasp.of(contacts), H, None, residual)
+    return Transfer(Grasp.of(found.contacts), H, None, residual)
 
 
 def _match_peaks(
@@ -119,30 +119,31 @@ def _match_peaks(
     first, peaks = description.outline, description.peaks
     if prior is None and current.clipped is not None:
         raise ClippedError("the image border cuts the object, and nothing says how large it is")
-    arc2, v2 = kernels.curvature_vector(current.points, current.clipped, SMOOTHING)
+    there = kernels.curvature_vector(current.points, current.clipped, SMOOTHING)
     if prior is None:
-        arc1, v1 = description.arc, description.curvature
-        length = arc1.item(-1)
-        kappa = arc2.item(-1) / length
+        here = CurvatureVector(description.arc, description.curvature)
+        length = here.arc.item(-1)
+        kappa = there.arc.item(-1) / length
         shift = (
-            choose_alignment(alignments_of_points(first.points, arc1, current.points, arc2, current.area)).shift
+            choose_alignment(
+                alignments_of_points(first.points, here.arc, current.points, there.arc, current.area)
+            ).shift
             * length
         )
-        centres = [kappa * (arc1.item(i) + shift) for i in peaks]
+        centres = [kappa * (here.arc.item(i) + shift) for i in peaks]
     else:
         carried = apply_homography(prior, first.points)
-        arc1, v1 = kernels.curvature_vector(carried, None, SMOOTHING)
-        length = arc1.item(-1)
+        here = kernels.curvature_vector(carried, None, SMOOTHING)
+        length = here.arc.item(-1)
         kappa = 1.0
-        places = kernels.locate(current.points, current.offsets, carried[peaks])
-        centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), arc2).tolist()
+        places = kernels.project_to_contour(current.points, current.offsets, carried[peaks])
+        centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), there.arc).tolist()
 
     def match(count: int) -> list[int]:
         """Eq. (3) for the first peaks: the samples of the current contour that match them, or -1."""
         reach, step = SEARCH * length, NEIGHBOURHOOD * length / RADIUS
-        return kernels.match_curvature(
-            v1, arc1, peaks[:count], v2, arc2, centres[:count], kappa, reach, RADIUS, step, MAX_ERROR
-        )[0]
+        window = MatchWindow(kappa, reach, RADIUS, step, MAX_ERROR)
+        return kernels.match_curvature(here, peaks[:count], there, centres[:count], window).samples
 
     samples = match(4)
     if min(samples) >= 0:
@@ -153,7 +154,7 @@ def _match_peaks(
             f"only {len(usable)} peaks of the reference outline have a match in this view; four are needed"
         )
     seen = [i for i, _ in usable]
-    *best, triangle = kernels.best_quadrilateral(first.points[seen], np.abs(description.curvature[seen]))
+    best, triangle = kernels.best_quadrilateral(first.points[seen], np.abs(description.curvature[seen]))
     if triangle < MIN_TRIANGLE * first.area:
         raise PeaksError("three of the curvature peaks that this view shows lie in a row")
     return [usable[k][0] for k in best], [usable[k][1] for k in best]

@@ -165,7 +165,7 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Choic
         friction: Coulomb coefficient.
         even: finger widths by which the third contact may be off its place; more finds more grasps that close less evenly.
     """
-    area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
+    area, cx, cy, *_ = kernels.polygon_moments(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
     at = sample_candidates(view, area, np.array([cx, cy]), px.finger_width)
     index = even_triples(at, friction, even * px.finger_width, 0.5 * px.max_opening)

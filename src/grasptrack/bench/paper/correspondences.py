@@ -15,6 +15,7 @@ from grasptrack.bench.report.table import Cell, Table
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.kernels.results import CurvatureVector, MatchWindow
 from grasptrack.transfer import homography
 from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
 from grasptrack.typing import Floats
@@ -97,17 +98,17 @@ def _match_samples(
         * length
     )
     matched, errors = kernels.match_curvature(
-        description.curvature,
-        description.arc,
+        CurvatureVector(description.arc, description.curvature),
         selected,
-        v2,
-        arc2,
+        CurvatureVector(arc2, v2),
         [kappa * (description.arc.item(i) + shift) for i in selected],
-        kappa,
-        homography.SEARCH * length,
-        homography.RADIUS,
-        homography.NEIGHBOURHOOD * length / homography.RADIUS,
-        homography.MAX_ERROR,
+        MatchWindow(
+            kappa,
+            homography.SEARCH * length,
+            homography.RADIUS,
+            homography.NEIGHBOURHOOD * length / homography.RADIUS,
+            homography.MAX_ERROR,
+        ),
     )
     return selected, matched, errors, v2
 

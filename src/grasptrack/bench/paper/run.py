@@ -271,7 +271,7 @@ def _grasp_line_panel(
     image: NDArray[np.uint8], title: str, view: View, contacts: Floats, truth: Floats | None = None
 ) -> Panel:
     described = grasp_line.describe(Grasp(contacts), view)
-    area, *_ = kernels.inertia(view.points, view.offsets)
+    area, *_ = kernels.polygon_moments(view.points, view.offsets)
     axis = (*described.centroid, described.theta, 1.1 * math.sqrt(area))
     return Panel(image, title, _contour_points(view), contacts=contacts, truth=truth, axis=axis)
 

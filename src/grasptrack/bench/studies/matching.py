@@ -22,6 +22,7 @@ from grasptrack.errors import AmbiguousError, GraspTrackError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
+from grasptrack.kernels.results import AlignmentSteps
 from grasptrack.matching import Sampled, judge_hypotheses, match_outlines
 from grasptrack.matching.rating import MAX_DEPTH, MAX_STRETCH, perturb_homography, rate_homography
 from grasptrack.tracking.image_pair import transfer_between_images
@@ -95,7 +96,7 @@ def second_alignments(shape: Shape) -> list[Floats]:
     """
     scale = 400.0
     a = Sampled(noisy_outline(shape, np.diag([scale, scale, 1.0]), np.random.default_rng(0), 0.0))
-    _, x, y, theta, major, minor, *_ = kernels.inertia(a.outer, np.array([0, len(a.outer)]))
+    _, x, y, theta, major, minor, *_ = kernels.polygon_moments(a.outer, np.array([0, len(a.outer)]))
     c, s = math.cos(theta), math.sin(theta)
     to = np.array([[c, s], [-s, c]]) / np.sqrt([[major], [minor]])
     starts = []
@@ -107,15 +108,14 @@ def second_alignments(shape: Shape) -> list[Floats]:
         starts.append(A.ravel())
     own = a.points, a.normals, a.points, a.normals, a.offsets
     reaches, damping = np.array([0.3, 0.2, 0.15] + [0.1] * 5), np.array([1e-3] * 4 + [1e-4] * 4)
-    coarse = kernels.align_projective(np.array(starts), *own, reaches * a.size, damping, np.full(8, 4), 0.02 * a.size)
+    coarse = kernels.align_projective(
+        np.array(starts), *own, AlignmentSteps(reaches * a.size, damping, np.full(8, 4), 0.02 * a.size)
+    )
     coarse = coarse[np.isfinite(coarse[:, 9])]
     fine = kernels.align_projective(
         np.ascontiguousarray(coarse[:, :9]),
         *own,
-        np.full(8, 0.05 * a.size),
-        np.full(8, 1e-6),
-        np.ones(8, np.int64),
-        0.1,
+        AlignmentSteps(np.full(8, 0.05 * a.size), np.full(8, 1e-6), np.ones(8, np.int64), 0.1),
     )
     unit = np.array([[scale, 0.0, -a.centre[0]], [0.0, scale, -a.centre[1]], [0.0, 0.0, 1.0]])
     found = []

@@ -72,7 +72,7 @@ def silhouette_outline(path: Path) -> gt.View:
 
 def by_brute_force(view: gt.View, fingers: int, friction: float) -> Yield:
     """All pairs or triples of the contour's own points."""
-    area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
+    area, cx, cy, *_ = kernels.polygon_moments(view.points, view.offsets)
     hand = gt.Hand().in_px(math.sqrt(area))
     places = np.concatenate(
         [np.column_stack([np.full(len(c), float(i)), np.arange(len(c))]) for i, c in enumerate(view.contours)]

@@ -16,6 +16,7 @@ from grasptrack.grasp.force_closure import Closure
 from grasptrack.grasp.hand import Hand, HandPx
 from grasptrack.grasp.synthesis.candidates import Candidates, Stable, sample_candidates, stable_pairs, stable_triples
 from grasptrack.grasp.synthesis.limits import Limits, Tried, finger_rectangles, reject_infeasible, why_none
+from grasptrack.kernels.results import RankedCandidates, RankingLimits, WrenchSpace
 from grasptrack.typing import Floats, Ints
 
 DISTINCT = 0.12
@@ -53,7 +54,7 @@ def find_grasps(
     limits: Limits,
 ) -> GraspList:
     """As `synthesize`, with the limits on how uneven the outline under a finger may be."""
-    area, cx, cy, *_ = kernels.inertia(view.points, view.offsets)
+    area, cx, cy, *_ = kernels.polygon_moments(view.points, view.offsets)
     px = hand.in_px(math.sqrt(area))
 
     def look(size: HandPx) -> _Look:
@@ -76,21 +77,12 @@ def find_grasps(
         )
         return GraspList([], reason, refused)
     chosen, quality, regions = kernels.rank_grasps(
-        at.contacts,
-        at.normals,
-        at.usable,
-        at.starts,
-        at.steps,
+        RankedCandidates(at.contacts, at.normals, at.usable, at.starts, at.steps),
         found.index[left],
         found.strength[left],
         found.terms[left].prod(axis=1),
-        friction,
-        cx,
-        cy,
-        0.5 * at.size,
-        far_enough(at.size, px.finger_width),
-        duplicate_radius(at.size, px.finger_width),
-        max(top, 0),
+        WrenchSpace(friction, cx, cy, 0.5 * at.size),
+        RankingLimits(far_enough(at.size, px.finger_width), duplicate_radius(at.size, px.finger_width), max(top, 0)),
     )
     return GraspList(_ranked_grasps(found, at, left[chosen], quality, regions, px, friction), "", refused)
 

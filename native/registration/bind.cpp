@@ -1,0 +1,383 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pose estimator in Python: a target made once, then a solution for each hypothesis of each image.
+
+#include <nanobind/stl/vector.h>
+
+#include <cmath>
+#include <limits>
+
+#include "../arrays.hpp"
+#include "estimate.hpp"
+#include "solver.hpp"
+#include "telling.hpp"
+#include "texture.hpp"
+
+namespace grasptrack {
+
+namespace {
+
+using Doubles = Input<double>;
+using Bytes = ByteImage;
+
+std::size_t count(const Doubles &array) {
+    std::size_t size = 1;
+    for (std::size_t i = 0; i < array.ndim(); ++i) size *= array.shape(i);
+    return size;
+}
+
+template <std::size_t N> std::array<double, N> fixed(const Doubles &array, const char *name) {
+    if (count(array) != N) throw std::invalid_argument(std::string(name) + " needs " + std::to_string(N) + " numbers");
+    std::array<double, N> out{};
+    std::copy(array.data(), array.data() + N, out.begin());
+    return out;
+}
+
+pose::Bend bend_of(const Doubles &array) {
+    const auto flat = fixed<24>(array, "the bend");
+    pose::Bend out{};
+    for (std::size_t k = 0; k < flat.size(); ++k) out[k / 8][k % 8] = flat[k];
+    return out;
+}
+
+std::vector<double> values(const Doubles &array) { return {array.data(), array.data() + count(array)}; }
+
+std::vector<pose::Point> places(const Doubles &array, const char *name) {
+    if (array.ndim() != 2 || array.shape(1) != 2) throw std::invalid_argument(std::string(name) + " are of shape (N, 2)");
+    std::vector<pose::Point> out(array.shape(0));
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] = {array.data()[2 * i], array.data()[2 * i + 1]};
+    return out;
+}
+
+pose::Pyramid pyramid_of(const std::vector<Bytes> &levels) {
+    if (levels.empty()) throw std::invalid_argument("a pyramid has at least one level");
+    pose::Pyramid out;
+    for (const Bytes &level : levels)
+        out.push_back({level.data(), static_cast<std::ptrdiff_t>(level.shape(0)), static_cast<std::ptrdiff_t>(level.shape(1))});
+    return out;
+}
+
+pose::PatchSet cut_patches(const pose::Target &target, const pose::Pyramid &pyramid, const pose::Homography &G,
+                           const std::vector<pose::Point> &centres, double stride) {
+    if (!(stride > 0) || !std::isfinite(stride)) throw std::invalid_argument("the stride is above 0");
+    pose::PatchSet set{stride, {}};
+    for (const pose::Point &c : centres) {
+        pose::Patch patch;
+        if (pose::cut_patch(target, pyramid, G, c.x, c.y, stride, patch)) set.patches.push_back(patch);
+    }
+    return set;
+}
+
+pose::Numbers numbers_of(const nb::dict &given) {
+    const auto number = [&given](const char *name) {
+        if (!given.contains(name)) throw std::invalid_argument(std::string("the number ") + name + " is missing");
+        return nb::cast<double>(given[name]);
+    };
+    pose::Numbers n{};
+    n.miss = number("edge_missed");
+    n.same_sign = number("same_sign");
+    n.edge_floor = number("edge_floor");
+    n.edge_noise = number("edge_noise");
+    n.other_spread = number("other_spread");
+    n.share_object = number("share_object");
+    n.share_occluded = number("share_occluded");
+    n.share_other = number("share_other");
+    n.stretch = number("stretch");
+    n.texture_floor = number("texture_floor");
+    n.texture_independent = number("texture_independent");
+    n.texture_freedom = number("texture_freedom");
+    n.prior_freedom = number("prior_freedom");
+    n.perspective = number("perspective");
+    n.pinhole_sd = number("pinhole_sd");
+    n.pinhole_freedom = number("pinhole_freedom");
+    n.sample_distance = number("sample_distance");
+    n.wide = number("wide");
+    n.cell_unlikely = number("cell_unlikely");
+    n.cell_far = number("cell_far");
+    n.cell_power = number("cell_power");
+    n.cell_cover = number("cell_cover");
+    n.tolerance = number("tolerance");
+    n.tolerance_px = number("tolerance_px");
+    return n;
+}
+
+// What Python calls PoseTarget: the target, and the numbers that it is looked at with.
+struct PoseTarget {
+    pose::Target target;
+    pose::Numbers numbers;
+    struct Mask {
+        std::vector<std::uint8_t> data;
+        std::ptrdiff_t height, width;
+    };
+    std::vector<Mask> hidden;
+
+    PoseTarget(const nb::dict &given, const Doubles &A, const Doubles &centre, double radius, double noise, double half,
+               double normal_noise, const Doubles &points, const Doubles &normals, const Doubles &contrast, const Doubles &inner, const Doubles &surface,
+               const Doubles &surface_value, const Doubles &contacts, const Doubles &depth, const Doubles &inside,
+               const Doubles &outside)
+        : numbers(numbers_of(given)) {
+        if (!(radius > 0) || !std::isfinite(radius)) throw std::invalid_argument("the radius is above 0");
+        target.A = fixed<9>(A, "A");
+        const auto c = fixed<2>(centre, "the centre");
+        target.cx = c[0];
+        target.cy = c[1];
+        target.radius = radius;
+        target.noise = noise;
+        target.half = half;
+        target.normal_noise = normal_noise;
+        target.points = places(points, "points");
+        target.normals = places(normals, "normals");
+        target.contrast = values(contrast);
+        target.inner = values(inner);
+        target.surface = places(surface, "surface samples");
+        target.surface_value = values(surface_value);
+        target.contacts = places(contacts, "contacts");
+        target.depth = values(depth);
+        target.inside = values(inside);
+        target.outside = values(outside);
+        const std::size_t n = target.points.size();
+        if (target.normals.size() != n || target.contrast.size() != n || target.inner.size() != n * pose::inner_pixels ||
+            target.surface_value.size() != target.surface.size() || target.depth.size() != pose::region_cells ||
+            target.inside.size() != n * pose::region_cells || target.outside.size() != n * pose::region_cells)
+            throw std::invalid_argument("points, normals, contrasts and inner sides need the same length");
+        for (std::size_t i = 0; i < n; ++i) {
+            const auto J = target.jacobian(target.points[i].x, target.points[i].y);
+            pose::Vector<8> row, tangent;
+            for (std::size_t k = 0; k < 8; ++k) {
+                row[k] = target.normals[i].x * J[0][k] + target.normals[i].y * J[1][k];
+                tangent[k] = target.normals[i].x * J[1][k] - target.normals[i].y * J[0][k];
+            }
+            target.rows.push_back(row);
+            target.squares.push_back(pose::outer<8>(row));
+            target.along.push_back(pose::outer<8>(tangent));
+        }
+    }
+
+    // Pixels of every image, level by level, that show nothing of the scene: nonzero.
+    void hide(const std::vector<Bytes> &levels) {
+        hidden.clear();
+        for (const Bytes &level : levels)
+            hidden.push_back({{level.data(), level.data() + level.size()},
+                              static_cast<std::ptrdiff_t>(level.shape(0)), static_cast<std::ptrdiff_t>(level.shape(1))});
+    }
+
+    pose::Pyramid seen(const std::vector<Bytes> &levels) const {
+        pose::Pyramid out = pyramid_of(levels);
+        for (std::size_t k = 0; k < std::min(out.size(), hidden.size()); ++k) {
+            if (hidden[k].height != out[k].height || hidden[k].width != out[k].width)
+                throw std::invalid_argument("images and the mask of what is hidden need the same size");
+            out[k].hidden = hidden[k].data.data();
+        }
+        return out;
+    }
+
+    // Patches of the reference image, fine to coarse in the order of calls; how many were whole in view.
+    std::size_t add_texture(const std::vector<Bytes> &levels, const Doubles &centres, double stride) {
+        target.texture.push_back(cut_patches(target, seen(levels), target.A, places(centres, "centres"), stride));
+        return target.texture.back().patches.size();
+    }
+
+    nb::dict solve(const std::vector<Bytes> &levels, const Doubles &G, const Doubles &P, const Doubles &last,
+                   const Doubles &bend, double readout, const Doubles &nuisance, const Doubles &nuisance_covariance, double sides, double inner_spread,
+                   double gain, double bias, double reach, double edge_width, double blur_share) const {
+        const pose::Pyramid pyramid = seen(levels);
+        pose::Start start{fixed<9>(G, "G"), fixed<64>(P, "P"), fixed<9>(last, "last"), bend_of(bend), readout,
+                          fixed<4>(nuisance, "nuisance"), fixed<16>(nuisance_covariance, "nuisance_covariance"), sides, inner_spread, reach, edge_width, blur_share,
+                          {gain, bias}, static_cast<double>(pyramid[0].width), static_cast<double>(pyramid[0].height)};
+        pose::Solution s;
+        {
+            nb::gil_scoped_release free;
+            s = pose::Solver(target, pyramid, start, numbers).solve();
+        }
+        nb::dict out;
+        out["valid"] = s.valid;
+        out["G"] = copied(s.G.data(), 3, 3);
+        out["P"] = copied(s.P.data(), 8, 8);
+        out["nuisance"] = copied(s.nuisance.data(), 4);
+        out["nuisance_covariance"] = copied(s.nuisance_covariance.data(), 4, 4);
+        out["readout"] = s.readout;
+        out["readout_variance"] = s.readout_variance;
+        out["by_readout"] = copied(s.by_readout.data(), 8);
+        out["sides"] = s.sides;
+        out["gain"] = s.light.gain;
+        out["bias"] = s.light.bias;
+        out["edge_width"] = s.edge_width;
+        out["blur_share"] = s.blur_share;
+        out["blur"] = s.blur;
+        out["edge_share"] = s.edge_share;
+        out["edge_sigma"] = s.edge_sigma;
+        out["look"] = s.look;
+        out["texture_used"] = s.texture_used;
+        out["texture_agreeing"] = s.texture_agreeing;
+        out["texture_spread"] = s.texture_spread;
+        nb::list correlation;
+        for (const auto &level : s.correlation) correlation.append(copied(level));
+        out["correlation"] = correlation;
+        out["visible"] = copied(s.visible);
+        out["occluded"] = copied(s.occluded);
+        out["other"] = copied(s.other);
+        out["log_odds"] = s.log_odds;
+        out["elsewhere"] = s.elsewhere;
+        out["astray"] = s.astray;
+        out["other_shape"] = s.other_shape;
+        out["differs"] = copied(s.differs);
+        return out;
+    }
+
+    // The last image's look at `centres` through `last`, laid on the next image from a start.
+    nb::dict follow(const std::vector<Bytes> &before, const Doubles &last, const std::vector<Bytes> &levels, const Doubles &start,
+                    const Doubles &P, const Doubles &centres, const Doubles &strides) const {
+        const pose::Pyramid old = seen(before), now = seen(levels);
+        const pose::Homography from = fixed<9>(last, "last"), to = fixed<9>(start, "start");
+        const pose::Matrix<8> prior = fixed<64>(P, "P");
+        std::vector<pose::Point> at = places(centres, "centres");
+        pose::FlowFit fit;
+        {
+            nb::gil_scoped_release free;
+            std::vector<pose::PatchSet> looks;
+            for (double stride : values(strides)) {
+                looks.push_back(cut_patches(target, old, from, at, stride));
+                at.resize(std::min(at.size(), std::max(pose::fewest_places, at.size() / 2)));
+            }
+            fit = pose::follow_look(target, looks, now, to, prior, target.noise,
+                                    {numbers.texture_floor, numbers.texture_independent, numbers.texture_freedom});
+        }
+        nb::dict out;
+        out["valid"] = fit.valid;
+        out["G"] = copied(fit.G.data(), 3, 3);
+        out["P"] = copied(fit.covariance.data(), 8, 8);
+        out["agreeing"] = fit.agreeing;
+        out["correlation"] = fit.correlation;
+        out["used"] = fit.used;
+        return out;
+    }
+
+    nb::object moved(const Doubles &G, const Doubles &d) const {
+        const auto out = target.moved(fixed<9>(G, "G"), fixed<8>(d, "d"));
+        return copied(out.data(), 3, 3);
+    }
+
+    // (8,) the error that leads from one pose to another; NaN where none does.
+    nb::object difference(const Doubles &from, const Doubles &to) const {
+        pose::Vector<8> d;
+        if (!target.difference(fixed<9>(from, "the first pose"), fixed<9>(to, "the second pose"), d))
+            d.fill(std::numeric_limits<double>::quiet_NaN());
+        return copied(d.data(), 8);
+    }
+
+    // The contacts in an image, their covariances and their mean.
+    nb::object placed(const Doubles &G, const Doubles &P) const {
+        const auto pose = fixed<9>(G, "G");
+        const auto spread = fixed<64>(P, "P");
+        std::vector<double> at, covariance;
+        double x = 0, y = 0;
+        for (const pose::Point &contact : target.contacts) {
+            const pose::Placed found = pose::placed(target, pose, spread, contact);
+            at.insert(at.end(), {found.at.x, found.at.y});
+            x += found.at.x, y += found.at.y;
+            covariance.insert(covariance.end(), found.covariance.begin(), found.covariance.end());
+        }
+        const std::size_t k = target.contacts.size();
+        const double of = static_cast<double>(k);
+        static const Record record("PlacedContacts");
+        return record(copied(at.data(), k, 2), copied(covariance.data(), k, 2, 2), nb::make_tuple(x / of, y / of));
+    }
+
+    nb::object joined(const Doubles &G, const Doubles &P, const Doubles &other, const Doubles &Q) const {
+        const pose::Joined out = pose::joined(target, fixed<9>(G, "the first pose"), fixed<64>(P, "the first covariance"),
+                                              fixed<9>(other, "the second pose"), fixed<64>(Q, "the second covariance"));
+        static const Record record("FusedPose");
+        return record(out.distance, copied(out.G.data(), 3, 3), copied(out.P.data(), 8, 8));
+    }
+
+    nb::object pinhole(const Doubles &G, const Doubles &theta, double width, double height) const {
+        const auto rows = pose::pinhole_rows(target, fixed<9>(G, "G"), fixed<3>(theta, "theta"), width, height);
+        static const Record record("PinholeMisfit");
+        return record(copied(rows.misfit.data(), 2), copied(rows.by_pose[0].data(), 2, 8),
+                      copied(rows.by_camera[0].data(), 2, 3));
+    }
+};
+
+// Positions and signed steps of the strongest candidates: what the target is made from.
+nb::object strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, const Doubles &points, const Doubles &normals,
+                          double noise, int reach, int half) {
+    const pose::Pyramid pyramid = pyramid_of(levels);
+    pose::Target target{};
+    target.A = fixed<9>(A, "A");
+    target.points = places(points, "points");
+    target.normals = places(normals, "normals");
+    const std::size_t n = target.points.size();
+    if (target.normals.size() != n) throw std::invalid_argument("each point needs its normal");
+    if (reach < 0 || reach > pose::farthest) throw std::invalid_argument("the reach is from 0 to 1000");
+    if (half < pose::least_half || half > pose::most_half) throw std::invalid_argument("half a width is from 2 to 12");
+    target.noise = noise;
+    target.inner.assign(n * pose::inner_pixels, 0.0);
+    double cx = 0, cy = 0;
+    for (const auto &p : target.points) cx += p.x / static_cast<double>(n), cy += p.y / static_cast<double>(n);
+    target.cx = cx;
+    target.cy = cy;
+    const pose::Seen seen = pose::look_through(pyramid, target.A, cx, cy, 1.0);
+    std::vector<double> offset(n, std::numeric_limits<double>::quiet_NaN()), step(n, 0.0), inner(n * pose::inner_pixels), width = offset;
+    const int span = reach + 2 * pose::most_half;
+    std::vector<double> line(static_cast<std::size_t>(2 * span + 1));
+    for (std::size_t i = 0; i < n; ++i) {
+        pose::EdgeSample s;
+        if (!pose::profile(seen, target.points[i], target.normals[i], span, {-span, span}, line.data())) continue;
+        pose::find_candidates(line.data(), span, reach, noise, half, s);
+        double best = 0;
+        for (std::size_t c = 0; c < static_cast<std::size_t>(s.count); ++c) {
+            const double score = std::abs(s.step[c]) * std::exp(-s.offset[c] * s.offset[c] / (2 * half * half));
+            if (std::abs(s.offset[c]) < half + 1.5 && score > best) best = score, offset[i] = s.offset[c], step[i] = s.step[c];
+        }
+        width[i] = pose::edge_width(line.data(), span, half);
+        for (int k = 0; k < pose::inner_pixels; ++k)
+            inner[i * pose::inner_pixels + static_cast<std::size_t>(k)] = line[static_cast<std::size_t>(span + pose::inner_first - (half - pose::least_half) + k)];
+    }
+    static const Record record("StrongestEdges");
+    return record(copied(offset), copied(step), copied(inner.data(), n, pose::inner_pixels), copied(width));
+}
+
+double seen_area(const Doubles &G, const Doubles &points) {
+    if (points.ndim() != 2 || points.shape(1) != 2) throw std::invalid_argument("points are of shape (N, 2)");
+    return pose::seen_area(fixed<9>(G, "G"), points.data(), points.shape(0));
+}
+
+nb::object surface_evidence(const std::vector<Doubles> &correlation, const std::vector<Doubles> &usual, const Doubles &shares,
+                           const Doubles &log_prior, double match_spread, double chance_spread, double independent) {
+    if (count(log_prior) != count(shares)) throw std::invalid_argument("each share needs its prior");
+    bool alike = usual.size() == correlation.size();
+    for (std::size_t k = 0; alike && k < usual.size(); ++k) alike = count(usual[k]) == count(correlation[k]);
+    if (!alike) throw std::invalid_argument("each correlation needs what is usual");
+    pose::SurfaceEvidence out{0.0, std::vector<double>(count(shares), 0.0)};
+    for (std::size_t k = 0; k < usual.size(); ++k)
+        pose::add_level(out, correlation[k].data(), usual[k].data(), count(usual[k]), shares.data(), log_prior.data(), count(shares),
+                        {match_spread, chance_spread, independent});
+    static const Record record("SurfaceEvidence");
+    return record(out.odds, copied(out.by_share));
+}
+
+}  // namespace
+
+void bind_registration(nb::module_ &m) {
+    nb::class_<PoseTarget>(m, "PoseTarget")
+        .def(nb::init<const nb::dict &, const Doubles &, const Doubles &, double, double, double, double, const Doubles &, const Doubles &,
+                      const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &, const Doubles &,
+                      const Doubles &>(),
+             "numbers"_a, "A"_a, "centre"_a, "radius"_a, "noise"_a, "half"_a, "normal_noise"_a, "points"_a, "normals"_a, "contrast"_a, "inner"_a,
+             "surface"_a, "surface_value"_a, "contacts"_a, "depth"_a, "inside"_a, "outside"_a)
+        .def("hide", &PoseTarget::hide, "levels"_a)
+        .def("add_texture", &PoseTarget::add_texture, "levels"_a, "centres"_a, "stride"_a)
+        .def("solve", &PoseTarget::solve, "levels"_a, "G"_a, "P"_a, "last"_a, "bend"_a, "readout"_a, "nuisance"_a, "nuisance_covariance"_a,
+             "sides"_a, "inner_spread"_a, "gain"_a, "bias"_a, "reach"_a, "edge_width"_a, "blur_share"_a)
+        .def("follow", &PoseTarget::follow, "before"_a, "last"_a, "levels"_a, "start"_a, "P"_a, "centres"_a, "strides"_a)
+        .def("moved", &PoseTarget::moved, "G"_a, "d"_a)
+        .def("difference", &PoseTarget::difference, "first"_a, "second"_a)
+        .def("placed", &PoseTarget::placed, "G"_a, "P"_a)
+        .def("joined", &PoseTarget::joined, "G"_a, "P"_a, "other"_a, "Q"_a)
+        .def("pinhole", &PoseTarget::pinhole, "G"_a, "theta"_a, "width"_a, "height"_a);
+    m.def("seen_area", &seen_area, "G"_a, "points"_a);
+    m.def("surface_evidence", &surface_evidence, "correlation"_a, "usual"_a, "shares"_a, "log_prior"_a, "match_spread"_a,
+          "chance_spread"_a, "independent"_a);
+    m.def("strongest_edges", &strongest_edges, "levels"_a, "A"_a, "points"_a, "normals"_a, "noise"_a, "reach"_a, "half"_a);
+}
+
+}  // namespace grasptrack

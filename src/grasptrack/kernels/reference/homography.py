@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Homographies of four points, what they do to points and normals, and those near the identity."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from grasptrack.kernels.results import CarriedPoints, Distortion, FittedHomography
+from grasptrack.typing import Floats
+
+__all__ = ["carry_normals", "carry_points", "distortion", "fit_homography"]
+
+
+# --- The homography of four points (eq. (1)) -----
+
+# Twice the area of a triangle of points whose rms distance from their mean is 1: below this, three are in a row.
+IN_A_ROW = 1e-10
+
+
+def _normalize_points(points: Floats) -> tuple[Floats, Floats]:
+    """(4, 3) points about their mean at rms distance 1, and the (3, 3) transform that made them."""
+    mean = points.mean(axis=0)
+    centred = points - mean
+    size = np.sqrt((centred * centred).sum() / 4)
+    if not size > 0 or not np.isfinite(size):
+        raise ValueError("four points that coincide, or are not finite, fix no homography")
+    transform = np.array([[1 / size, 0, -mean[0] / size], [0, 1 / size, -mean[1] / size], [0, 0, 1]])
+    return np.column_stack([centred / size, np.ones(4)]), transform
+
+
+def _projective_weights(p: Floats) -> Floats:
+    """lambda with lambda_0 p_0 + lambda_1 p_1 + lambda_2 p_2 proportional to p_3."""
+    crosses = [np.cross(p[1], p[2]), np.cross(p[2], p[0]), np.cross(p[0], p[1])]
+    weights = np.array([float(c @ p[3]) for c in crosses])
+    if min(abs(weights).min(), abs(float(crosses[0] @ p[0]))) <= IN_A_ROW:
+        raise ValueError("three of the four points are in a row")
+    return weights
+
+
+def homography_4(source: Floats, target: Floats) -> Floats:
+    """The homography that maps four points exactly to four others.
+
+    Both sets are normalised first; then H = sum_i (mu_i / lambda_i) q_i (p_j x p_k)^T, where lambda and mu express the
+    fourth point in the other three.
+
+    Args:
+        source: (4, 2) px.
+        target: (4, 2) px.
+
+    Returns:
+        (3, 3) with H[2, 2] = 1, or of unit Frobenius norm where H[2, 2] is below 1e-12 of the norm.
+
+    Raises:
+        ValueError: three points in a row in either set, or points that are not finite.
+    """
+    p, S = _normalize_points(source)
+    q, T = _normalize_points(target)
+    ratio = _projective_weights(q) / _projective_weights(p)
+    H = np.zeros((3, 3))
+    for i in range(3):
+        H += ratio[i] * np.outer(q[i], np.cross(p[(i + 1) % 3], p[(i + 2) % 3]))
+    back = np.array([[1 / T[0, 0], 0, -T[0, 2] / T[0, 0]], [0, 1 / T[0, 0], -T[1, 2] / T[0, 0]], [0, 0, 1]])
+    H = back @ H @ S
+    norm = np.sqrt((H * H).sum())
+    return np.asarray(H / (H[2, 2] if abs(H[2, 2]) > 1e-12 * norm else norm))
+
+
+def carry_points(H: Floats, points: Floats) -> CarriedPoints:
+    """Eq. (2): points of one view carried to the other.
+
+    Args:
+        H: (3, 3).
+        points: (N, 2) px.
+    """
+    x, y = points.T
+    with np.errstate(all="ignore"):
+        w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
+        u, v = (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w, (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w
+        in_front = float((w * (-1.0 if w[0] < 0 else 1.0)).min()) if len(w) else math.inf
+    return CarriedPoints(np.column_stack([u, v]), in_front)
+
+
+def distortion(H: Floats, points: Floats) -> Distortion:
+    """How a homography treats the surroundings of some points, at the worst of them.
+
+    Args:
+        H: (3, 3).
+        points: (N, 2) px.
+    """
+    x, y = points.T
+    (a, b, _), (d, e, _), (g, h, _) = H.tolist()
+    with np.errstate(all="ignore"):
+        w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
+        u, v = (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w, (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w
+        a, b, c, d = (a - g * u) / w, (b - h * u) / w, (d - g * v) / w, (e - h * v) / w
+        det, square = a * d - b * c, a * a + b * b + c * c + d * d
+        # singular values s1 >= s2 obey s1^2 + s2^2 = square and s1 s2 = det
+        larger = 0.5 * (square + np.sqrt(np.maximum(square * square - 4 * det * det, 0.0)))
+        front = float((w * (-1.0 if w[0] < 0 else 1.0)).min()) if np.isfinite(H).all() else math.nan
+        return Distortion(front, float(det.min()), max(1.0, float((larger / det).max())))
+
+
+def fit_homography(points1: Floats, indices1: list[int], points2: Floats, indices2: list[int]) -> FittedHomography:
+    """`homography_4` of four points of each of two contours, and its `distortion` at those of the first.
+
+    Args:
+        points1, points2: (N, 2), (N', 2) px.
+        indices1, indices2: four each.
+
+    Raises:
+        ValueError: as `homography_4`, or other than four indices, or one out of range.
+    """
+    for points, indices in ((points1, indices1), (points2, indices2)):
+        if len(indices) != 4 or not 0 <= min(indices) <= max(indices) < len(points):
+            raise ValueError("four points of each contour are needed")
+    H = homography_4(points1[indices1], points2[indices2])
+    return FittedHomography(H, *distortion(H, points1[indices1]))
+
+
+# --- Normals under a homography, and homographies near the identity -----
+
+
+def carry_normals(H: Floats, points: Floats, normals: Floats) -> Floats:
+    """Points of a contour and their normals under a homography (3, 3), eq. (2).
+
+    Returns:
+        (N, 5): u, v px; the unit normal there (normals go by the inverse transpose of the Jacobian); the Jacobian's
+        determinant. NaN for points that lie on or behind the horizon, seen from the mean of all: where the image's own
+        origin lies is of no account, and -H does what H does.
+    """
+    x, y = points[:, 0], points[:, 1]
+    w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
+    if len(w):
+        with np.errstate(invalid="ignore", divide="ignore"):
+            w = np.where(w / (w.sum() / len(w)) > 1e-9, w, np.nan)
+    u, v = (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w, (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w
+    a, b = (H[0, 0] - H[2, 0] * u) / w, (H[0, 1] - H[2, 1] * u) / w
+    c, d = (H[1, 0] - H[2, 0] * v) / w, (H[1, 1] - H[2, 1] * v) / w
+    nx, ny = d * normals[:, 0] - c * normals[:, 1], a * normals[:, 1] - b * normals[:, 0]
+    determinant = a * d - b * c
+    with np.errstate(invalid="ignore", divide="ignore"):
+        size = np.sqrt(nx * nx + ny * ny) * np.sign(determinant)
+        return np.column_stack([u, v, nx / size, ny / size, determinant])
+
+
+SLIGHT = 1e-6
+"""Motions that displace the outline by less than the root of this, relative to the largest, are none of their own."""
+
+
+MOTIONS = np.zeros((8, 3, 3))
+"""To each parameter the part of a homography near the identity that is linear in it."""
+MOTIONS[0, 0, 2] = MOTIONS[1, 1, 2] = 1.0  # shifts
+MOTIONS[2, (0, 1), (0, 1)] = 1.0  # scale
+MOTIONS[3, (0, 1), (1, 0)] = -1.0, 1.0  # turn
+MOTIONS[4, (0, 1), (0, 1)] = 1.0, -1.0  # stretches
+MOTIONS[5, (0, 1), (1, 0)] = 1.0
+MOTIONS[6, 2, 0] = MOTIONS[7, 2, 1] = -1.0  # bends
+
+
+def displacement_fields(points: Floats) -> Floats:
+    """(m, 2, 8): how the 8 parameters of a homography near the identity move points (m, 2), per unit of each.
+
+    Translation; scale and rotation; the two shears of an affine map; the two bends of perspective.
+    """
+    x, y = points[:, 0], points[:, 1]
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    return np.stack(
+        [
+            np.stack([one, zero, x, -y, x, y, x * x, x * y], axis=1),
+            np.stack([zero, one, y, x, -y, x, x * y, y * y], axis=1),
+        ],
+        axis=1,
+    )
+
+
+def near_identity(x: Floats, centre: Floats, radius: float) -> Floats:
+    """(3, 3) the homography near the identity whose displacements are those of `displacement_fields`.
+
+    Args:
+        x: (8,) parameters, in radii.
+        centre: (2,) px.
+        radius: px.
+    """
+    M = np.eye(3) + np.tensordot(x, MOTIONS, 1)
+    N = np.array([[1.0, 0.0, -centre[0]], [0.0, 1.0, -centre[1]], [0.0, 0.0, radius]]) / radius
+    back = np.array([[radius, 0.0, centre[0]], [0.0, radius, centre[1]], [0.0, 0.0, 1.0]])
+    return np.asarray(back @ M @ N, dtype=np.float64)
+
+
+def whitening_matrix(fields: Floats) -> Floats:
+    """(n, n) parameters of as many motions that each displace points by 1 px rms, the least of them bounded."""
+    if not len(fields):
+        return np.eye(fields.shape[2])
+    size, V = np.linalg.eigh(np.einsum("mik,mil->kl", fields, fields) / len(fields))
+    return np.asarray(V / np.sqrt(np.maximum(size, SLIGHT * size[-1])))
+
+
+def lower_median(values: Floats) -> float:
+    """The middle value, of two the lower one; 0 of none."""
+    return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0
