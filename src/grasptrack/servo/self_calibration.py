@@ -30,7 +30,6 @@ from grasptrack.servo.estimate import (
     ClassicalIBVS,
     Estimate,
     Origin,
-    Placed,
     Prior,
     Search,
     normalized_residual,
@@ -39,7 +38,7 @@ from grasptrack.servo.estimate import (
     refine_estimate,
 )
 from grasptrack.servo.features import rms_diameter
-from grasptrack.servo.model import SHAPE
+from grasptrack.servo.model import SHAPE, Placed
 from grasptrack.servo.observation import Observation
 from grasptrack.typing import Floats
 

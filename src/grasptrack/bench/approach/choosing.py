@@ -19,6 +19,7 @@ from grasptrack.grasp.synthesis import synthesize
 from grasptrack.grasp.synthesis.candidates import Candidates, Stable, sample_candidates
 from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
 from grasptrack.grasp.synthesis.search import duplicate_radius, far_enough
+from grasptrack.kernels.results import RankedCandidates, RankingLimits, WrenchSpace
 from grasptrack.tracking.numbers import DEFAULT_RISK
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
@@ -174,28 +175,21 @@ def radial_grasps(view: View, hand: Hand, friction: float, even: float) -> Choic
     if len(index) > MOST:
         index = index[np.linspace(0, len(index) - 1, MOST).astype(np.int64)]
     rho = 0.5 * at.size
-    closure = np.array([kernels.force_closure(at.contacts[i], at.normals[i], cx, cy, rho, friction)[0] for i in index])
+    closure = np.array(
+        [kernels.force_closure(at.contacts[i], at.normals[i], cx, cy, rho, friction).epsilon for i in index]
+    )
     index, closure = index[closure > 0.0], closure[closure > 0.0]
     found = Stable(at, index, np.ones(len(index)), closure, friction)
     left, refused = reject_infeasible(found, at, view, px, (), Limits())
     if not len(left):
         return Choice([], f"no three contacts for this hand: {next(iter(refused), 'none closes')}")
     chosen, quality, _ = kernels.rank_grasps(
-        at.contacts,
-        at.normals,
-        at.usable,
-        at.starts,
-        at.steps,
+        RankedCandidates(at.contacts, at.normals, at.usable, at.starts, at.steps),
         found.index[left],
         found.strength[left],
         found.terms[left].prod(axis=1),
-        friction,
-        cx,
-        cy,
-        rho,
-        far_enough(at.size, px.finger_width),
-        duplicate_radius(at.size, px.finger_width),
-        TOP,
+        WrenchSpace(friction, cx, cy, rho),
+        RankingLimits(far_enough(at.size, px.finger_width), duplicate_radius(at.size, px.finger_width), TOP),
     )
     contacts = found.contacts[left[chosen]]
     return Choice([Grasp(c, float(q)) for c, q in zip(contacts, quality, strict=True)], "")
