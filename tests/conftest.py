@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the helpers beside the tests importable."""
+"""Makes the helpers, and the tests that others build upon, importable."""
 
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
+FOLDERS = ("helpers", "laws", "scenarios", "slow")
+sys.path[:0] = [str(Path(__file__).parent / name) for name in FOLDERS]

@@ -17,7 +17,7 @@ from grasptrack.segmentation.objects import find_objects
 from grasptrack.tracking.image_pair import transfer_between_images
 from grasptrack.transfer.alignment import as_similarity, find_alignments
 
-DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 
 pytestmark = pytest.mark.skipif(
     not (DATA / "tools").is_dir(), reason=f"no photos in {DATA}; set GRASPTRACK_DATA to the folder that holds tools/"

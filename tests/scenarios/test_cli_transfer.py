@@ -17,7 +17,7 @@ from grasptrack.transfer import STRATEGIES
 from scenery import L_PLATE, SQUARE, drawn
 from test_pair import motion, moved, printed
 
-DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 ALL = ["registration", *STRATEGIES]
 SQUARES = 1.2 * SQUARE
 

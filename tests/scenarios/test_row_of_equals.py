@@ -43,7 +43,7 @@ def test_an_equal_that_came_to_its_place_is_not_taken_for_it(speed: float, dark:
     assert found >= 5
 
 
-SILHOUETTES = Path(__file__).resolve().parents[2] / "shared" / "data" / "silhouettes"
+SILHOUETTES = Path(__file__).resolve().parents[3] / "shared" / "data" / "silhouettes"
 
 
 @pytest.mark.skipif(not SILHOUETTES.is_dir(), reason="needs the silhouettes of ../shared/data")

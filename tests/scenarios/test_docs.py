@@ -16,7 +16,7 @@ from grasptrack.cli.main import main
 from grasptrack.io.results import csv_columns
 from recordings import plates
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
 VERBS = ("synthesize", "inspect", "track", "transfer", "demo", "servo", "evaluate", "compare")
 WITH_OPTIONS = (*VERBS[:6], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
@@ -57,7 +57,8 @@ def block(page: str, name: str) -> list[str]:
 
 @lru_cache
 def functions_of(module: str) -> set[str]:
-    tree = ast.parse((ROOT / "tests" / f"{module}.py").read_text(encoding="utf-8"))
+    found = list((ROOT / "tests").glob(f"*/{module}.py"))
+    tree = ast.parse("".join(path.read_text(encoding="utf-8") for path in found))
     return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
 
 
@@ -65,7 +66,7 @@ def exists(name: str) -> bool:
     """Whether a test (file::function), an object (module:name) or a path of the repository is there."""
     if "::" in name:
         module, function = name.split("::")
-        return (ROOT / "tests" / f"{module}.py").is_file() and function in functions_of(module)
+        return function in functions_of(module)
     if ":" in name:
         module, path = name.split(":")
         found: object = import_module(f"grasptrack.{module}")

@@ -15,7 +15,7 @@ from grasptrack.bench.demo import STRATEGIES, run_demo
 from grasptrack.bench.records import read_homographies
 from grasptrack.bench.simulation import demo_scene
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("[0-9]*.py")), ids=lambda p: p.stem)

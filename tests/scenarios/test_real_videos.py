@@ -12,7 +12,7 @@ import pytest
 from grasptrack import GraspTracker, open_source
 from grasptrack.bench.real import score_video
 
-DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")) / "videos"
+DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")) / "videos"
 
 pytestmark = pytest.mark.skipif(
     not DATA.is_dir(), reason=f"no videos in {DATA}; set GRASPTRACK_DATA to the folder that holds videos/"

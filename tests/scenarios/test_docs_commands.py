@@ -28,7 +28,7 @@ from grasptrack.cli.main import app, main
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.video import VideoWriter
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 DATA = Path(os.environ.get("GRASPTRACK_DATA", ROOT.parent / "shared" / "data"))
 PROGRAMS = ("grasptrack", "python", "python3", "pip", "make", "dask")
@@ -60,7 +60,7 @@ ELSEWHERE = {
     "pip install --no-deps .": "the same without dependencies",
     "pip check": "pip's own",
     "pip install --no-binary av av": "builds FFmpeg's bindings from source",
-    "python tests/golden.py --write": "writes a file of the repository; tests/test_golden.py runs the rest",
+    "python tests/slow/golden.py --write": "writes a file of the repository; tests/slow/test_golden.py runs the rest",
     "python3 -m venv fresh": ".ci/run makes one",
     "fresh/bin/pip install .": ".ci/run builds a wheel and installs it",
 }
@@ -177,7 +177,7 @@ def test_every_command_is_known(command: str) -> None:
         if rest:
             filled = [{"N": "1", "R": "0.5"}.get(word, word) for word in rest]
             command_of(verb).make_context(verb, filled)
-    elif (study := study_of(words)) is not None:  # tests/test_studies.py runs each
+    elif (study := study_of(words)) is not None:  # tests/slow/test_studies.py runs each
         shown = (ROOT / "src" / "grasptrack" / "bench" / "studies" / f"{study}.py").read_text(encoding="utf-8")
         options = {w for w in words if w.startswith("--")}
         assert {o for o in options - {"--output"} if f'"{o}"' not in shown} == set(), "unknown options"

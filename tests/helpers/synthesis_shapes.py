@@ -12,7 +12,7 @@ from grasptrack.geometry.contours import Contour, View
 from outlines import BRACKET, dense
 
 SILHOUETTES = (
-    Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")) / "silhouettes"
+    Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")) / "silhouettes"
 )
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small fixed suite and its stored scores.
 
-`python tests/golden.py` runs it and shows each score beside the stored one; with `--write` it stores what it finds, and
+`python tests/slow/golden.py` runs it and shows each score beside the stored one; with `--write` it stores what it finds, and
 as noise the standard deviation over redrawn scenes. A score is stored anew only when a change makes it better, or when
 the suite changes; a commit that stores worse ones says why.
 """

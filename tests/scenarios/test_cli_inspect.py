@@ -20,7 +20,7 @@ from recordings import movie, plate, write
 from scenery import L_PLATE, drawn, ellipse
 from test_cli_bad_input import refused
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def given(source: Path | str, tmp_path: Path, *more: str) -> list[str]:

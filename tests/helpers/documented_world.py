@@ -30,7 +30,7 @@ class Robot(Protocol):
 
 
 def _example_robot() -> Robot:
-    path = Path(__file__).resolve().parents[1] / "examples" / "06_servo.py"
+    path = Path(__file__).resolve().parents[2] / "examples" / "06_servo.py"
     spec = importlib.util.spec_from_file_location("example_servo", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
