@@ -37,12 +37,22 @@ def square_or_die(task: tuple[int, str, int]) -> int:
     return number * number
 
 
-def slow_square(task: tuple[int, str]) -> int:
-    """Leave the process's number behind, and take a while."""
+def gated_square(task: tuple[int, str]) -> int:
+    """Leave the process's number behind, and wait until a file says that one may go on."""
     number, folder = task
     (Path(folder) / f"{number}-{os.getpid()}").touch()
-    time.sleep(0.3)
+    if wait_for(Path(folder), "go") is None:
+        raise TimeoutError("nobody opened the gate")
     return number * number
+
+
+def wait_for(folder: Path, pattern: str) -> Path | None:
+    """The first file of that kind, as soon as there is one; None after a minute."""
+    for _ in range(6000):
+        if found := next(folder.glob(pattern), None):
+            return found
+        time.sleep(0.01)
+    return None
 
 
 def scored(task: tuple[int, str]) -> dict[str, list[FrameScore]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from functools import lru_cache
 
 import numpy as np
@@ -260,14 +259,3 @@ def test_contacts_are_judged_where_they_lay_in_the_first_view() -> None:
     between = np.array([[1.0, 0, 0], [0, 1, 0], [*across, -there.mean(axis=0) @ across]])  # its horizon
     with pytest.raises(ConditioningError, match="to infinity"):
         check.judge(there, FRICTION, np.linalg.inv(between), TILTED, C)
-
-
-def test_it_costs_next_to_nothing_for_each_frame() -> None:
-    regions, C = chosen("bracket", 2)[2], np.array([np.eye(2)] * 2)
-    contacts = apply_homography(TILTED, regions.contacts)
-    best = math.inf
-    for _ in range(300):
-        began = time.perf_counter()
-        chance_of_closing(regions, C, TILTED, contacts)
-        best = min(best, time.perf_counter() - began)
-    assert best < 50e-6  # 5 us, on a computer that is busy more

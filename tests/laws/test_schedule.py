@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from pathlib import Path
 
 import pytest
@@ -55,17 +56,22 @@ def test_a_cluster_that_loses_a_worker_still_does_every_task(tmp_path: Path) -> 
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
-        tasks = [(n, str(tmp_path)) for n in range(12)]
-        outcomes, victims = {}, []
-        for outcome in create_scheduler(cluster.scheduler_address)(scheduled.slow_square, tasks):
-            if not outcomes:
-                victims = [worker.pid for worker in cluster.workers.values()][:1]
-                os.kill(victims[0], signal.SIGKILL)
-            outcomes[outcome.index] = outcome
-    assert {i: o.value for i, o in outcomes.items()} == {n: n * n for n in range(12)}
-    assert all(not o.error for o in outcomes.values())
-    done_by = [int(path.name.split("-")[1]) for path in tmp_path.iterdir()]
-    assert victims[0] in done_by, "the worker that was killed had had work"
+        tasks, killed = [(n, str(tmp_path)) for n in range(12)], []
+
+        def kill_one_at_work() -> None:
+            at_work = scheduled.wait_for(tmp_path, "*-*")
+            if at_work is not None:
+                killed.append(at_work.name.split("-"))
+                os.kill(int(killed[0][1]), signal.SIGKILL)
+            (tmp_path / "go").touch()
+
+        killer = threading.Thread(target=kill_one_at_work)
+        killer.start()
+        outcomes = {o.index: o for o in create_scheduler(cluster.scheduler_address)(scheduled.gated_square, tasks)}
+        killer.join()
+    assert {i: (o.value, o.error) for i, o in outcomes.items()} == {n: (n * n, "") for n in range(12)}
+    (number, _), *_ = killed
+    assert len(list(tmp_path.glob(f"{number}-*"))) == 2, "its task was begun again by another"
 
 
 def test_no_scheduler_at_the_address_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -145,16 +144,6 @@ def test_the_demonstration_keeps_the_whole_outline_in_view() -> None:
     assert scene[0].image.shape == (480, 640, 3)
     assert min(scene[i].outline_visible for i in range(0, 30, 3)) == 1.0
     assert demo_scene(2, colour=False)[0].image.shape == (480, 640)
-
-
-def test_a_frame_takes_tens_of_milliseconds_not_hundreds() -> None:
-    scene = demo_scene(12, colour=False)
-    times = []
-    for i in range(12):
-        start = time.perf_counter()
-        scene[i]
-        times.append(time.perf_counter() - start)
-    assert min(times) < 0.06
 
 
 def test_the_parts_of_a_still_life_lie_apart_and_are_found() -> None:

@@ -23,11 +23,6 @@ def test_every_public_name_is_there():
         _ = gt.nonsense
 
 
-def test_import_is_light():
-    heavy = "cv2", "av", "matplotlib", "numpy", "typer"
-    assert run(f"import grasptrack, sys; print([m for m in {heavy} if m in sys.modules])") == "[]"
-
-
 @pytest.mark.parametrize(
     "before",
     ["", "import grasptrack.transfer.rrp", "from grasptrack.transfer import Transfer", "grasptrack.transfer"],
