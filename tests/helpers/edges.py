@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where an image shows an edge, against where an outline says it is."""
+"""Scenes against their truth: where a plane is seen, and where an image shows an edge."""
 
 from __future__ import annotations
 
@@ -7,7 +7,29 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from grasptrack.bench.simulation import Renderer, Scene
+
 REACH, STEPS = 6.0, 121
+
+
+def plane_to_image(scene: Scene) -> np.ndarray:
+    """(F, 3, 3) from the plane of the contacts to ideal px, frame by frame."""
+    return scene.path.table_to_image(scene.camera, scene.thickness)
+
+
+def renderer(scene: Scene) -> Renderer:
+    """What draws a scene in grey, for single layers of it."""
+    width, height = scene.camera.width, scene.camera.height
+    return Renderer(
+        scene.shape,
+        scene.table,
+        scene.surface,
+        width=width,
+        height=height,
+        blur=scene.conditions.blur,
+        colour=False,
+        camera=scene.camera,
+    )
 
 
 def bilinear(field: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from grasptrack import GraspTracker
 from grasptrack.bench.simulation import SHAPES, Renderer, Shape, Texture, brushed_texture, plain_texture, wood_texture
 from grasptrack.bench.simulation.outlines import polygon_moments
+from grasptrack.bench.simulation.occluders import Colour, Drifting
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
 
@@ -41,22 +42,23 @@ def pose(
 
 def photo(
     parts: Iterable[tuple[Shape, np.ndarray]],
-    bars: Sequence[tuple[np.ndarray, float]] = (),
+    bars: Sequence[tuple[np.ndarray, float | Colour]] = (),
     *,
     ground: Texture = GROUND,
     surface: Texture = METAL,
     noise: float = 2.0,
-    light: float = 1.0,
+    light: float | Colour = 1.0,
+    colour: bool = False,
     seed: int = 0,
 ) -> np.ndarray:
-    """(HEIGHT, WIDTH) image of parts on a table, with bars (polygon, grey level) in front."""
-    placed = list(parts)
-    view = Renderer(SHAPES["disc"](), ground, surface, width=WIDTH, height=HEIGHT, blur=0.7, colour=False)
-    image = view._warp(ground.grey, pose(scale=60.0)).copy()
-    for shape, H in placed:
-        view._over(image, tuple(apply_homography(H, p) for p in shape.polygons), view._warp(surface.grey, H))
+    """(HEIGHT, WIDTH) or (HEIGHT, WIDTH, 3) image of parts on a table, with bars (polygon, level or BGR) in front."""
+    view = Renderer(SHAPES["disc"](), ground, surface, width=WIDTH, height=HEIGHT, blur=0.7, colour=colour)
+    image = view.ground(pose(scale=60.0))
+    for shape, H in parts:
+        view.lay(image, H, shape=shape)
     for polygon, level in bars:
-        view._over(image, (polygon,), np.full(image.shape, level, np.float32))
+        paint = level if isinstance(level, tuple) else (level, level, level)
+        view.cover(image, Drifting(polygon, np.zeros((1, 2)), colour=paint), polygon)
     image *= np.float32(light)
     image += np.float32(noise) * np.random.default_rng((seed, 3)).standard_normal(image.shape, dtype=np.float32)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import os
 import pickle
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import zlib
 import numpy as np
 import pytest
 
+from edges import plane_to_image
 from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, is_applicable
 from grasptrack.bench.simulation.outlines import polygon_moments
 from grasptrack.errors import InputError
@@ -32,7 +34,7 @@ def digest(made: Scene, frames: tuple[int, ...] = (0, 17)) -> int:
 
 def steps(made: Scene) -> tuple[np.ndarray, np.ndarray]:
     """(F - 1,) px that the part's middle moves from frame to frame, and degrees that the camera rolls."""
-    middle = np.array([apply_homography(H, [[0.0, 0.0]])[0] for H in made._plane_to_image])
+    middle = np.array([apply_homography(H, [[0.0, 0.0]])[0] for H in plane_to_image(made)])
     return np.hypot(*np.diff(middle, axis=0).T), np.degrees(np.abs(np.diff(made.path.roll)))
 
 
@@ -82,12 +84,17 @@ def test_another_process_renders_the_same_to_the_last_bit() -> None:
     names += ("highlight", "shake", "jpeg", "gravel", "sheet", "crowd", "cover", "print-exchange", "rolling-shutter")
     here = [digest(scene(name, size=SMALL, frames=20)) for name in names]
     code = (
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import sys\n"
         "from test_simulation_disturbances import SMALL, digest, scene\n"
-        "print(*[digest(scene(n, size=SMALL, frames=20)) for n in reversed(sys.argv[2:])])"
+        "print(*[digest(scene(n, size=SMALL, frames=20)) for n in reversed(sys.argv[1:])])"
     )
-    folder = str(__file__).rsplit("test_simulation", 1)[0]
-    shown = subprocess.run([sys.executable, "-c", code, folder, *names], capture_output=True, text=True, check=True)
+    shown = subprocess.run(
+        [sys.executable, "-c", code, *names],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert [int(v) for v in shown.stdout.split()][::-1] == here
 
 

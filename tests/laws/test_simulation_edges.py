@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edges import offsets
+from edges import offsets, plane_to_image
 from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, Shape, Texture, near_twin, shape_from_mask
 from grasptrack.geometry.homographies import apply_homography
 
@@ -45,7 +45,7 @@ def outline_of(scene: Scene, index: int) -> tuple[np.ndarray, ...]:
     if guest is None:
         return scene[index].outline
     assert guest.shape is not None
-    return tuple(apply_homography(scene._plane_to_image[index], p) for p in guest.shape.polygons)
+    return tuple(apply_homography(plane_to_image(scene)[index], p) for p in guest.shape.polygons)
 
 
 @pytest.mark.parametrize("name", [n for n in DISTURBANCES if n not in ("thick", "thick-6", "aside", "mixed")])
@@ -75,7 +75,7 @@ def test_the_upper_face_of_a_thick_part_lies_on_its_outline_where_no_side_shows(
     found = []
     for i in range(10, 40, 9):
         table = scene.path.pose(i).table_to_image(scene.camera)[0]
-        down = table @ np.linalg.inv(scene._plane_to_image[i])
+        down = table @ np.linalg.inv(plane_to_image(scene)[i])
 
         def hidden(point: np.ndarray, normal: np.ndarray, down: np.ndarray = down) -> np.ndarray:
             return np.asarray(((apply_homography(down, point) - point) * normal).sum(axis=1) < -0.05)

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from edges import bilinear, offsets
+from edges import bilinear, offsets, plane_to_image, renderer
 from grasptrack.bench.simulation import (
     DISTURBANCES,
     SHAPES,
@@ -26,6 +27,7 @@ from grasptrack.bench.simulation import (
 from grasptrack.bench.simulation.lookalikes import Room
 from grasptrack.bench.simulation.occluders import Drifting
 from grasptrack.bench.simulation.outlines import inside_polygons
+from grasptrack.bench.simulation.paths import RollingShutter
 from grasptrack.geometry.homographies import apply_homography
 
 SMALL = (320, 240)
@@ -43,20 +45,16 @@ def flat(level: int) -> Texture:
 
 def changed(made: Scene, **conditions: object) -> Scene:
     """The same scene under other conditions."""
-    return Scene(
-        made.shape,
-        made.path,
-        camera=made.camera,
-        table=made._renderer._table,
-        surface=made._renderer._surface,
-        conditions=replace(made.conditions, **conditions),  # type: ignore[arg-type]
-        covers=made.covers,
-        guests=made.guests,
-        distractors=made.distractors,
-        slide=tuple(made._slide),
-        thickness=made.thickness,
-        seed=made.seed,
-    )
+    again = copy(made)
+    again.conditions = replace(made.conditions, **conditions)  # type: ignore[arg-type]
+    return again
+
+
+def shutter(made: Scene, index: int) -> RollingShutter:
+    """How the rows of a frame are read out."""
+    found = made[index].shutters
+    assert found is not None
+    return found[1]
 
 
 def unit(made: Scene) -> float:
@@ -65,7 +63,7 @@ def unit(made: Scene) -> float:
 
 
 def share_in_view(made: Scene, item: Distractor, index: int) -> float:
-    H = made._plane_to_image[index] @ item.place(index)
+    H = plane_to_image(made)[index] @ item.place(index)
     seen = apply_homography(H, item.shape.samples(200))
     limit = [made.camera.width - 1, made.camera.height - 1]
     return float(np.all((seen >= 0) & (seen <= limit), axis=1).mean())
@@ -140,9 +138,8 @@ def test_rows_read_out_later_lie_farther_on() -> None:
     frame = made[3]
     at = np.array([[100.0, 80.0], [100.0, 119.5], [200.0, 160.0]])
     expected = at - np.column_stack([step * readout * (at[:, 1] - 119.5) / 239.0, np.zeros(3)])
-    rolled = made._shutter(3)
-    assert rolled is not None
-    table = apply_homography(np.linalg.inv(plain._plane_to_image[3]), at)
+    rolled = shutter(made, 3)
+    table = apply_homography(np.linalg.inv(plane_to_image(plain)[3]), at)
     assert rolled.project(table, made.camera) == pytest.approx(expected, abs=1e-6)
     off = offsets(frame.image, frame.outline, 50, 200)
     assert len(off) > 100 and abs(off.mean()) < 0.01 and off.std() < 0.02
@@ -152,8 +149,8 @@ def test_rows_read_out_later_lie_farther_on() -> None:
 
 def test_a_rolled_point_is_where_its_own_rows_homography_sends_it() -> None:
     made = scene("rolling-shutter", "gasket", 40, 2)
-    rolled, readout = made._shutter(17), made.conditions.readout
-    assert rolled is not None and 0.6 <= readout <= 0.9
+    rolled, readout = shutter(made, 17), made.conditions.readout
+    assert 0.6 <= readout <= 0.9
     plane = made.shape.samples(40)
     seen = rolled.project(plane, made.camera)
     assert np.abs(rolled.back(seen, made.camera) - plane).max() < 1e-9
@@ -161,7 +158,7 @@ def test_a_rolled_point_is_where_its_own_rows_homography_sends_it() -> None:
         late = readout * (px[1] / (made.camera.height - 1) - 0.5)
         H = made.path.between(17, [late]).table_to_image(made.camera)[0]
         assert apply_homography(H, point[None])[0] == pytest.approx(px, abs=2e-3)
-    away = seen - apply_homography(made._plane_to_image[17], plane)
+    away = seen - apply_homography(plane_to_image(made)[17], plane)
     assert np.hypot(*away.T).max() > 0.05
 
 
@@ -177,12 +174,11 @@ def test_a_texture_is_rolled_as_the_outline_is() -> None:
             table=Texture(ramp, extent),
             conditions=Conditions(noise=0.0, readout=0.9),
         )
-        rolled = made._shutter(3)
-        assert rolled is not None
+        rolled = shutter(made, 3)
         at = np.random.default_rng(1).uniform([-0.9, -0.6], [0.9, 0.6], (200, 2))
         seen = rolled.project(at, camera)
         use = np.all((seen > 2) & (seen < [SMALL[0] - 3, SMALL[1] - 3]), axis=1)
-        value = bilinear(made._renderer.ground(rolled).astype(float), seen[use])
+        value = bilinear(renderer(made).ground(rolled).astype(float), seen[use])
         expected = 20 + (at[use, 0] + extent) / (2 * extent) * 215
         assert use.sum() > 100 and np.abs(value - expected).max() < 1.5
 
@@ -221,7 +217,7 @@ def test_effects_combine() -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_shaking_hand_is_fast_and_irregular_and_begins_at_rest(seed: int) -> None:
     made = scene("shake", frames=50, seed=seed)
-    middle = np.array([apply_homography(H, [[0.0, 0.0]])[0] for H in made._plane_to_image])
+    middle = np.array([apply_homography(H, [[0.0, 0.0]])[0] for H in plane_to_image(made)])
     steps = np.diff(middle, axis=0)
     speed = np.hypot(*steps.T)
     assert 10.0 < speed.max() < 16.0 and speed[0] < 4.0 and np.median(speed) > 3.0
@@ -233,7 +229,7 @@ def test_a_shaking_hand_is_fast_and_irregular_and_begins_at_rest(seed: int) -> N
 def test_a_shaken_image_is_smeared() -> None:
     made = changed(scene("shake", frames=30, seed=1), noise=0.0)
     sharp = changed(made, exposure=0.0)
-    middle = np.array([apply_homography(H, [[0.0, 0.0]])[0] for H in made._plane_to_image])
+    middle = np.array([apply_homography(H, [[0.0, 0.0]])[0] for H in plane_to_image(made)])
     i = 1 + int(np.argmax(np.hypot(*(middle[2:] - middle[:-2]).T)))
 
     def detail(image: np.ndarray) -> float:
@@ -269,7 +265,7 @@ def test_gravel_is_strong_and_its_pebbles_are_as_large_as_said(seed: int) -> Non
     made, plain = scene("gravel", seed=seed), scene("clean-4dof", seed=seed)
     image = changed(made, noise=0.0, vignette=0.0)[0].image.astype(float)
     corner = image[:110, :200]
-    contrast = abs(float(plain._renderer._surface.image.mean()) - float(plain._renderer._table.image.mean()))
+    contrast = abs(float(plain.surface.grey.image.mean()) - float(plain.table.grey.image.mean()))
     assert 0.2 * contrast < corner.std() < 0.6 * contrast
     field = corner - corner.mean()
     by_lag = [(field[:, : 200 - k] * field[:, k:]).mean() / (field**2).mean() for k in range(1, 25)]
@@ -289,7 +285,7 @@ def test_a_sheet_is_somewhat_larger_than_the_part_and_at_times_parallel_to_it() 
         assert 1.1 < cv2.contourArea(ring.astype(np.float32)) / cv2.contourArea(part.astype(np.float32)) < 4.5
         assert gap_inside(part, ring) < 0.45
         turned.append(abs(math.sin(2.0 * sheet.turn)) > 1e-6)
-        moving.append(bool(np.any(made._slide)))
+        moving.append(bool(np.any(made.slide)))
         assert np.ptp(sheet.surface.image) < 20 if sheet.surface is not None else False
     assert 2 <= sum(turned) <= 10 and 2 <= sum(moving) <= 10
 
@@ -301,7 +297,7 @@ def gap_inside(inner: np.ndarray, outer: np.ndarray) -> float:
 
 
 def test_a_sheet_goes_with_the_part() -> None:
-    seed = next(k for k in range(12) if np.any(scene("sheet", frames=4, seed=k)._slide))
+    seed = next(k for k in range(12) if np.any(scene("sheet", frames=4, seed=k).slide))
     made = changed(scene("sheet", frames=30, seed=seed), noise=0.0, drift=0.0, vignette=0.0)
     (sheet,) = made.distractors
     level = float(sheet.surface.image.mean()) if sheet.surface is not None else -1.0
@@ -309,7 +305,7 @@ def test_a_sheet_goes_with_the_part() -> None:
         p for p in laid(sheet).outer @ np.diag([0.97, 0.97]) if not inside_polygons([made.shape.outer], p[None])[0]
     ]
     for i in (0, 15, 29):
-        seen = apply_homography(made._plane_to_image[i], np.array(paper))
+        seen = apply_homography(plane_to_image(made)[i], np.array(paper))
         use = np.all((seen > 2) & (seen < [636, 476]), axis=1)
         assert np.abs(bilinear(made[i].image.astype(float), seen[use]) - level).max(initial=0.0) < 12.0
 
@@ -333,7 +329,7 @@ def test_equal_parts_lie_beside_it_from_the_first_frame_on(shape: str) -> None:
 
 def test_an_equal_part_looks_the_same() -> None:
     made = changed(scene("equals", frames=4, seed=1), noise=0.0, vignette=0.0)
-    image, H = made[0].image.astype(float), made._plane_to_image[0]
+    image, H = made[0].image.astype(float), plane_to_image(made)[0]
     inner = 0.7 * made.shape.samples(200)
     inner = inner[inside_polygons(made.shape.polygons, inner)]
     own = bilinear(image, apply_homography(H, inner))
@@ -445,12 +441,12 @@ def test_the_camera_comes_over_what_it_first_sees_from_aside() -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_prints_are_stronger_than_bare_surfaces_and_are_exchanged(seed: int) -> None:
     made = scene("print", frames=10, seed=seed, size=SMALL)
-    image = made._renderer._surface.image.astype(float)
+    image = made.surface.grey.image.astype(float)
     assert image.std() > 8.0 and np.degrees(made.path.tilt.max()) == pytest.approx(28.0)
     swap = scene("print-exchange", frames=40, seed=seed)
     (guest,) = swap.guests
     assert guest.shape is swap.shape and guest.surface is not None
-    own, other = swap._renderer._surface.image.astype(float), guest.surface.grey.image.astype(float)
+    own, other = swap.surface.grey.image.astype(float), guest.surface.grey.image.astype(float)
     assert own.shape == other.shape and abs(own.mean() - other.mean()) < 6.0
     assert np.corrcoef(own.ravel(), other.ravel())[0, 1] < 0.6
     assert not swap[20].present and swap[39].present

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edges import bilinear
+from edges import bilinear, plane_to_image, renderer
 from grasptrack.bench.simulation import (
     SHAPES,
     Bar,
@@ -86,11 +86,11 @@ def test_a_texture_goes_through_the_lens_as_the_outline_does() -> None:
     scene = Scene(
         SHAPES["disc"](), tilting_path(3, seed=4), camera=camera, table=Texture(ramp, extent), conditions=QUIET
     )
-    H = scene._plane_to_image[2]
+    H = plane_to_image(scene)[2]
     at = np.random.default_rng(1).uniform([-0.9, -0.6], [0.9, 0.6], (200, 2))
     seen = camera.distort(apply_homography(H, at))
     use = np.all((seen > 2) & (seen < [WIDTH - 3, HEIGHT - 3]), axis=1)
-    value = bilinear(scene._renderer.ground(H).astype(float), seen[use])
+    value = bilinear(renderer(scene).ground(H).astype(float), seen[use])
     expected = 20 + (at[use, 0] + extent) / (2 * extent) * 215
     assert np.abs(value - expected).max() < 1.5
 
