@@ -5,16 +5,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from grasptrack import GraspTracker
 from grasptrack.bench.simulation import SHAPES, Renderer, Shape, Texture, brushed_texture, plain_texture, wood_texture
 from grasptrack.bench.simulation.outlines import polygon_moments
-from grasptrack.bench.simulation.occluders import Colour, Drifting
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
 
+Colour = tuple[float, float, float]
 WIDTH, HEIGHT = 320, 240
 SCALE = 75.0
 """px per table unit, so sqrt(area) of a part seen from above."""
@@ -40,6 +41,13 @@ def pose(
     return H / H[2, 2]
 
 
+class Flat(NamedTuple):
+    """The look of a bar."""
+
+    colour: Colour
+    relief: float = 0.0
+
+
 def photo(
     parts: Iterable[tuple[Shape, np.ndarray]],
     bars: Sequence[tuple[np.ndarray, float | Colour]] = (),
@@ -58,7 +66,7 @@ def photo(
         view.lay(image, H, shape=shape)
     for polygon, level in bars:
         paint = level if isinstance(level, tuple) else (level, level, level)
-        view.cover(image, Drifting(polygon, np.zeros((1, 2)), colour=paint), polygon)
+        view.cover(image, Flat(paint), polygon)
     image *= np.float32(light)
     image += np.float32(noise) * np.random.default_rng((seed, 3)).standard_normal(image.shape, dtype=np.float32)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)

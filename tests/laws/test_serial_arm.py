@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -19,6 +20,9 @@ from grasptrack.bench.simulation import SHAPES
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
+
+if TYPE_CHECKING:
+    from grasptrack.bench.physics import World
 
 anywhere = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).map(lambda shares: math.pi * np.array(shares))
 within = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6).map(
@@ -127,8 +131,15 @@ def test_rates_stay_small_where_two_axes_fall_together() -> None:
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="the physical world needs MuJoCo")
 
 
+def addresses(world: World, kind: str) -> list[int]:
+    """Of the arm's joints in MuJoCo's arrays."""
+    return [int(getattr(world.model.joint(name), kind)[0]) for name in linkage.joint_names("arm")]
+
+
 @needs_mujoco
 def test_the_model_is_the_kinematics_and_the_hand_starts_where_the_setting_says() -> None:
+    import mujoco
+
     from grasptrack.bench.physics import World
 
     world = World(SHAPES["disc"](), seed=3, arm="arm", images="planar")
@@ -136,8 +147,8 @@ def test_the_model_is_the_kinematics_and_the_hand_starts_where_the_setting_says(
     rng = np.random.default_rng(0)
     for _ in range(5):
         joints = serial.REST + rng.uniform(-0.5, 0.5, 6)
-        world.data.qpos[world._qpos] = joints
-        world._mj.mj_forward(world.model, world.data)
+        world.data.qpos[addresses(world, "qposadr")] = joints
+        mujoco.mj_forward(world.model, world.data)
         assert world.pose() == pytest.approx(
             model.base_pose(world.setting) @ serial.forward_kinematics(joints), abs=1e-9
         )
@@ -177,11 +188,11 @@ def test_no_limit_is_exceeded_whatever_is_asked_for(seed: int) -> None:
     world = World(SHAPES["disc"](), seed=seed, arm="arm", images="planar")
 
     def watch() -> None:
-        joints = world.data.qpos[world._qpos]
+        joints = world.data.qpos[addresses(world, "qposadr")]
         assert (joints >= serial.LOWEST - 1e-3).all() and (joints <= serial.HIGHEST + 1e-3).all()
         assert (np.abs(world.data.ctrl[:6]) <= serial.SPEED + 1e-9).all()
         # what drives of limited torque make of that where all joints swing at once
-        assert (np.abs(world.data.qvel[world._dofs]) <= 1.2 * serial.SPEED).all()
+        assert (np.abs(world.data.qvel[addresses(world, "dofadr")]) <= 1.2 * serial.SPEED).all()
         assert (np.abs(world.data.actuator_force[:6]) <= serial.TORQUE + 1e-9).all()
 
     world.watch = watch

@@ -24,10 +24,10 @@ from grasptrack.bench.simulation import (
     Texture,
     tilting_path,
 )
+from grasptrack.bench.simulation.camera import RollingShutter
 from grasptrack.bench.simulation.lookalikes import Room
 from grasptrack.bench.simulation.occluders import Drifting
 from grasptrack.bench.simulation.outlines import inside_polygons
-from grasptrack.bench.simulation.paths import RollingShutter
 from grasptrack.geometry.homographies import apply_homography
 
 SMALL = (320, 240)

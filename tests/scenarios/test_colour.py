@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.simulation import SHAPES, Shape, Texture
-from grasptrack.bench.simulation.occlusion_events import Colour
 from grasptrack.geometry.contours import Contour
 from grasptrack.segmentation.color_projection import best_color_projection
 from grasptrack.segmentation.images import PLAIN
-from stages import HEIGHT, WIDTH, Run, bar, mirrored, photo, pose, twin
+from stages import HEIGHT, WIDTH, Colour, Run, bar, mirrored, photo, pose, twin
 
 BRACKET, PLATE = (SHAPES[n]() for n in ("bracket", "notched-plate"))
 GREY: Colour = (150.0, 150.0, 150.0)

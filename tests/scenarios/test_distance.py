@@ -23,13 +23,13 @@ from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.hand import parse_measure
 from grasptrack.segmentation.undistortion import Undistortion
-from grasptrack.tracking.camera import Beforehand, Mode
+from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.plane import Plane, Ruler, outline_extent
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import TrackState, first_state
 from grasptrack.tracking.target import Grey, Target
-from test_plane import FOCAL, HEIGHT, WIDTH, Followed, camera, rendered, slopes, turned
+from test_plane import FOCAL, HEIGHT, WIDTH, Followed, camera, plane_of, rendered, slopes, turned
 
 BOX = np.array([[-3.0, -1.0], [3.0, -1.0], [3.0, 1.0], [-3.0, 1.0]])
 
@@ -75,14 +75,14 @@ def views(
     return H / H[2, 2], apply_homography(start, BOX / 6.0), float(np.linalg.norm(R[:, :2] @ middle + t))
 
 
-def known_plane(first: tuple[float, float], outline: np.ndarray, sd: float) -> Plane:
+def known_plane(first: tuple[float, float], outline: np.ndarray, *sds: float) -> Plane:
+    """A plane that is known but for errors of so much: of all, or of the focal length and both slopes."""
+
     class Seen(Followed):
         pass
 
     Seen.outline = outline  # type: ignore[misc]
-    plane = Plane(Seen(), WIDTH, HEIGHT)  # type: ignore[arg-type]
-    plane._believe((Mode(np.array([math.log(FOCAL), *first]), sd**2 * np.eye(3), 1.0),))
-    return plane
+    return plane_of(Seen(), np.array([math.log(FOCAL), *first]), np.diag(np.square(sds) * np.ones(3)))
 
 
 @given(slopes, slopes, st.floats(-3.0, 3.0), st.floats(3.0, 20.0), st.floats(1.0, 500.0))
@@ -116,8 +116,7 @@ def test_what_the_pose_leaves_open_is_that_of_finite_differences(
 @given(slopes, st.floats(0.05, 0.4))
 def test_it_is_only_as_sure_as_the_focal_length(tilt: tuple[float, float], sd: float) -> None:
     H, outline, _ = views(tilt, (0.1, 0.2), 0.0, 8.0, (0.0, 0.0))
-    plane = known_plane(tilt, outline, 1e-6)
-    plane._believe((Mode(plane.modes[0].theta, np.diag([sd**2, 1e-12, 1e-12]), 1.0),))
+    plane = known_plane(tilt, outline, sd, 1e-6, 1e-6)
     told = Ruler(plane, outline.mean(axis=0), 0.0, 1.0).distance(H, np.zeros((9, 9)))
     assert told.sd == pytest.approx(sd * told.value, rel=1e-3)
 

@@ -18,6 +18,7 @@ from grasptrack.bench.method import chosen_grasp
 from grasptrack.bench.scenes import Part, SceneCase
 from grasptrack.bench.simulation import SHAPES, Scene, SceneFrame
 from grasptrack.bench.simulation.disturbances import DISTURBANCES
+from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.mending import TRIALS, VIEWS, Mender, _longest_open_stretch, _mean_log_ratio, _Trial
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Plane, outline_extent
@@ -176,13 +177,14 @@ def test_what_agreed_once_is_not_mended() -> None:
 
 def test_an_outline_that_agrees_is_looked_at_no_more() -> None:
     frames = list(scene())
-    tracker = GraspTracker(grasp=chosen_grasp(frames[0].outline))
-    over = []
-    for frame in frames[: VIEWS + 2]:
-        tracker.update(frame.image, frame.time)
-        assert tracker._track is not None
-        over.append(tracker._track.follower._mender.is_over)
-    assert over == [False] * VIEWS + [True] * 2
+    follower = Follower(frames[0].image, VIEW, chosen_grasp(frames[0].outline), frames[0].time)
+    mender, over = Mender(follower.target, build_pyramid(frames[0].image)), []
+    for frame in frames[1 : VIEWS + 2]:
+        decision = follower.update(frame.image, frame.time)
+        if not mender.is_over:
+            mender.look(follower.state, build_pyramid(frame.image), decision)
+        over.append(mender.is_over)
+    assert over == [False] * (VIEWS - 1) + [True] * 2
 
 
 @given(st.integers(0, 2**32 - 1))

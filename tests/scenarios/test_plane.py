@@ -17,7 +17,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.closure_probability import CHANCE, FRONTAL, ClosureCheck, Rectifications
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
-from grasptrack.tracking.camera import AROUND, Beforehand, Mode, _nodes, plane_in_view, rectifying_homography
+from grasptrack.tracking.camera import AROUND, Beforehand, _nodes, plane_in_view, rectifying_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Plane
@@ -74,6 +74,11 @@ class Wide(Followed):
     outline = np.array([[20.0, 20.0], [620.0, 20.0], [620.0, 460.0], [20.0, 460.0]])
 
 
+def plane_of(target: Followed, theta: np.ndarray, covariance: np.ndarray) -> Plane:
+    """A plane of which so much is known."""
+    return Plane(target, WIDTH, HEIGHT, Beforehand(theta, covariance))  # type: ignore[arg-type]
+
+
 # --- rectification -------------------------------------------------------------------------------
 
 
@@ -111,8 +116,7 @@ def test_a_plane_seen_from_behind_has_no_view() -> None:
 def test_the_tilt_of_a_view_follows_from_the_first_one(
     first: tuple[float, float], now: tuple[float, float], roll: float, nearer: float
 ) -> None:
-    plane = Plane(Followed(), WIDTH, HEIGHT)  # type: ignore[arg-type]
-    plane._believe((Mode(np.array([math.log(FOCAL), *first]), np.diag([0.01, 1e-4, 1e-4]), 1.0),))
+    plane = plane_of(Followed(), np.array([math.log(FOCAL), *first]), np.diag([0.01, 1e-4, 1e-4]))
     R = turned(now, roll)
     seen = camera() @ np.column_stack([R[:, :2], np.array([0.1, 0.2, 6.0 / nearer])])
     H = seen @ np.linalg.inv(rendered(first, FOCAL))
@@ -167,9 +171,8 @@ def test_a_similar_view_changes_nothing(angle: float, scale: float) -> None:
 @settings(max_examples=20, deadline=None)
 @given(slopes.filter(lambda t: math.hypot(*t) > 0.3), st.floats(0.005, 0.02), st.floats(0.005, 0.02))
 def test_the_margins_spread_is_that_of_finite_differences(tilt: tuple[float, float], one: float, other: float) -> None:
-    plane = Plane(Followed(), WIDTH, HEIGHT)  # type: ignore[arg-type]
     theta, C = np.array([math.log(FOCAL), *tilt]), np.diag([1e-12, one**2, other**2])
-    plane._believe((Mode(theta, C, 1.0),))
+    plane = plane_of(Followed(), theta, C)
     shift = np.array(CENTRE) - OUTLINE.mean(axis=0)
     check, _ = check_of(OUTLINE + shift, CONTACTS + shift)
 
@@ -241,8 +244,7 @@ def test_what_is_known_beforehand_pulls_by_its_own_density(
 def test_who_begins_anew_is_told_how_the_plane_lies(
     first: tuple[float, float], now: tuple[float, float], roll: float
 ) -> None:
-    plane = Plane(Followed(), WIDTH, HEIGHT)  # type: ignore[arg-type]
-    plane._believe((Mode(np.array([math.log(FOCAL), *first]), np.diag([0.01, 1e-4, 1e-4]), 1.0),))
+    plane = plane_of(Followed(), np.array([math.log(FOCAL), *first]), np.diag([0.01, 1e-4, 1e-4]))
     H = camera() @ np.column_stack([turned(now, roll)[:, :2], [0.1, 0.2, 6.0]]) @ np.linalg.inv(rendered(first, FOCAL))
     told = plane.beforehand(H / H[2, 2], np.zeros((9, 9)))
     assert told.theta == pytest.approx([math.log(FOCAL), *now], abs=1e-6)
@@ -259,7 +261,7 @@ def test_what_no_view_has_told_refuses_no_grasp_but_what_views_have_told_does() 
         status, reason = _judged_status(judged, judged.chance, told)
         assert reason is not None and (status, reason.code) == expected
     assert not _needs_another(judged, False) and not _needs_another(judged, True)  # views may make it surer
-    plane._believe((Mode(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]), 1.0),))
+    plane = plane_of(Followed(), np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]))
     surer = check.first(plane.rectifications)
     assert surer.closes > 0.99 and _judged_status(surer, surer.chance, True) == ("tracked", None)
     needed = math.tan(math.atan(0.3) - judged.analysis.margin + 1e-4)
@@ -352,9 +354,8 @@ def test_one_view_that_is_plainly_wrong_overturns_nothing() -> None:
 
 @given(slopes, st.floats(-1.5, 0.5), st.floats(0.01, 0.6))
 def test_every_explanation_shows_the_whole_outline(tilt: tuple[float, float], focal: float, sd: float) -> None:
-    plane = Plane(Wide(), WIDTH, HEIGHT)  # type: ignore[arg-type]
-    assume(plane.is_seen(np.array([focal, *tilt])))
-    plane._believe((Mode(np.array([focal, *tilt]), sd**2 * np.eye(3), 1.0),))
+    assume(Plane(Wide(), WIDTH, HEIGHT).is_seen(np.array([focal, *tilt])))  # type: ignore[arg-type]
+    plane = plane_of(Wide(), np.array([focal, *tilt]), sd**2 * np.eye(3))
     _, maps, weights, _ = plane.rectifications
     assert weights.sum() == pytest.approx(1.0)
     for H in (plane.rectifications.best, *maps):
