@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the helpers, and the tests that others build upon, importable."""
+"""Makes helpers and oracles importable, and the tests that others build upon."""
 
 import sys
 from pathlib import Path
 
-FOLDERS = ("helpers", "laws", "scenarios", "slow")
+FOLDERS = ("helpers", "oracle", "laws", "scenarios", "slow")
 sys.path[:0] = [str(Path(__file__).parent / name) for name in FOLDERS]

@@ -7,9 +7,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from grasptrack.bench.simulation import Renderer, Scene
+from grasptrack.bench.simulation import Renderer, Scene, Texture
 
 REACH, STEPS = 6.0, 121
+
+
+def flat(level: int) -> Texture:
+    """A surface of one grey level."""
+    return Texture(np.full((16, 16), level, np.uint8), 9.0)
 
 
 def plane_to_image(scene: Scene) -> np.ndarray:

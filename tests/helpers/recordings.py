@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import av
@@ -60,3 +61,9 @@ def plates(folder: Path, count: int = 8) -> Path:
     for i in range(count):
         write(folder / f"{i:03d}.png", plate((150.0 + 1.5 * i, 118.0 + i), 0.2 + 0.01 * i))
     return folder
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    """What grasps.csv of a run holds."""
+    with (folder / "grasps.csv").open(newline="") as file:
+        return list(csv.DictReader(file))

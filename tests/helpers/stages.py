@@ -118,6 +118,7 @@ class Run:
         results: of every image.
         wrong: frames with contacts farther from the truth than 3 px and 4 % of sqrt(area), or without an object.
         right: frames with contacts, not wrong.
+        shown: in how many images the object was.
     """
 
     def __init__(self, **options: object) -> None:
@@ -125,12 +126,14 @@ class Run:
         self.results: list[TrackResult] = []
         self.wrong: list[int] = []
         self.right: list[int] = []
+        self.shown = 0
         self._chosen: dict[int | None, np.ndarray] = {}
 
     def see(self, image: np.ndarray, H: np.ndarray | None, **given: object) -> TrackResult:
         """The next image, with the true pose of the object; None where it is gone or another one."""
         result = self.tracker.update(image, **given)  # type: ignore[arg-type]
         self.results.append(result)
+        self.shown += H is not None
         if result.contacts is not None:
             if H is not None and result.grasp_id not in self._chosen:
                 self._chosen[result.grasp_id] = apply_homography(np.linalg.inv(H), result.contacts)
@@ -141,6 +144,11 @@ class Run:
                 good = bool(off <= max(3.0, 0.04 * size))
             (self.right if good else self.wrong).append(result.frame)
         return result
+
+    def check(self, least: int | None = None) -> None:
+        """No wrong contacts were given, and right ones in so many images; None is in all in which the object was."""
+        assert self.wrong == []
+        assert len(self.right) >= (self.shown if least is None else least), self.right
 
     @property
     def statuses(self) -> list[str]:

@@ -25,7 +25,7 @@ def test_fingers_have_room_beside_a_part_that_is_larger_than_told(name: str, fin
     outline = View([
         Contour(apply_homography(placed, subdivide_polygon(r, 0.02)), hole=k > 0) for k, r in enumerate(shape.polygons)
     ])  # fmt: skip
-    for size in np.arange(0.05, 0.1, 0.0025):
+    for size in np.arange(0.05, 0.1, 0.005):
         grasps, _ = closing_grasps(outline, fingers, hand_for(told * size, KNOWN))
         arms = [g.contacts - g.contacts.mean(axis=0) for g in grasps]
         across = [2.0 * np.hypot(*arm.T).mean() * size / SCALE for arm in arms]

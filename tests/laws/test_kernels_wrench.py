@@ -7,29 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import linprog
 
+from closure import programme
 from grasptrack import kernels
-
-
-def programme(contacts, normals, centre, rho, friction):
-    """Largest smallest weight with which the cone edges cancel: above 0 exactly where the grasp closes."""
-    tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
-    forces = np.concatenate([normals + friction * tangents, normals - friction * tangents])
-    arms = np.concatenate([contacts, contacts]) - centre
-    w = np.column_stack([forces, (arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]) / rho])
-    if np.linalg.matrix_rank(w, tol=1e-9) < 3:
-        return 0.0
-    m = len(w)
-    done = linprog(
-        np.r_[np.zeros(m), -1.0],
-        A_ub=np.column_stack([-np.eye(m), np.ones(m)]),
-        b_ub=np.zeros(m),
-        A_eq=np.vstack([np.column_stack([w.T, np.zeros(3)]), np.r_[np.ones(m), 0.0]]),
-        b_eq=[0, 0, 0, 1],
-        bounds=[(0, None)] * m + [(None, None)],
-    )
-    return -done.fun if done.status == 0 else -1.0
 
 
 @st.composite

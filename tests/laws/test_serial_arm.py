@@ -133,7 +133,7 @@ needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="the physi
 
 def addresses(world: World, kind: str) -> list[int]:
     """Of the arm's joints in MuJoCo's arrays."""
-    return [int(getattr(world.model.joint(name), kind)[0]) for name in linkage.joint_names("arm")]
+    return [int(getattr(world.model.joint(name), kind)[0]) for name in model.joint_names("arm")]
 
 
 @needs_mujoco

@@ -8,17 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edges import offsets, plane_to_image
-from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, Shape, Texture, near_twin, shape_from_mask
+from edges import flat, offsets, plane_to_image
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, Shape, near_twin, shape_from_mask
 from grasptrack.geometry.homographies import apply_homography
 
 PART, TABLE = 60, 180
 LIMIT = 0.01
 """px that the edge may lie off the outline on average."""
-
-
-def flat(level: int) -> Texture:
-    return Texture(np.full((32, 32), level, np.uint8), 9.0)
 
 
 def bare(shape: Shape, disturbance: str, seed: int = 2) -> Scene:

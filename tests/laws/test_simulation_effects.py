@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from edges import bilinear, offsets, plane_to_image, renderer
+from edges import bilinear, flat, offsets, plane_to_image, renderer
 from grasptrack.bench.simulation import (
     DISTURBANCES,
     SHAPES,
@@ -37,10 +37,6 @@ PARTS = ("gasket", "half-disc", "pencil")
 
 def scene(name: str, shape: str = "gasket", frames: int = 40, seed: int = 0, **options: object) -> Scene:
     return DISTURBANCES[name].scene(SHAPES[shape](), frames, seed, **options)  # type: ignore[arg-type]
-
-
-def flat(level: int) -> Texture:
-    return Texture(np.full((16, 16), level, np.uint8), 9.0)
 
 
 def changed(made: Scene, **conditions: object) -> Scene:

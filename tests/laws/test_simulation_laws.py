@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edges import bilinear, plane_to_image, renderer
+from edges import bilinear, flat, plane_to_image, renderer
 from grasptrack.bench.simulation import (
     SHAPES,
     Bar,
@@ -36,10 +36,6 @@ from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 
 WIDTH, HEIGHT = 320, 240
-
-
-def flat(level: int) -> Texture:
-    return Texture(np.full((16, 16), level, np.uint8), 9.0)
 
 
 QUIET = Conditions(noise=0.0)

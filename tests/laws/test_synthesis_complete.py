@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from closure import every_stable_pair, firm
+from datasets import SILHOUETTES
 from grasptrack import Hand, kernels
 from grasptrack.geometry.contours import Contour, as_view
 from grasptrack.grasp.synthesis import synthesize
@@ -15,7 +17,7 @@ from grasptrack.grasp.synthesis.candidates import GROUP, GROUPS, sample_candidat
 from grasptrack.grasp.synthesis.limits import Limits, reject_infeasible
 from grasptrack.grasp.synthesis.search import duplicate_radius, find_grasps
 from outlines import blobs, stars
-from synthesis_shapes import SHAPES, SILHOUETTES, every_stable_pair, firm, traced
+from synthesis_shapes import SHAPES, traced
 
 ALL = 1_000_000
 THIN = Hand(finger_thickness=0.0, clearance=0.0)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from closure import programme
 from grasptrack import Hand, Length, kernels
 from grasptrack.geometry.contours import Contour, View, as_view
 from grasptrack.geometry.homographies import apply_homography
@@ -18,7 +19,6 @@ from grasptrack.grasp.force_closure import analyze
 from grasptrack.grasp.synthesis import synthesize
 from outlines import blobs, similarities, stars
 from synthesis_shapes import BAR, FRAME, NOTCHED, RING, SHAPES, circle, material
-from test_kernels_wrench import programme
 
 FEW = settings(max_examples=12, deadline=None)
 OUTLINES = st.one_of(

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import os
@@ -20,17 +19,12 @@ import numpy as np
 import pytest
 
 from grasptrack.cli.main import main
-from recordings import plate, plates, write
+from recordings import plate, plates, rows, write
 
 HEAD = (
     "frame,time_s,status,strategy,grasp_id,x1,y1,x2,y2,seen1,seen2,margin,confidence,chance,latency_ms,reason,reason_code,"
     "tilt,tilt_sd,margin_sd,margin_image,distance,distance_sd,mended,notice"
 )
-
-
-def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "grasps.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_the_hand_decides_which_grasp_is_tracked(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.approach.case import Row
-from grasptrack.bench.approach.runs import COLUMNS, Trials, draw_cases, kind_of, run_trials
+from grasptrack.bench.approach.runs import Trials, draw_cases, kind_of, run_trials
 from grasptrack.bench.approach.trial import Looking
 from grasptrack.bench.schedule import Outcome
 from grasptrack.bench.simulation import SHAPES
@@ -70,20 +70,6 @@ def test_without_the_extra_it_says_what_to_install(
     assert 'pip install "grasptrack[sim]"' in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_one_approach_writes_video_plots_and_a_verdict(tmp_path: Path) -> None:
-    needs_mujoco()
-    assert (
-        main(["servo", "--shape", "rectangle", "--seed", "1", "--images", "planar", "-q", "--output", str(tmp_path)])
-        == 0
-    )
-    verdict = json.loads((tmp_path / "approach.json").read_text())["verdict"]
-    assert verdict["outcome"] in ("lifted", "failed", "refused")
-    assert verdict["believed"] is not False
-    assert (tmp_path / "approach.mp4").stat().st_size > 10_000
-    assert (tmp_path / "approach.png").stat().st_size > 10_000
-
-
 def test_three_fingers_close_on_what_faces_them_and_refuse_what_does_not(tmp_path: Path) -> None:
     needs_mujoco()
     found = {}
@@ -108,20 +94,6 @@ def test_the_risk_decides_whether_the_hand_closes(tmp_path: Path) -> None:
         found[risk] = told["verdict"]
     assert found[1e-3]["outcome"] == "lifted" and found[1e-3]["believed"]
     assert found[1e-12]["outcome"] == "failed" and found[1e-12]["believed"] is None  # nothing is so sure
-
-
-@pytest.mark.slow
-def test_trials_are_the_same_for_the_same_seed_but_for_the_clock(tmp_path: Path) -> None:
-    needs_mujoco()
-    found = []
-    for folder in ("a", "b"):
-        given = ["servo", "--trials", "2", "--seed", "3", "--workers", "1", "-q", "--output", str(tmp_path / folder)]
-        assert main(given) == 0
-        with (tmp_path / folder / "trials.csv").open() as file:
-            rows = list(csv.DictReader(file))
-        assert tuple(rows[0]) == COLUMNS
-        found.append([{k: v for k, v in row.items() if not k.endswith("_ms")} for row in rows])
-    assert found[0] == found[1]
 
 
 def test_shapes_are_drawn_evenly_and_alike_for_every_law() -> None:

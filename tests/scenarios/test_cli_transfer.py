@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
+from datasets import DATA
 from grasptrack.cli.main import main
 from grasptrack.transfer import STRATEGIES
 from scenery import L_PLATE, SQUARE, drawn
 from test_pair import motion, moved, printed
 
-DATA = Path(os.environ.get("GRASPTRACK_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 ALL = ["registration", *STRATEGIES]
 SQUARES = 1.2 * SQUARE
 

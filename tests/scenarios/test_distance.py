@@ -14,9 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from approaches import approach
 from grasptrack import GraspTracker
-from grasptrack.bench.simulation import SHAPES, Conditions, Path, Scene
-from grasptrack.bench.simulation import Camera as Pinhole
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera
@@ -26,7 +25,6 @@ from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.tracking.plane import Plane, Ruler, outline_extent
-from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.state import TrackState, first_state
 from grasptrack.tracking.target import Grey, Target
 from test_plane import FOCAL, HEIGHT, WIDTH, Followed, camera, plane_of, rendered, slopes, turned
@@ -122,73 +120,6 @@ def test_it_is_only_as_sure_as_the_focal_length(tilt: tuple[float, float], sd: f
 
 
 # --- approaches ----------------------------------------------------------------------------------
-
-FRAMES = 14
-PARTS = ("bracket", "key", "hook", "t-plate")
-
-
-def approach(seed: int) -> tuple[Scene, float]:
-    """Camera and first view drawn as they are thought to be beforehand; and the true length of the part."""
-    rng, u = np.random.default_rng((seed, 41)), np.linspace(0.0, 1.0, FRAMES)
-    focal = WIDTH * math.exp(rng.normal(0.0, NUMBERS.focal_sd))
-    part = SHAPES[PARTS[seed % len(PARTS)]]()
-    tilt = math.atan(math.hypot(*rng.normal(0.0, NUMBERS.normal_sd, 2)))
-    path = Path(
-        target=np.outer(1.0 - u, rng.normal(0.0, 0.2, 2)),
-        distance=focal / (110.0 * 2.0**u),
-        roll=0.6 * u,
-        tilt=tilt * (1.0 - u),
-        azimuth=np.full(FRAMES, rng.uniform(0.0, 2.0 * math.pi)),
-    )
-    conditions = Conditions(blur=0.8, noise=2.0, pooled=True)
-    return Scene(part, path, camera=Pinhole(focal=focal), conditions=conditions, seed=seed), outline_extent(part.outer)
-
-
-def followed(seed: int, known: bool, length: float = 120.0) -> list[tuple[TrackResult, float, float]]:
-    """Located frames: what is told, the true distance and the true tilt."""
-    scene, own = approach(seed)
-    K = scene.camera.matrix.copy()
-    K[[0, 1], [0, 1]] *= math.exp(np.random.default_rng((seed, 42)).normal(0.0, NUMBERS.calibrated_sd))
-    tracker, told = GraspTracker(length=length, camera=Camera(K, size=(640, 480)) if known else None), []
-    to_image = scene.path.table_to_image(scene.camera)
-    for frame in scene:
-        result = tracker.update(frame.image)
-        if result.contacts is None:
-            continue
-        if frame.index == 0:
-            middle = apply_homography(np.linalg.inv(to_image[0]), result.contacts.mean(axis=0)[None])[0]
-        axes = np.linalg.inv(scene.camera.matrix) @ to_image[frame.index]
-        true = np.linalg.norm(axes @ [*middle, 1.0]) / np.linalg.norm(axes[:, 0])
-        told.append((result, float(true) * length / own, float(scene.path.tilt[frame.index])))
-    return told
-
-
-@pytest.mark.parametrize("known", [False, True])
-def test_the_true_distance_lies_within_what_is_told(known: bool) -> None:
-    found = [each for seed in range(32) for each in followed(seed, known)]
-    off = np.array([(r.distance - true) / r.distance_sd for r, true, _ in found])
-    share = np.array([abs(r.distance / true - 1.0) for r, true, _ in found])
-    assert len(off) > 0.95 * 32 * FRAMES
-    assert 0.90 <= (abs(off) <= 1.96).mean() <= 0.99
-    late = np.array([r.distance_sd / r.distance for r, _, _ in found if r.frame >= FRAMES // 2])
-    if known:
-        assert np.median(share) < 0.02 and np.median(late) < 0.015
-    else:  # an approach tells little of the focal length
-        assert 0.1 < np.median(share) < NUMBERS.focal_sd and np.median(late) > 0.1
-
-
-def test_a_calibration_narrows_the_tilt_and_the_truth_is_within() -> None:
-    """Over all frames in which a calibration can tell something: the first view's tilt is what it was before."""
-    sds, off = [], []
-    for seed in range(12):
-        for (known, _, tilt), (bare, _, _) in zip(followed(seed, True), followed(seed, False), strict=True):
-            assert known.frame == bare.frame
-            if known.frame >= FRAMES // 2:
-                sds.append((known.tilt_sd, bare.tilt_sd))
-                off.append(abs(known.tilt - tilt) / known.tilt_sd)
-    own, unknown = np.array(sds).T
-    assert np.median(own) < 0.6 * np.median(unknown) and (own < 1.05 * unknown).mean() > 0.9
-    assert (np.array(off) <= 1.96).mean() >= 0.9
 
 
 def test_the_axis_of_an_image_that_was_cut_is_told_by_its_calibration() -> None:

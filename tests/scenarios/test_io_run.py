@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import pickle
@@ -20,7 +19,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.results import UNITS, csv_columns
 from grasptrack.io.run import FILES, Tally, run_track
-from recordings import movie, picture, write
+from recordings import movie, picture, rows, write
 
 SQUARE = Contour([[10, 10], [25, 10], [40, 10], [40, 25], [40, 40], [25, 40], [10, 40], [10, 25]])
 
@@ -63,11 +62,6 @@ class Scripted:
         if isinstance(given, BaseException):
             raise given
         return given
-
-
-def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "grasps.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def log(folder: Path) -> dict[str, Any]:

@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
 
+from datasets import SILHOUETTES
 from grasptrack import GraspTracker
 from grasptrack.bench.method import chosen_grasp
 from grasptrack.bench.scenes import make_scene_cases, parts_from_silhouettes
@@ -41,9 +40,6 @@ def test_an_equal_that_came_to_its_place_is_not_taken_for_it(speed: float, dark:
         assert np.hypot(*(result.contacts - first - (speed * k, 0.0)).T).max() < 3.0
         found += 1
     assert found >= 5
-
-
-SILHOUETTES = Path(__file__).resolve().parents[3] / "shared" / "data" / "silhouettes"
 
 
 @pytest.mark.skipif(not SILHOUETTES.is_dir(), reason="needs the silhouettes of ../shared/data")

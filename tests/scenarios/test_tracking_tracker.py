@@ -225,9 +225,14 @@ def test_a_bar_across_leaves_strategies_nothing_wrong() -> None:
         tracker = GraspTracker(strategy=strategy, grasp=GIVEN)
         start = tracker.update(IMAGES[0]).contacts
         assert start is not None
+        found = 0
         for k, x in enumerate(range(40, 280, 20)):
             r = tracker.update(photo([(BRACKET, POSES[0])], [(bar(float(x), 24.0), 150.0)], seed=k))
-            assert r.contacts is None or np.hypot(*(r.contacts - start).T).max() < 3.0
+            if r.contacts is not None:
+                assert np.hypot(*(r.contacts - start).T).max() < 3.0
+                found += 1
+        print(strategy, found)
+        assert found >= 3
 
 
 # --- the first view ------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ import argparse
 import json
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,17 +50,35 @@ LEAST_NOISE = {
 Scores = dict[str, dict[str, float]]
 
 
-def run(seed: int = 0) -> Scores:
-    """Scores by method and measure."""
+class Found(NamedTuple):
+    """What the suite gives.
+
+    Attributes:
+        scores: by method and measure.
+        wrong: (method, name of a case) in which something wrong was given as right.
+    """
+
+    scores: Scores
+    wrong: set[tuple[str, str]]
+
+
+def run(seed: int = 0) -> Found:
+    """The suite, with scenes drawn from a seed."""
     cases = make_scene_cases(built_in(SHAPES), DISTURBANCES, frames=FRAMES, seed=seed)
     runs: dict[str, list[list[FrameScore]]] = {name: [] for name in METHODS}
+    wrong: set[tuple[str, str]] = set()
     outcomes = sorted(create_scheduler()(run_case, [(case, METHODS) for case in cases]), key=lambda o: o.index)
     for outcome in outcomes:
         if outcome.error:
             raise RuntimeError(f"{cases[outcome.index].name}: {outcome.error}")
         for name, frames in outcome.value.items():
             runs[name].append(frames)
-    return {name: {key: float(getattr(compute_measures(found), key)) for key in BETTER} for name, found in runs.items()}
+            if compute_measures([frames]).false_accepts:
+                wrong.add((name, cases[outcome.index].name))
+    scores = {
+        name: {key: float(getattr(compute_measures(found), key)) for key in BETTER} for name, found in runs.items()
+    }
+    return Found(scores, wrong)
 
 
 def worse(stored: dict[str, dict[str, dict[str, float]]], found: Scores) -> list[str]:
@@ -75,7 +94,7 @@ def worse(stored: dict[str, dict[str, dict[str, float]]], found: Scores) -> list
 
 def renewed() -> dict[str, dict[str, dict[str, float]]]:
     """Values of the fixed suite, and the noise of each."""
-    fixed, redrawn = run(), [run(seed) for seed in range(1, REDRAWN + 1)]
+    fixed, redrawn = run().scores, [run(seed).scores for seed in range(1, REDRAWN + 1)]
     return {
         method: {
             key: {
@@ -96,12 +115,13 @@ def main() -> None:
     if parser.parse_args().write:
         STORED.write_text(json.dumps(renewed(), indent=1) + "\n")
         return
-    stored, found = json.loads(STORED.read_text()), run()
+    stored, (found, wrong) = json.loads(STORED.read_text()), run()
     for method, measures in found.items():
         for key, value in measures.items():
             kept = stored.get(method, {}).get(key, {"value": math.nan, "noise": math.nan})
             print(f"{method:12s} {key:16s} {value:9.4g}   stored {kept['value']:9.4g} +- {kept['noise']:.2g}")
     print("\n".join(worse(stored, found)) or "nothing got worse")
+    print(*sorted(wrong), sep="\n")
 
 
 if __name__ == "__main__":

@@ -10,22 +10,38 @@ import pytest
 
 import golden
 
+KNOWN = {
+    *(
+        (method, "bracket.twin") for method in golden.METHODS
+    ),  # a tab of another grey: taken for the bracket in 3 to 8 frames
+    ("auto", "spanner.leave"),  # one frame, 12 px off, as the part comes back
+    *(("grasp-line", f"gasket.{name}") for name in ("clean-6dof", "clip", "leave")),  # beyond the limit by some tenths
+}
+"""Where something wrong is given as right: each is a defect, and none may come to it."""
+
 
 @pytest.fixture(scope="module")
-def found() -> golden.Scores:
+def found() -> golden.Found:
     return golden.run()
 
 
-@pytest.mark.slow
-def test_no_score_got_worse(found: golden.Scores) -> None:
-    told = golden.worse(json.loads(golden.STORED.read_text()), found)
+def test_no_score_got_worse(found: golden.Found) -> None:
+    told = golden.worse(json.loads(golden.STORED.read_text()), found.scores)
     assert [line for line in told if f", {golden.WRONG}:" not in line] == []
 
 
-@pytest.mark.xfail(strict=True, reason="a hook's twin with a tab of another grey is taken for the hook: 3 to 8 frames")
-@pytest.mark.slow
-def test_nothing_is_wrong(found: golden.Scores) -> None:
-    assert {method: scores[golden.WRONG] for method, scores in found.items()} == dict.fromkeys(found, 0.0)
+def test_nothing_is_wrong_elsewhere(found: golden.Found) -> None:
+    assert found.wrong - KNOWN == set()
+
+
+@pytest.mark.xfail(strict=True, reason="see KNOWN")
+def test_nothing_is_wrong(found: golden.Found) -> None:
+    assert found.wrong == set()
+
+
+def test_the_stored_scores_tolerate_nothing_wrong() -> None:
+    stored = json.loads(golden.STORED.read_text())
+    assert all(measures[golden.WRONG] == {"value": 0.0, "noise": 0.0} for measures in stored.values())
 
 
 def test_a_worse_score_would_be_told() -> None:

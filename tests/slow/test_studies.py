@@ -59,7 +59,6 @@ def test_every_study_has_a_smallest_setting() -> None:
     assert found == set(SMALLEST)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(SMALLEST))
 def test_a_study_runs_and_writes_its_sections(
     name: str, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
