@@ -83,19 +83,6 @@ def test_three_fingers_close_on_what_faces_them_and_refuse_what_does_not(tmp_pat
     assert found["square"]["outcome"] == "refused" and found["square"]["confirmed"]
 
 
-def test_the_risk_decides_whether_the_hand_closes(tmp_path: Path) -> None:
-    needs_mujoco()
-    found = {}
-    for risk in (1e-12, 1e-3):
-        given = ["--shape", "guitar", "--seed", "7", "--images", "planar", "--no-video", "-q", "--risk", str(risk)]
-        assert main(["servo", *given, "--output", str(tmp_path)]) == 0
-        told = json.loads((tmp_path / "approach.json").read_text())
-        assert told["options"]["risk"] == risk
-        found[risk] = told["verdict"]
-    assert found[1e-3]["outcome"] == "lifted" and found[1e-3]["believed"]
-    assert found[1e-12]["outcome"] == "failed" and found[1e-12]["believed"] is None  # nothing is so sure
-
-
 def test_shapes_are_drawn_evenly_and_alike_for_every_law() -> None:
     shapes = [make() for make in list(SHAPES.values())[:5]]
     cases = draw_cases(shapes, 12, seed=4, scenario="static", arm="gantry", law="online")

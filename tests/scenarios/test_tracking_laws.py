@@ -72,33 +72,32 @@ def test_print_settles_it_where_the_table_slides_away_or_nothing_is_claimed(seed
     first = tracker.update(scene[0].image).contacts
     assert first is not None
     results = [(tracker.update(frame.image), frame) for frame in list(scene)[1:]]
-    assert [frame.index for result, frame in results if result.located and off(result, frame, first) >= 0.5] == []
+    right = [off(result, frame, first) < 0.5 for result, frame in results if result.located]
+    assert all(right) and len(right) >= 5
 
 
 def test_a_table_that_slides_does_not_bend_the_pose() -> None:
     assert max(followed(a_scene("bracket", 7, surface=blank_texture(7), slide=(0.004, 0.003)))) < 0.25
 
 
-def test_a_cover_does_not_bend_what_the_surface_holds() -> None:
-    scene = a_scene("spanner", 9, surface=printed_texture(9), table=gravel_texture(9))
-    tracker = GraspTracker(grasp=chosen_grasp(scene[0].outline))
-    first = tracker.update(scene[0].image).contacts
+@pytest.mark.parametrize(
+    ("shape", "seed", "how", "covered", "bar", "most"),
+    [
+        ("spanner", 9, {"surface": printed_texture(9), "table": gravel_texture(9)}, (5, 15, 25), (0.0, 60, 150), 0.3),
+        ("bracket", 4, {}, (5, 20, 35), (30.0, 640, 120), 0.5),  # a third of the outline
+    ],
+    ids=["surface", "outline"],
+)
+def test_a_cover_does_not_bend_the_pose(
+    shape: str, seed: int, how: dict[str, object], covered: tuple[int, ...], bar: tuple[float, int, int], most: float
+) -> None:
+    frames = a_scene(shape, seed, covered[-1] + 5, **how)
+    tracker = GraspTracker(grasp=chosen_grasp(frames[0].outline))
+    first = tracker.update(frames[0].image).contacts
     assert first is not None
-    for frame in list(scene)[1:]:
-        covered = frame.index in (5, 15, 25)
-        result = tracker.update(with_bar(frame, 0.0, 60, 150) if covered else frame.image)
-        assert off(result, frame, first) < 0.3
-
-
-def test_what_hides_a_third_of_the_outline_moves_nothing() -> None:
-    scene = a_scene("bracket", 4, 40)
-    tracker = GraspTracker(grasp=chosen_grasp(scene[0].outline))
-    first = tracker.update(scene[0].image).contacts
-    assert first is not None
-    for frame in list(scene)[1:]:
-        covered = frame.index in (5, 20, 35)
-        result = tracker.update(with_bar(frame, 30.0, 640, 120) if covered else frame.image)
-        assert off(result, frame, first) < 0.5
+    for frame in list(frames)[1:]:
+        result = tracker.update(with_bar(frame, *bar) if frame.index in covered else frame.image)
+        assert off(result, frame, first) < most
 
 
 def test_dropped_frames_are_survived() -> None:

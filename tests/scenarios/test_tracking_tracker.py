@@ -231,8 +231,7 @@ def test_a_bar_across_leaves_strategies_nothing_wrong() -> None:
             if r.contacts is not None:
                 assert np.hypot(*(r.contacts - start).T).max() < 3.0
                 found += 1
-        print(strategy, found)
-        assert found >= 3
+        assert found >= 4
 
 
 # --- the first view ------------------------------------------------------------------------------

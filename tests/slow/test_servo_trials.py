@@ -37,3 +37,15 @@ def test_trials_are_the_same_for_the_same_seed_but_for_the_clock(tmp_path: Path)
         assert tuple(rows[0]) == COLUMNS
         found.append([{k: v for k, v in row.items() if not k.endswith("_ms")} for row in rows])
     assert found[0] == found[1]
+
+
+def test_the_risk_decides_whether_the_hand_closes(tmp_path: Path) -> None:
+    found = {}
+    for risk in (1e-12, 1e-3):
+        given = ["--shape", "guitar", "--seed", "7", "--images", "planar", "--no-video", "-q", "--risk", str(risk)]
+        assert main(["servo", *given, "--output", str(tmp_path)]) == 0
+        told = json.loads((tmp_path / "approach.json").read_text())
+        assert told["options"]["risk"] == risk
+        found[risk] = told["verdict"]
+    assert found[1e-3]["outcome"] == "lifted" and found[1e-3]["believed"]
+    assert found[1e-12]["outcome"] == "failed" and found[1e-12]["believed"] is None  # nothing is so sure
