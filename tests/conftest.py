@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the helpers beside the tests importable."""
+"""Makes helpers and oracles importable, and the tests that others build upon."""
 
 import importlib
 import os
@@ -9,7 +9,8 @@ from types import ModuleType
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
+FOLDERS = ("helpers", "oracle", "laws", "scenarios", "slow")
+sys.path[:0] = [str(Path(__file__).parent / name) for name in FOLDERS]
 
 
 @pytest.fixture(scope="session")

@@ -374,13 +374,6 @@ class Renderer:
         part = image[y0:y1, x0:x1]
         part += (share[..., None] if self.colour else share) * (above - part)
 
-    def _over(self, below: Floats32, polygons: Sequence[Floats], above: Floats32) -> None:
-        """Lays `above`, as large as the image, on `below` inside the polygons, in place."""
-        box = self._bounding_box(polygons)
-        if box is not None:
-            x0, y0, x1, y1 = box
-            self._blend_box(below, box, self._coverage_in_box(polygons, box), above[y0:y1, x0:x1])
-
 
 def _compress_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     """What is left of an image after JPEG compression."""

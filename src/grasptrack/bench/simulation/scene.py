@@ -199,13 +199,15 @@ class Scene:
         self.name = f"scene of a {shape.name}" if name is None else name
         self.seed = seed
         self._shade = shade
-        self._slide = np.array(slide, dtype=np.float64)
+        self.slide = np.array(slide, dtype=np.float64)
+        self.table = table if table is not None else wood_texture(seed)
+        self.surface = surface if surface is not None else brushed_texture(seed)
         self._plane_to_image = path.table_to_image(self.camera, thickness)
         self._image_to_plane = np.linalg.inv(self._plane_to_image[0])
         self._renderer = Renderer(
             shape,
-            table if table is not None else wood_texture(seed),
-            surface if surface is not None else brushed_texture(seed),
+            self.table,
+            self.surface,
             width=self.camera.width,
             height=self.camera.height,
             blur=self.conditions.blur,
@@ -300,14 +302,14 @@ class Scene:
         """Table and part as the camera sees them from a pose, `offset` frames after the middle of frame `index`."""
         view, guest, time = self._renderer, self.guest(index), index + offset
         table: Projection = pose.table_to_image(self.camera)[0]
-        rolling, slide = self._shutter(index, offset, table=True), self._slide * time
+        rolling, slide = self._shutter(index, offset, table=True), self.slide * time
         if rolling is None:
             image = view.ground(table, slide)
         else:
             table = rolling
             late = np.linspace(-0.5, 0.5, KNOTS) * self.conditions.readout
             moved = np.tile(np.eye(3), (KNOTS, 1, 1))
-            moved[:, :2, 2] = slide + late[:, None] * self._slide
+            moved[:, :2, 2] = slide + late[:, None] * self.slide
             image = view.ground(rolling @ moved)
         thick = self.thickness > 0.0
         plane: Projection = table

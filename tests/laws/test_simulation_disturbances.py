@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The suite of disturbances: each scene begins as promised, does what its name says, and is the same everywhere."""
+
+from __future__ import annotations
+
+import math
+import os
+import pickle
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import pytest
+
+from edges import plane_to_image
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Scene, is_applicable
+from grasptrack.bench.simulation.outlines import polygon_moments
+from grasptrack.errors import InputError
+from grasptrack.geometry.homographies import apply_homography
+
+NAMES = list(DISTURBANCES)
+PARTS = ("gasket", "bean", "spanner")
+SMALL = (320, 240)
+
+
+def scene(name: str, shape: str = "gasket", frames: int = 40, seed: int = 0, **options: object) -> Scene:
+    return DISTURBANCES[name].scene(SHAPES[shape](), frames, seed, **options)  # type: ignore[arg-type]
+
+
+def digest(made: Scene, frames: tuple[int, ...] = (0, 17)) -> int:
+    return zlib.crc32(b"".join(made[i].image.tobytes() for i in frames))
+
+
+def steps(made: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """(F - 1,) px that the part's middle moves from frame to frame, and degrees that the camera rolls."""
+    middle = np.array([apply_homography(H, [[0.0, 0.0]])[0] for H in plane_to_image(made)])
+    return np.hypot(*np.diff(middle, axis=0).T), np.degrees(np.abs(np.diff(made.path.roll)))
+
+
+def test_names_and_groups() -> None:
+    assert NAMES[:9] == ["clean-4dof", "clean-6dof", "noise", "blur", "light", "shadow", "motion-blur", "fast", "belt"]
+    assert NAMES[9:18] == ["bar", "hand", "leave", "clip", "exchange", "twin", "mirror", "lens", "thick"]
+    assert NAMES[18:26] == ["still", "print", "highlight", "shake", "jpeg", "gravel", "sheet", "crowd"]
+    assert NAMES[26:30] == ["cover", "bar-parallel", "equals", "equal-enters"]
+    assert NAMES[30:] == ["print-exchange", "rolling-shutter", "thick-6", "aside", "exchange-hidden", "mixed"]
+    groups = {"motion", "image", "background", "cover", "identity", "model"}
+    assert {d.group for d in DISTURBANCES.values()} == groups
+    assert all(d.name == key and d.about.endswith(".") for key, d in DISTURBANCES.items())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_scene_begins_whole_frontal_and_uncovered(name: str) -> None:
+    for k, shape in enumerate(PARTS[::2]):
+        made = scene(name, shape, seed=k)
+        first = made[0]
+        assert first.present and first.outline_visible == 1.0 and first.covers == ()
+        assert first.H_current_reference == pytest.approx(np.eye(3), abs=1e-12)
+        assert name == "aside" or made.path.tilt[0] == 0.0
+        assert first.image.shape == (480, 640) and first.image.dtype == np.uint8
+        low = 90.0 if shape == "spanner" else 140.0  # what is long has to be seen from farther away
+        if name in ("crowd", "equals", "equal-enters"):  # so has what does not lie alone
+            low *= 0.75
+        assert low < math.sqrt(first.area) < 215.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_frames_are_the_same_in_any_order_and_seeds_differ(name: str) -> None:
+    made = scene(name, frames=7, size=SMALL)
+    frames = list(made)
+    again = made[5]
+    assert (again.image == frames[5].image).all() and (again.H_current_reference == frames[5].H_current_reference).all()
+    copy = pickle.loads(pickle.dumps(made))
+    assert (copy[5].image == again.image).all()
+    assert (pickle.loads(pickle.dumps(again)).image == again.image).all()
+    other = scene(name, frames=7, seed=1, size=SMALL)
+    assert (other[5].image != again.image).mean() > 0.2
+    views = [np.column_stack([m.path.target, m.path.roll]) for m in (made, other)]
+    assert not np.allclose(*views)
+
+
+def test_another_process_renders_the_same_to_the_last_bit() -> None:
+    names = ("clean-6dof", "light", "shadow", "motion-blur", "hand", "twin", "lens", "thick")
+    names += ("highlight", "shake", "jpeg", "gravel", "sheet", "crowd", "cover", "print-exchange", "rolling-shutter")
+    here = [digest(scene(name, size=SMALL, frames=20)) for name in names]
+    code = (
+        "import sys\n"
+        "from test_simulation_disturbances import SMALL, digest, scene\n"
+        "print(*[digest(scene(n, size=SMALL, frames=20)) for n in reversed(sys.argv[1:])])"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code, *names],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert [int(v) for v in shown.stdout.split()][::-1] == here
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_truth_carries_points_exactly(name: str) -> None:
+    made = scene(name, frames=12, size=SMALL)
+    first = made[0]
+    points = np.concatenate(first.outline)
+    for i in (0, 3) if name == "exchange-hidden" else (0, 3, 11):  # another part stays there
+        frame = made[i]
+        assert frame.present
+        assert np.abs(frame.carry(points) - np.concatenate(frame.outline)).max() < 1e-9
+        assert np.abs(frame.back(frame.carry(points)) - points).max() < 1e-9
+        assert (frame.contacts(points) == frame.carry(points)).all()
+        assert frame.area == pytest.approx(sum(polygon_moments(p)[0] for p in frame.outline))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_speeds_are_those_of_a_camera(seed: int) -> None:
+    for name in ("clean-4dof", "clean-6dof", "noise", "hand", "twin"):
+        px, degrees = steps(scene(name, frames=100, seed=seed))
+        assert px.max() < 4.6 and degrees.max() < 2.01
+    px, degrees = steps(scene("fast", frames=100, seed=seed))
+    assert 6.0 < px.max() < 21.0 and 2.0 < degrees.max() < 6.01
+
+
+IN_VIEW = ["clean-4dof", "clean-6dof", "fast", "light", "belt", "lens", "thick", "still", "print", "shake", "jpeg"]
+IN_VIEW += ["gravel", "sheet", "crowd", "equals", "rolling-shutter", "thick-6", "aside"]
+
+
+@pytest.mark.parametrize("name", IN_VIEW)
+def test_the_part_stays_in_view_where_it_is_not_said_to_leave(name: str) -> None:
+    for shape in PARTS:
+        made = scene(name, shape, frames=60, seed=3, size=SMALL)
+        assert min(made[i].outline_visible for i in range(3, 60, 8)) == 1.0
+
+
+# --- what each does ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", PARTS)
+def test_covers_hide_what_they_should_and_go(shape: str) -> None:
+    for seed in range(2):
+        bar, hand = scene("bar", shape, 60, seed, size=SMALL), scene("hand", shape, 60, seed, size=SMALL)
+        shown = [bar[i].outline_visible for i in (0, *range(18, 44, 2), 59)]
+        assert shown[0] == shown[-1] == 1.0
+        assert 0.66 < min(shown) < 0.85
+        shown = [hand[i].outline_visible for i in (0, 25, 30, 37, 59)]
+        assert shown[0] == shown[-1] == 1.0
+        assert all(0.64 < s < 0.76 for s in shown[1:4])
+
+
+@pytest.mark.parametrize("shape", PARTS)
+def test_leaving_and_clipping(shape: str) -> None:
+    for seed in range(2):
+        leave, clip = scene("leave", shape, 100, seed, size=SMALL), scene("clip", shape, 100, seed, size=SMALL)
+        assert [leave[i].outline_visible for i in (0, 46, 50, 54, 99)] == [1.0, 0.0, 0.0, 0.0, 1.0]
+        assert all(leave[i].present for i in (0, 50, 99))
+        assert steps(leave)[0].max() < 27.0 / 2
+        shown = [clip[i].outline_visible for i in (0, *range(42, 66, 2), 99)]
+        assert shown[0] == shown[-1] == 1.0
+        assert 0.55 < min(shown) < 0.8
+
+
+@pytest.mark.parametrize("name", ["exchange", "twin", "mirror", "print-exchange"])
+def test_an_impostor_lies_there_for_a_third_of_the_time(name: str) -> None:
+    made = scene(name, frames=100)
+    present = [made.guest(i) is None for i in range(100)]
+    assert present == [True] * 35 + [False] * 30 + [True] * 35
+    frame = made[40]
+    assert not frame.present and frame.outline == () and frame.outline_visible == 0.0 and frame.area == 0.0
+    assert not frame.visible([[320.0, 240.0]])[0]
+    assert np.hypot(*np.diff(made.path.target[34:66], axis=0).T).min() > 0.0  # the camera goes on
+
+
+def test_a_mirror_image_is_asked_only_of_parts_that_have_one() -> None:
+    for name in ("rectangle", "disc", "star", "egg", "washer", "t-plate", "crescent", "fork"):
+        assert not is_applicable(SHAPES[name](), "mirror")
+    for name in ("bracket", "gasket", "notched-plate", "hook", "u-clip", "knife", "s-blob", "key"):
+        assert is_applicable(SHAPES[name](), "mirror")
+    assert is_applicable(SHAPES["disc"](), "twin")
+    with pytest.raises(InputError, match="unknown disturbance"):
+        is_applicable(SHAPES["disc"](), "rain")
+    with pytest.raises(InputError, match="at least 1"):
+        scene("noise", frames=0)
+
+
+def test_one_frame_is_a_scene() -> None:
+    assert all(len(list(scene(name, frames=1, size=SMALL))) == 1 for name in NAMES)
+
+
+def test_light_jumps_and_parts_are_lighter_or_darker_than_tables() -> None:
+    made = scene("light", frames=100)
+    means = np.array([made[i].image.mean() for i in (0, 29, 30, 54, 55, 74, 75)])
+    assert np.abs(np.diff(means)[[1, 3, 5]]).min() > 8.0
+    signs = set()
+    for seed in range(6):
+        frame = scene("clean-4dof", seed=seed)[0]
+        ring = frame.outline[0]
+        inner = frame.image[round(ring[:, 1].mean()), round(ring[:, 0].mean()) + 60]
+        signs.add(bool(inner > np.median(frame.image[:60])))
+    assert signs == {True, False}
+
+
+def test_a_surface_and_a_table_of_ones_own_and_colours() -> None:
+    from grasptrack.bench.simulation import Texture
+
+    red = Texture(np.full((8, 8, 3), (20, 20, 220), np.uint8), 2.0)
+    green = Texture(np.full((8, 8, 3), (20, 180, 20), np.uint8), 2.0)
+    image = scene("clean-4dof", "disc", surface=red, table=green, colour=True, size=SMALL)[0].image
+    assert image.shape == (240, 320, 3)
+    assert image[120, 160, 2] > 180 > image[120, 160, 1]
+    assert image[10, 160, 1] > 130 > image[10, 160, 2]

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The renderer against the analytic outline: a scene whose edges lie elsewhere than it says measures nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from edges import bilinear
+from grasptrack.bench.simulation import SHAPES, Bar, Camera, Conditions, Scene, demo_scene, plain_texture, tilting_path
+from grasptrack.bench.simulation.outlines import inside_polygons, polygon_moments
+from grasptrack.bench.simulation.render import inside_mask, pixel_coverage
+
+WIDTH, HEIGHT, SIGMA = 320, 240, 0.7
+
+
+def placed(name: str, angle: float = 0.3, scale: float = 62.0) -> list[np.ndarray]:
+    turn = scale * np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    return [p @ turn.T + [160.31, 119.77] for p in SHAPES[name]().polygons]
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_covered_area_and_centroid_are_the_polygons(name: str) -> None:
+    polygons = placed(name)
+    field = pixel_coverage(polygons, WIDTH, HEIGHT, SIGMA).astype(float)
+    area, mx, my = np.sum([polygon_moments(p) for p in polygons], axis=0)
+    length = sum(np.hypot(*(np.roll(p, -1, axis=0) - p).T).sum() for p in polygons)
+    # Steiner's formula: at a corner that turns by t, blurring by distance adds (t / 2 + tan(t / 2)) sigma^2 / 2.
+    sides = [np.roll(p, -1, axis=0) - p for p in polygons]
+    before = [np.roll(side, 1, axis=0) for side in sides]
+    turns = np.concatenate(
+        [np.arctan2(b[:, 0] * s[:, 1] - b[:, 1] * s[:, 0], (b * s).sum(1)) for b, s in zip(before, sides, strict=True)]
+    )
+    expected = area + 0.5 * SIGMA**2 * (turns / 2 + np.tan(turns / 2)).sum()
+    assert (field.sum() - expected) / length == pytest.approx(0.0, abs=0.001)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    assert (field * x).sum() / field.sum() == pytest.approx(mx / area, abs=0.06)
+    assert (field * y).sum() / field.sum() == pytest.approx(my / area, abs=0.06)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.13, 0.5, math.pi / 4, 1.2])
+def test_half_coverage_lies_on_straight_edges(angle: float) -> None:
+    (rectangle,) = placed("rectangle", angle)
+    field = pixel_coverage([rectangle], WIDTH, HEIGHT, SIGMA).astype(float)
+    offsets = []
+    for a, b in zip(rectangle, np.roll(rectangle, -1, axis=0), strict=True):
+        along = (b - a) / np.linalg.norm(b - a)
+        normal = np.array([along[1], -along[0]])  # out of the material
+        for share in np.linspace(0.15, 0.85, 40):
+            point = a + share * (b - a)
+            steps = np.linspace(-3.0, 3.0, 61)
+            values = bilinear(field, point + steps[:, None] * normal)
+            # The centre of the edge's own derivative, which is what an edge detector averages over its slope.
+            slope = -np.diff(values)
+            offsets.append((slope * (steps[:-1] + 0.05)).sum() / slope.sum())
+    assert np.mean(offsets) == pytest.approx(0.0, abs=0.003)
+    assert np.abs(offsets).max() < 0.06
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_half_coverage_separates_inside_from_outside_everywhere(name: str) -> None:
+    polygons = placed(name, 0.8)
+    field = pixel_coverage(polygons, WIDTH, HEIGHT, SIGMA)
+    inside = inside_mask(polygons, WIDTH, HEIGHT)
+    assert ((field >= 0.5) == inside).mean() > 0.99999
+    some = np.random.default_rng(0).integers(0, [WIDTH, HEIGHT], (2500, 2))
+    assert (inside_polygons(polygons, some.astype(float)) == inside[some[:, 1], some[:, 0]]).all()
+
+
+def test_a_part_that_the_border_cuts_is_the_same_where_it_is_seen() -> None:
+    whole = pixel_coverage(placed("bracket"), WIDTH, HEIGHT, SIGMA)
+    cut = pixel_coverage([p - [150.0, 110.0] for p in placed("bracket")], WIDTH - 150, HEIGHT - 110, SIGMA)
+    assert cut == pytest.approx(whole[110:, 150:], abs=1e-6)
+
+
+def test_a_part_out_of_view_leaves_no_trace() -> None:
+    assert not pixel_coverage([p + 1000.0 for p in placed("disc")], WIDTH, HEIGHT, SIGMA).any()
+
+
+def test_a_blur_that_would_alias_is_refused() -> None:
+    with pytest.raises(ValueError, match="alias"):
+        pixel_coverage(placed("disc"), WIDTH, HEIGHT, 0.2)
+
+
+def test_frames_are_the_same_in_any_order_and_noise_is_as_asked() -> None:
+    given = {"camera": Camera(WIDTH, HEIGHT), "table": plain_texture(1)}
+    scene = Scene(SHAPES["disc"](), tilting_path(6, seed=2), conditions=Conditions(noise=3.0), **given)
+    quiet = Scene(SHAPES["disc"](), tilting_path(6, seed=2), conditions=Conditions(noise=0.0), **given)
+    frames = list(scene)
+    assert (scene[4].image == frames[4].image).all()
+    difference = frames[3].image.astype(float) - quiet[3].image
+    assert difference.std() == pytest.approx(3.0, rel=0.03)
+    assert len({f.image.tobytes() for f in frames}) == 6
+    with pytest.raises(IndexError):
+        scene[6]
+
+
+def test_the_image_moves_by_the_stated_homography() -> None:
+    scene = Scene(
+        SHAPES["bracket"](),
+        tilting_path(8, seed=5),
+        camera=Camera(WIDTH, HEIGHT),
+        table=plain_texture(1, contrast=0.0),
+        conditions=Conditions(noise=0.0),
+    )
+    first = scene[0]
+    for frame in scene:
+        for moved, now in zip(first.outline, frame.outline, strict=True):
+            assert frame.contacts(moved) == pytest.approx(now, abs=1e-8)
+        dark = (frame.image.astype(float).max() - frame.image) / (frame.image.max() - 52.0)
+        assert dark.sum() == pytest.approx(frame.area, rel=0.03)
+
+
+def test_a_bar_hides_what_it_covers() -> None:
+    bar = Bar(start=2, end=6, width=0.2, angle=0.3)
+    scene = Scene(
+        SHAPES["blob"](), tilting_path(9, seed=0), camera=Camera(WIDTH, HEIGHT), covers=[bar], table=plain_texture(1)
+    )
+    shown = [frame.outline_visible for frame in scene]
+    assert shown[0] == shown[8] == 1.0
+    assert min(shown[3:6]) < 0.9
+    middle = scene[4]
+    assert not middle.visible([middle.covers[0].mean(axis=0)])[0]
+    assert not middle.visible([[-5.0, 10.0]])[0]
+
+
+def test_a_sliding_table_moves_under_a_part_at_rest() -> None:
+    still = Conditions(noise=0.0)
+    path = tilting_path(2, tilt=0.0, reach=0.0, zoom=0.0, turn=0.0)
+    scene = Scene(
+        SHAPES["disc"](), path, camera=Camera(WIDTH, HEIGHT), conditions=still, slide=(0.1, 0.0), table=plain_texture(1)
+    )
+    a, b = (frame.image.astype(float) for frame in scene)
+    inside = inside_mask(scene[0].outline, WIDTH, HEIGHT)
+    edge = pixel_coverage(scene[0].outline, WIDTH, HEIGHT, 3.0)
+    assert np.abs(a - b)[inside & (edge > 0.99)].max() == 0.0
+    assert np.abs(a - b)[~inside & (edge < 0.01)].mean() > 0.5
+
+
+def test_the_demonstration_keeps_the_whole_outline_in_view() -> None:
+    scene = demo_scene(30)
+    assert scene[0].image.shape == (480, 640, 3)
+    assert min(scene[i].outline_visible for i in range(0, 30, 3)) == 1.0
+    assert demo_scene(2, colour=False)[0].image.shape == (480, 640)
+
+
+def test_the_parts_of_a_still_life_lie_apart_and_are_found() -> None:
+    from grasptrack.bench.simulation import still_life
+    from grasptrack.bench.simulation.scene import LIE, PX_PER_UNIT
+    from grasptrack.segmentation.objects import find_objects
+
+    image = still_life()
+    assert (image == still_life()).all() and image.shape == (480, 640, 3)
+    found = find_objects(image)
+    assert len(found) == len(LIE)
+    areas = sorted(f.view.outer.area - sum(h.area for h in f.view.contours[1:]) for f in found)
+    expected = sorted((size * PX_PER_UNIT) ** 2 for _, size, *_ in LIE)
+    np.testing.assert_allclose(areas, expected, rtol=0.02)

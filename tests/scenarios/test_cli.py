@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: what it writes, what it says, and how fast it answers."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from grasptrack.cli.main import main
+from recordings import plate, plates, rows, write
+
+HEAD = (
+    "frame,time_s,status,strategy,grasp_id,x1,y1,x2,y2,seen1,seen2,margin,confidence,chance,latency_ms,reason,reason_code,"
+    "tilt,tilt_sd,margin_sd,margin_image,distance,distance_sd,mended,notice"
+)
+
+
+def test_the_hand_decides_which_grasp_is_tracked(tmp_path: Path) -> None:
+    folder, out = plates(tmp_path / "in", 2), tmp_path / "out"
+    given = ["track", str(folder), "--output", str(out), "-q", "--no-video"]
+    openings = []
+    for more in (["--max-opening", "20mm", "--scale", "4"], ["--min-opening", "110", "--finger-width", "5%"]):
+        assert main([*given, *more]) == 0
+        first = rows(out)[0]
+        openings.append(math.dist(*((float(first[f"x{i}"]), float(first[f"y{i}"])) for i in (1, 2))))
+    assert openings[0] <= 80.0 and openings[1] >= 110.0
+    asked = json.loads((out / "run.json").read_text())["options"]
+    assert (asked["min_opening"], asked["max_opening"], asked["finger_width"]) == ("110", None, "5%")
+    contacts = " ".join(f"{first[f'x{i}']},{first[f'y{i}']}" for i in (1, 2))
+    assert main([*given, "--grasp", contacts, "--max-opening", "80"]) == 2
+    assert main([*given, "--grasp", contacts, "--max-opening", "80", "--resynthesize"]) == 0
+
+
+def test_without_a_grasp_every_frame_says_why(tmp_path: Path) -> None:
+    given = ["track", str(plates(tmp_path / "in", 2)), "--output", str(tmp_path / "out"), "-q", "--no-video"]
+    assert main([*given, "--max-opening", "9"]) == 2
+    found = rows(tmp_path / "out")
+    assert [r["status"] for r in found] == ["searching"] * 2
+    assert all(r["reason"].startswith("no stable grasp: too wide for the opening of 9 px: the narrow") for r in found)
+
+
+def test_track_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main(["track", str(plates(tmp_path / "in")), "--output", str(out), "--fps", "20"]) == 0
+    said = capsys.readouterr()
+    assert said.err == "" and re.search(r"tracked +8 +100", said.out) and "99th percentile" in said.out
+    assert sorted(p.name for p in out.iterdir()) == ["grasps.csv", "overlay.mp4", "run.json", "summary.png"]
+    assert (out / "grasps.csv").read_text().splitlines()[0] == HEAD
+    found = rows(out)
+    assert [r["status"] for r in found] == ["tracked"] * 8 and [r["grasp_id"] for r in found] == ["1"] * 8
+    np.testing.assert_allclose([float(r["time_s"]) for r in found], np.arange(8) / 20)
+    options = json.loads((out / "run.json").read_text())["options"]
+    assert options["strategy"] == "auto" and options["fps"] == 20 and options["friction"] == 0.5
+
+
+def test_quiet_says_nothing_and_no_video_writes_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["track", str(plates(tmp_path / "in", 3)), "--output", str(tmp_path / "out"), "--quiet", "--no-video"]
+    assert main(given) == 0
+    assert capsys.readouterr() == ("", "")
+    assert not (tmp_path / "out" / "overlay.mp4").exists() and len(rows(tmp_path / "out")) == 3
+    assert rows(tmp_path / "out")[0]["time_s"] == ""
+
+
+def test_given_contacts_are_kept_in_their_order(tmp_path: Path) -> None:
+    folder, out = plates(tmp_path / "in", 3), tmp_path / "out"
+    assert main(["track", str(folder), "--output", str(out), "-q", "--no-video"]) == 0
+    first = rows(out)[0]
+    swapped = f"{first['x2']},{first['y2']} {first['x1']},{first['y1']}"
+    assert main(["track", str(folder), "--output", str(out), "-q", "--no-video", "--grasp", swapped]) == 0
+    again = rows(out)[0]
+    for name, other in (("x1", "x2"), ("y1", "y2"), ("x2", "x1"), ("y2", "y1")):
+        assert float(again[name]) == pytest.approx(float(first[other]), abs=0.01)
+
+
+def test_masks_take_the_place_of_segmentation(tmp_path: Path) -> None:
+    folder, out = plates(tmp_path / "in", 3), tmp_path / "out"
+    (tmp_path / "masks").mkdir()
+    for path in sorted(folder.iterdir()):
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        write(tmp_path / "masks" / path.name, np.where(image < 130, np.uint8(1), np.uint8(0)))
+        write(path, np.full_like(image, 128))  # nothing to be seen in the images themselves
+    given = ["track", str(folder), "--output", str(out), "-q", "--no-video", "--masks", str(tmp_path / "masks")]
+    assert main(given) == 0
+    assert [r["status"] for r in rows(out)] == ["tracked"] * 3
+
+
+def test_lost_after_the_start_is_done_all_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = plates(tmp_path / "in", 1), tmp_path / "out"
+    for i in (1, 2):
+        write(folder / f"00{i}.png", np.full((240, 320), 200, np.uint8))
+    assert main(["track", str(folder), "--output", str(out), "--no-video"]) == 0
+    assert [r["status"] for r in rows(out)] == ["tracked", "lost", "lost"]
+    assert all(r["x1"] == "" and r["reason"] for r in rows(out)[1:])
+    assert "lost" in capsys.readouterr().out
+
+
+def test_transfer_shows_every_strategy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = write(tmp_path / "a.png", plate()), write(tmp_path / "b.png", plate((150.0, 125.0), 0.35))
+    assert main(["transfer", str(first), str(second), "--output", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    assert all(name in said.out for name in ("rrp", "grasp-line", "homography")) and said.err == ""
+    assert cv2.imread(str(tmp_path / "out" / "transfer.png")) is not None
+
+
+def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--frames", "3", "--output", str(tmp_path), "--no-video"]) == 0
+    said = capsys.readouterr().out
+    for strategy in ("auto", "rrp", "grasp-line", "homography"):
+        assert strategy in said and len(rows(tmp_path / strategy)) == 3
+
+
+def test_version_names_the_backend(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert re.fullmatch(r"grasptrack \S+ \(backend (native|numpy)\)\n", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [[], ["--help"], ["-h"], ["synthesize", "-h"], ["track", "--help"], ["transfer", "-h"], ["demo", "--help"]],
+)
+def test_help_has_examples(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(given) == 0
+    assert "Examples:\n  " in re.sub(r"\n +", "\n  ", capsys.readouterr().out)
+
+
+HEAVY = {"av", "cv2", "distributed", "matplotlib", "mujoco", "numpy", "scipy"}
+VERBS = ("synthesize", "inspect", "track", "transfer", "demo", "servo", "evaluate", "evaluate scenes", "compare")
+
+
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        ("import grasptrack", {*HEAVY, "typer", "rich"}),
+        *((f"from grasptrack.cli.main import main; main({[*verb.split(), '--help']})", HEAVY) for verb in ("", *VERBS)),
+    ],
+)
+def test_the_start_loads_nothing_heavy(code: str, heavy: set[str]) -> None:
+    code = f"import sys; {code}; print(sorted({{m.split('.')[0] for m in sys.modules}} & {heavy}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends SIGINT")
+def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
+    source, out = plates(tmp_path / "in", 600), tmp_path / "out"
+    command = [sys.executable, "-m", "grasptrack.cli.main", "track", str(source), "--output", str(out)]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    waited = time.monotonic() + 60
+    while time.monotonic() < waited and not ((out / "grasps.csv").exists() and len(rows(out)) > 5):
+        time.sleep(0.02)
+    running.send_signal(signal.SIGINT)
+    said, error = running.communicate(timeout=60)
+    assert running.returncode == 130 and said == ""
+    assert re.fullmatch(r"grasptrack: interrupted after \d+ frames; what was computed is in [^\n]+\n", error)
+    count = len(rows(out))
+    with av.open(str(out / "overlay.mp4")) as container:
+        assert sum(1 for _ in container.decode(video=0)) == count >= 5
+    log = json.loads((out / "run.json").read_text())
+    assert log["ended"] == "interrupted" and log["frames"] == count
+    assert cv2.imread(str(out / "summary.png")) is not None

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The documentation says what is: names that exist, options and columns as they are, imports that go one way."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from grasptrack.cli.main import main
+from grasptrack.io.results import csv_columns
+from recordings import plates
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
+VERBS = ("synthesize", "inspect", "track", "transfer", "demo", "servo", "evaluate", "compare")
+WITH_OPTIONS = (*VERBS[:6], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
+PAGES = (
+    "benchmarks.md",
+    "cli.md",
+    "conventions.md",
+    "design.md",
+    "evaluation.md",
+    "numbers.md",
+    "paper-map.md",
+    "servo.md",
+    "simulation.md",
+    "../README.md",
+    "../CONTRIBUTING.md",
+)
+
+
+def text(page: str) -> str:
+    return (DOCS / page).read_text(encoding="utf-8")
+
+
+def quoted(page: str) -> list[str]:
+    """What stands between backticks in running text and tables, not in blocks of code."""
+    prose = re.sub(r"^```.*?^```", "", text(page), flags=re.MULTILINE | re.DOTALL)
+    return re.findall(r"`([^`\n]+)`", prose)
+
+
+def block(page: str, name: str) -> list[str]:
+    """Lines of the block of code that is marked by a name."""
+    found = re.search(rf"^```{name}\n(.*?)^```", text(page), flags=re.MULTILINE | re.DOTALL)
+    assert found, f"{page} has no block {name}"
+    return found[1].splitlines()
+
+
+# --- names ---------------------------------------------------------------------------------------
+
+
+@lru_cache
+def functions_of(module: str) -> set[str]:
+    found = list((ROOT / "tests").glob(f"*/{module}.py"))
+    tree = ast.parse("".join(path.read_text(encoding="utf-8") for path in found))
+    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+
+
+def exists(name: str) -> bool:
+    """Whether a test (file::function), an object (module:name) or a path of the repository is there."""
+    if "::" in name:
+        module, function = name.split("::")
+        return function in functions_of(module)
+    if ":" in name:
+        module, path = name.split(":")
+        found: object = import_module(f"grasptrack.{module}")
+        for part in path.split("."):
+            fields = getattr(found, "__annotations__", {})
+            if not hasattr(found, part) and part not in fields:
+                return False
+            found = getattr(found, part, None)
+        return True
+    return (ROOT / name).exists()
+
+
+OBJECT = re.compile(r"[a-z_]+(\.[a-z_0-9]+)*:[A-Za-z_][\w.]*")
+TEST = re.compile(r"test_\w+::test_\w+")
+FILE = re.compile(r"[\w.-]+(/[\w.-]+)+\.(py|md|toml|hpp|cpp|pyi)|[\w-]+/")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_name_in_the_documentation_exists(page: str) -> None:
+    names = [n for n in quoted(page) if OBJECT.fullmatch(n) or TEST.fullmatch(n) or FILE.fullmatch(n)]
+    assert [n for n in names if not exists(n)] == []
+
+
+def test_the_paper_map_quotes_nothing_but_names_that_are_checked() -> None:
+    names = quoted("paper-map.md")
+    assert len(names) > 100
+    assert [n for n in names if not (OBJECT.fullmatch(n) or TEST.fullmatch(n) or FILE.fullmatch(n))] == []
+
+
+def anchors(page: Path) -> set[str]:
+    """Of the headings of a page, as GitHub makes them."""
+    heads = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere(page: str) -> None:
+    here = (DOCS / page).resolve()
+    broken = []
+    for path, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", text(page)):
+        target = here.parent / path if path else here
+        if not path.startswith("http") and not (target.exists() and (not anchor or anchor in anchors(target))):
+            broken.append(f"{path}#{anchor}")
+    assert broken == []
+
+
+def test_every_kernel_is_in_the_paper_map_or_the_design() -> None:
+    from grasptrack import kernels
+
+    told = text("paper-map.md") + text("design.md")
+    assert [n for n in kernels.__all__ if n != "BACKEND" and f"kernels:{n}`" not in told] == []
+
+
+# --- the command line ----------------------------------------------------------------------------
+
+
+def section(verb: str) -> str:
+    found = re.search(rf"^## grasptrack {verb}$(.*?)(?=^## )", text("cli.md"), flags=re.MULTILINE | re.DOTALL)
+    assert found, f"cli.md has no section for {verb}"
+    return found[1]
+
+
+@pytest.mark.parametrize("verb", WITH_OPTIONS)
+def test_options_are_those_of_help(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*verb.split(), "--help"]) == 0
+    shown = capsys.readouterr().out
+    offered = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", shown))
+    told = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", section(verb)))
+    assert told - offered == set(), "told of in cli.md, but no option"
+    assert offered - told == {"--help"} - told, "an option that cli.md does not tell of"
+
+
+def test_statuses_verbs_and_program_options(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "--version" in shown and "--version" in text("cli.md")
+    listed = re.findall(r"^  ([a-z]+)  +[A-Z]", shown.split("Commands:")[1], flags=re.MULTILINE)
+    assert sorted(listed) == sorted(VERBS)
+
+
+def test_columns_and_keys_are_those_that_are_written(tmp_path: Path) -> None:
+    assert block("cli.md", "csv") == [",".join(csv_columns(2))]
+    given = ["track", str(plates(tmp_path / "in", 2)), "--output", str(tmp_path / "out"), "--quiet", "--no-video"]
+    assert main(given) == 0
+    keys = set(json.loads((tmp_path / "out" / "run.json").read_text()))
+    told = set(re.findall(r"^\| `(\w+)` \|", text("cli.md").split("### run.json")[1].split("\n## ")[0], re.MULTILINE))
+    assert told == keys | {"error"}
+
+
+def test_keys_of_grasps_json_are_those_that_are_written(tmp_path: Path) -> None:
+    source = plates(tmp_path / "in", 1) / "000.png"
+    assert main(["synthesize", str(source), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+    written = json.loads((tmp_path / "out" / "grasps.json").read_text())
+    one = written["objects"][0]
+    told = text("cli.md").split("### grasps.json")[1].split("\n### ")[0]
+    for head, keys in (("key", written), ("key of an object", one), ("key of a grasp", one["grasps"][0])):
+        table = told.split(f"| {head} |")[1].split("\n\n")[0]
+        first = re.findall(r"^\| (`[^|]+`) \|", table, re.MULTILINE)
+        assert set(re.findall(r"`(\w+)`", " ".join(first))) == set(keys)
+
+
+def test_the_evaluation_page_tells_of_what_is_there() -> None:
+    from grasptrack.bench.baselines import PEERS
+    from grasptrack.bench.records import EACH, FIXED, LAST
+    from grasptrack.bench.simulation.disturbances import DISTURBANCES
+
+    page = text("evaluation.md")
+    rows = re.findall(r"^\| `([\w-]+)` \| (\w+) \| (.*) \|$", page, re.MULTILINE)
+    assert rows == [(d.name, d.group, d.about) for d in DISTURBANCES.values()]
+    assert set(re.findall(r"`([\w-]+)`", page.split("| name | what it is |")[1].split("\n\n")[0])) == set(PEERS)
+    each = [f"{name}{i}" for i in (1, 2) for name in EACH]
+    assert block("evaluation.md", "records") == [",".join([*FIXED, *each, LAST])]
+
+
+# --- imports -------------------------------------------------------------------------------------
+
+
+def top(module: str) -> str:
+    """The layer's name of a module: its first part below grasptrack."""
+    return module.split(".")[0]
+
+
+def modules() -> dict[str, Path]:
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = [p for p in path.relative_to(PACKAGE).with_suffix("").parts if p != "__init__"]
+        found[".".join(parts)] = path
+    return found
+
+
+def imported(path: Path) -> set[str]:
+    """Everything that a file imports when it runs, at once or late; what only a type checker reads is left out."""
+    names: set[str] = set()
+
+    def visit(node: ast.AST) -> None:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test):
+                for other in child.orelse:
+                    visit(other)
+                continue
+            if isinstance(child, ast.Import):
+                names.update(a.name for a in child.names)
+            elif isinstance(child, ast.ImportFrom) and child.module:
+                assert child.level == 0, f"{path}: relative import"
+                names.update(f"{child.module}.{a.name}" for a in child.names)
+            visit(child)
+
+    visit(ast.parse(path.read_text(encoding="utf-8")))
+    return names
+
+
+def graph() -> dict[str, set[str]]:
+    """For each module of the package the modules of the package that it imports, names below `grasptrack`."""
+    known = modules()
+    out: dict[str, set[str]] = {}
+    for module, path in known.items():
+        below = {n.removeprefix("grasptrack").lstrip(".") for n in imported(path) if n.split(".")[0] == "grasptrack"}
+        out[module] = {n if n in known else n.rpartition(".")[0] for n in below if n}
+    return out
+
+
+def layers() -> dict[str, int]:
+    """Rank of each top name, from the block in design.md."""
+    ranks: dict[str, int] = {}
+    for rank, line in enumerate(block("design.md", "layers")):
+        for name in line.split("|")[0].split(","):
+            assert name.strip() not in ranks
+            ranks[name.strip()] = rank
+    return ranks
+
+
+def test_the_design_names_every_module() -> None:
+    here = {top(m) for m in modules() if m}
+    assert here == set(layers())
+
+
+def test_imports_go_one_way() -> None:
+    rank = layers()
+    against = [
+        f"{module} imports {other or 'grasptrack'}"
+        for module, others in graph().items()
+        for other in others
+        if module and top(other) != top(module) and not (other and rank[top(other)] < rank[top(module)])
+    ]
+    assert against == []
+
+
+def test_no_module_imports_itself_by_way_of_others() -> None:
+    left = graph()
+    while left:
+        free = [m for m, others in left.items() if not ((others - {m}) & left.keys())]
+        assert free, f"a circle among {sorted(left)}"
+        for m in free:
+            del left[m]
+
+
+@pytest.mark.parametrize(
+    ("package", "homes"),
+    [
+        ("typer", {"cli"}),
+        ("rich", {"cli"}),
+        ("av", {"io"}),
+        ("matplotlib", {"view"}),
+        ("cv2", {"bench", "io", "segmentation", "snake", "trackability", "tracking", "view"}),
+        ("grasptrack.bench", {"bench", "cli"}),
+        ("grasptrack.snake", {"snake", "bench", "tracking"}),
+        ("_grasptrack_native", {"kernels"}),
+    ],
+)
+def test_who_may_import_what(package: str, homes: set[str]) -> None:
+    users = {
+        top(module)
+        for module, path in modules().items()
+        if any(f"{n}.".startswith(f"{package}.") for n in imported(path))
+    }
+    assert users <= homes

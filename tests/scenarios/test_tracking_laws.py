@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What users rely on when they follow a part: what its surface, its ground and its outline tell, and nothing beyond it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from grasptrack import GraspTracker
+from grasptrack.bench.method import chosen_grasp
+from grasptrack.bench.scenes import built_in, make_scene_cases, run_case
+from grasptrack.bench.simulation import DISTURBANCES, SHAPES, Conditions, Scene, SceneFrame, tilting_path
+from grasptrack.bench.simulation.textures import blank_texture, gravel_texture, printed_texture
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.geometry.homographies import apply_homography
+from grasptrack.tracking.follower import Follower
+from grasptrack.tracking.result import TrackResult
+
+
+def a_scene(shape: str, seed: int, frames: int = 30, **options: object) -> Scene:
+    path = tilting_path(frames, seed=seed)
+    return Scene(SHAPES[shape](), path, seed=seed, **{"conditions": Conditions(noise=1.5), **options})  # type: ignore[arg-type]
+
+
+def off(result: TrackResult, frame: SceneFrame, first: np.ndarray) -> float:
+    """px by which the contacts are off at most; first: where they were in the first image."""
+    assert result.contacts is not None, result.reason
+    return float(np.hypot(*(result.contacts - frame.contacts(first)).T).max())
+
+
+def followed(scene: Scene) -> list[float]:
+    """px, errors of a scene in which each frame has to be located."""
+    tracker = GraspTracker(grasp=chosen_grasp(scene[0].outline))
+    first = tracker.update(scene[0].image).contacts
+    assert first is not None
+    return [off(tracker.update(frame.image), frame, first) for frame in list(scene)[1:]]
+
+
+def with_bar(frame: SceneFrame, left: float, width: int, grey: int) -> np.ndarray:
+    """The image with an upright bar in front of everything, at px from the part's middle."""
+    image = frame.image.copy()
+    x = round(float(frame.outline[0][:, 0].mean()) + left)
+    cv2.rectangle(image, (x, 0), (x + width, image.shape[0] - 1), grey, -1)
+    return image
+
+
+def test_contacts_are_followed_to_a_twentieth_of_a_pixel_and_do_not_drift() -> None:
+    errors = followed(Scene(SHAPES["bracket"](), tilting_path(40, seed=2), conditions=Conditions(noise=2.0), seed=2))
+    assert math.sqrt(np.mean(np.square(errors))) < 0.05
+    assert errors[-1] < 0.1
+
+
+SLIDES = pytest.mark.xfail(
+    strict=True, reason="0.5 to 0.9 px: of a blank surface only coarse patches tell the turn, to 0.4 px"
+)
+
+
+@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=SLIDES)])
+def test_the_ground_settles_the_turn_of_a_disc(seed: int) -> None:
+    """Gravel shows every motion."""
+    assert max(followed(a_scene("disc", seed, surface=blank_texture(seed), table=gravel_texture(seed)))) < 0.6
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_print_settles_it_where_the_table_slides_away_or_nothing_is_claimed(seed: int) -> None:
+    scene = a_scene("disc", seed, 8, surface=printed_texture(seed), slide=(0.02, 0.013))
+    tracker = GraspTracker(grasp=chosen_grasp(scene[0].outline))
+    first = tracker.update(scene[0].image).contacts
+    assert first is not None
+    results = [(tracker.update(frame.image), frame) for frame in list(scene)[1:]]
+    right = [off(result, frame, first) < 0.5 for result, frame in results if result.located]
+    assert all(right) and len(right) >= 5
+
+
+def test_a_table_that_slides_does_not_bend_the_pose() -> None:
+    assert max(followed(a_scene("bracket", 7, surface=blank_texture(7), slide=(0.004, 0.003)))) < 0.25
+
+
+@pytest.mark.parametrize(
+    ("shape", "seed", "how", "covered", "bar", "most"),
+    [
+        ("spanner", 9, {"surface": printed_texture(9), "table": gravel_texture(9)}, (5, 15, 25), (0.0, 60, 150), 0.3),
+        ("bracket", 4, {}, (5, 20, 35), (30.0, 640, 120), 0.5),  # a third of the outline
+    ],
+    ids=["surface", "outline"],
+)
+def test_a_cover_does_not_bend_the_pose(
+    shape: str, seed: int, how: dict[str, object], covered: tuple[int, ...], bar: tuple[float, int, int], most: float
+) -> None:
+    frames = a_scene(shape, seed, covered[-1] + 5, **how)
+    tracker = GraspTracker(grasp=chosen_grasp(frames[0].outline))
+    first = tracker.update(frames[0].image).contacts
+    assert first is not None
+    for frame in list(frames)[1:]:
+        result = tracker.update(with_bar(frame, *bar) if frame.index in covered else frame.image)
+        assert off(result, frame, first) < most
+
+
+def test_dropped_frames_are_survived() -> None:
+    scene = DISTURBANCES["fast"].scene(SHAPES["bracket"](), 60, 1)
+    order = [i for i in range(60) if i < 4 or i % 5 in (0, 1)]  # two of five arrive
+    tracker = GraspTracker()
+    found = [tracker.update(scene[i].image, time=scene[i].time).located for i in order]
+    assert all(found)
+
+
+@pytest.mark.parametrize("shape", ["bracket", "washer", "spanner"])
+def test_the_homography_is_as_uncertain_as_the_contacts_that_it_carries(shape: str) -> None:
+    scene = a_scene(shape, 3, 6)
+    tracker = GraspTracker(grasp=chosen_grasp(scene[0].outline))
+    first = tracker.update(scene[0].image).contacts
+    assert first is not None
+    for frame in list(scene)[1:]:
+        result = tracker.update(frame.image)
+        if not result.located:  # a washer may turn unseen
+            continue
+        H, C = result.homography, result.homography_covariance
+        assert H is not None and C is not None and result.covariance is not None
+        assert H[2, 2] == 1.0 and np.abs(C[8]).max() == 0.0
+        for (x, y), (u, v), told in zip(first, apply_homography(H, first), result.covariance, strict=True):
+            place = np.array([x, y, 1.0]) / float(H[2] @ (x, y, 1.0))
+            none = np.zeros(3)
+            J = np.array([np.concatenate([place, none, -u * place]), np.concatenate([none, place, -v * place])])
+            np.testing.assert_allclose(J @ C @ J.T, told, rtol=1e-4, atol=1e-6 * np.abs(told).max())
+
+
+def test_light_on_a_ring_does_not_tell_its_turn() -> None:
+    # its sides hide what the outline could tell; light that falls off over it stays where it is
+    case = make_scene_cases(built_in(["washer"]), ["thick"], frames=25)[0]
+    frames = run_case((case, ("auto",)))["auto"]
+    assert [f.frame for f in frames if f.is_false_accept] == []
+
+
+@pytest.mark.parametrize("shape", ["bean", "blob", "leaf"])
+def test_its_mirror_image_is_refused_though_its_print_is_the_same(shape: str) -> None:
+    case = make_scene_cases(built_in([shape]), ["mirror"], frames=16, seed=31)[0]
+    frames = run_case((case, ("auto",)))["auto"]
+    assert [f.frame for f in frames if f.is_false_accept] == []
+    assert [f.frame for f in frames if f.present and not f.answered] == []
+
+
+@pytest.mark.parametrize("shape", ["cross", "hex-nut", "hinge", "knife", "ring-wrench"])
+def test_a_twin_with_a_tab_of_print_or_brushed_metal_is_refused(shape: str) -> None:
+    """Brushing makes edges where the object's own is not, and print spreads the grey levels that tell a tab."""
+    case = make_scene_cases(built_in([shape]), ["twin"], frames=16, seed=31)[0]
+    frames = run_case((case, ("auto",)))["auto"]
+    assert [f.frame for f in frames if f.is_false_accept] == []
+    assert len([f for f in frames if f.present and not f.answered]) <= 1
+
+
+def board(x: float, y: float, degrees: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """An image of a chessboard, white as the table it lies on but for its squares, and (3, 3) from its px to the image's."""
+    big = np.full((150, 210), 200, np.uint8)
+    for i, j in itertools.product(range(6), range(9)):
+        if (i + j) % 2:
+            big[15 + 20 * i : 35 + 20 * i, 15 + 20 * j : 35 + 20 * j] = 40
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    H = np.array([[c, -s, x], [s, c, y], [0.0, 0.0, 1.0]])
+    image = cv2.warpPerspective(big, H, (640, 480), flags=cv2.INTER_LINEAR, borderValue=190)
+    noise = np.random.default_rng(round(x + 7 * y)).normal(0.0, 1.5, image.shape)
+    return np.clip(np.rint(cv2.GaussianBlur(image, (0, 0), 0.7) + noise), 0, 255).astype(np.uint8), H
+
+
+def test_a_surface_that_looks_like_itself_is_not_followed_to_where_it_looks_alike() -> None:
+    """A chessboard that moves by more than half of two squares from image to image."""
+    contacts, at = np.array([[0.0, 75.0], [210.0, 75.0]]), np.array([150.0, 120.0])
+    first, start = board(*at)
+    corners = apply_homography(start, np.array([[0.0, 0.0], [210.0, 0.0], [210.0, 150.0], [0.0, 150.0]]))
+    sides = [np.linspace(a, b, 150, endpoint=False) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    followed_ = Follower(first, View([Contour(np.vstack(sides))]), apply_homography(start, contacts))
+    assert len(followed_.target.slides)
+    steps, located = np.random.default_rng(0).uniform(-34.0, 34.0, (30, 2)), 0
+    for k, step in enumerate(steps):
+        at = np.clip(at + step, 30.0, 240.0)
+        image, H = board(*at, degrees=0.3 * k)
+        decision = followed_.update(image)
+        if decision.accepted:
+            assert decision.estimate is not None
+            located += 1
+            assert np.hypot(*(decision.estimate.contacts - apply_homography(H, contacts)).T).max() < 3.0
+    assert located >= 28

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All tests below this folder are slow: more than 10 s on one core."""
+
+from pathlib import Path
+
+import pytest
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker("slow")

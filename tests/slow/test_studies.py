@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every study runs to its end in its smallest setting; in the file of results sections are replaced where they stand."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grasptrack.bench import studies
+from grasptrack.bench.simulation import SHAPES, Scene, similarity_path
+from grasptrack.bench.studies import common
+from grasptrack.cli.main import main
+
+TITLES = st.lists(st.text("abc xyz", min_size=1).map(str.strip).filter(bool), unique=True, min_size=1, max_size=5)
+TEXTS = st.text("ab|\n- 12", min_size=1).map(str.strip).filter(bool)
+
+
+SMALLEST = {
+    "calibration": "--parts bracket --others key --disturbances clean-6dof --frames 6 --workers 1",
+    "closure_probability": "--shapes bracket --draws 20 --grasps 1",
+    "confidence": "RUN --picture PICTURE",
+    "first_outline": "--shapes bracket --kinds gap --frames 4 --never",
+    "loop": "--frames 4 --repeat 1 --long 0 --starts 1",
+    "matching": "--shapes bracket --pairs 1 --cut 1 --images 1",
+    "plane": "--parts bracket --tilts 30",
+    "precision_bound": "--shapes bracket --disturbances clean-4dof --frames 7",
+    "segmentation": "--data DATA --pictures DATA/pictures",
+    "steps": "--calls 8 --updates 8 --largest 1",
+    "synthesis": "--silhouettes DATA/tools/masks --friction 0.3",
+    "thickness": "--parts bracket --thick 0.02 --workers 1",
+    "trackability": "--parts bracket --disturbances clean-4dof --frames 12",
+    "undistortion": "--frames 4 --shapes bracket --workers 1",
+}
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """A folder with one photo of a tool and its mask."""
+    for name in ("images", "masks"):
+        (tmp_path / "tools" / name).mkdir(parents=True)
+    frame = Scene(SHAPES["spanner"](), similarity_path(1), colour=True)[0]
+    mask = np.zeros(frame.image.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.rint(p).astype(np.int32) for p in frame.outline], 255)
+    cv2.imwrite(str(tmp_path / "tools" / "images" / "a.jpg"), frame.image)
+    cv2.imwrite(str(tmp_path / "tools" / "masks" / "a.png"), mask)
+    (tmp_path / "tools" / "index.csv").write_text("name,scene\na,table\n")
+    return tmp_path
+
+
+def test_every_study_has_a_smallest_setting() -> None:
+    found = {path.stem for path in Path(studies.__path__[0]).glob("*.py")} - {"__init__", "common"}
+    assert found == set(SMALLEST)
+
+
+@pytest.mark.parametrize("name", sorted(SMALLEST))
+def test_a_study_runs_and_writes_its_sections(
+    name: str, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("GRASPTRACK_DATA", str(data))
+    monkeypatch.setattr(common, "_sections", [])
+    run, picture = tmp_path / "run", tmp_path / "reliability.png"
+    if name == "confidence":
+        scenes = "evaluate scenes --methods auto,klt --shapes bracket --disturbances clean-4dof --frames 4 --quiet"
+        assert main([*scenes.split(), "--risk", "0.5", "--output", str(run)]) == 0
+    given = SMALLEST[name].replace("RUN", str(run)).replace("PICTURE", str(picture)).replace("DATA", str(data))
+    output = tmp_path / "results.md"
+    monkeypatch.setattr(sys, "argv", [f"studies/{name}.py", *given.split(), "--output", str(output)])
+    import_module(f"grasptrack.bench.studies.{name}").main()
+    assert "\n## " in output.read_text(encoding="utf-8") and capsys.readouterr().out
+    assert picture.exists() == (name == "confidence")
+
+
+@given(titles=TITLES, texts=st.lists(TEXTS, min_size=6, max_size=6), data=st.data())
+def test_a_section_takes_the_place_of_its_old_self(
+    tmp_path_factory: pytest.TempPathFactory, titles: list[str], texts: list[str], data: st.DataObject
+) -> None:
+    path = tmp_path_factory.mktemp("results") / "R.md"
+    for title, text in zip(titles, texts, strict=False):
+        common.section(path, title, text)
+    before = path.read_text(encoding="utf-8")
+    again = data.draw(st.integers(0, len(titles) - 1))
+    common.section(path, titles[again], texts[again])
+    assert path.read_text(encoding="utf-8") == before
+    common.section(path, titles[again], texts[5])
+    expected = [texts[5] if i == again else texts[i] for i in range(len(titles))]
+    parts = "".join(f"\n\n## {title}\n\n{text}" for title, text in zip(titles, expected, strict=True))
+    assert path.read_text(encoding="utf-8") == f"{common.PREFACE.strip()}{parts}\n"
+
+
+def test_a_run_is_written_with_its_command_and_its_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(common, "_sections", [])
+    monkeypatch.setattr(sys, "argv", ["studies/x.py", "--calls", "3"])
+    common.heading("Title")
+    common.say("A sentence.")
+    common.table(["call", "us"], [["a", 1234.5], ["b", float("nan")]])
+    common.finish(None)
+    assert list(tmp_path.iterdir()) == []
+    common.finish(tmp_path / "R.md")
+    text = (tmp_path / "R.md").read_text(encoding="utf-8")
+    assert "## Title\n\n`python -m grasptrack.bench.studies.x --calls 3`\n\n" in text
+    assert text.endswith("A sentence.\n\n| call | us |\n| --- | ---: |\n| a | 1,234 |\n| b |  |\n")
