@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grasptrack import kernels
 from grasptrack.bench.metrics.errors import ErrorMeasure
 from grasptrack.bench.paper import printed
 from grasptrack.bench.paper.correspondences import Correspondences, find_correspondences, table_five
@@ -19,6 +18,7 @@ from grasptrack.bench.paper.footage import MOTIONS, OBJECTS, Footage, ideal_foot
 from grasptrack.bench.paper.transfers import measure_reversibility, transfer_and_measure
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.kernels.reference.homography import homography_4
 from grasptrack.transfer import STRATEGIES, grasp_line, transfer
 
 FRAMES = 8
@@ -149,7 +149,7 @@ def test_table_five_lays_open_what_the_strategy_does(name, kind):
     one = footage(name, kind, "6 DoF", 0)
     found = find_correspondences(one, FRAMES - 1)
     assert isinstance(found, Correspondences)
-    H = kernels.homography_4(*found.points)
+    H = homography_4(*found.points)
     np.testing.assert_allclose(H, found.H, rtol=1e-9, atol=1e-12)
     moved = transfer(Grasp(one.on_silhouette), found.first, found.second, "homography").grasp.contacts
     np.testing.assert_array_equal(found.refined, moved)

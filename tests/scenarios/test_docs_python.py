@@ -41,7 +41,7 @@ def test_each_block_runs(name: str, tmp_path: Path) -> None:
 
     write_video(tmp_path / "video.mp4")
     (tmp_path / "block.py").write_text(complete(blocks()[name]))
-    environment = {"PYTHONPATH": str(ROOT / "tests"), "PATH": "/usr/bin:/bin"}
+    environment = {"PYTHONPATH": str(ROOT / "tests" / "helpers"), "PATH": "/usr/bin:/bin"}
     run = [sys.executable, "block.py"]
     done = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -54,7 +54,7 @@ def test_blocks_and_examples_pass_pyright(tmp_path: Path) -> None:
     pytest.importorskip("basedpyright")
     for name, code in blocks().items():
         (tmp_path / f"{name}.py").write_text(complete(code))
-    paths = [str(ROOT / "src"), str(ROOT / "tests")]
+    paths = [str(ROOT / "src"), str(ROOT / "tests" / "helpers")]
     settings = {"typeCheckingMode": "standard", "extraPaths": paths, "reportMissingModuleSource": False}
     (tmp_path / "pyrightconfig.json").write_text(
         json.dumps({**settings, "include": [str(tmp_path), str(ROOT / "examples")]})

@@ -25,7 +25,7 @@ if find_spec("mujoco") is None:  # not imported here: the package says first how
     pytest.skip("the physical world needs MuJoCo", allow_module_level=True)
 
 from grasptrack.bench.physics import World
-from grasptrack.bench.physics.images import MujocoImages, offscreen_error
+from grasptrack.bench.physics.images import MujocoImages, boxes_seen, offscreen_error
 from led_by_truth import lift_by_truth
 
 
@@ -181,9 +181,10 @@ def test_the_fingertips_are_where_the_hand_is_drawn_and_the_mask_covers_it() -> 
     assert opening == pytest.approx(0.088, abs=1e-4)
     for x, y in np.rint(tips).astype(int):
         assert ignore[y - 2 : y + 3, x - 2 : x + 3].any()
-    quiet = world._images
-    layer = getattr(quiet, "_layer", None) or (world.image(), quiet._layer)[1]  # type: ignore[attr-defined]
-    assert not (np.asarray(layer[1]) > 0.02)[~ignore].any()
+    to_camera, K = frames.inverse_pose(world.setting.mount), world.setting.camera.matrix
+    drawn = boxes_seen(world.hand.boxes(world.opening()), to_camera, K, 0.5)
+    assert drawn.share.max() > 0.9
+    assert not (drawn.share > 0.02)[~ignore].any()
 
 
 # --- refusals and bad input -----------------------------------------------------------------------

@@ -15,7 +15,7 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import HORIZON, behind_camera_error
 from grasptrack.grasp.contact_regions import Regions, regions_of
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.grasp.force_closure import Analyzer, Closure, GraspAnalysis
+from grasptrack.grasp.force_closure import Analyzer, GraspAnalysis
 from grasptrack.typing import Floats
 
 CHANCE = 0.9
@@ -166,7 +166,8 @@ class ClosureCheck:
     def _closure_margin(self, contacts: Floats, normals: Floats) -> float:
         """rad; about which point torque is taken is of no account to it."""
         x, y = contacts[0].tolist()
-        return Closure.of(contacts, normals, (x, y), self._analysis.rho, self._friction).margin
+        needed = kernels.force_closure(contacts, normals, x, y, self._analysis.rho, self._friction).friction_angle
+        return math.atan(self._friction) - needed
 
     def in_image(self, contacts: Floats, carried: Floats) -> float:
         """Margin, rad, of contacts (k, 2) px in a view as it is, the outline carried there by H_current_reference (3, 3)."""
