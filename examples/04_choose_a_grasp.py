@@ -8,7 +8,7 @@ from pathlib import Path
 
 import grasptrack as gt
 from grasptrack.bench.simulation import still_life
-from grasptrack.segmentation.objects import find_objects
+from grasptrack.segmentation.first_look import find_objects
 from grasptrack.view.grasps import Planned, write_grasps
 
 PX_PER_MM = 3.2

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from grasptrack.grasp.synthesis import GraspList, RankedGrasp, synthesize
     from grasptrack.io.calibration import read_camera
     from grasptrack.io.sources import Frame, open_source
+    from grasptrack.segmentation.candidate import Candidate
+    from grasptrack.segmentation.first_look import first_look
     from grasptrack.servo import (
         Closing,
         Command,
@@ -82,6 +84,8 @@ _HOME = {
     "grasp.contacts": ("Grasp",),
     "grasp.hand": ("Hand", "Length"),
     "io.calibration": ("read_camera",),
+    "segmentation.candidate": ("Candidate",),
+    "segmentation.first_look": ("first_look",),
     "io.sources": ("Frame", "open_source"),
     "servo": (
         "Closing",
@@ -106,6 +110,7 @@ __all__ = [
     "AmbiguousError",
     "AxesError",
     "Camera",
+    "Candidate",
     "ClippedError",
     "Closing",
     "Command",
@@ -143,6 +148,7 @@ __all__ = [
     "View",
     "__version__",
     "analyze",
+    "first_look",
     "inspect",
     "open_source",
     "read_camera",

@@ -87,6 +87,7 @@ MOVED = {
     "observation": "segmentation",
     "pair": "tracking.image_pair",
     "projective": "geometry.homographies",
+    "segmentation.objects": "segmentation.first_look",
     "servo.aim": "servo.law",
     "servo.begin": "servo.self_calibration",
     "servo.command": "servo.limits",

@@ -149,7 +149,7 @@ def test_the_demonstration_keeps_the_whole_outline_in_view() -> None:
 def test_the_parts_of_a_still_life_lie_apart_and_are_found() -> None:
     from grasptrack.bench.simulation import still_life
     from grasptrack.bench.simulation.scene import LIE, PX_PER_UNIT
-    from grasptrack.segmentation.objects import find_objects
+    from grasptrack.segmentation.first_look import find_objects
 
     image = still_life()
     assert (image == still_life()).all() and image.shape == (480, 640, 3)

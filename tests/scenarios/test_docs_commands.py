@@ -45,6 +45,8 @@ SHORT: dict[str, dict[str, str]] = {
     "evaluate real": {"--workers": "1"},
     "evaluate paper": {"--frames": "4"},
     "compare": {},
+    "models": {},
+    "models get": {},
 }
 FEWER = {"--trials": "1", "--repeats": "1", "--runs": "1"}  # wherever a page gives them
 DROPPED = {
@@ -58,6 +60,7 @@ FOLDERS = {"--silhouettes": "shapes", "--folder": "shapes", "--data": "data", "-
 ELSEWHERE = {
     "pip install .": ".ci/run builds a wheel and installs it",
     "pip install --no-deps .": "the same without dependencies",
+    "grasptrack models get u2netp": "downloads; tests/scenarios/test_first_look_hints.py does so on this machine",
     "pip check": "pip's own",
     "pip install --no-binary av av": "builds FFmpeg's bindings from source",
     "python tests/slow/golden.py --write": "writes a file of the repository; tests/slow/test_golden.py runs the rest",
@@ -98,7 +101,7 @@ def split(command: str) -> tuple[dict[str, str], list[str]]:
 
 def verb_of(words: list[str]) -> tuple[str, list[str]]:
     """The verb of the command line, and what follows it."""
-    count = 2 if words[1:2] == ["evaluate"] else 1
+    count = 2 if words[1:2] == ["evaluate"] or words[1:3] == ["models", "get"] else 1
     return " ".join(words[1 : 1 + count]), words[1 + count :]
 
 

@@ -16,9 +16,9 @@ from grasptrack.geometry.contours import Contour
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter, enclosed_silhouettes, link_edges
 from grasptrack.segmentation.color_projection import best_color_projection
+from grasptrack.segmentation.first_look import find_candidates, find_objects, segment_object
 from grasptrack.segmentation.images import PLAIN, Channel, to_grey
 from grasptrack.segmentation.normalized_gradient import NormalizedGradient, lab_planes
-from grasptrack.segmentation.objects import find_candidates, find_objects, segment_object
 from grasptrack.segmentation.rating import SilhouetteScorer
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from outlines import dense
@@ -159,7 +159,7 @@ def test_several_objects_each_once_and_the_meant_one_first() -> None:
     image = photo([(BRACKET, pose(x, y, 20.0 * i, scale=48.0)) for i, (x, y) in enumerate(places)])
     found = find_objects(image)
     assert len(found) == 4
-    assert [c.score for c in found] == sorted((c.score for c in found), reverse=True)
+    assert [c.probability for c in found] == sorted((c.probability for c in found), reverse=True)
     for x, y in places:
         first = find_objects(image, object_at=(x - 8.0, y))
         assert np.abs(first[0].view.outer.points.mean(axis=0) - (x, y)).max() < 20.0

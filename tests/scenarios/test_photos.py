@@ -11,7 +11,7 @@ from datasets import DATA
 from grasptrack.bench.metrics.mask_agreement import boundary_f, intersection_over_union, mask_of
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.segmentation.objects import find_objects
+from grasptrack.segmentation.first_look import find_objects
 from grasptrack.tracking.image_pair import transfer_between_images
 from grasptrack.transfer.alignment import as_similarity, find_alignments
 

@@ -87,7 +87,7 @@ def inspect(
     picture = options.only_image(image, "inspect takes one image").image
     options.check_within(picture.shape, meant)
     own = None if mask is None else read_mask(mask)
-    told = Told(contacts, *meant, options.ignore_mask(ignore))
+    told = Told(contacts, meant.place, box=meant.box, ignore=options.ignore_mask(ignore))
     prepare_folder(output)
     scene = options.straighten_scene(picture, told, calibration, own)
     told, lens = scene.told, scene.lens
@@ -97,7 +97,7 @@ def inspect(
             grasp=told.contacts,
             fingers=count,
             friction=friction,
-            object_at=told.object_at,
+            object_at=options.first_point(told.object_at),
             box=told.box,
             mask=scene.mask,
             ignore=told.ignore,

@@ -18,6 +18,7 @@ from grasptrack.cli.compare import compare
 from grasptrack.cli.demo import demo
 from grasptrack.cli.evaluate import evaluate
 from grasptrack.cli.inspect import inspect
+from grasptrack.cli.models import models
 from grasptrack.cli.servo import servo
 from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import INTERRUPTED, only_our_errors, tell_error
@@ -84,6 +85,7 @@ app.command(short_help="Track a rendered scene and compare with ground truth.")(
 app.command(short_help="Approach a grasp, close and lift, in a physics simulation.")(servo)
 app.add_typer(evaluate, name="evaluate", short_help="Measure every method, and write a report.")
 app.command(short_help="Compare two evaluations.")(compare)
+app.add_typer(models, name="models", short_help="Models for --segmenter: list, download.")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -13,7 +13,7 @@ from grasptrack.errors import GraspError, InputError, StrategyError
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from grasptrack.geometry.cameras import Camera
     from grasptrack.geometry.contours import View
@@ -53,6 +53,35 @@ CameraPath = Annotated[
     ),
 ]
 ObjectText = Annotated[str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object.")]
+ObjectTexts = Annotated[
+    list[str] | None,
+    typer.Option("--object", metavar="X,Y", help="Pixel on the object in the first image; may be repeated."),
+]
+NotTexts = Annotated[
+    list[str] | None,
+    typer.Option("--not", metavar="X,Y", help="Pixel in the first image that is not on the object; may be repeated."),
+]
+OutlineText = Annotated[
+    str | None,
+    typer.Option(
+        "--outline",
+        metavar='"X,Y X,Y ..."',
+        help="Rough polygon round the object in the first image, in px; it is moved onto the edges beside it.",
+    ),
+]
+SegmenterName = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="What proposes objects beside the own search: a model (grasptrack models), onnx:FILE, or a plugin.",
+    ),
+]
+ChooseNumber = Annotated[
+    int, typer.Option("--choose", metavar="N", min=1, max=3, help="Candidate of candidates.png to take.")
+]
+Sure = Annotated[
+    float, typer.Option("--sure", metavar="P", help="Probability from which the choice of the object is called sure.")
+]
 BoxText = Annotated[
     str | None,
     typer.Option("--box", metavar="X,Y,W,H", help="Rectangle around the object in px: left, top, width, height."),
@@ -210,6 +239,50 @@ def parse_rectangle(text: str | None, option: str) -> tuple[float, float, float,
     if not (math.isfinite(x + y + w + h) and w > 0.0 and h > 0.0):
         raise InputError(f'{option} is left,top,width,height in px, not "{text}"', text=text)
     return x, y, w, h
+
+
+def parse_points(texts: Sequence[str] | None, option: str) -> list[tuple[float, float]]:
+    """Pixels, each from "x,y".
+
+    Raises:
+        InputError: anything else.
+    """
+    return [place for text in texts or () if (place := parse_point(text, option)) is not None]
+
+
+def first_point(points: ArrayLike | None) -> tuple[float, float] | None:
+    """The first of some pixels, or of one; None of none."""
+    import numpy as np
+
+    if points is None:
+        return None
+    x, y = np.atleast_2d(np.asarray(points, dtype=np.float64))[0].tolist()
+    return x, y
+
+
+def parse_polygon(text: str | None, option: str) -> list[tuple[float, float]] | None:
+    """Corners in px from "x,y x,y x,y ...".
+
+    Raises:
+        InputError: anything else, or fewer than three.
+    """
+    if text is None:
+        return None
+    corners = parse_points(text.split(), option)
+    if len(corners) < 3:
+        raise InputError(f'{option} is at least three corners written "x,y x,y x,y", not "{text}"', text=text)
+    return corners
+
+
+def sure_rate(sure: float) -> float:
+    """The probability from which the choice of an object is sure.
+
+    Raises:
+        InputError: not between 0 and 1.
+    """
+    if not 0.0 < sure < 1.0:
+        raise InputError(f"--sure is a probability between 0 and 1, not {sure:g}", sure=sure)
+    return sure
 
 
 def object_meant(object_: str | None, box: str | None) -> ObjectMeant:
@@ -378,7 +451,7 @@ def find_outlines(scene: Scene) -> list[View]:
         ObservationError: no object, or none where it should be.
         InputError: a mask of another size.
     """
-    from grasptrack.segmentation.objects import find_objects
+    from grasptrack.segmentation.first_look import find_objects
 
     told, box = scene.told, scene.told.box
     if box is not None:  # a detector's may reach beyond the image

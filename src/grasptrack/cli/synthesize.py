@@ -93,7 +93,10 @@ def synthesize(
 
     picture = options.only_image(image, "synthesize takes one image").image
     options.check_within(picture.shape, meant)
-    told, own = Told(None, *meant, options.ignore_mask(ignore)), None if mask is None else read_mask(mask)
+    told, own = (
+        Told(None, meant.place, box=meant.box, ignore=options.ignore_mask(ignore)),
+        None if mask is None else read_mask(mask),
+    )
     prepare_folder(output)
     scene = options.straighten_scene(picture, told, calibration, own)
     try:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from grasptrack.io.base import Frame
     from grasptrack.io.run import RunSummary
     from grasptrack.tracking.result import TrackResult
+    from grasptrack.tracking.tracker import GraspTracker
 
 
 def track(
@@ -33,18 +34,17 @@ def track(
         Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
     ] = Path("grasptrack-out"),
     grasp: options.GraspText = None,
-    object_: Annotated[
-        str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object in the first image.")
-    ] = None,
+    object_: options.ObjectTexts = None,
+    not_: options.NotTexts = None,
     box: options.BoxText = None,
+    outline: options.OutlineText = None,
+    choose: options.ChooseNumber = 1,
+    sure: options.Sure = 0.9,
     masks: Annotated[
         str | None,
         typer.Option(metavar="DIR", help="Your own segmentation, one mask per frame, matched by name or by order."),
     ] = None,
-    segmenter: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="A segmenter that an installed package registered, asked for every mask."),
-    ] = None,
+    segmenter: options.SegmenterName = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     length: options.ObjectLength = None,
@@ -74,6 +74,8 @@ def track(
 
     With --length, the object's length as a caliper measures it, every frame gives its distance, in that unit.
 
+    Where the choice of the object is not sure, candidates.png shows the likeliest, numbered, and --choose takes one.
+
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
 
     \b
@@ -83,6 +85,8 @@ def track(
       grasptrack track "images/*.png" --object 320,240 --no-video
       grasptrack track video.mp4 --grasp "193,308 157,99" --strategy rrp
       grasptrack track camera:0 --ignore fingers.png
+      grasptrack track video.mp4 --object 320,240 --not 300,180 --segmenter u2netp
+      grasptrack track video.mp4 --outline "120,80 420,90 430,300 110,310"
       grasptrack track video.mp4 --risk 1e-5
       grasptrack track video.mp4 --camera camera.yaml --length 120mm
       grasptrack track photos --max-opening 85mm --finger-width 12mm --scale 4.2
@@ -94,8 +98,12 @@ def track(
         "friction": options.positive_friction(friction),
         "risk": options.risk_rate(risk),
         "grasp": grasp,
-        "object": object_,
+        "object": " ".join(object_) if object_ else None,
+        "not": " ".join(not_) if not_ else None,
         "box": box,
+        "outline": outline,
+        "choose": choose,
+        "sure": options.sure_rate(sure),
         "masks": masks,
         "segmenter": segmenter,
         "ignore": ignore,
@@ -108,7 +116,10 @@ def track(
         "video": not no_video,
     }
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    meant = options.object_meant(object_, box)
+    on, off = options.parse_points(object_, "--object"), options.parse_points(not_, "--not")
+    frame, polygon = options.parse_rectangle(box, "--box"), options.parse_polygon(outline, "--outline")
+    if bool(on) + (frame is not None) + (polygon is not None) > 1:
+        raise InputError("--object, --box and --outline all say which object is meant: give one of them")
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
     calibration = options.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
@@ -116,7 +127,7 @@ def track(
     from grasptrack.io.masks import open_masks
     from grasptrack.io.run import run_track
     from grasptrack.io.sources import open_source
-    from grasptrack.segmentation.objects import segmenter_named
+    from grasptrack.segmentation.segmenters import segmenter_for
     from grasptrack.tracking.tracker import GraspTracker
 
     images = open_source(source, fps)
@@ -128,17 +139,20 @@ def track(
         strategy=strategy,
         friction=friction,
         grasp=contacts,
-        object_at=meant.place,
-        box=meant.box,
+        object_at=on or None,
+        not_at=off or None,
+        box=frame,
+        outline=polygon,
+        number=choose,
         ignore=options.ignore_mask(ignore),
         resynthesize=resynthesize,
         hand=hand,
-        segmenter=None if segmenter is None else segmenter_named(segmenter),
+        segmenter=segmenter_for(segmenter),
         camera=calibration,
         risk=risk,
         length=None if measure is None else measure.value,
     )
-    done, notes = 0, list[str]()
+    done, notes, looks = 0, list[str](), list[Any]()
     with Interruption() as interruption:
         try:
             with Progress(quiet) as progress:
@@ -147,6 +161,8 @@ def track(
                     nonlocal done
                     if not done:
                         notes.extend(options.scaling_notes(calibration, frame.image.shape))
+                    if not looks and tracker.candidates:
+                        looks.append(frame.image)
                     done += 1
                     progress.tell("tracking", done, images.count)
                     interruption.check()
@@ -159,8 +175,30 @@ def track(
             raise typer.Exit(INTERRUPTED) from None
     if not summary.grasps:
         raise InputError(_nothing_to_track(summary))
+    notes += _candidates_note(
+        tracker, looks, output, sure, meant=choose > 1 or polygon is not None or contacts is not None
+    )
     if not quiet:
         show_run(summary, output, notes)
+
+
+def _candidates_note(tracker: GraspTracker, looks: list[Any], output: Path, sure: float, *, meant: bool) -> list[str]:
+    """What to say of a choice that is not sure, with a picture of the candidates; nothing where a person has chosen."""
+    picture = output / "candidates.png"
+    picture.unlink(missing_ok=True)
+    found = tracker.candidates
+    if meant or not looks or not found or found[0].probability >= sure:
+        return []
+    from grasptrack.segmentation.first_look import describe_candidate
+    from grasptrack.view.candidates import write_candidates
+
+    write_candidates(picture, looks[0], found)
+    told = f"the object was chosen with a probability of {100.0 * found[0].probability:.0f} %, which is not sure"
+    others = "; ".join(f"{n} lies {describe_candidate(c, found[0])}" for n, c in enumerate(found[1:], 2))
+    also = f" ({others})" if others else ""
+    return [
+        f"{told}: {picture} shows what else it may be{also}; --choose N takes another, --object or --outline say it"
+    ]
 
 
 def _nothing_to_track(summary: RunSummary) -> str:

@@ -84,12 +84,16 @@ def transfer(
     from grasptrack.tracking.tracker import GraspTracker
 
     prepare_folder(output)
-    one = options.straighten_scene(first, Told(contacts, place_a, None, hidden), calibration)
-    other = options.straighten_scene(second, Told(None, place_b, None, hidden), calibration)
+    one = options.straighten_scene(first, Told(contacts, place_a, ignore=hidden), calibration)
+    other = options.straighten_scene(second, Told(None, place_b, ignore=hidden), calibration)
     told, lens = one.told, one.lens
     # The first step of a sequence, so that object and grasp are chosen here as they are there.
     begun = GraspTracker(
-        fingers=count, friction=friction, grasp=told.contacts, object_at=told.object_at, ignore=told.ignore
+        fingers=count,
+        friction=friction,
+        grasp=told.contacts,
+        object_at=options.first_point(told.object_at),
+        ignore=told.ignore,
     )
     chosen = begun.update(one.image)
     if chosen.contacts is None or chosen.view is None:
@@ -103,7 +107,7 @@ def transfer(
             one.image,
             other.image,
             friction,
-            other.told.object_at,
+            options.first_point(other.told.object_at),
             other.told.ignore,
             risk,
             focal,

@@ -18,7 +18,6 @@ from grasptrack.segmentation.holes import MOST, ground_within, true_hole
 from grasptrack.segmentation.images import PLAIN, Channel, Grey
 from grasptrack.segmentation.localization import localize_contour
 from grasptrack.segmentation.normalized_gradient import Planes
-from grasptrack.segmentation.rating import Rating
 from grasptrack.segmentation.silhouettes import Silhouette
 
 MAX_SHARE = 0.85
@@ -39,24 +38,28 @@ class Candidate(NamedTuple):
         view: its outline.
         polarity: +1 darker than its surroundings, -1 lighter, 0 where its parts differ.
         inside, outside: median grey levels on either side of the outer contour.
-        score: 0 to 1: the product of the rating's terms, slightly reduced for thresholds.
-        level: grey level of the threshold that separated it from the background; NaN for closed edges.
-        recipe: the closing recipe that found it; -1 for a threshold.
-        channel: the mixture of colours that shows it best; grey levels are levels of that mixture.
-        rating: the terms of the score.
-        grain: Lab units per px, the gradient noise of the image for that recipe.
-        shaded: its shadow was cut out of the silhouette, and must be in every later image.
+        probability: that it is the object that is meant.
+        sure: the probability is as large as was asked for.
+        rating: of its outline, 0 to 1; NaN of what was given.
+        lead: logarithm of its worth over that of the best region that is plainly another one; NaN of all but the first.
+        level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
+        recipe: which closing of edges finds it; -1 for a threshold.
+        channel: the mixture of colours that shows it; grey levels are levels of that.
+        grain: Lab units per px of the image's own slopes, as that closing saw them.
+        shaded: its shadow was cut out of the silhouette, and has to be again in every image.
     """
 
     view: View
     polarity: int
     inside: float
     outside: float
-    score: float = 0.0
+    probability: float = 0.0
+    sure: bool = False
+    rating: float = math.nan
+    lead: float = math.nan
     level: float = math.nan
     recipe: int = -1
     channel: Channel = PLAIN
-    rating: Rating | None = None
     grain: float = math.nan
     shaded: bool = False
 

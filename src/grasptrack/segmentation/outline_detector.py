@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,11 @@ from grasptrack.errors import ContourError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.segmentation.candidate import Candidate, is_plausible_object, of_one_level
 from grasptrack.segmentation.closed_edges import Closing
+from grasptrack.segmentation.first_look import MIN_EXTENT, find_candidates
+from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.images import PLAIN, Grey
 from grasptrack.segmentation.localization import localize_contour
 from grasptrack.segmentation.normalized_gradient import lab_planes
-from grasptrack.segmentation.objects import MIN_EXTENT, find_candidates
 from grasptrack.segmentation.places import (
     MAX_GROWTH,
     area_and_centre,
@@ -29,7 +31,8 @@ from grasptrack.segmentation.places import (
     nearest_holes,
     same_place,
 )
-from grasptrack.segmentation.proposals import PER_THRESHOLD, Box
+from grasptrack.segmentation.proposals import PER_THRESHOLD
+from grasptrack.segmentation.segmenters import Segmenter
 from grasptrack.segmentation.shadow import shadow_removed
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.thresholds import candidate_thresholds
@@ -88,20 +91,17 @@ class OutlineDetector:
         self._colours, grey = self._channel.look(image)
         return grey
 
-    def first(
-        self, masked: bool, object_at: tuple[float, float] | None = None, box: Box | None = None
-    ) -> list[Candidate]:
-        """Objects in the image last looked at, the most outstanding first.
+    def first(self, hints: Hints, segmenter: Segmenter | None = None) -> list[Candidate]:
+        """Objects of the image that was looked at, the likeliest first.
 
         Args:
-            masked: it is a softened mask with white objects.
-            object_at: (x, y) px that the object covers.
-            box: left, top, width and height of it, px.
+            hints: what is known of it; `hidden` is this detector's own.
+            segmenter: proposes regions beside the own search.
 
         Raises:
             ObservationError: none.
         """
-        return find_candidates(self._colours, object_at, self.hidden, masked=masked, box=box)
+        return find_candidates(self._colours, replace(hints, hidden=self.hidden), segmenter)
 
     def choose(self, candidate: Candidate) -> Grey:
         """Look for this object from now on. Returns its image in its mixture of colours."""
@@ -191,6 +191,11 @@ class OutlineDetector:
         """The closing that found the object, for edges that are so many times as steep."""
         recipe, grain = self._recipe
         return Closing(recipe, grain * gain, self._colours.shape)
+
+    @property
+    def size(self) -> tuple[int, ...]:
+        """Height and width of the image that was looked at last."""
+        return self._colours.shape[:2]
 
     @property
     def levels(self) -> tuple[float, float]:

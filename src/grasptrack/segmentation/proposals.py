@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from grasptrack import kernels
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
@@ -15,9 +17,6 @@ from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.rating import NONE, Rating, SilhouetteScorer
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.thresholds import candidate_thresholds
-
-Box = tuple[float, float, float, float]
-"""Left, top, width and height, px."""
 
 PER_THRESHOLD = 8
 """Silhouettes of each threshold that are examined closely, the largest first."""
@@ -31,6 +30,14 @@ ALIKE = 0.06
 simpler."""
 
 
+THRESHOLD, GIVEN = -1, -2
+"""In the place of a recipe: a threshold found it; a segmenter or a person did."""
+MAP_LEVELS = (0.06, 0.15, 0.3, 0.5, 0.7, 0.85)
+"""Levels at which a segmenter's map is cut: thin parts of an object fade in it."""
+PER_LEVEL = 4
+"""Regions of each level."""
+
+
 class Proposal(NamedTuple):
     """A silhouette that may be an object.
 
@@ -40,8 +47,8 @@ class Proposal(NamedTuple):
         polarity: +1 darker than its surroundings, -1 lighter, 0 unknown.
         level: grey level of the threshold that found it; NaN for closed edges.
         bridge: px, the widest gap that was bridged.
-        recipe: the closing recipe that found it; -1 for a threshold.
-        grain: Lab units per px, the gradient noise of the image for that recipe.
+        recipe: which closing of edges found it; THRESHOLD or GIVEN.
+        grain: Lab units per px of the image's own slopes, as that closing saw them.
     """
 
     silhouette: Silhouette
@@ -54,27 +61,27 @@ class Proposal(NamedTuple):
 
     @property
     def worth(self) -> float:
-        """The value by which proposals are ordered."""
-        return self.rating.score * (ONE_LEVEL if self.recipe < 0 else 1.0)
-
-    def is_meant(self, object_at: tuple[float, float] | None, box: Box | None) -> bool:
-        """Whether it covers a given pixel, and overlaps a given box."""
-        if object_at is not None and not self.silhouette.contains(*object_at):
-            return False
-        return box is None or box_iou(self.silhouette.box, box) > 0.3
+        """What proposals are ordered by before they are compared closely."""
+        return self.rating.score * (ONE_LEVEL if self.recipe == THRESHOLD else 1.0)
 
 
 def propose_silhouettes(
-    grey: Grey, scenery: ClosedEdgeSegmenter, hidden: Grey | None, masked: bool, extent: float
+    grey: Grey,
+    scenery: ClosedEdgeSegmenter,
+    hidden: Grey | None,
+    masked: bool,
+    extent: float,
+    maps: Sequence[NDArray[np.float32]] = (),
 ) -> list[Proposal]:
     """All silhouettes of an image, the best rated first, each once.
 
     Args:
         grey: (H, W).
         scenery: the image's edges.
-        hidden: (H, W) nonzero where pixels are ignored.
-        masked: the image is a softened mask with light objects; thresholds find all of them.
-        extent: px across; smaller silhouettes are not rated.
+        hidden: (H, W) nonzero where nothing belongs to the scene.
+        masked: the image is a softened mask: only what is light is meant, and thresholds find all of it.
+        extent: px across; what is smaller is not rated, and not looked for by closed edges.
+        maps: (H, W) each, 0 to 1: a segmenter's regions.
     """
     rater = SilhouetteScorer(scenery.fields[0], scenery.shrink, grey.shape)
     found: list[Proposal] = []
@@ -83,13 +90,19 @@ def propose_silhouettes(
         for polarity in (-1,) if masked else (1, -1):
             for shape in threshold_silhouettes(grey, level, polarity, hidden)[:PER_THRESHOLD]:
                 rating = rater.rate(shape) if max(shape.box[2:]) >= extent else NONE
-                found.append(Proposal(shape, rating, polarity, level, 0.0, -1))
+                found.append(Proposal(shape, rating, polarity, level, 0.0, THRESHOLD))
     if not masked:
         for closure in scenery.closures(LEAST_AREA, extent):
             rating = rater.rate(closure.silhouette, closure.bridge)
             found.append(
                 Proposal(closure.silhouette, rating, 0, math.nan, closure.bridge, closure.recipe, closure.grain)
             )
+    for each in (*maps, *([np.mean(maps, axis=0)] if len(maps) > 1 else ())):
+        for share in MAP_LEVELS:
+            binary = np.where(each > share, np.uint8(255), np.uint8(0))
+            for shape in trace_silhouettes(binary, LEAST_AREA, holes=False)[:PER_LEVEL]:
+                if max(shape.box[2:]) >= extent:
+                    found.append(Proposal(shape, rater.rate(shape), 0, math.nan, 0.0, GIVEN))
     found.sort(key=lambda p: -p.worth)
     return _remove_duplicates(found)
 
@@ -104,14 +117,6 @@ def threshold_silhouettes(
     return trace_silhouettes(binary, least)
 
 
-def box_iou(one: tuple[int, int, int, int], other: Box) -> float:
-    """Intersection over union of two boxes."""
-    wide = min(one[0] + one[2], other[0] + other[2]) - max(one[0], other[0])
-    tall = min(one[1] + one[3], other[1] + other[3]) - max(one[1], other[1])
-    both = max(wide, 0.0) * max(tall, 0.0)
-    return both / (one[2] * one[3] + other[2] * other[3] - both)
-
-
 def is_alike(one: Silhouette, other: Silhouette) -> bool:
     """Whether two silhouettes are nearly the same region."""
     (x, y, w, h), (u, v, p, q) = one.box, other.box
@@ -121,7 +126,7 @@ def is_alike(one: Silhouette, other: Silhouette) -> bool:
 
 
 def _remove_duplicates(found: list[Proposal]) -> list[Proposal]:
-    """One proposal for each region: the first, or the first found by a threshold."""
+    """Of those that are the same region the first, or the first that a threshold found."""
     kept: list[Proposal] = []
     places = np.zeros((len(found), 5))
     for p in found:
@@ -132,6 +137,13 @@ def _remove_duplicates(found: list[Proposal]) -> list[Proposal]:
         if not len(same):
             places[len(kept)] = place
             kept.append(p)
-        elif p.recipe < 0 <= kept[same[0]].recipe:
+            continue
+        own = kept[same[0]]
+        if _simplicity(p) > _simplicity(own):
             kept[same[0]] = p
     return sorted(kept, key=lambda p: -p.worth)
+
+
+def _simplicity(p: Proposal) -> int:
+    """Of the same region what a threshold found is the simplest to find again, then what a closing did."""
+    return 2 if p.recipe == THRESHOLD else int(p.recipe != GIVEN)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,13 +16,12 @@ from grasptrack.errors import SourceError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import RankedGrasp
+from grasptrack.segmentation.hints import Box, Hints, make_hints
 from grasptrack.segmentation.images import to_bgr, to_mask
 from grasptrack.typing import Floats
 
 if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
-
-Box = tuple[float, float, float, float]
 
 MOST = 0.3
 """An undistorted image is larger than the original by at most this share on each side."""
@@ -237,15 +237,18 @@ class Told(NamedTuple):
 
     Attributes:
         contacts: (k, 2) px, or None.
-        object_at: (x, y) px, or None.
+        object_at, not_at: (x, y) px or several of them, on the object and beside it, or None.
         box: left, top, width and height in px, or None.
-        ignore: (H, W) nonzero where pixels are ignored, or None.
+        outline: (n, 2) px of a rough polygon round the object, or None.
+        ignore: (H, W) nonzero where nothing belongs to the scene, or None.
     """
 
-    contacts: Floats | None
-    object_at: tuple[float, float] | None
-    box: Box | None
-    ignore: NDArray[Any] | None
+    contacts: Floats | None = None
+    object_at: ArrayLike | None = None
+    not_at: ArrayLike | None = None
+    box: Box | None = None
+    outline: ArrayLike | None = None
+    ignore: NDArray[Any] | None = None
 
     def straight(self, lens: Undistortion) -> Told:
         """The same for the straight image.
@@ -253,10 +256,23 @@ class Told(NamedTuple):
         Raises:
             InputError: a mask of another size.
         """
-        at = None if self.object_at is None else lens.points([self.object_at])[0]
+
+        def moved(points: ArrayLike | None) -> Floats | None:
+            return None if points is None else lens.points(np.atleast_2d(np.asarray(points, dtype=np.float64)))
+
         return Told(
-            None if self.contacts is None else lens.points(self.contacts),
-            None if at is None else (float(at[0]), float(at[1])),
+            moved(self.contacts),
+            moved(self.object_at),
+            moved(self.not_at),
             None if self.box is None else lens.box(self.box),
+            moved(self.outline),
             lens.ignored(self.ignore),
         )
+
+    def hints(self, shape: Sequence[int]) -> Hints:
+        """As the first look takes them, of an image of (height, width).
+
+        Raises:
+            InputError: they do not fit the image.
+        """
+        return make_hints(shape, self.object_at, self.not_at, self.box, self.outline, self.ignore)

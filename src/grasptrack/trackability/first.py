@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from grasptrack.errors import ObservationError
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.images import Grey, to_bgr
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking import initialization
@@ -75,7 +76,7 @@ def first_view(
     grey, found = observer.choose(candidate), chosen.found
     if wish.object_at is not None or wish.box is not None:  # only one place in the image was looked at
         try:
-            found = observer.first(mask is not None)
+            found = observer.first(Hints(masked=mask is not None))
         except ObservationError:
             found = []
     others = initialization.other_objects(found, candidate)

@@ -8,6 +8,7 @@ estimator makes each exact, and its decision says which is believed.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,8 +21,9 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import GraspAnalysis, analyze
 from grasptrack.matching import Match, MatchOutcome, Sampled, find_symmetries, judge_hypotheses, match_outlines
 from grasptrack.segmentation.candidate import Candidate, contains_pixel
+from grasptrack.segmentation.first_look import find_candidates
+from grasptrack.segmentation.hints import make_hints
 from grasptrack.segmentation.images import PLAIN, Grey, to_bgr
-from grasptrack.segmentation.objects import find_candidates
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import Decision, check_strategy_contacts, max_contact_distance, texture_evidence
 from grasptrack.tracking.estimator import Hypothesis, PoseEstimate
@@ -191,7 +193,9 @@ def _by_outline(
     """
     if find_symmetries(outline).continuous:
         raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
-    found, ways = _most_alike(find_candidates(colours, object_at, hidden), outline)
+    found, ways = _most_alike(
+        find_candidates(colours, replace(make_hints(colours.shape, object_at), hidden=hidden)), outline
+    )
     told = judge_hypotheses(ways)
     if told.best is None:
         raise TransferError(f"no object with this outline was found: {told.reason}")

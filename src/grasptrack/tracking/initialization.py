@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.errors import (
     ConditioningError,
     ContourError,
     GraspError,
+    InputError,
     ObservationError,
     StrategyError,
     TransferError,
@@ -26,10 +27,11 @@ from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
 from grasptrack.grasp.hand import Hand
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.first_look import distinct_candidates, remove_nested
+from grasptrack.segmentation.hints import Box, dilate_mask
 from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
-from grasptrack.segmentation.objects import dilate_mask, remove_nested
 from grasptrack.segmentation.outline_detector import OutlineDetector
-from grasptrack.segmentation.proposals import Box
+from grasptrack.segmentation.segmenters import Segmenter
 from grasptrack.segmentation.undistortion import Told, Undistortion
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO
@@ -56,7 +58,7 @@ class Wish:
         strategy: that will carry the grasp.
         friction: Coulomb coefficient.
         grasp: contacts that are given, in the place of synthesis.
-        object_at: (x, y) px of the object.
+        object_at: (x, y) px of the object, or several.
         box: left, top, width and height of it, px.
         hand: that a synthesised grasp must suit.
         choose: the user's choice in the place of synthesis.
@@ -64,19 +66,33 @@ class Wish:
         before: the outline that the object had in the image before, where it needs another grasp.
         plane: tells of an outline the homography (3, 3) from px to its own plane, in which a grasp is to be chosen; None where
             nothing is known but that the view may be frontal.
+        not_at: (x, y) px, or several, beside the object.
+        outline: (n, 2) px of a rough polygon round it.
+        segmenter: proposes regions beside the own search.
+        number: of the candidate that is taken, 1 being the likeliest.
     """
 
     fingers: int = 2
     strategy: str = AUTO
     friction: float = DEFAULT_FRICTION
     grasp: Grasp | None = None
-    object_at: tuple[float, float] | None = None
+    object_at: ArrayLike | None = None
     box: Box | None = None
     hand: Hand | None = None
     choose: Callable[[View], Sequence[Grasp]] | None = None
     ignore: NDArray[Any] | None = None
     before: View | None = None
     plane: Callable[[View], Floats] | None = None
+    not_at: ArrayLike | None = None
+    outline: ArrayLike | None = None
+    segmenter: Segmenter | None = None
+    number: int = 1
+
+    @property
+    def told(self) -> Told:
+        """What says which object is meant."""
+        contacts = None if self.grasp is None else self.grasp.contacts
+        return Told(contacts, self.object_at, self.not_at, self.box, self.outline, self.ignore)
 
     def straight(self, lens: Undistortion) -> Wish:
         """The same, of the image without its lens's distortion.
@@ -84,14 +100,21 @@ class Wish:
         Raises:
             InputError: a mask of another size.
         """
-        contacts = None if self.grasp is None else self.grasp.contacts
-        told = Told(contacts, self.object_at, self.box, self.ignore).straight(lens)
-        grasp = None if told.contacts is None else Grasp(told.contacts)
-        return replace(self, grasp=grasp, object_at=told.object_at, box=told.box, ignore=told.ignore)
+        told = self.told.straight(lens)
+        return replace(
+            self,
+            grasp=None if told.contacts is None else Grasp(told.contacts),
+            object_at=told.object_at,
+            not_at=told.not_at,
+            box=told.box,
+            outline=told.outline,
+            ignore=told.ignore,
+        )
 
     def again(self, view: View, plane: Callable[[View], Floats]) -> Wish:
         """Another grasp on the object that has this outline, chosen in its plane."""
-        return replace(self, grasp=None, object_at=None, box=None, before=view, plane=plane)
+        alone = replace(self, object_at=None, not_at=None, box=None, outline=None, number=1)
+        return replace(alone, grasp=None, before=view, plane=plane)
 
 
 class FirstView(NamedTuple):
@@ -122,7 +145,8 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
         GraspError: given contacts that are not on an object, or a choice with another number of fingers.
     """
     try:
-        found = observer.first(masked, wish.object_at, wish.box)
+        hints = wish.told._replace(ignore=None).hints(observer.size)  # the observer knows what is hidden
+        found = observer.first(replace(hints, masked=masked), None if masked else wish.segmenter)
     except ObservationError as error:
         return FirstView(None, [], Reason("no-object", detail=str(error)), [])
     candidate = _choose_candidate(found, wish)
@@ -201,7 +225,12 @@ def _choose_candidate(found: list[Candidate], wish: Wish) -> Candidate | None:
     """The given contacts' object, the one whose grasp was refused, or the most outstanding."""
     if wish.grasp is not None:
         return object_at_contacts(found, wish.grasp)
-    return found[0] if wish.before is None else object_at_outline(found, wish.before)
+    if wish.before is not None:
+        return object_at_outline(found, wish.before)
+    told_apart = distinct_candidates(found, wish.number)
+    if len(told_apart) < wish.number:
+        raise InputError(f"there are {len(told_apart)} candidates, not {wish.number}", number=wish.number)
+    return found[0] if wish.number == 1 else told_apart[-1]
 
 
 def _choose_grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[list[Grasp], str]:

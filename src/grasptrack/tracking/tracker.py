@@ -21,9 +21,11 @@ from grasptrack.grasp.closure_probability import CHANCE, ClosureCheck, Judgement
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.grasp.hand import Hand
+from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.first_look import distinct_candidates
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.objects import Segmenter
 from grasptrack.segmentation.outline_detector import OutlineDetector
+from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.decision import contact_tolerance
@@ -82,14 +84,19 @@ class GraspTracker:
         strategy: "auto", "rrp", "grasp-line", "homography", or one that a package registered as `grasptrack.strategies`.
         friction: Coulomb coefficient for synthesis and analysis.
         grasp: (k, 2) px contacts in the first image, in place of synthesis; they choose the object.
-        object_at: (x, y) px of the object in the first image.
+        object_at: (x, y) px of the object in the first image, or several, all on it.
         box: left, top, width and height of it, px, in the place of a pixel.
         ignore: (H, W) nonzero where nothing belongs to the scene.
         resynthesize: choose a new grasp, with a new grasp_id, when the present one is refused for good.
         hand: opening and fingers that a synthesised grasp must suit; default fingers in proportion to the object.
         choose: your own choice in the place of synthesis: given the object's outline in the first view, the grasps to try, the
             best first, of so many fingers each.
-        segmenter: your own segmentation, asked for a mask of every image that comes without one.
+        segmenter: where regions of the first image come from beside this package's own search, as `segmenter_for` takes it.
+            One with `segment(image)`, or a function, is your own segmentation in the place of this one: it is asked for a
+            mask of every image that comes without one.
+        not_at: (x, y) px, or several, beside the object.
+        outline: (n, 2) px of a rough polygon round the object: any object that a person can see is had with it.
+        number: of the candidate to take, 1 being the likeliest; see `first_look` and `distinct_candidates`.
         camera: its calibration. Images are made straight before anything is looked at, and the focal length is known.
             Everything that goes in and comes out stays in px of the images as they are, but for the homography, which is in
             ideal px.
@@ -97,6 +104,10 @@ class GraspTracker:
             than 3 px and 4 % of sqrt(area), or on another object, with less than this. Smaller means fewer and surer answers.
         length: of the object, in any unit: the longer side of the smallest rectangle round its outline, as a caliper measures
             it. Results then tell their `distance` in this unit.
+
+    Attributes:
+        candidates: up to three objects that the first look may take, the likeliest first, with `view` and `probability`; empty
+            before. `number` chooses among them.
 
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
@@ -112,16 +123,19 @@ class GraspTracker:
         strategy: str = AUTO,
         friction: float = DEFAULT_FRICTION,
         grasp: ArrayLike | None = None,
-        object_at: tuple[float, float] | None = None,
+        object_at: ArrayLike | None = None,
         box: tuple[float, float, float, float] | None = None,
         ignore: NDArray[Any] | None = None,
         resynthesize: bool = False,
         hand: Hand | None = None,
         choose: Callable[[View], Sequence[Grasp]] | None = None,
-        segmenter: Segmenter | None = None,
+        segmenter: Any = None,
         camera: Camera | None = None,
         risk: float = DEFAULT_RISK,
         length: float | None = None,
+        not_at: ArrayLike | None = None,
+        outline: ArrayLike | None = None,
+        number: int = 1,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
@@ -134,11 +148,28 @@ class GraspTracker:
             raise InputError(f"the object's length must be a positive number, not {length:g}", length=length)
         self.length = length
         self.strategy, self.friction, self.risk = strategy, friction, check_risk(risk)
-        self._wish = Wish(self.fingers, strategy, friction, given, object_at, box, hand, choose, ignore)
-        self._resynthesize, self._segmenter, self._camera = resynthesize, segmenter, camera
+        regions = segmenter_for(segmenter)
+        self._masks = regions if isinstance(regions, OneMask) else None
+        self._wish = Wish(
+            self.fingers,
+            strategy,
+            friction,
+            given,
+            object_at,
+            box,
+            hand,
+            choose,
+            ignore,
+            not_at=not_at,
+            outline=outline,
+            segmenter=regions,
+            number=number,
+        )
+        self._resynthesize, self._camera = resynthesize, camera
         self._lens: Undistortion | None = None
         self._shape: tuple[int, ...] | None = None
         self._observer = OutlineDetector()
+        self.candidates: list[Candidate] = []
         self._frame = -1
         self._grasps = 0
         self._track: Track | None = None
@@ -161,7 +192,7 @@ class GraspTracker:
             InputError: a mask of another size than the image.
         """
         started = clock.perf_counter()
-        mask = self._segmenter.segment(image) if mask is None and self._segmenter else mask
+        mask = self._masks.segment(image) if mask is None and self._masks else mask
         grey = self._look(image, mask)
         moment = _Moment(self._frame, time, started)
         if self._track is None:
@@ -182,6 +213,7 @@ class GraspTracker:
         before, self._plane = self._beforehand(), None
         first = first_view(self._observer, replace(self._wish, friction=self.friction), masked)
         self._wish = replace(self._wish, plane=None)  # later it would lie otherwise
+        self.candidates = self._seen_candidates(first.found)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
             return _make_result(moment, "searching", reason)
@@ -294,6 +326,12 @@ class GraspTracker:
         if self._plane is not None:
             return self._plane
         return None if self._lens is None else Beforehand.by_calibration(self._lens.focal, NUMBERS)
+
+    def _seen_candidates(self, found: list[Candidate]) -> list[Candidate]:
+        """Candidates in px of the images as they are, those that a person would tell apart."""
+        lens = self._lens
+        apart = distinct_candidates(found)
+        return apart if lens is None else [c._replace(view=lens.view(c.view)) for c in apart]
 
     def _straight(
         self, image: NDArray[Any], mask: NDArray[Any] | None, camera: Camera

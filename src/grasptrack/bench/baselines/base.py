@@ -15,8 +15,8 @@ from grasptrack.bench.method import Start
 from grasptrack.errors import GraspTrackError, ObservationError
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography, check_plausible, normalize_homography
+from grasptrack.segmentation.first_look import find_objects
 from grasptrack.segmentation.images import Grey, to_grey
-from grasptrack.segmentation.objects import find_objects
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 

@@ -18,8 +18,9 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.synthesis import synthesize
+from grasptrack.segmentation.first_look import segment_object
+from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.objects import segment_object
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.shape_space import ShapeSpace
@@ -259,7 +260,7 @@ def observe_scene(
     first = scene[0]
     observer = OutlineDetector()
     observer.look(first.image)
-    candidate = observer.first(False)[0]
+    candidate = observer.first(Hints())[0]
     grey = observer.choose(candidate)
     last = candidate.view
     grasp = Grasp(part.contacts).snapped(last)

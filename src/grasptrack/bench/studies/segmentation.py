@@ -22,7 +22,7 @@ from grasptrack.bench.metrics.mask_agreement import (
 )
 from grasptrack.bench.studies import common
 from grasptrack.errors import ObservationError
-from grasptrack.segmentation.objects import find_objects
+from grasptrack.segmentation.first_look import find_objects
 from grasptrack.typing import Bools, Pixels
 
 Hint = tuple[float, float] | None

@@ -20,8 +20,9 @@ from grasptrack.bench.simulation import SHAPES, Camera, SceneFrame, demo_scene, 
 from grasptrack.bench.studies import common
 from grasptrack.bench.studies.loop import strategy_maker
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.segmentation.first_look import find_objects
+from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.localization import localize_contour
-from grasptrack.segmentation.objects import find_objects
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.active_contour import Snake
@@ -253,7 +254,7 @@ def time_on_images(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[M
     clock("first look: all objects", find_objects, ((image,) for image in images[: max(3, len(order) // 20)]))
     observer = OutlineDetector()
     observer.look(first.image)
-    observer.choose(observer.first(False)[0])
+    observer.choose(observer.first(Hints())[0])
     outer = view.outer.points[:: max(1, len(view.outer) // 64)]
     centres = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
 

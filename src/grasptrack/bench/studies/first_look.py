@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first look on photos: is the object found first, or among three; is its probability true; and the fit of its numbers.
+
+With `--segmenter u2netp` (see `grasptrack models`) the net's map takes part. `--fit` fits what `choice.json` says of
+probabilities, leaving out each kind of object in turn for the figures beside it.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from grasptrack.bench.metrics.mask_agreement import (
+    ENOUGH_F,
+    ENOUGH_IOU,
+    boundary_f,
+    intersection_over_union,
+    mask_of,
+)
+from grasptrack.bench.studies import common
+from grasptrack.bench.studies.segmentation import Photo, read_photos
+from grasptrack.errors import ObservationError
+from grasptrack.segmentation.choice import MOST_LEAD
+from grasptrack.segmentation.first_look import distinct_candidates, first_look
+from grasptrack.segmentation.hints import Hints
+from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
+from grasptrack.typing import Bools, Floats, Pixels
+
+HINTS = ("nothing", "pixel", "box")
+BINS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
+RIDGE = 0.1
+"""Of the logistic fit."""
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What the first look made of one photo with one hint."""
+
+    kind: str
+    scene: str
+    hint: str
+    first: bool
+    three: bool
+    probability: float
+    rating: float
+    lead: float
+    ms: float
+
+
+class Remembered:
+    """A segmenter that is asked once for each image, however often the same image is looked at."""
+
+    def __init__(self, segmenter: Segmenter) -> None:
+        self._segmenter, self._of, self._found = segmenter, -1, list[Region]()
+
+    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+        """See Segmenter."""
+        if self._of != image.ctypes.data:
+            self._of, self._found = image.ctypes.data, list(self._segmenter.regions(image, hints))
+        return self._found
+
+
+def is_found(truth: Bools, view: Any) -> bool:
+    """Whether an outline counts as the object: boundary and area agree with its mask."""
+    mask = mask_of(view, (truth.shape[0], truth.shape[1]))
+    return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
+
+
+def look(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked:
+    """One photo with one hint: the deepest pixel of the mask, or its bounding box."""
+    told: dict[str, Any] = {}
+    if hint == "pixel":
+        told["object_at"] = photo.deepest()
+    if hint == "box":
+        y, x = np.nonzero(photo.truth)
+        told["box"] = float(x.min()), float(y.min()), float(np.ptp(x)) + 1.0, float(np.ptp(y)) + 1.0
+    start = time.perf_counter()
+    try:
+        found = first_look(photo.image, segmenter=segmenter, **told)
+    except ObservationError:
+        found = []
+    ms = (time.perf_counter() - start) * 1e3
+    right = [is_found(photo.truth, c.view) for c in distinct_candidates(found)]
+    first = found[0] if found else None
+    return Looked(
+        kind,
+        photo.scene,
+        hint,
+        bool(right and right[0]),
+        any(right),
+        first.probability if first else 0.0,
+        first.rating if first else 1e-3,
+        min(first.lead, MOST_LEAD) if first else 0.0,
+        ms,
+    )
+
+
+def fit_logistic(terms: Floats, right: Bools) -> Floats:
+    """(k,) weights of a logistic function of terms (n, k), the first of which is 1, with a little ridge."""
+    from scipy.optimize import minimize  # of the development extras
+
+    sign, ridge = np.where(right, 1.0, -1.0), np.array([1e-3] + [RIDGE] * (terms.shape[1] - 1))
+
+    def cost(weights: Floats) -> float:
+        return float(np.logaddexp(0.0, -sign * (terms @ weights)).sum() + ridge @ weights**2)
+
+    return np.asarray(minimize(cost, np.zeros(terms.shape[1])).x, dtype=np.float64)
+
+
+def cross_validated(looked: Sequence[Looked]) -> Floats:
+    """(n,) probabilities of being right, those of each kind of object by a fit to the others."""
+    terms = np.array([[1.0, math.log(r.rating + 1e-3), r.lead] for r in looked])
+    right, kinds = np.array([r.first for r in looked]), np.array([r.kind for r in looked])
+    told = np.zeros(len(looked))
+    for kind in set(kinds.tolist()):
+        weights = fit_logistic(terms[kinds != kind], right[kinds != kind])
+        told[kinds == kind] = 1.0 / (1.0 + np.exp(-terms[kinds == kind] @ weights))
+    return told
+
+
+def main() -> None:
+    """Run the study."""
+    parser = common.parser(__doc__)
+    parser.add_argument("--data", type=Path, default=common.data_folder(), help="folder with tools/")
+    parser.add_argument("--segmenter", help='as `track --segmenter`; "classical" if not given')
+    parser.add_argument("--only", metavar="NAME", help="photos whose names contain this")
+    parser.add_argument("--fit", action="store_true", help="print numbers of probabilities fitted to these photos")
+    args = parser.parse_args()
+    folder = args.data / "tools"
+    if not (folder / "index.csv").is_file():
+        raise SystemExit(f"no tools/index.csv in {args.data}: give --data or set GRASPTRACK_DATA")
+    photos = read_photos(folder, args.only)
+    if not photos:
+        raise SystemExit(f'no photo has "{args.only}" in its name')
+    with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
+        kinds = {row["name"]: row.get("classes", row["name"]) for row in csv.DictReader(file)}
+    given = segmenter_for(args.segmenter)
+    segmenter = None if given is None else Remembered(given)
+    common.heading(f"First look: photos of one tool each, {args.segmenter or 'classical'}")
+    looked = [look(photo, kinds[photo.name], hint, segmenter) for photo in photos for hint in HINTS]
+    rows = []
+    for hint in HINTS:
+        for scene in [*sorted({r.scene for r in looked}), "all"]:
+            mine = [r for r in looked if r.hint == hint and scene in (r.scene, "all")]
+            shares = [100.0 * float(np.mean([getattr(r, what) for r in mine])) for what in ("first", "three")]
+            rows.append([hint, scene, len(mine), *shares, float(np.median([r.ms for r in mine]))])
+    common.table(["hint", "scene", "photos", "first %", "one of three %", "median ms"], rows)
+    common.say("A segmenter's time is in the first hint's alone: its regions are asked for once for each photo.")
+    rows = []
+    for low, high in pairwise(BINS):
+        mine = [r for r in looked if r.hint == "nothing" and low <= r.probability < high + (high == 1.0)]
+        if mine:
+            expected, right = (float(np.sum([getattr(r, what) for r in mine])) for what in ("probability", "first"))
+            rows.append([f"{low:g} to {high:g}", len(mine), expected, right])
+    common.table(["probability, no hint", "photos", "right as told", "right"], rows)
+    if args.fit:
+        mine = [r for r in looked if r.hint == "nothing"]
+        weights = fit_logistic(
+            np.array([[1.0, math.log(r.rating + 1e-3), r.lead] for r in mine]), np.array([r.first for r in mine])
+        )
+        wrong = [r for r in mine if not r.first]
+        among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
+        sure = [r for r, p in zip(mine, cross_validated(mine).tolist(), strict=True) if p >= 0.9]
+        common.say("offset {:.2f}, rating {:.2f}, lead {:.2f}".format(*weights.tolist()) + f", among {among:.2f}")
+        right = sum(r.first for r in sure)
+        common.say(f"Cross-validated by kind of object: {right} of {len(sure)} that are 0.9 and more are right.")
+    common.finish(args.output)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which of many regions is the object that a person would name: one worth for each, and a probability from all of them.
+
+The worth is the rating of the region's outline, times its overlap with a segmenter's map, times that of its box with the box
+that was given, each to a power. How likely the first is to be right follows from its rating and its lead over the best
+region that is another one. The numbers are fitted by `grasptrack.bench.studies.first_look`; richer sets of terms, fitted to
+rendered benches, chose worse on photos.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib.resources import files
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.segmentation.hints import Box, box_iou
+from grasptrack.segmentation.proposals import Proposal
+from grasptrack.typing import Floats
+
+FLOOR, LEAST_OVERLAP = 1e-6, 0.02
+"""What logarithms' arguments are raised to, at least: of a rating, and of an overlap."""
+MOST_LEAD = 2.0
+ENOUGH = 48
+"""px across of a region in which its overlap with a map is measured."""
+
+
+class Numbers(NamedTuple):
+    """How a choice is made.
+
+    Attributes:
+        map_power: of the overlap with a segmenter's map.
+        box_power: of the overlap of boxes.
+        offset, rating, lead: of a logistic function: constant, weights of the logarithm of the first one's rating and of its
+            lead in the logarithm of the worth, which counts up to MOST_LEAD.
+        among: share of cases with a wrong first one in which another one is right.
+    """
+
+    map_power: float
+    box_power: float
+    offset: float
+    rating: float
+    lead: float
+    among: float
+
+
+@lru_cache(maxsize=2)
+def load_numbers(mapped: bool) -> Numbers:
+    """The fitted numbers, for choices with or without a segmenter's map."""
+    told = json.loads(files("grasptrack.segmentation").joinpath("choice.json").read_text(encoding="utf-8"))
+    return Numbers(**told["with map" if mapped else "without map"])
+
+
+def measure_worth(
+    proposals: Sequence[Proposal], map_: NDArray[np.float32] | None, box: Box | None, numbers: Numbers
+) -> Floats:
+    """(n,) logarithm of the worth of each proposal.
+
+    Args:
+        proposals: of one image.
+        map_: (H, W) 0 to 1, a segmenter's, or None.
+        box: left, top, width and height of the object, px, or None.
+        numbers: powers.
+    """
+    total = 0.0 if map_ is None else float(map_.sum())
+    worth = np.array([math.log(max(p.worth, FLOOR)) for p in proposals])
+    if map_ is not None:
+        overlaps = [max(map_overlap(p, map_, total), LEAST_OVERLAP) for p in proposals]
+        worth = worth + numbers.map_power * np.log(np.array(overlaps))
+    if box is not None:
+        boxes = [max(box_iou(p.silhouette.box, box), LEAST_OVERLAP) for p in proposals]
+        worth = worth + numbers.box_power * np.log(np.array(boxes))
+    return np.asarray(worth, dtype=np.float64)
+
+
+def choice_probabilities(worth: Floats, lead: float, rating: float, numbers: Numbers) -> Floats:
+    """(n,) probability of each proposal to be the object, the likeliest first; what is missing to 1 is that of none.
+
+    Args:
+        worth: (n,) falling.
+        lead: of the first over the best that is plainly another region.
+        rating: of the first.
+        numbers: fitted.
+    """
+    if not len(worth):
+        return np.zeros(0)
+    told = numbers.offset + numbers.rating * math.log(rating + 1e-3) + numbers.lead * min(lead, MOST_LEAD)
+    first = 1.0 / (1.0 + math.exp(-told))
+    rest = np.exp(worth[1:] - worth[0])
+    shares = (1.0 - first) * numbers.among * rest / max(float(rest.sum()), 1e-9)
+    return np.concatenate([[first], np.minimum(shares, first)])
+
+
+def map_overlap(p: Proposal, map_: NDArray[np.float32], total: float) -> float:
+    """Intersection over union of a region and a map (H, W) of so much in total."""
+    x, y, w, h = p.silhouette.box
+    step = max(1, min(w, h) // ENOUGH)
+    part = map_[max(y, 0) : y + h : step, max(x, 0) : x + w : step]
+    mask = np.zeros(part.shape, np.uint8)
+    outer = ((p.silhouette.outer - (max(x, 0), max(y, 0))) // step).astype(np.int32)
+    cv2.drawContours(mask, [outer.reshape(-1, 1, 2)], -1, (1,), cv2.FILLED)
+    both = float(part[mask > 0].sum()) * step**2
+    return both / max(float(np.count_nonzero(mask)) * step**2 + total - both, 1e-6)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where regions come from beside this package's own search: one protocol for nets, a user's function, other packages.
+
+`segmenter_for` turns what a user names into a segmenter: "classical" (nothing beside the own search), "onnx:FILE" (a net
+that maps salient objects, run by OpenCV), the name of a model or of an entry point `grasptrack.segmenters`, an object that
+follows the protocol, or one with `segment(image)`, or a function of an image, that returns one mask.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import InputError
+from grasptrack.plugins import load_plugin, plugin_names
+from grasptrack.segmentation.hints import Hints
+from grasptrack.segmentation.models import MODELS, installed_model, model_named
+from grasptrack.typing import Pixels
+
+CLASSICAL = "classical"
+
+
+class Region(NamedTuple):
+    """One region that may be the object.
+
+    Attributes:
+        mask: (H, W) nonzero on it, or how likely each pixel belongs to it, 0 to 1 in floats.
+        probability: that it is the object, as far as the segmenter knows.
+    """
+
+    mask: NDArray[Any]
+    probability: float = 1.0
+
+
+@runtime_checkable
+class Segmenter(Protocol):
+    """Proposes regions of an image. They pass through the same sub-pixel localisation as all others."""
+
+    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+        """Regions that may be the object, the likeliest first.
+
+        Args:
+            image: (H, W) or BGR (H, W, 3).
+            hints: what a person said of it.
+        """
+        ...
+
+
+@runtime_checkable
+class MaskSegmenter(Protocol):
+    """Your own segmentation, a network or a model of the object, in the place of this one."""
+
+    def segment(self, image: NDArray[Any]) -> NDArray[Any]:
+        """(H, W) nonzero on objects, of an image (H, W) or (H, W, 3)."""
+        ...
+
+
+class OneMask:
+    """A user's function of an image, or an object's `segment`, as a segmenter of one region."""
+
+    def __init__(self, segment: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
+        self._segment = segment
+
+    def segment(self, image: NDArray[Any]) -> NDArray[Any]:
+        """(H, W) nonzero on objects."""
+        return np.asarray(self._segment(image))
+
+    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+        """See Segmenter."""
+        return [Region(self.segment(image))]
+
+
+class SalientNet:
+    """A net that maps how salient each pixel is (U^2-Net, ISNet), run by OpenCV on the image and on its mirror image.
+
+    Args:
+        path: of the ONNX file.
+        side: px, side of the square that the net takes.
+
+    Raises:
+        InputError: no file, or none that OpenCV can read as a net.
+    """
+
+    MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+    """Of ImageNet's colours, red first: what such nets were trained on."""
+
+    def __init__(self, path: str | Path, side: int = 320) -> None:
+        self.path, self.side = Path(path), side
+        if not self.path.is_file():
+            raise InputError(f'there is no model file "{path}"', path=str(path))
+        try:
+            self._net = cv2.dnn.readNetFromONNX(str(self.path))
+        except cv2.error as error:
+            raise InputError(
+                f'"{path}" cannot be read as an ONNX model: {_first_line(error)}', path=str(path)
+            ) from None
+
+    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
+        """The map of the image, and that of its mirror image; a net knows nothing of hints, which choose afterwards."""
+        return [Region(self.saliency(image)), Region(self.saliency(image[:, ::-1])[:, ::-1])]
+
+    def saliency(self, image: Pixels) -> NDArray[np.float32]:
+        """(H, W) 0 to 1, how salient each pixel of an image (H, W) or BGR (H, W, 3) is.
+
+        Raises:
+            InputError: the net does not map an image to an image.
+        """
+        colours = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+        small = cv2.resize(colours, (self.side, self.side), interpolation=cv2.INTER_LINEAR)[:, :, ::-1]
+        bright = np.asarray(small, dtype=np.float32) / np.float32(max(float(small.max()), 1.0))
+        scaled = (bright - np.array(self.MEAN, np.float32)) / np.array(self.DEVIATION, np.float32)
+        try:
+            self._net.setInput(np.ascontiguousarray(scaled.transpose(2, 0, 1)[None], dtype=np.float32))
+            found = np.asarray(self._net.forward())
+        except cv2.error as error:
+            raise InputError(f'the model "{self.path}" does not run on images: {_first_line(error)}') from None
+        if found.ndim != 4 or found.shape[1] != 1 or min(found.shape[2:]) < 8:
+            raise InputError(f'the model "{self.path}" gives {found.shape}, not a map (1, 1, h, w)', shape=found.shape)
+        plane = found[0, 0].astype(np.float32)
+        if plane.min() < -1e-3 or plane.max() > 1.0 + 1e-3:  # logits
+            plane = 1.0 / (1.0 + np.exp(-np.clip(plane, -30.0, 30.0)))
+        size = (image.shape[1], image.shape[0])
+        large = np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+        return np.clip(large, 0.0, 1.0)
+
+
+def segmenter_for(what: Any) -> Segmenter | None:
+    """The segmenter that a user means; None where the own search is all.
+
+    Args:
+        what: see the module.
+
+    Raises:
+        InputError: no such model or segmenter, or one that cannot be had.
+    """
+    if what is None or what == CLASSICAL:
+        return None
+    if isinstance(what, str):
+        if what.startswith("onnx:"):
+            return SalientNet(what[len("onnx:") :])
+        what = _named(what)
+    if isinstance(what, type):
+        what = what()
+    if isinstance(what, Segmenter):
+        return what
+    if isinstance(what, MaskSegmenter):
+        return OneMask(what.segment)
+    if callable(what):
+        return OneMask(cast(Callable[[NDArray[Any]], NDArray[Any]], what))
+    raise InputError(f"a segmenter has regions(image, hints) or segment(image), or is a function; not {what!r}")
+
+
+def _named(name: str) -> Any:
+    """A model, or a segmenter that a package registered.
+
+    Raises:
+        InputError: none of that name, or it cannot be had.
+    """
+    model = model_named(name)
+    if model is not None:
+        return SalientNet(installed_model(model), model.side)
+    found = load_plugin("grasptrack.segmenters", name)
+    if found is None:
+        known = (CLASSICAL, "onnx:FILE", *(m.name for m in MODELS), *plugin_names("grasptrack.segmenters"))
+        choices = ", ".join(known)
+        raise InputError(f'unknown segmenter "{name}"; choose from {choices}', name=name)
+    return found
+
+
+def _first_line(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[0] if lines else type(error).__name__
