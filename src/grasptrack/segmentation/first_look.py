@@ -28,7 +28,8 @@ from grasptrack.segmentation.rating import NONE, SilhouetteScorer
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, segmenter_for
 from grasptrack.segmentation.shadow import without_shadow
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
-from grasptrack.segmentation.snapping import polygon_silhouette, snap_polygon
+from grasptrack.segmentation.snapping import outline_agreement, polygon_silhouette, snap_polygon
+from grasptrack.typing import Floats
 
 DEFAULT_SURE = 0.9
 """Probability from which the first look calls a candidate sure."""
@@ -52,8 +53,10 @@ MOSTLY = 0.75
 """Share of an outline within another one that makes it a part of that."""
 ROUGH = 3.0
 """px by which a segmenter's outline may be off: its map is coarser than the image."""
+AGREEING, ALL_ROUND = 8.0, 0.97
+"""px from a polygon that a person drew within which a proposal agrees with it, and the share of both outlines that must."""
 DRAWN = 12.0
-"""px by which a polygon that a person drew may be off, ..."""
+"""px by which such a polygon may be off where no proposal agrees, ..."""
 MOVED = 8.0
 """... as a whole so many."""
 
@@ -249,7 +252,8 @@ class _Look:
         return list(found.values())
 
     def _drawn(self) -> list[Candidate] | None:
-        """What a rough polygon is, moved onto the edges beside it; None where there is no polygon.
+        """What a rough polygon is: the best rated proposal that agrees with it all round, else the polygon moved onto the edges
+        beside it. None where there is no polygon.
 
         Raises:
             ObservationError: it is too small.
@@ -257,6 +261,11 @@ class _Look:
         polygon = self._hints.outline
         if polygon is None:
             return None
+        for p in sorted(self._proposals, key=lambda p: -p.worth):
+            if _is_beside(p.silhouette, polygon) and outline_agreement(p.silhouette, polygon, AGREEING) >= ALL_ROUND:
+                found = self._localize(p, False, False)
+                if found is not None:
+                    return [found._replace(probability=1.0, rating=p.rating.score)]
         shape = None
         for moved in (MOVED, 0.0):
             snapped = snap_polygon(self._strength, self._edges.shrink, polygon, DRAWN, moved)
@@ -338,6 +347,13 @@ class _Look:
 
 FALLBACK_RECIPE = 2
 """Of `closed_edges.RECIPES`: looks for what no way of looking found by itself."""
+
+
+def _is_beside(shape: Silhouette, polygon: Floats) -> bool:
+    """Whether the boxes of a region and a polygon may agree."""
+    x, y, w, h = shape.box
+    (left, top), (right, bottom) = polygon.min(axis=0).tolist(), polygon.max(axis=0).tolist()
+    return bool(max(abs(x - left), abs(y - top), abs(x + w - right), abs(y + h - bottom)) < 3.0 * AGREEING)
 
 
 def _is_another(shape: Silhouette, first: Silhouette) -> bool:

@@ -51,6 +51,22 @@ def snap_polygon(
     return np.asarray(points + chosen[:, None] * normals, dtype=np.float64)
 
 
+def outline_agreement(shape: Silhouette, polygon: Floats, tolerance: float) -> float:
+    """Share of a region's outline within some px of a polygon (n, 2), or of the polygon beside the region: the less."""
+    x, y, w, h = shape.box
+    low = np.floor(np.minimum(polygon.min(axis=0), (x, y)) - tolerance - 2.0).astype(np.int32)
+    high = np.ceil(np.maximum(polygon.max(axis=0), (x + w, y + h)) + tolerance + 2.0).astype(np.int32)
+    drawn, found = np.rint(polygon - low).astype(np.int32), (shape.outer - low).astype(np.int32)
+    points = np.rint(_spaced(polygon, STEP)[0] - low).astype(np.int32)
+    shares = []
+    for chain, asked in ((drawn, found), (found, points)):
+        plane = np.full((high[1] - low[1], high[0] - low[0]), 255, np.uint8)
+        cv2.polylines(plane, [chain.reshape(-1, 1, 2)], True, (0,), 1)
+        away = np.asarray(cv2.distanceTransform(plane, cv2.DIST_L2, 5))
+        shares.append(float((away[asked[:, 1], asked[:, 0]] <= tolerance).mean()))
+    return min(shares)
+
+
 def polygon_silhouette(polygon: Floats, size: tuple[int, ...]) -> Silhouette | None:
     """The region within a polygon, as far as it lies in an image of (height, width); None where nothing does."""
     mask = np.zeros(size[:2], np.uint8)
