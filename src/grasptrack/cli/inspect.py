@@ -26,9 +26,12 @@ Json = Annotated[bool, typer.Option("--json", help="Print inspect.json instead o
 
 def inspect(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, the first of a run.")],
-    object_: options.ObjectText = None,
+    object_: options.ObjectTexts = None,
+    not_: options.NotTexts = None,
     box: options.BoxText = None,
+    outline: options.OutlineText = None,
     mask: options.MaskPath = None,
+    segmenter: options.SegmenterName = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     grasp: options.GraspText = None,
@@ -62,7 +65,7 @@ def inspect(
       grasptrack inspect photo.jpg --grasp "193,308 157,99" --json
       grasptrack inspect photo.jpg --camera camera.yaml
     """
-    meant = options.object_meant(object_, box)
+    meant = options.object_meant(object_, not_, box, outline)
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     if contacts is None:
         options.two_or_three(count)
@@ -77,7 +80,6 @@ def inspect(
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
     from grasptrack.io.run import prepare_folder
-    from grasptrack.segmentation.undistortion import Told
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen
     from grasptrack.tracking.camera import Beforehand
@@ -87,7 +89,7 @@ def inspect(
     picture = options.only_image(image, "inspect takes one image").image
     options.check_within(picture.shape, meant)
     own = None if mask is None else read_mask(mask)
-    told = Told(contacts, meant.place, box=meant.box, ignore=options.ignore_mask(ignore))
+    told = meant.told(contacts, options.ignore_mask(ignore))
     prepare_folder(output)
     scene = options.straighten_scene(picture, told, calibration, own)
     told, lens = scene.told, scene.lens
@@ -97,7 +99,10 @@ def inspect(
             grasp=told.contacts,
             fingers=count,
             friction=friction,
-            object_at=options.first_point(told.object_at),
+            object_at=told.object_at,
+            not_at=told.not_at,
+            outline=told.outline,
+            segmenter=segmenter,
             box=told.box,
             mask=scene.mask,
             ignore=told.ignore,
@@ -110,9 +115,11 @@ def inspect(
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     asked = {
-        "object": object_,
+        **options.told_words(object_, not_),
         "box": box,
+        "outline": outline,
         "mask": mask,
+        "segmenter": segmenter,
         "ignore": ignore,
         "camera": camera,
         "grasp": grasp,

@@ -52,21 +52,20 @@ CameraPath = Annotated[
         help="Camera calibration (ROS, OpenCV, Kalibr or JSON); lens distortion is removed first.",
     ),
 ]
-ObjectText = Annotated[str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object.")]
 ObjectTexts = Annotated[
     list[str] | None,
-    typer.Option("--object", metavar="X,Y", help="Pixel on the object in the first image; may be repeated."),
+    typer.Option("--object", metavar="X,Y", help="Pixel on the object in the (first) image; may be repeated."),
 ]
 NotTexts = Annotated[
     list[str] | None,
-    typer.Option("--not", metavar="X,Y", help="Pixel in the first image that is not on the object; may be repeated."),
+    typer.Option("--not", metavar="X,Y", help="Pixel in the (first) image that is not on the object; may be repeated."),
 ]
 OutlineText = Annotated[
     str | None,
     typer.Option(
         "--outline",
         metavar='"X,Y X,Y ..."',
-        help="Rough polygon round the object in the first image, in px; it is moved onto the edges beside it.",
+        help="Rough polygon round the object in the (first) image, in px; it is moved onto the edges beside it.",
     ),
 ]
 SegmenterName = Annotated[
@@ -77,7 +76,10 @@ SegmenterName = Annotated[
     ),
 ]
 ChooseNumber = Annotated[
-    int, typer.Option("--choose", metavar="N", min=1, max=3, help="Candidate of candidates.png to take.")
+    int,
+    typer.Option(
+        "--choose", metavar="N", min=1, max=3, help="Candidate to take, of those that candidates.png numbers."
+    ),
 ]
 Sure = Annotated[
     float, typer.Option("--sure", metavar="P", help="Probability from which the choice of the object is called sure.")
@@ -119,15 +121,29 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but er
 
 
 class ObjectMeant(NamedTuple):
-    """Which object of an image is meant: px; None where nothing says.
+    """Which object of an image is meant: px; empty or None where nothing says.
 
     Attributes:
-        place: x, y of a pixel of it.
+        on, off: x, y of pixels on it, and of pixels that are not.
         box: left, top, width, height of a rectangle round it.
+        outline: corners of a rough polygon round it.
     """
 
-    place: tuple[float, float] | None
+    on: list[tuple[float, float]]
+    off: list[tuple[float, float]]
     box: tuple[float, float, float, float] | None
+    outline: list[tuple[float, float]] | None
+
+    @property
+    def is_told(self) -> bool:
+        """Whether anything says which object is meant."""
+        return bool(self.on or self.off) or self.box is not None or self.outline is not None
+
+    def told(self, contacts: NDArray[Any] | None, ignore: NDArray[Any] | None) -> Told:
+        """The same with contacts that are given, and what to ignore."""
+        from grasptrack.segmentation.undistortion import Told
+
+        return Told(contacts, self.on or None, self.off or None, self.box, self.outline, ignore)
 
 
 class Scene(NamedTuple):
@@ -285,16 +301,28 @@ def sure_rate(sure: float) -> float:
     return sure
 
 
-def object_meant(object_: str | None, box: str | None) -> ObjectMeant:
-    """Which object is meant, by --object and --box.
+def object_meant(
+    object_: Sequence[str] | None, not_: Sequence[str] | None, box: str | None, outline: str | None
+) -> ObjectMeant:
+    """Which object is meant, by --object, --not, --box and --outline.
 
     Raises:
-        InputError: both are given, or one cannot be read.
+        InputError: two of them say it, or one cannot be read.
     """
-    meant = ObjectMeant(parse_point(object_, "--object"), parse_rectangle(box, "--box"))
-    if meant.place is not None and meant.box is not None:
-        raise InputError("--object and --box both say which object is meant: give one of them")
+    meant = ObjectMeant(
+        parse_points(object_, "--object"),
+        parse_points(not_, "--not"),
+        parse_rectangle(box, "--box"),
+        parse_polygon(outline, "--outline"),
+    )
+    if bool(meant.on) + (meant.box is not None) + (meant.outline is not None) > 1:
+        raise InputError("--object, --box and --outline all say which object is meant: give one of them")
     return meant
+
+
+def told_words(object_: Sequence[str] | None, not_: Sequence[str] | None) -> dict[str, str | None]:
+    """Pixels as they were written, for the record of a run."""
+    return {"object": " ".join(object_) if object_ else None, "not": " ".join(not_) if not_ else None}
 
 
 def hand_lengths(*lengths: str | None) -> dict[str, str | None]:
@@ -431,32 +459,45 @@ def straighten_scene(
 
 
 def check_within(shape: tuple[int, ...], meant: ObjectMeant) -> None:
-    """See that a pixel lies in an image, and that a box overlaps it.
+    """See that what says which object is meant lies in an image.
 
     Raises:
-        InputError: they do not.
+        InputError: it does not.
     """
-    (place, box), (height, width) = meant, shape[:2]
-    size = f"the image, which is {width}x{height} px"
-    if place is not None and not (-0.5 <= place[0] <= width - 0.5 and -0.5 <= place[1] <= height - 0.5):
-        raise InputError(f"--object {place[0]:g},{place[1]:g} is outside {size}", place=place)
-    if box is not None and not (box[0] < width and box[1] < height and box[0] + box[2] > 0.0 and box[1] + box[3] > 0.0):
-        raise InputError(f"--box {','.join(f'{v:g}' for v in box)} is outside {size}", box=box)
+    from grasptrack.segmentation.hints import make_hints
+
+    try:
+        make_hints(shape, meant.on or None, meant.off or None, meant.box, meant.outline)
+    except InputError as error:
+        text = str(error)
+        for name, option in (
+            ("object_at", "--object"),
+            ("not_at", "--not"),
+            ("the box", "--box"),
+            ("the outline", "--outline"),
+        ):
+            text = option + text[len(name) :] if text.startswith(name) else text
+        raise InputError(text, **error.values) from None
 
 
-def find_outlines(scene: Scene) -> list[View]:
+def find_outlines(scene: Scene, segmenter: str | None = None) -> list[View]:
     """Outlines in an image, none within another, the object that is meant first.
 
     Raises:
         ObservationError: no object, or none where it should be.
-        InputError: a mask of another size.
+        InputError: a mask of another size, or no such segmenter.
     """
     from grasptrack.segmentation.first_look import find_objects
 
-    told, box = scene.told, scene.told.box
-    if box is not None:  # a detector's may reach beyond the image
-        height, width = scene.image.shape[:2]
-        left, top = max(box[0], 0.0), max(box[1], 0.0)
-        box = left, top, min(box[0] + box[2], width) - left, min(box[1] + box[3], height) - top
-    found = find_objects(scene.image, told.object_at, box, told.ignore, scene.mask)
+    told = scene.told
+    found = find_objects(
+        scene.image,
+        told.object_at,
+        told.box,
+        told.ignore,
+        scene.mask,
+        not_at=told.not_at,
+        outline=told.outline,
+        segmenter=segmenter,
+    )
     return [candidate.view for candidate in found]

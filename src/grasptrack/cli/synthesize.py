@@ -39,9 +39,12 @@ _HEADS = (
 
 def synthesize(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, seen from above.")],
-    object_: options.ObjectText = None,
+    object_: options.ObjectTexts = None,
+    not_: options.NotTexts = None,
     box: options.BoxText = None,
+    outline: options.OutlineText = None,
     mask: options.MaskPath = None,
+    segmenter: options.SegmenterName = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     fingers: Annotated[int, typer.Option(metavar="K", help="Number of fingers, 2 or 3.")] = 2,
@@ -72,9 +75,9 @@ def synthesize(
       grasptrack synthesize photo.jpg --camera camera.yaml
       grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
     """
-    meant = options.object_meant(object_, box)
-    if all_ and meant != (None, None):
-        raise InputError("--all takes every object in the image: leave out --object and --box")
+    meant = options.object_meant(object_, not_, box, outline)
+    if all_ and meant.is_told:
+        raise InputError("--all takes every object in the image: leave out --object, --not, --box and --outline")
     if fingers not in (2, 3):
         raise InputError(f"--fingers is 2 or 3, not {fingers}", fingers=fingers)
     if top < 1:
@@ -88,19 +91,15 @@ def synthesize(
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
     from grasptrack.io.run import prepare_folder
-    from grasptrack.segmentation.undistortion import Told
     from grasptrack.view.grasps import write_grasps
 
     picture = options.only_image(image, "synthesize takes one image").image
     options.check_within(picture.shape, meant)
-    told, own = (
-        Told(None, meant.place, box=meant.box, ignore=options.ignore_mask(ignore)),
-        None if mask is None else read_mask(mask),
-    )
+    told, own = meant.told(None, options.ignore_mask(ignore)), None if mask is None else read_mask(mask)
     prepare_folder(output)
     scene = options.straighten_scene(picture, told, calibration, own)
     try:
-        views = options.find_outlines(scene)
+        views = options.find_outlines(scene, segmenter)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     planned = _plan_grasps(views, all_, fingers, friction, top, hand)
@@ -108,9 +107,11 @@ def synthesize(
         planned = [_map_to_original(found, scene.lens) for found in planned]
 
     asked = {
-        "object": object_,
+        **options.told_words(object_, not_),
         "box": box,
+        "outline": outline,
         "mask": mask,
+        "segmenter": segmenter,
         "ignore": ignore,
         "camera": camera,
         "fingers": fingers,

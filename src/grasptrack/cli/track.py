@@ -98,8 +98,7 @@ def track(
         "friction": options.positive_friction(friction),
         "risk": options.risk_rate(risk),
         "grasp": grasp,
-        "object": " ".join(object_) if object_ else None,
-        "not": " ".join(not_) if not_ else None,
+        **options.told_words(object_, not_),
         "box": box,
         "outline": outline,
         "choose": choose,
@@ -116,10 +115,7 @@ def track(
         "video": not no_video,
     }
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    on, off = options.parse_points(object_, "--object"), options.parse_points(not_, "--not")
-    frame, polygon = options.parse_rectangle(box, "--box"), options.parse_polygon(outline, "--outline")
-    if bool(on) + (frame is not None) + (polygon is not None) > 1:
-        raise InputError("--object, --box and --outline all say which object is meant: give one of them")
+    meant = options.object_meant(object_, not_, box, outline)
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
     calibration = options.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
@@ -139,10 +135,10 @@ def track(
         strategy=strategy,
         friction=friction,
         grasp=contacts,
-        object_at=on or None,
-        not_at=off or None,
-        box=frame,
-        outline=polygon,
+        object_at=meant.on or None,
+        not_at=meant.off or None,
+        box=meant.box,
+        outline=meant.outline,
         number=choose,
         ignore=options.ignore_mask(ignore),
         resynthesize=resynthesize,
@@ -176,7 +172,7 @@ def track(
     if not summary.grasps:
         raise InputError(_nothing_to_track(summary))
     notes += _candidates_note(
-        tracker, looks, output, sure, meant=choose > 1 or polygon is not None or contacts is not None
+        tracker, looks, output, sure, meant=choose > 1 or meant.outline is not None or contacts is not None
     )
     if not quiet:
         show_run(summary, output, notes)

@@ -124,15 +124,24 @@ def find_objects(
     box: Sequence[float] | None = None,
     ignore: NDArray[Any] | None = None,
     mask: NDArray[Any] | None = None,
+    *,
+    not_at: ArrayLike | None = None,
+    outline: ArrayLike | None = None,
+    segmenter: Any = None,
 ) -> list[Candidate]:
     """All flat objects in an image, none within another: the one that is meant first, then the likeliest.
 
     Args and errors as of `first_look`.
     """
-    meant = first_look(image, object_at, box=box, ignore=ignore, mask=mask)
-    if object_at is None and box is None:
+    asked: dict[str, Any] = {"ignore": ignore, "mask": mask, "segmenter": segmenter_for(segmenter)}
+    meant = first_look(image, object_at, not_at=not_at, box=box, outline=outline, **asked)
+    if object_at is None and box is None and outline is None:
         return remove_nested(meant)
-    return remove_nested([meant[0], *first_look(image, ignore=ignore, mask=mask)])
+    try:
+        others = first_look(image, **asked)
+    except ObservationError:
+        others = []
+    return remove_nested([meant[0], *others])
 
 
 def remove_nested(found: list[Candidate]) -> list[Candidate]:

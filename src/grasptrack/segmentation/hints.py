@@ -143,7 +143,8 @@ def _box(given: Any, width: int, height: int) -> Box | None:
     right, bottom = min(left + wide, float(width)), min(top + tall, float(height))
     left, top = max(left, 0.0), max(top, 0.0)  # a detector's may reach beyond the image
     if right <= left or bottom <= top:
-        raise InputError(f"the box lies outside the image, which is {width}x{height} px", given=repr(given))
+        told = ",".join(f"{float(v):g}" for v in given)
+        raise InputError(f"the box {told} is outside the image, which is {width}x{height} px", given=repr(given))
     return left, top, right - left, bottom - top
 
 

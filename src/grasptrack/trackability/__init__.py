@@ -18,6 +18,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, analyze
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.images import PLAIN
+from grasptrack.segmentation.segmenters import segmenter_for
 from grasptrack.statistics import robust_sd
 from grasptrack.trackability.appearance import Edges, Relief, edge_direction_noise, edges_of, gradient_statistics
 from grasptrack.trackability.evidence import (
@@ -58,7 +59,7 @@ def inspect(
     grasp: ArrayLike | None = None,
     fingers: int = 2,
     friction: float = DEFAULT_FRICTION,
-    object_at: tuple[float, float] | None = None,
+    object_at: ArrayLike | None = None,
     box: tuple[float, float, float, float] | None = None,
     mask: NDArray[Any] | None = None,
     ignore: NDArray[Any] | None = None,
@@ -67,6 +68,9 @@ def inspect(
     risk: float = DEFAULT_RISK,
     focal: Beforehand | None = None,
     runs: int = RUNS,
+    not_at: ArrayLike | None = None,
+    outline: ArrayLike | None = None,
+    segmenter: Any = None,
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
@@ -78,7 +82,7 @@ def inspect(
         grasp: (k, 2) px contacts in place of synthesis; they choose the object.
         fingers: number of contacts to synthesise, 2 or 3.
         friction: Coulomb coefficient; more lets more grasps close.
-        object_at: (x, y) px of the object.
+        object_at: (x, y) px of the object, or several.
         box: left, top, width and height of it, px, in the place of a pixel.
         mask: (H, W) your own segmentation, nonzero on objects; it takes the image's place.
         ignore: (H, W) nonzero where nothing belongs to the scene.
@@ -87,6 +91,9 @@ def inspect(
         risk: probability, between 0 and 1, below which an answer of the tracker may be wrong.
         focal: what is known of the camera beforehand, as for `Plane`; the image is then one without distortion.
         runs: that are drawn.
+        not_at: (x, y) px, or several, beside the object.
+        outline: (n, 2) px of a rough polygon round it.
+        segmenter: proposes regions beside the own search, as `segmenter_for` takes it.
 
     Raises:
         ObservationError: no object.
@@ -101,7 +108,19 @@ def inspect(
     given = None if grasp is None else Grasp(grasp)
     if runs < 1:
         raise InputError(f"at least 1 run must be drawn, not {runs}", runs=runs)
-    wish = Wish(asked.fingers, strategy, friction, given, object_at, box, hand, ignore=ignore)
+    wish = Wish(
+        asked.fingers,
+        strategy,
+        friction,
+        given,
+        object_at,
+        box,
+        hand,
+        ignore=ignore,
+        not_at=not_at,
+        outline=outline,
+        segmenter=segmenter_for(segmenter),
+    )
     first = first_view(image, mask, wish, risk, focal)
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)

@@ -74,7 +74,9 @@ def first_view(
     if candidate is None:
         raise ObservationError(reason)
     grey, found = observer.choose(candidate), chosen.found
-    if wish.object_at is not None or wish.box is not None:  # only one place in the image was looked at
+    if (
+        wish.object_at is not None or wish.box is not None or wish.outline is not None
+    ):  # only one place in the image was looked at
         try:
             found = observer.first(Hints(masked=mask is not None))
         except ObservationError:
