@@ -20,7 +20,7 @@ Group = Literal["grasptrack.strategies", "grasptrack.segmenters", "grasptrack.me
 
 def plugin_names(group: Group) -> tuple[str, ...]:
     """Names that installed packages add to a group, sorted."""
-    return tuple(sorted(_entries(group)))
+    return tuple(sorted(_find_entries(group)))
 
 
 def load_plugin(group: Group, name: str) -> Any:
@@ -29,7 +29,7 @@ def load_plugin(group: Group, name: str) -> Any:
     Raises:
         InputError: a package registered it, but its import fails; the message says why.
     """
-    entry = _entries(group).get(name)
+    entry = _find_entries(group).get(name)
     if entry is None:
         return None
     try:
@@ -41,5 +41,5 @@ def load_plugin(group: Group, name: str) -> Any:
 
 
 @cache
-def _entries(group: Group) -> dict[str, EntryPoint]:
+def _find_entries(group: Group) -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=group)}

@@ -61,12 +61,12 @@ def photo(
 ) -> np.ndarray:
     """(HEIGHT, WIDTH) or (HEIGHT, WIDTH, 3) image of parts on a table, with bars (polygon, level or BGR) in front."""
     view = Renderer(SHAPES["disc"](), ground, surface, width=WIDTH, height=HEIGHT, blur=0.7, colour=colour)
-    image = view.ground(pose(scale=60.0))
+    image = view.render_background(pose(scale=60.0))
     for shape, H in parts:
-        view.lay(image, H, shape=shape)
+        view.draw_part(image, H, shape=shape)
     for polygon, level in bars:
         paint = level if isinstance(level, tuple) else (level, level, level)
-        view.cover(image, Flat(paint), polygon)
+        view.draw_occluder(image, Flat(paint), polygon)
     image *= np.float32(light)
     image += np.float32(noise) * np.random.default_rng((seed, 3)).standard_normal(image.shape, dtype=np.float32)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)

@@ -35,7 +35,7 @@ def test_truth_is_the_first_contacts_moved_by_the_homographies() -> None:
     score.add(result(2, "unstable", off, "slips"), Truth.of_homography(moved[2], 10000.0))
     score.add(result(3, "lost", None, "covered"), Truth.of_homography(moved[3], 10000.0))
     assert score.located == 0.75
-    assert score.share("tracked") == 0.5
+    assert score.status_share("tracked") == 0.5
     assert score.error_percentile(100) == pytest.approx(5.0)
     assert score.false_accepts == 1  # 5 px against a limit of 4 px
     assert score.reasons() == [("covered", 1)]
@@ -68,8 +68,8 @@ def test_contacts_on_another_object_from_the_first_frame_on_are_wrong() -> None:
         truth = Truth.of_homography(H, 10000.0)
         elsewhere.add(result(i, "tracked", apply_homography(H, CONTACTS + 9.0)), truth)
         beside.add(result(i, "tracked", apply_homography(H, CONTACTS + 1.0)), truth)
-    assert elsewhere.false_accepts == 3 and len(elsewhere.errors) == 4
-    assert beside.false_accepts == 0 and beside.errors == pytest.approx(np.zeros(4), abs=1e-9)
+    assert elsewhere.false_accepts == 3 and len(elsewhere.contact_errors) == 4
+    assert beside.false_accepts == 0 and beside.contact_errors == pytest.approx(np.zeros(4), abs=1e-9)
 
 
 def test_the_limit_of_a_false_accept_grows_with_the_object() -> None:

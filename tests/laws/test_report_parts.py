@@ -52,20 +52,20 @@ def test_only_all_is_written_as_a_hundred_per_cent_and_only_none_as_zero(share: 
 )
 def test_an_axis_keeps_order_and_its_ends(low: float, ratio: float, kind: str, shares: list[float]) -> None:
     axis = Axis("", low, low * ratio, kind)  # type: ignore[arg-type]
-    assert axis.place([low, low * ratio]) == pytest.approx([0.0, 1.0])
+    assert axis.to_fraction([low, low * ratio]) == pytest.approx([0.0, 1.0])
     values = np.sort(low + np.array(shares) * (low * ratio - low))
-    places = axis.place(values)
+    places = axis.to_fraction(values)
     assert (np.diff(places) >= 0.0).all() and places.min() >= 0.0 and places.max() <= 1.0
-    assert axis.place([low / 2.0, low * ratio * 2.0]) == pytest.approx([0.0, 1.0])
-    assert np.isnan(axis.place(math.nan))
+    assert axis.to_fraction([low / 2.0, low * ratio * 2.0]) == pytest.approx([0.0, 1.0])
+    assert np.isnan(axis.to_fraction(math.nan))
 
 
 @given(SIZES, st.floats(1.5, 1e5))
 def test_marks_lie_on_the_axis_and_are_few(low: float, ratio: float) -> None:
     high = low * ratio
     for axis in (Axis("", low, high, "log"), Axis("", low, high)):
-        assert all(low * 0.998 <= m <= high * 1.002 for m in axis.marks)
-        assert len(axis.marks) <= 9
+        assert all(low * 0.998 <= m <= high * 1.002 for m in axis.tick_values)
+        assert len(axis.tick_values) <= 9
     assert len(linear_ticks(0.0, high)) >= 3
 
 
@@ -80,9 +80,9 @@ def test_a_range_holds_what_it_can(values: list[float]) -> None:
 def test_a_line_breaks_where_there_is_no_value() -> None:
     series = series_palette(["auto"])["auto"]
     chart = Chart("title & more", Axis("x", 0.0, 10.0), Axis("y", 0.0, 1.0))
-    chart.line([0, 1, 2, 3, 4], [0.1, 0.2, math.nan, 0.3, math.nan], series)
-    chart.band([0, 1, 2, 3], [0.1, 0.1, math.nan, 0.1], [0.2, 0.2, 0.2, 0.3], series)
-    chart.dot(math.nan, 1.0, series)
+    chart.draw_line([0, 1, 2, 3, 4], [0.1, 0.2, math.nan, 0.3, math.nan], series)
+    chart.draw_band([0, 1, 2, 3], [0.1, 0.1, math.nan, 0.1], [0.2, 0.2, 0.2, 0.3], series)
+    chart.draw_dot(math.nan, 1.0, series)
     svg = chart.svg()
     path = re.search(r'class="ln"[^>]* d="([^"]*)"', svg)
     assert path is not None and path[1].count("M") == 2

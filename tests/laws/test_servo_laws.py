@@ -76,11 +76,11 @@ def test_a_held_twist_goes_on_where_it_was(seed: int) -> None:
 def test_poses_between_reports() -> None:
     poses, twist = Poses(kept=3), np.array([0.1, 0.0, 0.2, 0.0, 0.0, 0.5])
     for t in (0.0, 0.1, 0.2, 0.3):
-        poses.add(t, apply_twist(np.eye(4), twist, t))
-    assert np.abs(poses.at(0.26)[:3, :3] - apply_twist(np.eye(4), twist, 0.26)[:3, :3]).max() < 1e-9
-    assert np.abs(poses.at(0.26) - apply_twist(np.eye(4), twist, 0.26)).max() < 1e-4
+        poses.add_pose(t, apply_twist(np.eye(4), twist, t))
+    assert np.abs(poses.pose_at(0.26)[:3, :3] - apply_twist(np.eye(4), twist, 0.26)[:3, :3]).max() < 1e-9
+    assert np.abs(poses.pose_at(0.26) - apply_twist(np.eye(4), twist, 0.26)).max() < 1e-4
     for outside, nearest in ((9.0, 0.3), (-1.0, 0.1)):
-        assert np.abs(poses.at(outside) - apply_twist(np.eye(4), twist, nearest)).max() < 1e-12
+        assert np.abs(poses.pose_at(outside) - apply_twist(np.eye(4), twist, nearest)).max() < 1e-12
 
 
 # --- derivatives ----------------------------------------------------------------------------------
@@ -92,13 +92,13 @@ def test_slopes_of_features(seed: int, k: int) -> None:
     rng = np.random.default_rng(seed)
     contacts, goal = rng.uniform(0.0, 600.0, (2, k, 2))
     features = Features(goal, np.array([319.5, 239.5]))
-    if abs(features.turn(contacts)) < 0.05 * rms_diameter(contacts) * rms_diameter(goal):
+    if abs(features.turn_angle(contacts)) < 0.05 * rms_diameter(contacts) * rms_diameter(goal):
         return  # no turn to speak of
     found, step = features.jacobian_at(contacts), 1e-3
     for i in range(2 * k):
         d = np.zeros(2 * k)
         d[i] = step
-        by = features.values(contacts + d.reshape(k, 2)) - features.values(contacts - d.reshape(k, 2))
+        by = features.feature_values(contacts + d.reshape(k, 2)) - features.feature_values(contacts - d.reshape(k, 2))
         by[3] = wrap_angle(by[3])
         assert np.abs(found[:, i] - by / (2.0 * step)).max() < 1e-5 * (1.0 + np.abs(found).max())
 
@@ -154,7 +154,7 @@ def test_a_state_keeps_camera_and_object(seed: int) -> None:
     )
     state = pack_state(cam, object_)
     pixels, _ = expected_sightings(state, hand[None], np.array([0.2]))
-    in_hand = (object_.later(0.2).in_base() - hand[:3, 3]) @ hand[:3, :3]
+    in_hand = (object_.predict_after(0.2).in_base() - hand[:3, 3]) @ hand[:3, :3]
     np.testing.assert_allclose(pixels, cam.project(in_hand), atol=1e-6)
     assert (pack_state(*unpack_state(state)) == state).all()
 
@@ -393,6 +393,6 @@ def test_the_tolerance_grows_only_after_patience_near_the_goal() -> None:
     tolerances = []
     for t in np.arange(0.0, 8.0, 0.1):
         doubt.why_not(told, 2.9 if t < 5.0 else 9.0, goal, float(t))
-        tolerances.append(doubt.tolerance(float(t)))
+        tolerances.append(doubt.position_tolerance(float(t)))
     assert all(v == 1.0 for v in tolerances[:20]) and abs(tolerances[30] - 2.0) < 1e-9 and tolerances[49] == 3.0
     assert tolerances[-1] == 1.0  # far away again: strict again

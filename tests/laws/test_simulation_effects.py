@@ -174,7 +174,7 @@ def test_a_texture_is_rolled_as_the_outline_is() -> None:
         at = np.random.default_rng(1).uniform([-0.9, -0.6], [0.9, 0.6], (200, 2))
         seen = rolled.project(at, camera)
         use = np.all((seen > 2) & (seen < [SMALL[0] - 3, SMALL[1] - 3]), axis=1)
-        value = bilinear(renderer(made).ground(rolled).astype(float), seen[use])
+        value = bilinear(renderer(made).render_background(rolled).astype(float), seen[use])
         expected = 20 + (at[use, 0] + extent) / (2 * extent) * 215
         assert use.sum() > 100 and np.abs(value - expected).max() < 1.5
 

@@ -86,7 +86,7 @@ def test_a_texture_goes_through_the_lens_as_the_outline_does() -> None:
     at = np.random.default_rng(1).uniform([-0.9, -0.6], [0.9, 0.6], (200, 2))
     seen = camera.distort(apply_homography(H, at))
     use = np.all((seen > 2) & (seen < [WIDTH - 3, HEIGHT - 3]), axis=1)
-    value = bilinear(renderer(scene).ground(H).astype(float), seen[use])
+    value = bilinear(renderer(scene).render_background(H).astype(float), seen[use])
     expected = 20 + (at[use, 0] + extent) / (2 * extent) * 215
     assert np.abs(value - expected).max() < 1.5
 

@@ -96,7 +96,7 @@ def test_a_part_of_a_photo_takes_its_surface_along_and_leaves_the_background() -
     path = similarity_path(1, distance=1.0)
     scene = Scene(shape, path, surface=surface, table=Texture(np.full((8, 8), 255, np.uint8), 9.0))
     H = np.array([[120.0, 0.0, 210.3], [0.0, 120.0, 210.3], [0.0, 0.0, 1.0]])
-    again = renderer(scene).light(H)[: mask.shape[0], : mask.shape[1]]
+    again = renderer(scene).render_light(H)[: mask.shape[0], : mask.shape[1]]
     deep = inside_mask([(p * 120 * 0.9) + 210.3 for p in SHAPES["notched-plate"]().moved(0.4).polygons], 420, 420)
     assert np.abs(again - photo)[deep].mean() < 1.0
 

@@ -174,9 +174,9 @@ def setting(x: float, y: float, size: float, focal_sd: float = 0.4) -> Setting:
 
 def test_a_view_that_has_not_moved_is_the_image_but_for_its_noise() -> None:
     image = drawn(SQUARE, noise=0.0)
-    assert np.abs(Stage(image, PLAIN, QUANTUM).seen(REST).astype(int) - image).max() <= 1
+    assert np.abs(Stage(image, PLAIN, QUANTUM).render_grey(REST).astype(int) - image).max() <= 1
     stage, plain = Stage(image, PLAIN, 6.0), np.hypot(*(np.mgrid[:240, :320] - np.array([[[120]], [[160]]]))) > 90
-    one, other = (stage.seen(REST).astype(float)[plain] for _ in range(2))
+    one, other = (stage.render_grey(REST).astype(float)[plain] for _ in range(2))
     assert (one - image[plain]).std() == pytest.approx(6.0, rel=0.03)
     assert abs(np.corrcoef(one - image[plain], other - image[plain])[0, 1]) < 0.03  # fresh each time
 
@@ -197,8 +197,8 @@ def test_a_run_begins_at_the_first_view_never_mirrors_and_keeps_the_object_in_si
     assert longest < 0.35 * size  # in steps that a tracker sees
     centre = before.mean(axis=0)
     assert np.hypot(*(centre - where.centre)) < (SHIFT + 0.2) * size
-    away = np.abs(centre - where.middle), np.abs(where.centre - where.middle)
-    assert (away[0] < np.maximum(away[1], where.middle) + 0.2 * size).all()
+    away = np.abs(centre - where.image_centre), np.abs(where.centre - where.image_centre)
+    assert (away[0] < np.maximum(away[1], where.image_centre) + 0.2 * size).all()
 
 
 @given(seed=st.integers(0, 99), focal=st.floats(-0.5, 0.7))
@@ -217,7 +217,7 @@ def test_a_drawn_run_is_a_pinholes_view_of_a_plane(seed: int, focal: float) -> N
 @settings(max_examples=20, deadline=None)
 def test_light_and_shutter_change_levels_and_edges_as_they_say(gain: float, u: float, v: float) -> None:
     image = drawn(SQUARE, noise=0.0)
-    seen = Stage(image, PLAIN, QUANTUM).seen(Step(np.eye(3), gain, np.array([u, v]))).astype(float)
+    seen = Stage(image, PLAIN, QUANTUM).render_grey(Step(np.eye(3), gain, np.array([u, v]))).astype(float)
     assert seen.mean() == pytest.approx(gain * image.mean(), rel=0.01)  # a smear takes no light away
     assert seen.std() <= 1.01 * gain * image.std()
 
@@ -320,7 +320,7 @@ def test_more_evidence_never_fixes_less_and_is_told_by_what_it_takes(within: int
     image = on(within, round_it)
     seen = inspect(image)
     assert seen.settled is not None and seen.grasp is not None and seen.by == seen.settled.by == by
-    outline, surface, ground = seen.settled.deviations
+    outline, surface, ground = seen.settled.contact_deviations
     assert outline >= surface >= ground and outline > seen.grasp.limit
     assert (surface <= seen.grasp.limit) == bool(within) and (ground <= seen.grasp.limit) == bool(within or round_it)
     assert (seen.surface.settles, seen.ground.settles) == (surface, ground)
@@ -343,7 +343,7 @@ def test_noise_is_no_surface() -> None:
     for noise in (4.0, 12.0):
         seen = inspect(drawn(ellipse(50.0, 50.0), noise=noise))
         assert seen.by == "nothing" and seen.settled is not None
-        assert seen.settled.deviations[1] == seen.settled.deviations[0]
+        assert seen.settled.contact_deviations[1] == seen.settled.contact_deviations[0]
 
 
 @pytest.mark.parametrize("turn", [90.0, 180.0])

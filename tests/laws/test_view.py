@@ -88,10 +88,10 @@ def test_the_film_strip_is_bounded_and_evenly_spread() -> None:
     strip = Filmstrip()
     picture = np.zeros((48, 64, 3), np.uint8)
     for i in range(1000):
-        if strip.wants(i):
-            strip.add(i, picture)
+        if strip.wants_frame(i):
+            strip.add_frame(i, picture)
     assert len(pickle.dumps(strip)) < 13 * 480 * 360 * 3  # small copies of 12 pictures at most
-    numbers = [i for i, _ in strip.pictures()]
+    numbers = [i for i, _ in strip.pick_frames()]
     assert len(numbers) == 6 and numbers[0] == 0 and numbers[-1] > 800
     assert max(np.diff(numbers)) < 2.5 * min(np.diff(numbers))
 
@@ -115,15 +115,15 @@ def test_curves_keep_every_extreme_in_bounded_memory(tmp_path: Path) -> None:
     with (tmp_path / "g.csv").open() as file:
         latencies = [float(r["latency_ms"]) for r in csv.DictReader(file)]
     assert np.nanmax(curves.high["latency_ms"]) == max(latencies) and np.nanmin(curves.low["latency_ms"]) == 1.0
-    assert curves.at[0] < curves.at[-1] < 5000
+    assert curves.bin_centres[0] < curves.bin_centres[-1] < 5000
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 2000])
 def test_a_summary_of_a_run_of_any_length(tmp_path: Path, count: int) -> None:
     tally, strip = run_of(tmp_path / "g.csv", count), Filmstrip()
     for i in range(count):
-        if strip.wants(i):
-            strip.add(i, np.full((54, 64, 3), i % 255, np.uint8))
+        if strip.wants_frame(i):
+            strip.add_frame(i, np.full((54, 64, 3), i % 255, np.uint8))
     write_summary(tmp_path / "s.png", tmp_path / "g.csv", strip, tally.summary(1.0, "finished", {}), "x")
     image = cv2.imread(str(tmp_path / "s.png"))
     assert image is not None and image.shape[1] > 1000

@@ -99,10 +99,10 @@ def test_the_rate_leaves_refusals_out_and_counts_what_broke() -> None:
 
     trials = Trials([row("lifted"), row("lifted"), row("refused"), row("failed", "off by 3.2 px")], {"x": "died at 7"})
     assert trials.tried == 4
-    assert trials.rate == pytest.approx(0.5)
-    low, high = trials.interval()
+    assert trials.success_rate == pytest.approx(0.5)
+    low, high = trials.success_interval()
     assert 0.0 < low < 0.5 < high < 1.0
-    assert dict(trials.reasons()) == {"off by # px": 1, "broken: died at #": 1}
+    assert dict(trials.count_reasons()) == {"off by # px": 1, "broken: died at #": 1}
     assert kind_of("a 12 b -3.5") == "a # b #"
 
 

@@ -50,7 +50,7 @@ def test_auto_follows_the_demonstration() -> None:
         score.add(
             tracker.update(frame.image, time=frame.time), Truth.of_homography(frame.H_current_reference, frame.area)
         )
-    assert score.share("tracked") >= 0.98
+    assert score.status_share("tracked") >= 0.98
     assert score.error_percentile(50) < 0.5
     assert score.error_percentile(95) < 1.5
     assert score.false_accepts == 0

@@ -17,7 +17,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.closure_probability import CHANCE, FRONTAL, ClosureCheck, Rectifications
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import analyze
-from grasptrack.tracking.camera import AROUND, Beforehand, _nodes, plane_in_view, rectifying_homography
+from grasptrack.tracking.camera import AROUND, Beforehand, _slope_nodes, plane_in_view, rectifying_homography
 from grasptrack.tracking.follower import Follower
 from grasptrack.tracking.numbers import NUMBERS
 from grasptrack.tracking.plane import Plane
@@ -216,7 +216,7 @@ def test_the_chance_of_closing_is_the_share_of_all_that_is_open() -> None:
 
 @given(st.floats(2.5, 60.0) | st.just(math.inf))
 def test_what_stands_for_a_distribution_has_its_mean_and_covariance(freedom: float) -> None:
-    nodes = _nodes(freedom)
+    nodes = _slope_nodes(freedom)
     assert nodes.mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-9)
     assert nodes.T @ nodes / len(nodes) == pytest.approx(np.eye(2), abs=1e-9)
     away = np.hypot(*nodes.T)

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.parametrize("name", ["postcard-161", "bruegel-62"])
 def test_auto_keeps_the_contacts_where_the_print_says_they_are(name: str) -> None:
     (score,) = score_video(VIDEOS / f"{name}.mp4", VIDEOS / f"{name}.derived_homographies.csv", ["auto"])
-    assert score.share("tracked") >= 0.98, score.reasons()
+    assert score.status_share("tracked") >= 0.98, score.reasons()
     assert score.error_percentile(50) <= 1.5
     assert score.error_percentile(95) <= 3.0
     assert score.false_accepts == 0

@@ -14,7 +14,7 @@ import pytest
 import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.trackability import Suitability, inspect
-from grasptrack.trackability.report import expected, report_rows
+from grasptrack.trackability.report import describe_expectation, report_rows
 from grasptrack.tracking.tracker import GraspTracker
 from scenery import L_PLATE, SQUARE, drawn, ellipse
 
@@ -191,7 +191,7 @@ def test_texture_fixes_what_a_disc_leaves_free() -> None:
 def test_without_a_grasp_the_object_is_still_looked_at() -> None:
     none = inspect(drawn(L_PLATE), hand=gt.Hand(max_opening=gt.Length(9, "px")))
     assert none.grasp is None and math.isnan(none.error_px) and none.prediction is None
-    assert none.located == 0.0 and none.located_interval == (0.0, 0.0) and expected(none) == ""
+    assert none.located == 0.0 and none.located_interval == (0.0, 0.0) and describe_expectation(none) == ""
     assert none.level == "poor" and "no stable grasp" in none.verdict and none.strategy == ""
     assert none.symmetry.order == 1 and report_rows(none)[-1].value == "none"
 
@@ -221,15 +221,14 @@ def test_the_level_follows_from_the_prediction_by_one_rule(name: str) -> None:
 def test_what_is_expected_is_told_in_one_line() -> None:
     told = re.fullmatch(
         r"located in (\d+) to (\d+) % of frames, contacts ([\d.]+) to ([\d.]+) px off \(95 %\)",
-        expected(found("plate")),
+        describe_expectation(found("plate")),
     )
     assert told is not None
     low, high, least, most = map(float, told.groups())
     assert (0.01 * low, 0.01 * high) == pytest.approx(found("plate").located_interval, abs=0.01)
     assert (least, most) == pytest.approx(found("plate").error_interval, rel=0.06)
-    assert expected(found("disc")).endswith("contacts not known") and expected(found("disc")).startswith(
-        "located in 0 to "
-    )
+    disc = describe_expectation(found("disc"))
+    assert disc.endswith("contacts not known") and disc.startswith("located in 0 to ")
 
 
 def test_more_runs_tell_more_and_the_same_each_time() -> None:

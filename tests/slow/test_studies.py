@@ -84,12 +84,12 @@ def test_a_section_takes_the_place_of_its_old_self(
 ) -> None:
     path = tmp_path_factory.mktemp("results") / "R.md"
     for title, text in zip(titles, texts, strict=False):
-        common.section(path, title, text)
+        common.replace_section(path, title, text)
     before = path.read_text(encoding="utf-8")
     again = data.draw(st.integers(0, len(titles) - 1))
-    common.section(path, titles[again], texts[again])
+    common.replace_section(path, titles[again], texts[again])
     assert path.read_text(encoding="utf-8") == before
-    common.section(path, titles[again], texts[5])
+    common.replace_section(path, titles[again], texts[5])
     expected = [texts[5] if i == again else texts[i] for i in range(len(titles))]
     parts = "".join(f"\n\n## {title}\n\n{text}" for title, text in zip(titles, expected, strict=True))
     assert path.read_text(encoding="utf-8") == f"{common.PREFACE.strip()}{parts}\n"
@@ -98,12 +98,12 @@ def test_a_section_takes_the_place_of_its_old_self(
 def test_a_run_is_written_with_its_command_and_its_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(common, "_sections", [])
     monkeypatch.setattr(sys, "argv", ["studies/x.py", "--calls", "3"])
-    common.heading("Title")
-    common.say("A sentence.")
-    common.table(["call", "us"], [["a", 1234.5], ["b", float("nan")]])
-    common.finish(None)
+    common.begin_section("Title")
+    common.add_paragraph("A sentence.")
+    common.add_table(["call", "us"], [["a", 1234.5], ["b", float("nan")]])
+    common.write_sections(None)
     assert list(tmp_path.iterdir()) == []
-    common.finish(tmp_path / "R.md")
+    common.write_sections(tmp_path / "R.md")
     text = (tmp_path / "R.md").read_text(encoding="utf-8")
     assert "## Title\n\n`python -m grasptrack.bench.studies.x --calls 3`\n\n" in text
     assert text.endswith("A sentence.\n\n| call | us |\n| --- | ---: |\n| a | 1,234 |\n| b |  |\n")

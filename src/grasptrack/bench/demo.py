@@ -105,7 +105,7 @@ def _track_scene(
 ) -> Score:
     score = Score(strategy)
 
-    def follow(frame: Frame, result: TrackResult) -> None:
+    def score_frame(frame: Frame, result: TrackResult) -> None:
         truth = frames[frame.index]
         score.add(result, Truth.of_scene(truth))
         _report_progress(progress, strategy, frame.index + 1, len(frames))
@@ -117,7 +117,7 @@ def _track_scene(
         output,
         video=video,
         options={"strategy": strategy, "risk": risk, "scene": "demo", "frames": len(frames)},
-        on_frame=follow,
+        on_frame=score_frame,
     )
     return score
 

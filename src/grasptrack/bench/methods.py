@@ -83,7 +83,7 @@ def method_makers(names: Sequence[str], risk: float = DEFAULT_RISK) -> dict[str,
 
 
 def _tracker_maker(strategy: str, risk: float) -> Maker:
-    def make(start: Start) -> Method:
+    def make_tracker(start: Start) -> Method:
         return Tracker(start, strategy, risk)
 
-    return make
+    return make_tracker

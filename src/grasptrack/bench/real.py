@@ -249,13 +249,13 @@ class Truths:
         if self.quad is not None:
             return truth_of_quad(H, self.quad, self._size)
         truth = Truth.of_homography(H)
-        area = self._area * truth.growth(self._centre)
+        area = self._area * truth.area_growth(self._centre)
         return Truth.of_homography(H, area) if math.isfinite(area) else truth
 
     def outline(self, frame: int) -> tuple[Floats, ...]:
         """The object's polygon in a frame by its number, px; () where it is not known."""
         truth = self.of(frame)
-        return () if truth is None or self.quad is None else (truth.carried(self.quad),)
+        return () if truth is None or self.quad is None else (truth.carry_points(self.quad),)
 
 
 def first_frame(table: Mapping[int, Floats], known: Known | None) -> int:

@@ -252,12 +252,12 @@ def fill_run_folder(
     total, done = sum(job.frames for job in jobs), sum(job.frames for job in jobs) - sum(job.frames for job in missing)
     began, earlier, ended = time.perf_counter(), run.seconds, "interrupted"
 
-    def index(state: str) -> None:
+    def write_index(state: str) -> None:
         run.seconds = earlier + time.perf_counter() - began
         cases = [{"name": j.name, "frames": j.frames, **j.about, "error": run.failed.get(j.name, "")} for j in jobs]
         write_json(folder / INDEX, {**head, "ended": state, "seconds": round(run.seconds, 3), "cases": cases})
 
-    index("running")
+    write_index("running")
     try:
         if progress is not None:
             progress(kind, done, total)
@@ -273,7 +273,7 @@ def fill_run_folder(
                 progress(kind, done, total)
         ended = "finished"
     finally:
-        index(ended)
+        write_index(ended)
     return run
 
 

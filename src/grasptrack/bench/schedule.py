@@ -95,14 +95,14 @@ def create_scheduler(address: str | None = None, workers: int | None = None) -> 
     if address is None:
         if workers is not None and workers < 1:
             raise InputError(f"at least 1 worker is needed, not {workers}", workers=workers)
-        return partial(_run_tasks, partial(_processes, workers or available_cores()))
+        return partial(_run_tasks, partial(_process_workers, workers or available_cores()))
     if workers is not None:
         raise InputError("--workers is for this machine; a cluster has its own: leave out one of the two")
     try:
         import_module("distributed")
     except ImportError:
         raise InputError('a cluster needs Dask: pip install "grasptrack[cluster]"') from None
-    return partial(_run_tasks, partial(_cluster, address))
+    return partial(_run_tasks, partial(_cluster_workers, address))
 
 
 def available_cores() -> int:
@@ -154,7 +154,7 @@ def _run_tasks(
 
 
 @contextmanager
-def _processes(workers: int, tasks: int) -> Iterator[_Workers]:
+def _process_workers(workers: int, tasks: int) -> Iterator[_Workers]:
     """Processes on this machine, each with one thread and one task at a time, so that it is known who kills them."""
     with _one_thread():
         pools = [_create_pool() for _ in range(min(workers, max(1, tasks)))]
@@ -162,7 +162,7 @@ def _processes(workers: int, tasks: int) -> Iterator[_Workers]:
         for slot in range(len(pools)):
             idle.put(slot)
 
-        def attempt(function: Callable[[Any], Any], task: Any) -> Any:
+        def retry_task(function: Callable[[Any], Any], task: Any) -> Any:
             for _ in range(ATTEMPTS):
                 slot = idle.get()
                 try:
@@ -175,12 +175,12 @@ def _processes(workers: int, tasks: int) -> Iterator[_Workers]:
                     idle.put(slot)
             raise BrokenProcessPool(f"{ATTEMPTS} workers died at it")
 
-        def explain(problem: BaseException) -> str:
+        def explain_failure(problem: BaseException) -> str:
             return f"given up: {problem}" if isinstance(problem, BrokenProcessPool) else _in_one_line(problem)
 
         threads = ThreadPoolExecutor(len(pools))
         try:
-            yield _Workers(lambda function, task: threads.submit(attempt, function, task), explain)
+            yield _Workers(lambda function, task: threads.submit(retry_task, function, task), explain_failure)
         finally:
             stopped.set()
             threads.shutdown(wait=False, cancel_futures=True)
@@ -192,7 +192,7 @@ def _processes(workers: int, tasks: int) -> Iterator[_Workers]:
 
 
 @contextmanager
-def _cluster(address: str, tasks: int) -> Iterator[_Workers]:
+def _cluster_workers(address: str, tasks: int) -> Iterator[_Workers]:
     """A Dask cluster that is already there. A worker that is lost costs the tasks it had, which are done again elsewhere."""
     distributed: Any = import_module("distributed")
     # what a lost worker had is done again, which is no cause for a warning
@@ -202,7 +202,7 @@ def _cluster(address: str, tasks: int) -> Iterator[_Workers]:
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f'no Dask scheduler answers at "{address}": {error}', address=address) from error
 
-    def explain(problem: BaseException) -> str:
+    def explain_failure(problem: BaseException) -> str:
         told = _in_one_line(problem)
         killed = isinstance(problem, distributed.scheduler.KilledWorker)
         return f"given up: too many workers died at it ({told})" if killed else told
@@ -210,13 +210,13 @@ def _cluster(address: str, tasks: int) -> Iterator[_Workers]:
     with client:
         handed_in: WeakSet[Any] = WeakSet()
 
-        def submit(function: Callable[[Any], Any], task: Any) -> Any:
+        def submit_task(function: Callable[[Any], Any], task: Any) -> Any:
             future = client.submit(_run_checked_task, function, task, code_fingerprint(), pure=False)
             handed_in.add(future)
             return future
 
         try:
-            yield _Workers(submit, explain)
+            yield _Workers(submit_task, explain_failure)
         finally:
             client.cancel([future for future in handed_in if not future.done()])
 

@@ -56,15 +56,15 @@ class Work:
         """What a report shows of a frame: of a case, a method and a frame's number in the run of a folder."""
         scores = lru_cache(maxsize=4)(lambda case: read_records(case_file(folder, case)))
 
-        def show(case: str, method: str, frame: int) -> Shown | None:
+        def show_frame(case: str, method: str, frame: int) -> Shown | None:
             image, outline, truth = self.look(case, frame)
             first = next((f for f in scores(case).get(method, ()) if f.defining), None)
             if truth is None or first is None or first.contacts is None:
                 return image, None, outline
             start = self.look(case, first.frame)[2]
-            return image, None if start is None else truth.carried(start.back(first.contacts)), outline
+            return image, None if start is None else truth.carry_points(start.back(first.contacts)), outline
 
-        return show
+        return show_frame
 
 
 def method_names(names: Sequence[str] = (), *, peers: bool = False) -> tuple[str, ...]:
@@ -136,11 +136,11 @@ def scene_suite(asked: SceneOptions) -> Work:
         raise InputError("two parts have the same name; rename one")
     jobs = [Job(case.name, asked.frames, _case_details(case), (case, tuple(asked.methods))) for case in cases]
 
-    def look(name: str, frame: int) -> Seen:
+    def look_up_frame(name: str, frame: int) -> Seen:
         shown = by_name[name].scene()[frame]
         return shown.image, shown.outline, Truth.of_scene(shown)
 
-    return Work("scenes", jobs, run_case, look)
+    return Work("scenes", jobs, run_case, look_up_frame)
 
 
 def real_suite(
@@ -172,13 +172,13 @@ def real_suite(
         for name, case in cases.items()
     ]
 
-    def look(name: str, frame: int) -> Seen:
+    def look_up_frame(name: str, frame: int) -> Seen:
         with open_source(cases[name].video) as source:
             image = next(f.image for f in source if f.index == frame)
         truths = cases[name].truths((image.shape[1], image.shape[0]))
         return image, truths.outline(frame), truths.of(frame)
 
-    return Work("real", jobs, run_video, look)
+    return Work("real", jobs, run_video, look_up_frame)
 
 
 def _case_details(case: SceneCase) -> dict[str, Any]:

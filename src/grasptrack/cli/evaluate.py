@@ -43,11 +43,11 @@ def paper(
 
     prepare_folder(output)
 
-    def work(tell: Progress) -> tuple[PaperRun, Path]:
+    def run_and_write(tell: Progress) -> tuple[PaperRun, Path]:
         run = run_paper(frames=frames, seed=seed, progress=tell)
         return run, write_paper(output, run, options={"frames": frames, "seed": seed}, command=command_line())
 
-    run, report = with_progress(output, quiet, work)
+    run, report = with_progress(output, quiet, run_and_write)
     if not quiet:
         typer.echo("\n".join([*(to_text(table) for table in run.tables), str(report)]))
 
@@ -191,12 +191,12 @@ def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], qu
     from grasptrack.bench.report.tables import closing_table
     from grasptrack.bench.run_folder import fill_run_folder
 
-    def score(tell: Progress) -> Filled:
+    def fill_folder(tell: Progress) -> Filled:
         return fill_run_folder(
             output, work.kind, work.jobs, work.function, schedule, options=asked, command=command_line(), progress=tell
         )
 
-    filled = with_progress(output, quiet, score, again=", and the same command goes on with it")
+    filled = with_progress(output, quiet, fill_folder, again=", and the same command goes on with it")
     if not filled.done and not filled.resumed:
         raise InputError(f"nothing could be measured: {next(iter(filled.failed.values()), 'no case')}")
     report = with_progress(

@@ -145,9 +145,9 @@ def inspect(
 
 
 def _show_results(found: Suitability, last: list[str]) -> None:
-    from grasptrack.trackability.report import expected, report_rows
+    from grasptrack.trackability.report import describe_expectation, report_rows
 
-    told = expected(found)
+    told = describe_expectation(found)
     notes = [f"Expected: {told}"] if told else []
     notes += [r.text + (f". Would help: {r.advice}" if r.advice else "") for r in found.reasons]
     advice = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"

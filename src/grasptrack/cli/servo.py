@@ -144,15 +144,15 @@ def _run_many(
 
 
 def _show_results(found: Trials, asked: dict[str, Any], output: Path) -> None:
-    figures = found.figures()
-    low, high = found.interval()
+    figures = found.index_figures()
+    low, high = found.success_interval()
     rows = [
         [
             "lifted and held",
             str(figures["lifted"]),
-            f"{100 * found.rate:.1f} % of {found.tried} ({100 * low:.1f} to {100 * high:.1f})",
+            f"{100 * found.success_rate:.1f} % of {found.tried} ({100 * low:.1f} to {100 * high:.1f})",
         ],
-        *(["failed" if i == 0 else "", str(n), reason] for i, (reason, n) in enumerate(found.reasons())),
+        *(["failed" if i == 0 else "", str(n), reason] for i, (reason, n) in enumerate(found.count_reasons())),
         ["refused at synthesis", str(figures["refused"]), f"{figures['refusals_confirmed']} confirmed by brute force"],
         ["closed unbelieved", str(figures["closed_unbelieved"]), f"of {figures['closed']} times that the hand closed"],
         ["closed wrong", str(figures["closed_wrong"]), "believed, and elsewhere in truth"],

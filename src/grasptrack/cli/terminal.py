@@ -273,11 +273,11 @@ def with_progress(output: Path, quiet: bool, work: Callable[[Tell], T], *, again
         try:
             with Progress(quiet) as bar:
 
-                def tell(step: str, done: int, total: int) -> None:
+                def report_progress(step: str, done: int, total: int) -> None:
                     bar.tell(step, done, total)
                     interruption.check()
 
-                return work(tell)
+                return work(report_progress)
         except KeyboardInterrupt:
             tell_error(f'interrupted; what was computed is in "{output}"{again}')
             raise typer.Exit(INTERRUPTED) from None

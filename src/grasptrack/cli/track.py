@@ -153,7 +153,7 @@ def track(
         try:
             with Progress(quiet) as progress:
 
-                def tell(frame: Frame, result: TrackResult) -> None:
+                def report_frame(frame: Frame, result: TrackResult) -> None:
                     nonlocal done
                     if not done:
                         notes.extend(options.scaling_notes(calibration, frame.image.shape))
@@ -164,7 +164,13 @@ def track(
                     interruption.check()
 
                 summary = run_track(
-                    images, tracker, output, video=not no_video, options=asked, masks=segmentation, on_frame=tell
+                    images,
+                    tracker,
+                    output,
+                    video=not no_video,
+                    options=asked,
+                    masks=segmentation,
+                    on_frame=report_frame,
                 )
         except KeyboardInterrupt:
             tell_error(f'interrupted after {done} frames; what was computed is in "{output}"')

@@ -125,7 +125,11 @@ def inspection_to_dict(
         options: what was asked for.
     """
     run, symmetry, settled = found.prediction, found.symmetry, found.settled
-    evidence = None if settled is None else dict(zip(("outline", "surface", "ground"), settled.deviations, strict=True))
+    evidence = (
+        None
+        if settled is None
+        else dict(zip(("outline", "surface", "ground"), settled.contact_deviations, strict=True))
+    )
     measured = {
         "level": found.level,
         "verdict": found.verdict,

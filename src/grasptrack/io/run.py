@@ -285,14 +285,14 @@ class _Run:
         """Write one frame's row and picture."""
         self._rows.write(result, frame.index, frame.time)
         self._tally.add(result)
-        wanted = self._strip.wants(frame.index)
+        wanted = self._strip.wants_frame(frame.index)
         if self._video is None and not wanted:
             return
         from grasptrack.view.draw import draw_overlay
 
         drawn = draw_overlay(frame.image, result, number=frame.index)
         if wanted:
-            self._strip.add(frame.index, drawn)
+            self._strip.add_frame(frame.index, drawn)
         if self._video is not None:
             self._video.write(drawn)
 

@@ -63,11 +63,11 @@ class CloseGate:
         self._near: float | None = None
         self._seen_at: list[float] | None = None
 
-    def reset(self) -> None:
+    def reset_count(self) -> None:
         """Something was not believed: images in a row count anew."""
         self._row = 0
 
-    def tolerance(self, time: float) -> float:
+    def position_tolerance(self, time: float) -> float:
         """px; more than at first once the hand has been near the goal for long."""
         late = 0.0 if self._near is None else (time - self._near) / self._asked.patience - 1.0
         return self._asked.tolerance + min(max(late, 0.0), 1.0) * (self._asked.loosest - self._asked.tolerance)
@@ -86,7 +86,7 @@ class CloseGate:
         elif self._near is None:
             self._near = time
         why = self._rejection_reason(result, goal, time)
-        if not why and not error_px <= self.tolerance(time):
+        if not why and not error_px <= self.position_tolerance(time):
             why = f"{error_px:.1f} px from the goal"
         self._row = 0 if why else self._row + 1
         if not why and self._row < self._asked.images:

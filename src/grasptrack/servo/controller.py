@@ -134,7 +134,7 @@ class GraspServo:
         step = min(time - self._time, LONGEST_STEP) if math.isfinite(self._time) else 0.0
         self._began = time if math.isnan(self._began) else self._began
         self._time = time
-        self._poses.add(time, hand)
+        self._poses.add_pose(time, hand)
         if self.over:
             return self._make_command(Intent(self.state, self.reason), 0.0)
         seen, fits = self._observe_result(result, time - self._latency)
@@ -151,7 +151,7 @@ class GraspServo:
                 self.calibration.change_grasp()
                 self._order = None
             self._grasp = result.grasp_id
-        seen = self._observer.observe_result(result, shot, self._poses.at(shot))
+        seen = self._observer.observe_result(result, shot, self._poses.pose_at(shot))
         if seen is not None and seen.contacts != len(self.goal.points):
             raise InputError(
                 f"the goal has {len(self.goal.points)} points and the grasp {seen.contacts} contacts",
@@ -175,18 +175,18 @@ class GraspServo:
         if seen is not None:
             self._unseen.note_seen(time)
         else:
-            self._doubt.reset()
+            self._doubt.reset_count()
             if not (known.exploring and self._unseen.seen_recently(time)):
                 return self._handle_loss(result, located, time, hand, step)
         if seen is None or known.exploring:
-            twist = known.twist(time - self._latency) + self._following_twist(hand)
+            twist = known.exploratory_twist(time - self._latency) + self._following_twist(hand)
             return Intent("approaching", f"exploratory move: {known.move_name()}", twist)
         return self._approach_goal(result, seen, time, hand)
 
     def _approach_goal(self, result: TrackResult, seen: Observation, time: float, hand: Floats) -> Intent:
         found = self._compute_aim(time, hand, seen)
         if found is None:
-            self.calibration.restart()
+            self.calibration.restart_estimate()
             return Intent("holding", "the goal would lie behind the camera: begins anew")
         carried = self._following_twist(hand)
         if found.aligned and found.height > 0.5 * self.standoff and self.calibration.explore_again():
@@ -194,7 +194,7 @@ class GraspServo:
         why = self._doubt.why_not(result, found.error_px, found.final, time)
         if not why:
             return Intent("closing", "converged and believed", carried, found, close=True)
-        at_goal = found.error_px <= self._doubt.tolerance(time)
+        at_goal = found.error_px <= self._doubt.position_tolerance(time)
         twist = self.limits.joined(found.twist, carried)
         return Intent("converged" if at_goal else "approaching", why if at_goal else found.doing, twist, found)
 
@@ -204,12 +204,12 @@ class GraspServo:
         if known.exploring:
             known.interrupt_move(self._centre, self._side)
 
-        def coasting() -> Aim | None:
+        def coasting_aim() -> Aim | None:
             return None if known.exploring else self._compute_aim(time, hand, None)
 
         why = "what is seen does not fit what is known" if located else result.reason or result.status
         carried = self._following_twist(hand)
-        knows = coasting if known.estimate is not None else None
+        knows = coasting_aim if known.estimate is not None else None
         return self._unseen.choose_intent(why, time, time - self._began, step, carried, knows)
 
     # --- parts ------------------------------------------------------------------------------------

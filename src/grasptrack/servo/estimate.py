@@ -292,12 +292,12 @@ class Origin:
     time: float
 
     @cached_property
-    def known(self) -> Floats:
+    def information_matrix(self) -> Floats:
         """The inverse of the covariance."""
         return np.asarray(np.linalg.inv(self.covariance), dtype=np.float64)
 
     @cached_property
-    def state(self) -> Floats:
+    def packed_state(self) -> Floats:
         """Camera and object as `pack_state` makes them."""
         return pack_state(self.camera, self.object)
 
@@ -331,9 +331,9 @@ def refine_estimate(
         steps: most steps. A search that has not settled can go on from what is returned.
     """
     all_seen = stack_observations(seen)
-    now = start or Search(origin.state)
+    now = start or Search(origin.packed_state)
     sightings = Sightings(all_seen.hands, all_seen.times - origin.time, all_seen.points, all_seen.noise)
-    found, covariance = calibrate_batch(origin.state, origin.known, sightings, now, steps)
+    found, covariance = calibrate_batch(origin.packed_state, origin.information_matrix, sightings, now, steps)
     made = Estimate(found.state, covariance, origin.time)
     made.advance(seen[-1].time, evenly=True)
     return made, replace(found, damping=min(found.damping, 1.0))
@@ -384,24 +384,24 @@ def calibrate_batch(origin: Floats, known: Floats, seen: Sightings, start: Searc
         raise ValueError("each point needs its noise, (2, 2)")
     evidence = _Evidence(origin, known, seen)
     now, damping = start.state.copy(), start.damping
-    evidence.look(now)
-    scale = evidence.scale(None)
-    cost = evidence.cost(scale)
-    A, b = evidence.equations(scale)
+    evidence.compute_residuals(now)
+    scale = evidence.estimate_scale(None)
+    cost = evidence.compute_cost(scale)
+    A, b = evidence.normal_equations(scale)
     settled = False
     for _ in range(steps):
         step = np.asarray(np.linalg.solve(A + damping * np.diag(np.diag(A)), b))
         found = np.inf
         if max(np.linalg.norm(step[TURN]), np.linalg.norm(step[POSE])) <= FARTHEST:
             tried = retract_state(now, step)
-            evidence.look(tried)
-            found = evidence.cost(scale)
+            evidence.compute_residuals(tried)
+            found = evidence.compute_cost(scale)
         if found <= cost:
             settled = cost - found < SETTLED
-            now, (A, b), damping = tried, evidence.equations(scale), max(damping / 5.0, 1e-9)
+            now, (A, b), damping = tried, evidence.normal_equations(scale), max(damping / 5.0, 1e-9)
             if not settled:
-                scale = evidence.scale(scale)
-            cost = evidence.cost(scale)
+                scale = evidence.estimate_scale(scale)
+            cost = evidence.compute_cost(scale)
         else:
             damping *= 10.0
             settled = damping > HOPELESS
@@ -417,7 +417,7 @@ class _Evidence:
         self._origin, self._known, self._seen = origin, known, seen
         self._white = np.linalg.inv(np.linalg.cholesky(seen.noise))
 
-    def look(self, state: Floats) -> None:
+    def compute_residuals(self, state: Floats) -> None:
         """What a state leaves of the sightings, and of what was known before."""
         pixels, slopes = expected_sightings(state, self._seen.hands, self._seen.later)
         shape = self._seen.points.shape
@@ -429,20 +429,20 @@ class _Evidence:
         self._size2 = np.where(np.isnan(size2), np.inf, size2)
         self._d = state_difference(self._origin, state)
 
-    def cost(self, scale: float) -> float:
+    def compute_cost(self, scale: float) -> float:
         """In squared standard deviations."""
         u = self._size2 / (ROBUST * scale) ** 2
         share = np.divide(u, 1.0 + u, out=np.ones_like(u), where=np.isfinite(u))
         prior = float(self._d @ self._known @ self._d)
         return float(self._off.shape[1] * (ROBUST * scale) ** 2 * share.sum()) + prior
 
-    def scale(self, last: float | None) -> float:
+    def estimate_scale(self, last: float | None) -> float:
         """The scale of what is left, where it is not much like the last one."""
         now = max(1.0, 1.5 * float(np.sqrt(np.median(self._size2))))
         now = now if np.isfinite(now) else 1e3
         return now if last is None or abs(now - last) > 0.2 * last else last
 
-    def equations(self, scale: float) -> tuple[Floats, Floats]:
+    def normal_equations(self, scale: float) -> tuple[Floats, Floats]:
         """The normal equations A x = b."""
         weight = 1.0 / (1.0 + self._size2 / (ROBUST * scale) ** 2) ** 2
         behind = ~np.isfinite(self._size2)  # the camera: they count as far off, and ask for nothing

@@ -50,14 +50,14 @@ class Features:
         if self._length < SMALL:
             raise InputError("the contacts of a goal lie apart", goal=goal.tolist())
 
-    def turn(self, contacts: Floats) -> complex:
+    def turn_angle(self, contacts: Floats) -> complex:
         """Its argument is the angle from the goal to the contacts, that which leaves least (Procrustes)."""
         return self._complex_turn(_decompose_points(contacts).around)
 
     def _complex_turn(self, around: list[complex]) -> complex:
         return sum((u * v.conjugate() for u, v in zip(around, self._around, strict=True)), 0j)
 
-    def values(self, contacts: Floats) -> Floats:
+    def feature_values(self, contacts: Floats) -> Floats:
         """(x/l, y/l, l*/l, angle) of contacts (k, 2) px; at the goal (x*/l*, y*/l*, 1, 0).
 
         Raises:
@@ -69,16 +69,16 @@ class Features:
         at = (middle - self.centre) / length
         return np.array([at.real, at.imag, self._length / length, cmath.phase(self._complex_turn(around))])
 
-    def error(self, contacts: Floats) -> Floats:
-        """`values` less those of the goal, the angle in [-pi, pi)."""
-        out = self.values(contacts)
+    def feature_error(self, contacts: Floats) -> Floats:
+        """`feature_values` less those of the goal, the angle in [-pi, pi)."""
+        out = self.feature_values(contacts)
         at = (self._middle - self.centre) / self._length
         out -= (at.real, at.imag, 1.0, 0.0)
         out[3] = wrap_angle(float(out[3]))
         return out
 
     def jacobian_at(self, contacts: Floats) -> Floats:
-        """Derivatives (4, 2k) of `values` by x1, y1, x2, y2, ..."""
+        """Derivatives (4, 2k) of `feature_values` by x1, y1, x2, y2, ..."""
         k = len(contacts)
         middle, around, length = _decompose_points(contacts)
         at, share, turn = (middle - self.centre) / length, 1.0 / (k * length), self._complex_turn(around)

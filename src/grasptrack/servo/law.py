@@ -173,7 +173,7 @@ def compute_aim(
     last, features = Features(final, camera.centre), Features(goal_px, camera.centre)
     at, there = (wanted, goal_px) if known.linearised_at_goal else (points, pixels[0])
     slopes = features.jacobian_at(there)
-    error, in_the_end = features.error(contacts), last.error(contacts)
+    error, in_the_end = features.feature_error(contacts), last.feature_error(contacts)
     jacobian = slopes @ camera.interaction_matrices(at).reshape(2 * k, 6)
     covariance = slopes @ _contact_covariance(seen, k) @ slopes.T
     if dof == 6:

@@ -55,7 +55,7 @@ class Placed:
         """(3,) m/s in the base."""
         return np.asarray(self.axes @ self.speed)
 
-    def later(self, seconds: float) -> Placed:
+    def predict_after(self, seconds: float) -> Placed:
         """The object when it has gone on for some time, or back."""
         return Placed(self.points, self.turn, self.place + seconds * self.velocity(), self.speed, self.axes)
 

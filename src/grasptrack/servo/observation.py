@@ -30,12 +30,12 @@ class Poses:
         self._times: deque[float] = deque(maxlen=kept)
         self._poses: deque[Floats] = deque(maxlen=kept)
 
-    def add(self, time: float, pose: Floats) -> None:
+    def add_pose(self, time: float, pose: Floats) -> None:
         """A pose (4, 4) at a time, s, later than those before."""
         self._times.append(time)
         self._poses.append(pose)
 
-    def at(self, time: float) -> Floats:
+    def pose_at(self, time: float) -> Floats:
         """The pose at a time; before the first that is kept, and after the last, that one."""
         i = bisect_left(self._times, time)
         if i == 0:
@@ -76,7 +76,7 @@ class Observation:
     contacts: int
 
     @cached_property
-    def row(self) -> Floats:
+    def packed_row(self) -> Floats:
         """(17 + 6n,) time, pose, points and noise in a row: many such rows are stacked quickly."""
         return np.concatenate([(self.time,), self.hand.ravel(), self.points.ravel(), self.noise.ravel()])
 
@@ -108,7 +108,7 @@ class ObservationStack(NamedTuple):
 def stack_observations(seen: Sequence[Observation]) -> ObservationStack:
     """Observations of the same points in arrays."""
     N, n = len(seen), len(seen[0].points)
-    rows = np.concatenate([s.row for s in seen]).reshape(N, -1)
+    rows = np.concatenate([s.packed_row for s in seen]).reshape(N, -1)
     points, noise = rows[:, 17 : 17 + 2 * n], rows[:, 17 + 2 * n :]
     hands = rows[:, 1:17].reshape(N, 4, 4)
     return ObservationStack(rows[:, 0], hands, points.reshape(N, n, 2), noise.reshape(N, n, 2, 2))

@@ -250,7 +250,7 @@ class SelfCalibration:
         self._regrasp = self._sure = False
         self._asked = self._nominal is None
 
-    def restart(self) -> None:
+    def restart_estimate(self) -> None:
         """Begin anew with an estimate that proved wrong; how often is counted."""
         self.restarts += 1
         self.begin_anew()
@@ -298,7 +298,7 @@ class SelfCalibration:
         self._keep_observation(seen)
         self._fits.append(fits)
         if sum(not f for f in self._fits) >= STRANGE:
-            self.restart()
+            self.restart_estimate()
             return False
         if self.exploring:
             self._go_on(seen.time, centre, side)
@@ -401,7 +401,7 @@ class SelfCalibration:
                     )
         self._began = float("nan")
 
-    def twist(self, time: float) -> Floats:
+    def exploratory_twist(self, time: float) -> Floats:
         """The exploratory twist (6,) at a time; `take` begins it."""
         if not self.exploring or np.isnan(self._began):
             return np.zeros(6)

@@ -26,15 +26,24 @@ from grasptrack.trackability.evidence import (
     Settled,
     contact_evidence,
     equals_of,
-    loose,
     peaks_of,
     recommended_strategy,
     strategies_of,
     symmetry_of,
+    unfixed_covariance,
 )
 from grasptrack.trackability.first import FirstView, first_view
 from grasptrack.trackability.motions import TURN, Frame, motions_of
-from grasptrack.trackability.prediction import RUNS, Drawn, Looked, Prediction, Run, drawn_runs, predict_run, rehearse
+from grasptrack.trackability.prediction import (
+    RUNS,
+    Drawn,
+    Looked,
+    Prediction,
+    Run,
+    drawn_runs,
+    predict_run,
+    simulate_tracking,
+)
 from grasptrack.trackability.report import Findings, is_lost, level_of, reasons_of
 from grasptrack.trackability.result import Held, Looks, Reason, Suitability, Texture
 from grasptrack.trackability.synthetic_view import Setting, Stage
@@ -124,8 +133,8 @@ def inspect(
     first = first_view(image, mask, wish, risk, focal)
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)
-    surface, ground = gradient_statistics(grey, view, first.hidden)
-    target = first.carrier.follower.target if first.carrier else _target(first)
+    surface, ground = gradient_statistics(grey, view, first.ignore_mask)
+    target = first.carrier.follower.target if first.carrier else _create_target(first)
     looks = _measure_appearance(first, target, edges, surface)
     motions = motions_of(*edges.used, _inertia_frame(view), edge_direction_noise(edges))
     whole = motions.models["homography"]
@@ -134,14 +143,18 @@ def inspect(
     stage = Stage(grey if auto else first.colours, PLAIN if auto else first.candidate.channel, surface.noise)
     prediction, fixed = None, None
     if first.carrier is not None:
-        runs_drawn, looked = _drawn(first, stage, strategy, risk, focal, runs)
+        runs_drawn, looked = _simulate_runs(first, stage, strategy, risk, focal, runs)
         fixed = contact_evidence(first, target, looked, limit, whole.observable)
         # beyond its tolerance the tracker refuses
-        adrift = min(fixed.deviations[2], contact_tolerance(view.outer.area, NUMBERS)) if fixed.by == "nothing" else 0.0
+        adrift = (
+            min(fixed.contact_deviations[2], contact_tolerance(view.outer.area, NUMBERS))
+            if fixed.by == "nothing"
+            else 0.0
+        )
         prediction = predict_run(Drawn.of(runs_drawn, math.sqrt(view.outer.area), adrift))
     refusal = "" if fixed is None else _refusal_reason(fixed.by != "nothing", fixed.covariance, limit)
     grip = None if first.grasp is None else _assess_grasp(first, friction, limit, fixed, prediction)
-    usable = strategies_of(first.held, view, grey, refusal)
+    usable = strategies_of(first.held_grasp, view, grey, refusal)
     likeness = Likeness(first, target, stage)
     symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
     equals = equals_of(first, likeness)
@@ -158,8 +171,8 @@ def inspect(
         equals=tuple(equals),
         peaks=peaks_of(view),
         strategies=usable,
-        surface=Texture(surface.rms, surface.least, math.nan if fixed is None else fixed.deviations[1]),
-        ground=Texture(ground.rms, ground.least, math.nan if fixed is None else fixed.deviations[2]),
+        surface=Texture(surface.rms, surface.least, math.nan if fixed is None else fixed.contact_deviations[1]),
+        ground=Texture(ground.rms, ground.least, math.nan if fixed is None else fixed.contact_deviations[2]),
         grasp=grip,
         settled=fixed,
         prediction=prediction,
@@ -168,15 +181,17 @@ def inspect(
     )
 
 
-def _target(first: FirstView) -> Target:
-    return make_target(build_pyramid(first.grey), first.candidate.view, first.held.contacts, NUMBERS, first.hidden)
+def _create_target(first: FirstView) -> Target:
+    return make_target(
+        build_pyramid(first.grey), first.candidate.view, first.held_grasp.contacts, NUMBERS, first.ignore_mask
+    )
 
 
-def _drawn(
+def _simulate_runs(
     first: FirstView, stage: Stage, strategy: str, risk: float, focal: Beforehand | None, runs: int
 ) -> tuple[list[Run], list[Looked]]:
     """Runs that are drawn, and the images of the first of them."""
-    view, grasp, grey = first.candidate.view, first.held, first.grey
+    view, grasp, grey = first.candidate.view, first.held_grasp, first.grey
     away = view.outer.points - (centre := view.outer.points.mean(axis=0))
     size, reach = math.sqrt(view.outer.area), float(np.hypot(*away.T).max())
     setting = Setting(centre, size, reach, grey.shape[1], grey.shape[0], focal or Beforehand.usual(NUMBERS))
@@ -186,7 +201,7 @@ def _drawn(
             first.observer.look(first.colours)
             first.observer.choose(first.candidate)
             carrier = carrier_for(strategy, grasp, view, grey, None, first.observer, risk, focal)
-        run, looked = rehearse(carrier, first, stage, steps)
+        run, looked = simulate_tracking(carrier, first, stage, steps)
         made.append(run)
         seen, carrier = seen or looked, None
     return made, seen
@@ -235,8 +250,8 @@ def _assess_grasp(
     first: FirstView, friction: float, limit: float, fixed: Settled | None, prediction: Prediction | None
 ) -> Held:
     """The grasp with the errors to be expected of its contacts: in the ratios of their covariances, as large as predicted."""
-    grasp, view = first.held, first.candidate.view
-    covariance = loose(first) if fixed is None else fixed.covariance
+    grasp, view = first.held_grasp, first.candidate.view
+    covariance = unfixed_covariance(first) if fixed is None else fixed.covariance
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     expected = math.nan if prediction is None else prediction.error_px
     known = 1.0 if math.isnan(expected) else expected / float(sigma.max())

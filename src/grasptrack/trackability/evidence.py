@@ -64,7 +64,7 @@ class Settled(NamedTuple):
     by: By
 
     @property
-    def deviations(self) -> tuple[float, float, float]:
+    def contact_deviations(self) -> tuple[float, float, float]:
         """px, the largest standard deviation of a contact by each of the three."""
         outline, surface, ground = (_largest_deviation(C) for C in self.covariances)
         return outline, surface, ground
@@ -86,25 +86,25 @@ def contact_evidence(first: FirstView, target: Target, looked: Sequence[Looked],
         shown: the outline shows all motions.
     """
     levels = build_pyramid(first.grey)
-    bare = make_target(levels, first.candidate.view, first.held.contacts, UNTEXTURED, first.hidden)
+    bare = make_target(levels, first.candidate.view, first.held_grasp.contacts, UNTEXTURED, first.ignore_mask)
     by_outline, by_surface = (first_state(each, levels, NUMBERS) for each in (bare, target))
     alone, surface, ground = _Covariances(), _Covariances(), _Covariances()
     for grey, step, decision in looked[:VIEWS]:
         image = build_pyramid(grey)
-        alone.add(_estimate_pose(bare, by_outline, image, step.H))
+        alone.add_estimate(_estimate_pose(bare, by_outline, image, step.H))
         textured = _estimate_pose(target, by_surface, image, step.H)
         if (
             textured is not None and texture_evidence(textured, by_surface.usual, NUMBERS) > 0.0
         ):  # else there is only noise
-            surface.add(textured)
+            surface.add_estimate(textured)
         followed = decision.estimate
         if followed is not None and followed.origin == BACKGROUND:
-            ground.add(followed)
+            ground.add_estimate(followed)
     # noisy directions of the edges seem to show what the shape does not
-    free = loose(first)
-    least = alone.median(free) if shown else free
-    more = _smaller_covariance(surface.median(least), least)
-    most = _smaller_covariance(ground.median(more), more)
+    free = unfixed_covariance(first)
+    least = alone.median_covariances(free) if shown else free
+    more = _smaller_covariance(surface.median_covariances(least), least)
+    most = _smaller_covariance(ground.median_covariances(more), more)
     deviation = [_largest_deviation(C) for C in (least, more, most)]
     by: By = "nothing"
     if shown and deviation[0] <= limit:
@@ -116,9 +116,9 @@ def contact_evidence(first: FirstView, target: Target, looked: Sequence[Looked],
     return Settled(np.stack([least, more, most]), by)
 
 
-def loose(first: FirstView) -> Floats:
+def unfixed_covariance(first: FirstView) -> Floats:
     """(k, 2, 2) px^2 of each contact where nothing fixes it."""
-    return np.tile(LOOSE**2 * first.candidate.view.outer.area * np.eye(2), (len(first.held), 1, 1))
+    return np.tile(LOOSE**2 * first.candidate.view.outer.area * np.eye(2), (len(first.held_grasp), 1, 1))
 
 
 class _Covariances:
@@ -127,12 +127,12 @@ class _Covariances:
     def __init__(self) -> None:
         self._found: list[Floats] = []
 
-    def add(self, estimate: PoseEstimate | None) -> None:
+    def add_estimate(self, estimate: PoseEstimate | None) -> None:
         """Those of one view."""
         if estimate is not None:
             self._found.append(estimate.covariance * NUMBERS.inflate**2)
 
-    def median(self, without: Floats) -> Floats:
+    def median_covariances(self, without: Floats) -> Floats:
         """Those of the median view; `without` where fewer than half of the views have any."""
         if 2 * len(self._found) < VIEWS:
             return without
@@ -191,7 +191,7 @@ class Likeness:
         self._levels = build_pyramid(first.grey)
         self.target = target
         self._state = first_state(self.target, self._levels, NUMBERS)
-        self._again = build_pyramid(stage.seen(REST))
+        self._again = build_pyramid(stage.render_grey(REST))
         here = Hypothesis("first", self.target.A, self._state.P)
         self._own = single_estimate(self.target, self._state, self._again, here, NUMBERS)
 
@@ -286,7 +286,7 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "") -> tu
         refusal: why no transfer is believed, of whatever strategy; else empty.
     """
 
-    def why(name: str) -> str:
+    def explain_refusal(name: str) -> str:
         try:
             if name == "rrp":
                 Snakes(grasp, view, grey).carry(grey, None, np.eye(3))
@@ -296,7 +296,7 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "") -> tu
             return str(error)
         return refusal
 
-    return tuple(Usable(name, why(name)) for name in (AUTO, *ORDER))
+    return tuple(Usable(name, explain_refusal(name)) for name in (AUTO, *ORDER))
 
 
 def recommended_strategy(usable: tuple[Usable, ...]) -> str:

@@ -44,12 +44,12 @@ class FirstView(NamedTuple):
     reason: str
 
     @property
-    def hidden(self) -> Grey | None:
+    def ignore_mask(self) -> Grey | None:
         """(H, W) nonzero where nothing belongs to the scene, or None."""
         return self.observer.hidden
 
     @property
-    def held(self) -> Grasp:
+    def held_grasp(self) -> Grasp:
         """The grasp; without one, two places on the outline stand for its contacts."""
         outer = self.candidate.view.outer
         return self.grasp or Grasp(outer.points[[0, len(outer) // 2]])

@@ -78,7 +78,7 @@ class Frame(NamedTuple):
     axes: Floats
     size: float
 
-    def place(self, points: Floats) -> Floats:
+    def place_points(self, points: Floats) -> Floats:
         """(m, 2) points of the image, px, in the frame."""
         return np.asarray((points - self.centre) @ self.axes.T / self.size)
 
@@ -109,7 +109,7 @@ def motions_of(points: Floats, normals: Floats, frame: Frame, sway: float = 0.0)
         sway: rad, standard deviation of the normals' directions; what this makes of a motion along the outline is no sign
             of it.
     """
-    fields = displacement_fields(frame.place(points))
+    fields = displacement_fields(frame.place_points(points))
     across = normals @ frame.axes.T
     along = np.column_stack([-across[:, 1], across[:, 0]])
     models, seen = {}, {}
@@ -148,4 +148,4 @@ def sliding_displacement(motions: Motions, points: Floats) -> Floats:
     if motions.slide is None:
         return np.zeros_like(points)
     frame = motions.frame
-    return np.asarray(displacement_fields(frame.place(points)) @ motions.slide @ frame.axes)
+    return np.asarray(displacement_fields(frame.place_points(points)) @ motions.slide @ frame.axes)

@@ -131,7 +131,9 @@ class Looked(NamedTuple):
     decision: Decision
 
 
-def rehearse(carrier: Carrier, first: FirstView, stage: Stage, steps: Sequence[Step]) -> tuple[Run, list[Looked]]:
+def simulate_tracking(
+    carrier: Carrier, first: FirstView, stage: Stage, steps: Sequence[Step]
+) -> tuple[Run, list[Looked]]:
     """Follow the grasp through a run, and what was looked at in it.
 
     Args:
@@ -140,10 +142,10 @@ def rehearse(carrier: Carrier, first: FirstView, stage: Stage, steps: Sequence[S
         stage: the same, to be moved.
         steps: of the run.
     """
-    contacts, errors, reason = first.held.contacts, list[float](), ""
+    contacts, errors, reason = first.held_grasp.contacts, list[float](), ""
     looked, missed = list[Looked](), 0
     for step in steps:
-        grey = first.observer.look(stage.moved(step))
+        grey = first.observer.look(stage.render_step(step))
         moved = carrier.move(grey, None)
         looked.append(Looked(grey, step, moved.decision))
         if moved.contacts is None:
@@ -197,11 +199,11 @@ def shares_of(a: float, b: float, frames: int) -> tuple[float, float]:
 def log_chance(a: float, b: float, frames: int, located: int) -> float:
     """Log of the probability that so many of a run's frames are located, when shares are Beta(a, b)."""
 
-    def beta(x: float, y: float) -> float:
+    def log_beta(x: float, y: float) -> float:
         return math.lgamma(x) + math.lgamma(y) - math.lgamma(x + y)
 
-    ways = -math.log(frames + 1.0) - beta(located + 1.0, frames - located + 1.0)
-    return ways + beta(located + a, frames - located + b) - beta(a, b)
+    ways = -math.log(frames + 1.0) - log_beta(located + 1.0, frames - located + 1.0)
+    return ways + log_beta(located + a, frames - located + b) - log_beta(a, b)
 
 
 def drawn_runs(setting: Setting, runs: int) -> list[list[Step]]:

@@ -262,7 +262,7 @@ def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
     return listed
 
 
-def expected(found: Suitability) -> str:
+def describe_expectation(found: Suitability) -> str:
     """What a run will give, in one line; empty without a grasp that can be carried."""
     if found.prediction is None:
         return ""

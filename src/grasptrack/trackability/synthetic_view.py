@@ -65,7 +65,7 @@ class Setting(NamedTuple):
     focal: Beforehand
 
     @property
-    def middle(self) -> Floats:
+    def image_centre(self) -> Floats:
         """(2,) px, of the image."""
         return 0.5 * np.array([self.width - 1.0, self.height - 1.0])
 
@@ -102,8 +102,8 @@ def draw_run(setting: Setting, count: int, rng: np.random.Generator) -> list[Ste
     about, growth = rng.uniform(-math.pi, math.pi), math.exp(rng.uniform(math.log(FARTHER), math.log(NEARER)))
     log, sd = float(setting.focal.theta[0]), math.sqrt(float(setting.focal.scale[0, 0]))
     f = setting.width * math.exp(log + sd * rng.standard_normal())
-    room = np.maximum(setting.middle - growth * setting.reach, 0.0)  # in which it remains in view as a whole
-    end = setting.middle + rng.uniform(-1.0, 1.0, 2) * room
+    room = np.maximum(setting.image_centre - growth * setting.reach, 0.0)  # in which it remains in view as a whole
+    end = setting.image_centre + rng.uniform(-1.0, 1.0, 2) * room
     shift = end - setting.centre
     shift *= min(1.0, SHIFT * setting.size / max(float(np.hypot(*shift)), 1e-9))
     gain, exposed = 1.0 + LIGHT * rng.uniform(-1.0, 1.0), EXPOSED * rng.uniform()
@@ -111,25 +111,25 @@ def draw_run(setting: Setting, count: int, rng: np.random.Generator) -> list[Ste
     for i in range(1, count + 1):
         u = 0.5 - 0.5 * math.cos(math.pi * i / count)
         axis = (math.cos(about), math.sin(about))
-        H = _motion(setting, f, turn * u, tilt * u, axis, math.exp(u * math.log(growth)), shift * u)
+        H = _motion_homography(setting, f, turn * u, tilt * u, axis, math.exp(u * math.log(growth)), shift * u)
         now = setting.centre + shift * u
         made.append(Step(H, 1.0 + (gain - 1.0) * u, exposed * (now - before)))
         before = now
     return made
 
 
-def _motion(
+def _motion_homography(
     setting: Setting, f: float, turn: float, tilt: float, axis: tuple[float, float], growth: float, shift: Floats
 ) -> Floats:
     """(3, 3) how a pinhole of focal length f px sees a frontal plane after it was turned, tilted (rad) and brought nearer."""
     turned = cv2.Rodrigues(np.array([0.0, 0.0, turn]))[0]
     R = cv2.Rodrigues(tilt * np.array([*axis, 0.0]))[0] @ turned
-    x, y = (setting.centre - setting.middle).tolist()
-    X, Y = (setting.centre + shift - setting.middle).tolist()
+    x, y = (setting.centre - setting.image_centre).tolist()
+    X, Y = (setting.centre + shift - setting.image_centre).tolist()
     M = R @ np.diag([1.0, 1.0, f])  # of px (x, y, 1) about the middle
     M[:, 2] += np.array([X, Y, f]) / growth - R @ np.array([x, y, f])
     K, back = np.diag([f, f, 1.0]), np.eye(3)
-    K[:2, 2], back[:2, 2] = setting.middle, -setting.middle
+    K[:2, 2], back[:2, 2] = setting.image_centre, -setting.image_centre
     H = K @ M @ back
     return np.asarray(H / H[2, 2], dtype=np.float64)
 
@@ -151,25 +151,25 @@ class Stage:
         drawn = math.sqrt(max(noise**2 - _FLOOR, 0.0)) * self._rng.standard_normal(image.shape, np.float32)
         self._noise = np.rint(drawn).astype(np.int16)
 
-    def moved(self, step: Step) -> NDArray[np.uint8]:
+    def render_step(self, step: Step) -> NDArray[np.uint8]:
         """(H, W) or BGR (H, W, 3) the view as a step shows it, with fresh noise."""
         size = (self._source.shape[1], self._source.shape[0])
         border = cv2.BORDER_REPLICATE
         seen = cv2.warpPerspective(self._source, step.H, size, flags=cv2.INTER_CUBIC, borderMode=border)
         if float(np.hypot(*step.smear)) > SHARP:
-            seen = cv2.filter2D(seen, -1, _line(step.smear), borderType=border)
+            seen = cv2.filter2D(seen, -1, _blur_kernel(step.smear), borderType=border)
         if step.gain != 1.0:
             seen = cv2.convertScaleAbs(seen, alpha=step.gain)
         rows, columns = self._rng.integers(0, size[::-1]).tolist()  # the same noise elsewhere is fresh to every px
         noise = np.roll(self._noise, (rows, columns), axis=(0, 1))
         return np.asarray(cv2.add(seen, noise, dtype=cv2.CV_8U), dtype=np.uint8)
 
-    def seen(self, step: Step) -> Grey:
+    def render_grey(self, step: Step) -> Grey:
         """(H, W) the same in the mixture of colours that shows the object."""
-        return self._channel.grey(self.moved(step))
+        return self._channel.grey(self.render_step(step))
 
 
-def _line(smear: Floats) -> Floats:
+def _blur_kernel(smear: Floats) -> Floats:
     """(n, n) kernel that spreads a pixel evenly along a way (2,) px about it."""
     half = math.ceil(0.5 * float(np.abs(smear).max())) + 1
     kernel = np.zeros((2 * half + 1, 2 * half + 1))

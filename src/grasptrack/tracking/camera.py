@@ -230,7 +230,7 @@ class PlaneSolver:
             found = self._explored()
             if found is not None:
                 return found
-        nodes = _nodes(math.inf if self._views else self._before.freedom)
+        nodes = _slope_nodes(math.inf if self._views else self._before.freedom)
         parts = []
         for mode in self.modes:
             C, tilts = mode.covariance, mode.covariance[1:, 1:]
@@ -265,9 +265,9 @@ class PlaneSolver:
                 continue
             starts = [middle for middle, _ in bumps] + far[4:]
             places = np.concatenate(
-                [m + _nodes(math.inf, FEW_RINGS, FEW_AROUND) @ np.linalg.cholesky(C).T for m, C in bumps]
+                [m + _slope_nodes(math.inf, FEW_RINGS, FEW_AROUND) @ np.linalg.cholesky(C).T for m, C in bumps]
             )
-            density = sum(_gaussian(places - middle, C) for middle, C in bumps)
+            density = sum(_gaussian_density(places - middle, C) for middle, C in bumps)
             for place, d in zip(places, np.asarray(density).tolist(), strict=True):
                 theta = np.array([log, *place])
                 cost = self._normal_equations(theta)[0]
@@ -380,7 +380,7 @@ class PlaneSolver:
 
 
 @lru_cache
-def _nodes(freedom: float, rings: int = RINGS, around: int = AROUND) -> Floats:
+def _slope_nodes(freedom: float, rings: int = RINGS, around: int = AROUND) -> Floats:
     """(1 + rings * around, 2) slopes, equally probable, of a t distribution of mean 0 and covariance 1; the first is 0.
 
     About it lie rings, each as far as its share of the distribution is on average, rms, and turned against the one before.
@@ -400,7 +400,7 @@ def _nodes(freedom: float, rings: int = RINGS, around: int = AROUND) -> Floats:
     return np.concatenate([np.zeros((1, 2)), places.reshape(-1, 2)])
 
 
-def _gaussian(off: Floats, C: Floats) -> Floats:
+def _gaussian_density(off: Floats, C: Floats) -> Floats:
     """(m,) densities, up to a factor, at places (m, 2) from the mean, of a covariance (2, 2)."""
     far = (off * np.linalg.solve(C, off.T).T).sum(axis=1)
     return np.asarray(np.exp(-0.5 * far) / math.sqrt(float(np.linalg.det(C))))

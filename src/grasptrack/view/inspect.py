@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.trackability.motions import SLIDING, sliding_displacement
-from grasptrack.trackability.report import Row, expected, report_rows
+from grasptrack.trackability.report import Row, describe_expectation, report_rows
 from grasptrack.typing import Floats
 from grasptrack.view.draw import grasp_spokes
 from grasptrack.view.panel import (
@@ -65,7 +65,7 @@ class Sheet(TextColumn):
         )
         taken = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
         self._write_text(self._left + 1.35, PAGE[1] - 0.44, taken, 13.0, weight="bold")
-        if told := expected(found):
+        if told := describe_expectation(found):
             self._write_lines(_as_sentence(f"expected: {told}"), 10.5)
         if not found.reasons:
             self._write_lines("Nothing speaks against it.", 11.0)

@@ -121,13 +121,13 @@ def _bounding_box(parts: Sequence[Floats]) -> tuple[Floats, Floats]:
 def panel_grid(area: Box, count: int, aspect: float) -> list[Box]:
     """Places of small panels, row by row, in as many columns as make a subject of some proportions largest."""
 
-    def cell(columns: int) -> tuple[float, float]:
+    def cell_size(columns: int) -> tuple[float, float]:
         rows = -(-count // columns)
         tall = (area[3] - (rows - 1) * _GAP) / rows - _CAPTION
         return (area[2] - (columns - 1) * _GAP) / columns, tall
 
-    columns = max(range(1, min(count, 3) + 1), key=lambda n: min(cell(n)[0] / aspect, cell(n)[1]))
-    wide, tall = cell(columns)
+    columns = max(range(1, min(count, 3) + 1), key=lambda n: min(cell_size(n)[0] / aspect, cell_size(n)[1]))
+    wide, tall = cell_size(columns)
     tall = min(tall, 1.2 * max(wide, wide / aspect))
     left, top = area[0], area[1] + area[3]
     return [

@@ -40,11 +40,11 @@ class Filmstrip:
         self._kept: list[tuple[int, Picture]] = []
         self._stride = 1
 
-    def wants(self, index: int) -> bool:
+    def wants_frame(self, index: int) -> bool:
         """Whether this frame may come to be shown."""
         return index % self._stride == 0
 
-    def add(self, index: int, picture: Picture) -> None:
+    def add_frame(self, index: int, picture: Picture) -> None:
         """Keep a small copy of a frame's picture (H, W, 3), BGR."""
         import cv2
 
@@ -55,7 +55,7 @@ class Filmstrip:
             del self._kept[1::2]
             self._stride *= 2
 
-    def pictures(self) -> list[tuple[int, Picture]]:
+    def pick_frames(self) -> list[tuple[int, Picture]]:
         """Up to six frames' numbers and pictures, evenly spread."""
         count = len(self._kept)
         chosen = np.linspace(0, count - 1, min(SHOWN, count)).round().astype(int).tolist()
@@ -89,12 +89,12 @@ class Curves:
         self.status: NDArray[np.int64] = votes.argmax(axis=1)
 
     @property
-    def at(self) -> NDArray[np.float64]:
+    def bin_centres(self) -> NDArray[np.float64]:
         """(bins,) frame number in the middle of each bin."""
         step = self.frames / self.bins
         return np.asarray(np.arange(self.bins) * step + (step - 1) / 2, dtype=np.float64)
 
-    def spans(self) -> Iterator[tuple[str, float, float]]:
+    def status_spans(self) -> Iterator[tuple[str, float, float]]:
         """Status, first and last frame (half a frame beyond either) of each stretch of one status."""
         edges = [0, *(np.flatnonzero(np.diff(self.status)) + 1).tolist(), self.bins]
         step = self.frames / self.bins
@@ -119,7 +119,7 @@ def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary,
     """
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    pictures = strip.pictures()
+    pictures = strip.pick_frames()
     curves = Curves(rows, summary.frames)
     across = min(3, max(1, len(pictures)))
     down = math.ceil(len(pictures) / across) if pictures else 0
@@ -158,10 +158,10 @@ def _show_curves(figure: Any, curves: Curves, summary: RunSummary) -> None:
     from grasptrack.grasp.closure_probability import CHANCE
 
     panels = figure.subplots(len(_CURVES), 1, sharex=True)
-    at = curves.at
+    at = curves.bin_centres
     alone = ".-" if curves.bins <= 60 else "-"
     for axes, (name, label) in zip(panels, _CURVES, strict=True):
-        for status, start, stop in curves.spans():
+        for status, start, stop in curves.status_spans():
             axes.axvspan(start, stop, color=hex_colour(STATUS_RGB[status]), alpha=_status_alpha(status), lw=0)
         for curve, colour in ((name, _LINE), *([(_SECOND, _OTHER)] if name == "confidence" else [])):
             low, high = curves.low[curve], curves.high[curve]

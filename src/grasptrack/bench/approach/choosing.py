@@ -88,14 +88,14 @@ def first_look(
     """
     fingers, told = len(tips), ""
 
-    def choose(view: View) -> list[Grasp]:
+    def choose_grasps(view: View) -> list[Grasp]:
         nonlocal told
         found, told = closing_grasps(view, fingers, hand)
         good = [g for g in found if g.quality >= NEARLY_AS_GOOD * found[0].quality]
         return sorted(good, key=lambda g: turn_between(g.contacts, tips))
 
     tracker = GraspTracker(
-        fingers=fingers, strategy=strategy, ignore=ignore, friction=FRICTION, choose=choose, risk=risk
+        fingers=fingers, strategy=strategy, ignore=ignore, friction=FRICTION, choose=choose_grasps, risk=risk
     )
     result = tracker.update(image, time)
     if result.contacts is None and result.view is not None and told:

@@ -152,25 +152,25 @@ class Trials:
     rows: list[Row] = field(default_factory=list)
     broken: dict[str, str] = field(default_factory=dict)
 
-    def count(self, outcome: str) -> int:
+    def count_outcome(self, outcome: str) -> int:
         """Trials that ended so."""
         return sum(row.outcome == outcome for row in self.rows)
 
     @property
     def tried(self) -> int:
         """Trials on shapes that were not refused, broken ones included."""
-        return len(self.rows) + len(self.broken) - self.count("refused")
+        return len(self.rows) + len(self.broken) - self.count_outcome("refused")
 
     @property
-    def rate(self) -> float:
+    def success_rate(self) -> float:
         """Share lifted and held of those tried; NaN for none."""
-        return self.count("lifted") / self.tried if self.tried else math.nan
+        return self.count_outcome("lifted") / self.tried if self.tried else math.nan
 
-    def interval(self) -> tuple[float, float]:
+    def success_interval(self) -> tuple[float, float]:
         """95 % interval of the rate (E. B. Wilson 1927)."""
-        return wilson_interval(self.count("lifted"), self.tried)
+        return wilson_interval(self.count_outcome("lifted"), self.tried)
 
-    def reasons(self) -> list[tuple[str, int]]:
+    def count_reasons(self) -> list[tuple[str, int]]:
         """Why trials failed, the most frequent first; numbers within a reason are left out."""
         found = [kind_of(row.reason) for row in self.rows if row.outcome == "failed"]
         return Counter([*found, *(f"broken: {kind_of(r)}" for r in self.broken.values())]).most_common()
@@ -185,23 +185,23 @@ class Trials:
         """How often the hand closed on what was believed, and was elsewhere in truth."""
         return sum(bool(row.believed) and row.right is False for row in self.rows)
 
-    def figures(self) -> dict[str, Any]:
+    def index_figures(self) -> dict[str, Any]:
         """For the index."""
-        low, high = self.interval()
+        low, high = self.success_interval()
         refused = [row for row in self.rows if row.outcome == "refused"]
         return {
             "trials": len(self.rows) + len(self.broken),
             "shapes": len({row.shape for row in self.rows}),
-            "lifted": self.count("lifted"),
-            "failed": self.count("failed") + len(self.broken),
+            "lifted": self.count_outcome("lifted"),
+            "failed": self.count_outcome("failed") + len(self.broken),
             "refused": len(refused),
             "refusals_confirmed": sum(bool(row.confirmed) for row in refused),
-            "rate": self.rate,
+            "rate": self.success_rate,
             "rate_95": [low, high],
             "closed": sum(row.believed is not None for row in self.rows),
             "closed_unbelieved": self.unbelieved,
             "closed_wrong": self.wrong,
-            "reasons": dict(self.reasons()),
+            "reasons": dict(self.count_reasons()),
             "median": {name: _finite_median([getattr(row, name) for row in self.rows]) for name in MEASURED},
         }
 
@@ -250,7 +250,12 @@ def run_trials(
     _write_table(output / TABLE, trials.rows)
     write_json(
         output / INDEX,
-        {"options": options, "versions": software_versions(), "figures": trials.figures(), "broken": trials.broken},
+        {
+            "options": options,
+            "versions": software_versions(),
+            "figures": trials.index_figures(),
+            "broken": trials.broken,
+        },
     )
     return trials
 

@@ -145,14 +145,17 @@ class _Side:
 
 
 def _of_ratio(parts: Sequence[Floats], taken: Floats, root: bool) -> Found:
-    def value(sums: Floats) -> Floats:
+    def evaluate_ratio(sums: Floats) -> Floats:
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = sums[..., 0] / sums[..., 1]
         return np.asarray(np.sqrt(ratio) if root else ratio, dtype=np.float64)
 
-    a, b = (float(value(p.sum(axis=0))) for p in parts)
+    a, b = (float(evaluate_ratio(p.sum(axis=0))) for p in parts)
     return Found(
-        a, b, _standard_error(value(taken @ parts[1]) - value(taken @ parts[0]), taken.shape[1]), taken.shape[1]
+        a,
+        b,
+        _standard_error(evaluate_ratio(taken @ parts[1]) - evaluate_ratio(taken @ parts[0]), taken.shape[1]),
+        taken.shape[1],
     )
 
 

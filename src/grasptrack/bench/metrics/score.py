@@ -59,18 +59,18 @@ class Truth:
         """All that a rendered frame knows of itself."""
         return cls(frame.carry, frame.back, frame.area, frame.present, frame.outline_visible, frame.visible)
 
-    def carried(self, points: Floats) -> Floats:
+    def carry_points(self, points: Floats) -> Floats:
         """(k, 2) px of this frame; infinite where the motion sends a point behind the camera."""
         try:
             return self.carry(points)
         except ConditioningError:
             return np.full_like(points, np.inf)
 
-    def growth(self, centre: Floats) -> float:
+    def area_growth(self, centre: Floats) -> float:
         """By how much an area round a point (2,) of frame 0 is larger in this frame: the Jacobian's determinant."""
         step = 0.5
         around = centre + step * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-        right, left, down, up = self.carried(around)
+        right, left, down, up = self.carry_points(around)
         (a, c), (b, d) = (right - left) / (2.0 * step), (down - up) / (2.0 * step)
         return float(abs(a * d - b * c))
 
@@ -177,12 +177,12 @@ class Score:
                 if self.given is not None and contact_distances(start, self.given).max() > limit:
                     start = self.given
                 size = area if math.isfinite(area) else (result.view.outer.area if result.view is not None else 0.0)
-                self._first = (start, size / max(1e-12, truth.growth(start.mean(axis=0))))
+                self._first = (start, size / max(1e-12, truth.area_growth(start.mean(axis=0))))
                 defining = True
             if self._first is not None:
                 start, size = self._first
-                true = truth.carried(start)
-                area = area if math.isfinite(area) else size * truth.growth(start.mean(axis=0))
+                true = truth.carry_points(start)
+                area = area if math.isfinite(area) else size * truth.area_growth(start.mean(axis=0))
                 limit = accept_limit(area) if math.isfinite(area) else math.inf
                 opening = float(np.hypot(*(true[1] - true[0])))
                 seen = truth.present and (truth.sees is None or bool(truth.sees(true).all()))
@@ -210,17 +210,17 @@ class Score:
         self.frames.append(scored)
         return scored
 
-    def share(self, *statuses: str) -> float:
+    def status_share(self, *statuses: str) -> float:
         """Share of the frames with one of these statuses, 0 to 1."""
         return sum(f.status in statuses for f in self.frames) / len(self.frames) if self.frames else 0.0
 
     @property
     def located(self) -> float:
         """Share of the frames with contacts, 0 to 1."""
-        return self.share("tracked", "unstable")
+        return self.status_share("tracked", "unstable")
 
     @property
-    def errors(self) -> Floats:
+    def contact_errors(self) -> Floats:
         """(n,) px, of every contact of every located frame with truth, each contact for itself.
 
         The frame that defines a grasp is left out: it is right by definition; so is what was given with no object there.
@@ -234,7 +234,7 @@ class Score:
 
     def error_percentile(self, percent: float) -> float:
         """px; NaN where there is nothing to measure."""
-        return float(np.percentile(self.errors, percent)) if len(self.errors) else math.nan
+        return float(np.percentile(self.contact_errors, percent)) if len(self.contact_errors) else math.nan
 
     def latency_percentile(self, percent: float) -> float:
         """ms; NaN where there is nothing to measure."""

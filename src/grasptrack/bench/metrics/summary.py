@@ -108,7 +108,7 @@ def summarise_run(run: EvaluationRun) -> Summary:
     """
     cases = run.scored
 
-    def rows(of: Callable[[Case], str], names: Sequence[str]) -> tuple[Row, ...]:
+    def rows_by(of: Callable[[Case], str], names: Sequence[str]) -> tuple[Row, ...]:
         sorted_out = {name: [c for c in cases if of(c) == name] for name in names}
         return tuple(
             row_of(method, name, runs)
@@ -127,10 +127,10 @@ def summarise_run(run: EvaluationRun) -> Summary:
         groups=groups,
         shapes=shapes,
         group_of={c.disturbance: c.group for c in cases},
-        overall=rows(lambda _: ALL, (ALL,)),
-        by_level=rows(lambda c: c.disturbance, levels),
-        by_group=rows(lambda c: c.group, groups),
-        by_shape=rows(lambda c: c.shape, shapes),
+        overall=rows_by(lambda _: ALL, (ALL,)),
+        by_level=rows_by(lambda c: c.disturbance, levels),
+        by_group=rows_by(lambda c: c.group, groups),
+        by_shape=rows_by(lambda c: c.shape, shapes),
         worst={m: tuple(worst_frames(run, m)) for m in run.methods},
         reasons={m: tuple(_loss_reasons(run.runs(m, cases))) for m in run.methods},
     )

@@ -166,15 +166,15 @@ def at_a_glance(courses: Sequence[Course]) -> Table:
 def _measure_rows(footage: Footage, name: str, measures: Measures) -> list[Row]:
     """e_av and e_max of one measure by all strategies, in all units."""
 
-    def cells(fields: tuple[str, ...]) -> list[Cell]:
+    def list_cells(fields: tuple[str, ...]) -> list[Cell]:
         listed: list[Cell] = []
         for field in fields:
             listed += [float(getattr(m, field)) if isinstance(m, ErrorMeasure) else "refused" for m in measures]
         return listed
 
     return [
-        (footage.kind, footage.part.name, f"{name} (e_av)", *cells(("e_av", "average_px", "average_percent"))),
-        (footage.kind, footage.part.name, f"{name} (e_max)", *cells(("e_max", "maximum_px", "maximum_percent"))),
+        (footage.kind, footage.part.name, f"{name} (e_av)", *list_cells(("e_av", "average_px", "average_percent"))),
+        (footage.kind, footage.part.name, f"{name} (e_max)", *list_cells(("e_max", "maximum_px", "maximum_percent"))),
     ]
 
 

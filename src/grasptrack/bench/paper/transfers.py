@@ -99,14 +99,14 @@ def measure_reversibility(footage: Footage, strategy: str, frame: int) -> ErrorM
     if not isinstance(one, View) or not isinstance(other, View):
         return next(o for o in (one, other) if isinstance(o, str))
 
-    def carry(start: View, end: View, contacts: Floats) -> Floats:
+    def transfer_contacts(start: View, end: View, contacts: Floats) -> Floats:
         return transfer(Grasp(contacts), start, end, strategy).grasp.contacts
 
     try:
         return reversibility_error(
             footage.contacts(strategy),
-            lambda c: carry(one, other, c),
-            lambda c: carry(other, one, c),
+            lambda c: transfer_contacts(one, other, c),
+            lambda c: transfer_contacts(other, one, c),
             float(footage.areas[0]),
         )
     except Refused as error:

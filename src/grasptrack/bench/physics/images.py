@@ -234,10 +234,10 @@ class PlanarImages:
     def _render_scene(self, world: World, view: Renderer, K: Floats, camera_pose: Floats) -> Floats32:
         table = np.eye(4)
         table[:2, 3] = world.belt_travel()
-        image = view.ground(frames.plane_to_image(K, camera_pose, table))
+        image = view.render_background(frames.plane_to_image(K, camera_pose, table))
         part = world.part_pose()
         upper = frames.plane_to_image(K, camera_pose, part, self._setting.part.thickness)
-        view.lay(image, upper, foot=frames.plane_to_image(K, camera_pose, part))
+        view.draw_part(image, upper, foot=frames.plane_to_image(K, camera_pose, part))
         return image
 
 

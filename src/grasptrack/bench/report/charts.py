@@ -58,7 +58,7 @@ def time_charts(run: EvaluationRun, level: str, series: Methods, ends: tuple[flo
         for kind, stretches in zip(("gone", "partly"), out_of_view(some), strict=True):
             tip = "most of it out of view" if kind == "gone" else "partly out of view"
             for first, final in stretches:
-                chart.span(max(x.low, first - 0.5), min(x.high, final + 0.5), kind, tip)
+                chart.shade_span(max(x.low, first - 0.5), min(x.high, final + 0.5), kind, tip)
     for name in reversed(list(lines)):
         _time_lines(upper, lower, lines[name], series[name], band=len(cases) > 2)
     return upper, lower
@@ -66,9 +66,9 @@ def time_charts(run: EvaluationRun, level: str, series: Methods, ends: tuple[flo
 
 def _time_lines(upper: Chart, lower: Chart, t: OverTime, series: Series, band: bool) -> None:
     if band:
-        upper.band(t.frames, t.low, t.high, series)
-    upper.line(t.frames, t.median, series)
-    lower.line(t.frames, t.located, series)
+        upper.draw_band(t.frames, t.low, t.high, series)
+    upper.draw_line(t.frames, t.median, series)
+    lower.draw_line(t.frames, t.located, series)
 
 
 def error_ends(run: EvaluationRun, methods: Sequence[str]) -> tuple[float, float]:
@@ -86,7 +86,7 @@ def precision_chart(run: EvaluationRun, series: Methods, of_opening: bool) -> Ch
     x = Axis(f"error at most, {unit} {what}".strip(), 0.01, 30.0, "log", (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0))
     chart = Chart(f"Precision at a distance in {unit} {what}".strip(), x, Axis("share of frames", 0.0, 1.0, unit="%"))
     for name in reversed(list(series)):
-        chart.line(at, precision_curve(run.runs(name, run.scored), at, of_opening), series[name])
+        chart.draw_line(at, precision_curve(run.runs(name, run.scored), at, of_opening), series[name])
     return chart
 
 
@@ -107,10 +107,10 @@ def risk_chart(run: EvaluationRun, series: Methods) -> Chart:
     for name in reversed(list(ends)):
         curve = curves[name]
         if len(curve):
-            chart.line(np.append(0.0, curve[:, 1]), np.append(curve[0, 2], curve[:, 2]), series[name])
+            chart.draw_line(np.append(0.0, curve[:, 1]), np.append(curve[0, 2], curve[:, 2]), series[name])
         at = (float(curve[-1, 1]), float(curve[-1, 2])) if len(curve) else ends[name]
         tip = f"{name}: {format_number(100 * at[1], 2)} % wrong of the {format_number(100 * at[0], 3)} % answered"
-        chart.dot(*at, series[name], tip, hollow=not len(curve))
+        chart.draw_dot(*at, series[name], tip, hollow=not len(curve))
     return chart
 
 
@@ -122,7 +122,7 @@ def recovery_chart(run: EvaluationRun, series: Methods) -> Chart | None:
     for name in reversed(list(series)):
         shares, returns = recovery_curve(run.runs(name, run.scored), WAIT)
         if returns:
-            chart.stairs(np.arange(WAIT + 1), shares, series[name])
+            chart.draw_stairs(np.arange(WAIT + 1), shares, series[name])
             returned = True
     return chart if returned else None
 
@@ -145,10 +145,10 @@ def spread_chart(run: EvaluationRun, series: Methods, levels: Sequence[str]) -> 
     chart = Chart(f"Errors by {run.factor}", x, y, 640, height, (8, top, 22, 42), "both")
     for i, level in enumerate(levels):
         if i:
-            chart.separator(top + i * block)
-        chart.text(chart.left, top + i * block + 17, level, "strong")
+            chart.draw_separator(top + i * block)
+        chart.draw_text(chart.left, top + i * block + 17, level, "strong")
     for at, method, values, tip in rows:
-        chart.spread(values, at, series[method], tip)
+        chart.draw_spread(values, at, series[method], tip)
     return chart
 
 
@@ -171,11 +171,11 @@ def latency_chart(run: EvaluationRun, series: Methods) -> Chart:
         (wide, top, 22, 40),
         "both",
     )
-    chart.rule(CAMERA_MS, "30 frames/s")
+    chart.draw_rule(CAMERA_MS, "30 frames/s")
     for k, (method, values) in enumerate(known.items()):
         y = top + (k + 0.5) * step + 2
-        chart.text(chart.left - 8, y + 4, method, "end", series[method])
-        chart.spread(
+        chart.draw_text(chart.left - 8, y + 4, method, "end", series[method])
+        chart.draw_spread(
             values,
             y,
             series[method],

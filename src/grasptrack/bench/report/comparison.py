@@ -175,7 +175,7 @@ def compare_runs(a: Path, b: Path, *, seed: int = 0, draws: int = 500) -> Compar
         cases,
         tuple(n for n in level_of if n not in there),
         tuple(c.name for c in other.scored if c.name not in level_of),
-        tuple(_differences(one, other, methods, cases)),
+        tuple(_list_differences(one, other, methods, cases)),
         tuple(changes),
         tuple(_sequences_to_look_at(sequences)),
     )
@@ -228,7 +228,9 @@ def _sequences_to_look_at(sequences: Mapping[str, Mapping[str, Unit]]) -> list[L
     return sorted(found, key=lambda w: (-len(w.new_wrong), w.located[1] - w.located[0]))
 
 
-def _differences(one: EvaluationRun, other: EvaluationRun, methods: Sequence[str], cases: Sequence[str]) -> list[str]:
+def _list_differences(
+    one: EvaluationRun, other: EvaluationRun, methods: Sequence[str], cases: Sequence[str]
+) -> list[str]:
     """Sentences on options, versions, machines, methods, failures and frames that the runs do not share."""
     said = []
     for what in ("options", "versions"):

@@ -140,7 +140,7 @@ def write_page(
     """
     from markupsafe import Markup
 
-    environment, contents = _environment(), Contents()
+    environment, contents = _create_environment(), Contents()
     body = environment.get_template(template).render(contents=contents, series=series, **content)
     page = environment.get_template("page.html").render(
         title=title,
@@ -191,7 +191,7 @@ def cell_of(value: CellLike) -> Cell:
 
 
 @lru_cache
-def _environment() -> Environment:
+def _create_environment() -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     made = Environment(

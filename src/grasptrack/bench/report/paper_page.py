@@ -89,7 +89,7 @@ def _draw_charts(series: Sequence[Series], figures: Path) -> dict[str, Any]:
             y = Axis("error, px", *ends, "log")
             chart = Chart(f"Error over the frames, {setting}, {name}", x, y, 340, 216, (40, 26, 10, 40))
             for s, v in mine:
-                chart.line(np.arange(1, len(v) + 1), v, palette[s.strategy])
+                chart.draw_line(np.arange(1, len(v) + 1), v, palette[s.strategy])
             parts.append(Figure(name, "", keep_chart(figures, f"error-{setting}-{name}", chart, palette)))
     low, high = log_range(np.concatenate([v for _, v in values]), 1e-3, 1e3, floor=100.0)
     at, precision = np.geomspace(low, high, 141), []
@@ -100,7 +100,7 @@ def _draw_charts(series: Sequence[Series], figures: Path) -> dict[str, Any]:
             pooled = [v for s, v in values if _setting_name(s) == setting and s.strategy == strategy]
             if pooled:
                 errors = np.concatenate(pooled)
-                chart.line(at, cumulative_share(np.where(np.isnan(errors), np.inf, errors), at), palette[strategy])
+                chart.draw_line(at, cumulative_share(np.where(np.isnan(errors), np.inf, errors), at), palette[strategy])
         drawn = keep_chart(figures, f"precision-{setting}", chart, palette)
         precision.append(Figure(_capitalize_first(setting), "", drawn))
     return {"over_frames": over_frames, "precision": precision, "error_table": _error_table(values)}

@@ -133,32 +133,32 @@ def _draw_charts(
 ) -> dict[str, Any]:
     """All charts by the section in which they stand; each is a file of its own, too."""
 
-    def keep(name: str, chart: Chart) -> str:
+    def save_chart(name: str, chart: Chart) -> str:
         return keep_chart(figures, name, chart, series, first)
 
     ends, over_time = charts.error_ends(run, summary.methods), []
     for i, level in enumerate(summary.levels):
         upper, lower = charts.time_charts(run, level, series, ends)
-        drawn = keep(f"error-over-time-{level}", upper) + keep(f"located-over-time-{level}", lower)
+        drawn = save_chart(f"error-over-time-{level}", upper) + save_chart(f"located-over-time-{level}", lower)
         over_time.append(Figure(level, summary.group_of.get(level, ""), drawn))
         tell("charts", i + 1, len(summary.levels))
-    confidence = [Figure("Risk over coverage", "", keep("risk-coverage", charts.risk_chart(run, series)))]
+    confidence = [Figure("Risk over coverage", "", save_chart("risk-coverage", charts.risk_chart(run, series)))]
     recovery = charts.recovery_chart(run, series)
     if recovery is not None:
-        confidence.append(Figure("Frames until recovery", "", keep("recovery", recovery)))
+        confidence.append(Figure("Frames until recovery", "", save_chart("recovery", recovery)))
     return {
         "over_time": over_time,
         "precision": [
-            Figure("In px", "", keep("precision-px", charts.precision_chart(run, series, False))),
+            Figure("In px", "", save_chart("precision-px", charts.precision_chart(run, series, False))),
             Figure(
                 "In per cent of the grasp's opening",
                 "",
-                keep("precision-opening", charts.precision_chart(run, series, True)),
+                save_chart("precision-opening", charts.precision_chart(run, series, True)),
             ),
         ],
-        "spread": keep("errors", charts.spread_chart(run, series, summary.levels)),
+        "spread": save_chart("errors", charts.spread_chart(run, series, summary.levels)),
         "confidence": confidence,
-        "latency": [Figure("", "", keep("latency", charts.latency_chart(run, series)))],
+        "latency": [Figure("", "", save_chart("latency", charts.latency_chart(run, series)))],
     }
 
 
@@ -204,14 +204,14 @@ def _best_methods(summary: Summary) -> Best | None:
     if len(rows) < 2:
         return None
 
-    def top(of: Callable[[Row], float], among: Sequence[Row]) -> list[Row]:
+    def lowest_rows(of: Callable[[Row], float], among: Sequence[Row]) -> list[Row]:
         known = [r for r in among if not math.isnan(of(r))]
         return [r for r in known if of(r) == min(map(of, known))]
 
     return Best(
-        top(lambda r: float(r.measures.false_accepts), rows),
-        top(lambda r: -r.measures.located_whole, rows),
-        top(lambda r: r.measures.median_px, [r for r in rows if r.measures.located_whole >= ENOUGH]),
+        lowest_rows(lambda r: float(r.measures.false_accepts), rows),
+        lowest_rows(lambda r: -r.measures.located_whole, rows),
+        lowest_rows(lambda r: r.measures.median_px, [r for r in rows if r.measures.located_whole >= ENOUGH]),
     )
 
 

@@ -47,26 +47,27 @@ def to_text(table: Table) -> str:
     widths = [max(len(row[i]) for row in [list(table.head), *cells]) for i in range(len(table.head))]
     right = [_is_number(table, i) for i in range(len(table.head))]
 
-    def line(row: list[str]) -> str:
+    def format_row(row: list[str]) -> str:
         padded = (c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right, strict=True))
         return "  ".join(padded).rstrip()
 
     ruled = "  ".join("-" * w for w in widths)
-    body = [f"Table {table.number}. {table.title}", "", line(list(table.head)), ruled, *map(line, cells)]
+    body = [f"Table {table.number}. {table.title}", "", format_row(list(table.head)), ruled, *map(format_row, cells)]
     return "\n".join([*body, *([""] if table.notes else []), *table.notes]) + "\n"
 
 
 def to_markdown(table: Table) -> str:
     """A Markdown table, numbers to the right, notes below."""
 
-    def line(row: list[str]) -> str:
+    def format_row(row: list[str]) -> str:
         return "| " + " | ".join(c.replace("|", "\\|") for c in row) + " |"
 
     rule = "|" + "|".join("---:" if _is_number(table, i) else "---" for i in range(len(table.head))) + "|"
-    body = [line([format_cell(c) for c in row]) for row in table.rows]
+    body = [format_row([format_cell(c) for c in row]) for row in table.rows]
     notes = [part for note in table.notes for part in ("", note)]
     return (
-        "\n".join([f"**Table {table.number}.** {table.title}", "", line(list(table.head)), rule, *body, *notes]) + "\n"
+        "\n".join([f"**Table {table.number}.** {table.title}", "", format_row(list(table.head)), rule, *body, *notes])
+        + "\n"
     )
 
 

@@ -145,11 +145,11 @@ def _add_tab_or_notch(
     if total < 4.0 * width:
         return None
 
-    def at(s: float) -> Floats:
+    def point_at(s: float) -> Floats:
         i = min(int(np.searchsorted(run, s % total, side="right")) - 1, len(ring) - 1)
         return np.asarray(ring[i] + sides[i] * ((s % total - run[i]) / max(run[i + 1] - run[i], 1e-300)))
 
-    a, b = at(start), at(start + width)
+    a, b = point_at(start), point_at(start + width)
     chord = b - a
     length = float(np.hypot(chord[0], chord[1]))
     if length < straight * width:  # a bend
@@ -169,7 +169,7 @@ def _add_tab_or_notch(
     if inside.any() if depth > 0.0 else not inside.all():
         return None
     far = np.linspace(width + 0.05, total - 0.05, 400)
-    others = np.concatenate([np.array([at(start + s) for s in far]), *(h for h in shape.holes)])
+    others = np.concatenate([np.array([point_at(start + s) for s in far]), *(h for h in shape.holes)])
     # Near its feet the bump is near the outline it grew from; there, only its far side has to be clear.
     face = probes[8:16]
     gap = np.sqrt(((face[:, None] - others[None]) ** 2).sum(axis=2)).min()

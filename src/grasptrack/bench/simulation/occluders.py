@@ -236,16 +236,16 @@ def hand_over(
     ring = ring @ np.array([[c, s], [-s, c]]) + aside * np.array([-s, c])
     points = shape.samples(400)
 
-    def hidden(depth: float) -> float:
+    def hidden_share(depth: float) -> float:
         return float(inside_polygons([ring + depth * forward], points).mean())
 
     depths = np.arange(-shape.radius() - 1.5, 1.2, 0.1).tolist()
-    shares = [hidden(depth) for depth in depths]
+    shares = [hidden_share(depth) for depth in depths]
     first = next((i for i, h in enumerate(shares) if h >= share), int(np.argmax(shares)))
     low, rest = depths[max(0, first - 1)], depths[first]
     for _ in range(8):
         middle = 0.5 * (low + rest)
-        low, rest = (low, middle) if hidden(middle) >= min(share, shares[first]) else (middle, rest)
+        low, rest = (low, middle) if hidden_share(middle) >= min(share, shares[first]) else (middle, rest)
     return Laid(
         ring=ring + rest * forward,
         away=-forward * (view + shape.radius() + 1.6),
@@ -278,14 +278,14 @@ def bar_over(
     across = np.array([-along[1], along[0]])
     place = np.sort(shape.samples(2000) @ along)
 
-    def most(width: float) -> float:
+    def largest_share(width: float) -> float:
         count = np.searchsorted(place, place + width, side="right") - np.arange(len(place))
         return float(count.max()) / len(place)
 
     low, high = 0.0, float(place[-1] - place[0])
     for _ in range(30):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if most(middle) <= share else (low, middle)
+        low, high = (middle, high) if largest_share(middle) <= share else (low, middle)
     a, b = 0.5 * low * along, (view + 0.8) * across
     ring = np.array([-a - b, a - b, a + b, b - a])
     return Laid(ring, -along * (view + low + 0.4), times, leave="on", colour=colour)
@@ -340,14 +340,14 @@ def irregular_over(
     aside = 0.15 * np.sin(2.0 * math.pi * 1.3 * u + float(rng.uniform(0.0, 6.3)))
     wanted = share * (0.62 + 0.33 * np.sin(2.0 * math.pi * 2.2 * u + float(rng.uniform(0.0, 6.3))))
 
-    def placed(i: int, depth: float) -> tuple[Floats, Floats]:
+    def place_ring(i: int, depth: float) -> tuple[Floats, Floats]:
         way = -np.array([math.cos(side[i]), math.sin(side[i])])
         shift = depth * way + aside[i] * np.array([-way[1], way[0]])
         c, s = way
         return ring @ np.array([[c, s], [-s, c]]) + shift, shift
 
-    def hidden(i: int, depth: float) -> float:
-        return float(inside_polygons([placed(i, depth)[0]], points).mean())
+    def hidden_share(i: int, depth: float) -> float:
+        return float(inside_polygons([place_ring(i, depth)[0]], points).mean())
 
     keys = np.unique(np.linspace(0, frames - 1, KEYS).astype(int))
     depths = []
@@ -355,11 +355,11 @@ def irregular_over(
         low, high = -shape.radius() - 0.5, shape.radius()
         for _ in range(12):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if hidden(int(i), middle) < wanted[i] else (low, middle)
+            low, high = (middle, high) if hidden_share(int(i), middle) < wanted[i] else (low, middle)
         depths.append(low)
     depth = np.interp(np.arange(frames), keys, depths)
     for i in range(frames):
-        while hidden(i, depth[i]) > share:
+        while hidden_share(i, depth[i]) > share:
             depth[i] -= 0.01
     apart = np.abs(np.arange(frames)[:, None] - np.arange(frames))
     depth = (depth + SLOW / frames * apart).min(axis=1)  # nowhere farther in than allowed, and never faster
@@ -368,7 +368,7 @@ def irregular_over(
     depth -= come * come * (3.0 - 2.0 * come) * (view + shape.radius())
     way = np.full((frames, 2), np.nan)
     for i in range(max(1, math.ceil(start)), frames):
-        way[i] = placed(i, depth[i])[1]
+        way[i] = place_ring(i, depth[i])[1]
     colour = SKINS[int(rng.integers(len(SKINS)))]
     return Drifting(ring, way, turn=side + math.pi, colour=colour, relief=0.3)
 

@@ -322,7 +322,7 @@ def drift_out_of_view(
     way = -ramp[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
     limit = np.array([camera.width - 1, camera.height - 1])
 
-    def most(distance: float) -> float:
+    def largest_share(distance: float) -> float:
         points = _project_outline(shape, replace(path, target=path.target + distance * way), camera, 120)
         return float(1.0 - np.all((points >= 0.0) & (points <= limit), axis=2).mean(axis=1).min())
 
@@ -330,6 +330,6 @@ def drift_out_of_view(
     high += shape.radius()
     for _ in range(14):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if most(middle) < share else (low, middle)
+        low, high = (middle, high) if largest_share(middle) < share else (low, middle)
     farther = high + 0.15 if share >= 1.0 else low
     return replace(path, target=path.target + farther * way)

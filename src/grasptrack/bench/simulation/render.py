@@ -195,18 +195,18 @@ class Renderer:
         self.blur = blur
         self.colour = colour
         self.camera = camera if camera is not None else Camera(width, height)
-        self._table = self._seen(table)
-        self._surface = self._seen(surface)
+        self._table = self._match_channels(table)
+        self._surface = self._match_channels(surface)
         self._fall: tuple[Conditions, Floats32] | None = None
         self._rays: Floats32 | None = None
         if self.camera.distorted:
             grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
             self._rays = self.camera.undistort(grid.reshape(-1, 2)).reshape(height, width, 2).astype(np.float32)
 
-    def _seen(self, texture: Texture) -> Texture:
+    def _match_channels(self, texture: Texture) -> Texture:
         return texture.coloured if self.colour else texture.grey
 
-    def outline(self, H: Projection, shape: Shape | None = None) -> tuple[Floats, ...]:
+    def project_outline(self, H: Projection, shape: Shape | None = None) -> tuple[Floats, ...]:
         """The polygons in px of the part, or of another shape, under H, from its plane to ideal px."""
         polygons = (self.shape if shape is None else shape).polygons
         if self.camera.distorted or isinstance(H, RollingShutter):
@@ -215,25 +215,25 @@ class Renderer:
             return tuple(H.project(p, self.camera) for p in polygons)
         return tuple(self.camera.distort(apply_homography(H, p)) for p in polygons)
 
-    def light(self, H: Floats, slide: Floats | None = None) -> Floats32:
+    def render_light(self, H: Floats, slide: Floats | None = None) -> Floats32:
         """(height, width) or (height, width, 3) grey levels of part and table before light, cover and noise.
 
         Args:
             H: (3, 3) table to ideal px.
             slide: (2,) table units by which the table's texture has moved under the part.
         """
-        image = self.ground(H, slide)
-        self.lay(image, H)
+        image = self.render_background(H, slide)
+        self.draw_part(image, H)
         return image
 
-    def ground(self, H: Projection, slide: Floats | None = None) -> Floats32:
-        """The table alone; arguments as for `light`."""
+    def render_background(self, H: Projection, slide: Floats | None = None) -> Floats32:
+        """The table alone; arguments as for `render_light`."""
         moved = np.eye(3)
         if slide is not None:
             moved[:2, 2] = slide
-        return self._warp(self._table, H @ moved)
+        return self._warp_texture(self._table, H @ moved)
 
-    def lay(
+    def draw_part(
         self,
         image: Floats32,
         H: Projection,
@@ -246,22 +246,22 @@ class Renderer:
         """Draws the part over the image, in place.
 
         Args:
-            image: what `ground` gave.
+            image: what `render_background` gave.
             H: (3, 3) plane of the part's upper face to ideal px.
             shape: another one in its place.
             surface: its texture, else that of the part.
             foot: (3, 3) plane of its lower face to ideal px, of a thick part: its sides are drawn too.
             shade: brightness of those sides, as a share of the upper face's mean.
         """
-        above = self._surface if surface is None else self._seen(surface)
-        polygons = self.outline(H, shape)
-        lower = self.outline(foot, shape) if foot is not None else ()
+        above = self._surface if surface is None else self._match_channels(surface)
+        polygons = self.project_outline(H, shape)
+        lower = self.project_outline(foot, shape) if foot is not None else ()
         box = self._bounding_box([*polygons, *lower])
         if box is None:
             return
         x0, y0, x1, y1 = box
         share = self._coverage_in_box(polygons, box)
-        face = self._warp(above, H, box)
+        face = self._warp_texture(above, H, box)
         corner = np.array([x0, y0])
         sides = (
             side_faces([p - corner for p in polygons], [p - corner for p in lower], x1 - x0, y1 - y0, self.blur)
@@ -279,7 +279,7 @@ class Renderer:
         part *= np.maximum(1.0 - share - beside, 0.0)
         part += share * face + bright * level
 
-    def cover(self, image: Floats32, cover: Cover, polygon: Floats) -> None:
+    def draw_occluder(self, image: Floats32, cover: Cover, polygon: Floats) -> None:
         """Draws what lies in front over the image, in place."""
         box = self._bounding_box((polygon,))
         if box is None:
@@ -293,13 +293,13 @@ class Renderer:
             above = above * (1.0 - (round_off[..., None] if self.colour else round_off))
         self._blend_box(image, box, share, np.asarray(above, dtype=np.float32))
 
-    def shade(self, image: Floats32, shadow: Shadow, index: int) -> None:
+    def apply_shadow(self, image: Floats32, shadow: Shadow, index: int) -> None:
         """Takes the light of a shadow away, in place."""
         light = shadow.light(index, *self.size)
         if light is not None:
             image *= light[..., None] if self.colour else light
 
-    def dazzle(self, image: Floats32, ring: Floats, softness: float) -> None:
+    def apply_glare(self, image: Floats32, ring: Floats, softness: float) -> None:
         """Adds the light of a glare, in place: as much as saturates within the ring, less and less around it."""
         corners = (ring.min(axis=0) - 4.0 * softness, ring.max(axis=0) + 4.0 * softness)
         x0, y0 = np.clip(np.floor(corners[0]), 0, self.size).astype(int).tolist()
@@ -309,7 +309,7 @@ class Renderer:
         field = pixel_coverage([ring - np.array([x0, y0])], x1 - x0, y1 - y0, max(0.4, softness)) * np.float32(DAZZLE)
         image[y0:y1, x0:x1] += field[..., None] if self.colour else field
 
-    def expose(
+    def expose_image(
         self, image: Floats32, rng: np.random.Generator, conditions: Conditions, *, gain: float = 1.0
     ) -> NDArray[np.uint8]:
         """8 bit from grey levels: uneven light, gain, noise, compression."""
@@ -332,7 +332,7 @@ class Renderer:
         taken = np.asarray(cv2.convertScaleAbs(image), dtype=np.uint8)
         return _compress_jpeg(taken, conditions.jpeg) if conditions.jpeg > 0 else taken
 
-    def _warp(self, texture: Texture, H: Projection, box: Box | None = None) -> Floats32:
+    def _warp_texture(self, texture: Texture, H: Projection, box: Box | None = None) -> Floats32:
         """The texture's picture under H, in the whole image or in a box of it."""
         x0, y0, x1, y1 = box if box is not None else (0, 0, *self.size)
         to_box = np.array([[1.0, 0.0, -x0], [0.0, 1.0, -y0], [0.0, 0.0, 1.0]])

@@ -247,26 +247,26 @@ class Scene:
         shutter = self._shutter(index)
         image = self.exposed_light(index)
         if self.conditions.shadow is not None:
-            view.shade(image, self.conditions.shadow, index)
+            view.apply_shadow(image, self.conditions.shadow, index)
         covers = []
         spot = glare.ring(index) if glare is not None else None
         if glare is not None and spot is not None:
-            view.dazzle(image, spot, glare.softness)
+            view.apply_glare(image, spot, glare.softness)
             covers.append(spot)
         for cover in self.covers:
             polygon = cover.polygon(index, H, self.camera)
             if polygon is not None:
-                view.cover(image, cover, polygon)
+                view.draw_occluder(image, cover, polygon)
                 covers.append(polygon)
         phase = np.random.default_rng((self.seed, 18)).uniform(0.0, 2.0 * math.pi)
         gain = self.conditions.gain(index, self.count, phase)
         return SceneFrame(
             index=index,
             time=index / self.fps,
-            image=view.expose(image, rng, self.conditions, gain=gain),
+            image=view.expose_image(image, rng, self.conditions, gain=gain),
             name=f"{self.name}, frame {index}",
             H_current_reference=self.homography(index),
-            outline=view.outline(H if shutter is None else shutter) if guest is None else (),
+            outline=view.project_outline(H if shutter is None else shutter) if guest is None else (),
             covers=tuple(covers),
             present=guest is None,
             camera=self.camera,
@@ -304,13 +304,13 @@ class Scene:
         table: Projection = pose.table_to_image(self.camera)[0]
         rolling, slide = self._shutter(index, offset, table=True), self.slide * time
         if rolling is None:
-            image = view.ground(table, slide)
+            image = view.render_background(table, slide)
         else:
             table = rolling
             late = np.linspace(-0.5, 0.5, KNOTS) * self.conditions.readout
             moved = np.tile(np.eye(3), (KNOTS, 1, 1))
             moved[:, :2, 2] = slide + late[:, None] * self.slide
-            image = view.ground(rolling @ moved)
+            image = view.render_background(rolling @ moved)
         thick = self.thickness > 0.0
         plane: Projection = table
         if thick:
@@ -319,7 +319,7 @@ class Scene:
         for item in self.distractors:
             place = item.place(time)
             tall = thick and not item.flat
-            view.lay(
+            view.draw_part(
                 image,
                 (plane if tall else table) @ place,
                 shape=item.shape,
@@ -329,7 +329,7 @@ class Scene:
             )
         if guest is not None and guest.shape is None:
             return image
-        view.lay(
+        view.draw_part(
             image,
             plane,
             shape=guest.shape if guest is not None else None,
@@ -406,4 +406,4 @@ def still_life(seed: int = 3, *, width: int = 640, height: int = 480) -> NDArray
         together, plain_texture(seed), brushed_texture(seed), width=width, height=height, blur=light.blur, colour=True
     )
     rng = np.random.default_rng((seed, 19))
-    return view.expose(view.light(H), rng, light)
+    return view.expose_image(view.render_light(H), rng, light)

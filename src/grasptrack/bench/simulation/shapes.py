@@ -166,7 +166,7 @@ def u_clip() -> Shape:
 def puzzle_piece() -> Shape:
     """A jigsaw piece: two knobs, one socket, one straight side."""
 
-    def side(out: float, at: float) -> list[tuple[float, float]]:
+    def draw_side(out: float, at: float) -> list[tuple[float, float]]:
         """From (0, 0) to (1, 0), the knob to negative y when out > 0."""
         knob = arc_points(at, -0.145, 0.15, 130, 410)
         neck = ((at - 0.096, 0.0), *knob.tolist(), (at + 0.096, 0.0))
@@ -175,7 +175,7 @@ def puzzle_piece() -> Shape:
     ring: list[tuple[float, float]] = []
     for turn, (out, at) in enumerate(((1.0, 0.5), (-1.0, 0.46), (1.0, 0.55), (0.0, 0.0))):
         c, s = round(math.cos(turn * math.pi / 2)), round(math.sin(turn * math.pi / 2))
-        for x, y in side(out, at) if out else [(0.0, 0.0)]:
+        for x, y in draw_side(out, at) if out else [(0.0, 0.0)]:
             u, v = x - 0.5, y - 0.5
             ring.append((c * u - s * v, s * u + c * v))
     return Shape.of("puzzle-piece", ring)
@@ -269,14 +269,14 @@ def door_key() -> Shape:
 def ring_wrench() -> Shape:
     """A dog-bone wrench: a hexagon of another size at each end."""
 
-    def hexagon(x: float, radius: float) -> list[tuple[float, float]]:
+    def hexagon_points(x: float, radius: float) -> list[tuple[float, float]]:
         a = [math.radians(60 * k + 15) for k in range(6)]
         return [(x + radius * math.cos(t), radius * math.sin(t)) for t in a]
 
     left, right = arc_points(-1.1, 0.0, 0.5, 28, 332), arc_points(1.1, 0.0, 0.42, -148, 148)
     waist = round_corners([(0.55, 0.14), (-0.45, 0.14)], 0.0)
     ring = np.concatenate([left, waist[::-1] * [1, -1], right, waist])
-    return Shape.of("ring-wrench", ring, [hexagon(-1.1, 0.3), hexagon(1.1, 0.24)])
+    return Shape.of("ring-wrench", ring, [hexagon_points(-1.1, 0.3), hexagon_points(1.1, 0.24)])
 
 
 def table_fork() -> Shape:

@@ -131,11 +131,11 @@ def _in_view(s: Setting, path: Path, share: float) -> Callable[[Shape], bool]:
     camera = Camera(s.width, s.height)
     H, limit = path.table_to_image(camera)[0], np.array([s.width - 1, s.height - 1])
 
-    def fits(shape: Shape) -> bool:
+    def fits_view(shape: Shape) -> bool:
         seen = apply_homography(H, shape.samples(120))
         return bool(np.all((seen >= 0.0) & (seen <= limit), axis=1).mean() >= share)
 
-    return fits
+    return fits_view
 
 
 def _nearest_place_outside(s: Setting, path: Path, direction: float, turn: float) -> tuple[float, float]:

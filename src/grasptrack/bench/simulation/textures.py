@@ -109,16 +109,16 @@ def _texture_maker(
     """
     usual = {"size": size, "extent": extent, "colour": colour, "contrast": 1.0}
 
-    def decorate(relief: Callable[..., Floats32]) -> Callable[..., Texture]:
-        def make(seed: int = 0, **options: Any) -> Texture:
+    def wrap_relief(relief: Callable[..., Floats32]) -> Callable[..., Texture]:
+        def make_texture(seed: int = 0, **options: Any) -> Texture:
             told = {**usual, **options}
             value = relief(np.random.default_rng((seed, stream)), **told)
             return Texture(tint_relief(value, told["colour"]), told["extent"])
 
-        make.__name__, make.__doc__ = relief.__name__, relief.__doc__
-        return make
+        make_texture.__name__, make_texture.__doc__ = relief.__name__, relief.__doc__
+        return make_texture
 
-    return decorate
+    return wrap_relief
 
 
 @_texture_maker(13, size=768, extent=1.6, colour=(66, 54, 47))

@@ -63,7 +63,7 @@ class Followed(NamedTuple):
     answers: Answers
 
 
-def followed(case: SceneCase) -> Followed:
+def track_case(case: SceneCase) -> Followed:
     """One rendered sequence, followed from its first image on."""
     scene = case.scene()
     start = Start(chosen_grasp(scene[0].outline), scene[0].outline, case.size)
@@ -95,7 +95,7 @@ def followed_frames(name: str, start: Start, frames: Iterable[Shown]) -> Followe
             if known and result.covariance is not None:
                 least = min(way, last)
                 own = result.covariance - (NUMBERS.exposed * least) ** 2 * np.eye(2)
-                off += list(result.contacts - truth.carried(first))
+                off += list(result.contacts - truth.carry_points(first))
                 covariance += list(own / NUMBERS.inflate**2)
                 moved += [least] * len(result.contacts)
             last = way
@@ -109,15 +109,15 @@ def followed_frames(name: str, start: Start, frames: Iterable[Shown]) -> Followe
     )
 
 
-def covariances(sequence: Followed, inflate: float, exposed: float) -> Floats:
+def inflate_covariances(sequence: Followed, inflate: float, exposed: float) -> Floats:
     """(n, 2, 2) px^2 as they would be told."""
     more = (exposed * sequence.moved) ** 2 + LEAST
     return np.asarray(inflate**2 * sequence.covariance + more[:, None, None] * np.eye(2))
 
 
-def distances(sequence: Followed, inflate: float, exposed: float) -> Floats:
+def mahalanobis_distances(sequence: Followed, inflate: float, exposed: float) -> Floats:
     """(n,) squared, of the contacts from where they are, in their covariance."""
-    C = covariances(sequence, inflate, exposed)
+    C = inflate_covariances(sequence, inflate, exposed)
     return np.asarray(np.einsum("ni,ni->n", sequence.off, np.linalg.solve(C, sequence.off[:, :, None])[:, :, 0]))
 
 
@@ -130,22 +130,22 @@ class Tried(NamedTuple):
     size: Floats
 
 
-def tried(sequence: Followed) -> Tried:
+def evaluate_grid(sequence: Followed) -> Tried:
     """See there."""
-    held = [float(np.sum(distances(sequence, *numbers) < WITHIN)) for numbers in GRID]
-    size = [float(np.mean(np.linalg.slogdet(covariances(sequence, *numbers))[1])) for numbers in GRID]
+    held = [float(np.sum(mahalanobis_distances(sequence, *numbers) < WITHIN)) for numbers in GRID]
+    size = [float(np.mean(np.linalg.slogdet(inflate_covariances(sequence, *numbers))[1])) for numbers in GRID]
     return Tried(sequence.disturbance, len(sequence.off), np.array(held), np.array(size))
 
 
-def within(sequences: Sequence[Followed], inflate: float, exposed: float) -> dict[str, float]:
+def coverage_shares(sequences: Sequence[Followed], inflate: float, exposed: float) -> dict[str, float]:
     """Share of the contacts in their 95 % ellipses, by disturbance."""
     found: dict[str, list[Floats]] = {}
     for sequence in sequences:
-        found.setdefault(sequence.disturbance, []).append(distances(sequence, inflate, exposed))
+        found.setdefault(sequence.disturbance, []).append(mahalanobis_distances(sequence, inflate, exposed))
     return {name: float(np.mean(np.concatenate(parts) < WITHIN)) for name, parts in found.items()}
 
 
-def fitted(tried: list[Tried], chosen: NDArray[np.int64]) -> Floats:
+def fit_inflation(tried: list[Tried], chosen: NDArray[np.int64]) -> Floats:
     """(2,) inflate and exposed: the sharpest with which the contacts of every disturbance are held.
 
     Sharpness subject to calibration (Gneiting, Balabdaoui and Raftery 2007). Where none holds all of them, what holds most of
@@ -172,20 +172,20 @@ def fitted(tried: list[Tried], chosen: NDArray[np.int64]) -> Floats:
 def followed_or_none(case: SceneCase | RealCase) -> Followed | None:
     """One sequence; None where it holds no grasp, or nothing was located."""
     try:
-        found = followed(case) if isinstance(case, SceneCase) else followed_real(case)
+        found = track_case(case) if isinstance(case, SceneCase) else followed_real(case)
     except GraspTrackError:
         return None
     return found if len(found.off) else None
 
 
-def run(cases: Sequence[SceneCase | RealCase], workers: int) -> list[Followed]:
+def track_cases(cases: Sequence[SceneCase | RealCase], workers: int) -> list[Followed]:
     """All sequences that tell something."""
     return [found for found in common.run_all(followed_or_none, cases, workers) if found is not None]
 
 
 def main() -> None:
     """Fit, write, show."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--frames", type=int, default=30)
     parser.add_argument(
         "--seed", type=int, default=91, help="of the sequences that are fitted to; those of the next show it"
@@ -207,23 +207,25 @@ def main() -> None:
     videos = videos_of(asked.real) if asked.real else []
     fitted_to, shown_on = (videos[::2], videos[1::2]) if asked.fit_real else ([], videos)
 
-    def sequences(parts: str, seed: int, real: Sequence[RealCase]) -> list[Followed]:
+    def choose_sequences(parts: str, seed: int, real: Sequence[RealCase]) -> list[Followed]:
         scenes = make_scene_cases(
             built_in(parts.split(",")), asked.disturbances.split(","), frames=asked.frames, seed=seed
         )
-        return run([*scenes, *real], asked.workers)
+        return track_cases([*scenes, *real], asked.workers)
 
-    fit = sequences(asked.parts, asked.seed, fitted_to)
-    table = [tried(sequence) for sequence in fit]
-    best = fitted(table, np.arange(len(fit)))
+    fit = choose_sequences(asked.parts, asked.seed, fitted_to)
+    table = [evaluate_grid(sequence) for sequence in fit]
+    best = fit_inflation(table, np.arange(len(fit)))
     rng = np.random.default_rng(asked.seed)
-    drawn = np.array([fitted(table, rng.integers(len(fit), size=len(fit))) for _ in range(DRAWS)])
+    drawn = np.array([fit_inflation(table, rng.integers(len(fit), size=len(fit))) for _ in range(DRAWS)])
     low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
-    common.heading("Calibration")
+    common.begin_section("Calibration")
     count = sum(len(s.off) for s in fit)
-    common.say(f"{count} contacts of {len(fit)} sequences, seed {asked.seed}; intervals of 95 % by resampling them.")
+    common.add_paragraph(
+        f"{count} contacts of {len(fit)} sequences, seed {asked.seed}; intervals of 95 % by resampling them."
+    )
     names = "inflate", "exposed"
-    common.table(("number", "now", "fitted", "from", "to"), [
+    common.add_table(("number", "now", "fitted", "from", "to"), [
         (name, getattr(NUMBERS, name), *(float(v[k]) for v in (best, low, high))) for k, name in enumerate(names)
     ])  # fmt: skip
     if asked.write:
@@ -234,17 +236,17 @@ def main() -> None:
             told[name] = {"value": value, "from": least, "to": most, "by": by}
         common.write_numbers(asked.write, told)
         read_numbers(asked.write)
-        common.say(f"Written: `{asked.write.name}`.")
-    show = sequences(asked.others, asked.seed + 1, shown_on)
-    common.say(
+        common.add_paragraph(f"Written: `{asked.write.name}`.")
+    show = choose_sequences(asked.others, asked.seed + 1, shown_on)
+    common.add_paragraph(
         f"In the 95 % ellipses, of {sum(len(s.off) for s in show)} contacts of other parts and videos, seed {asked.seed + 1}:"
     )
-    now, then = within(show, NUMBERS.inflate, NUMBERS.exposed), within(show, *best)
+    now, then = coverage_shares(show, NUMBERS.inflate, NUMBERS.exposed), coverage_shares(show, *best)
     rows = [(name, f"{100 * share:.0f} %", f"{100 * then[name]:.0f} %") for name, share in now.items()]
-    common.table(("disturbance", "now", "fitted"), rows)
-    common.say(f"Answers at --risk {RISK:g} in the same sequences, with the numbers as they are now:")
-    common.table(HEAD, rows_of(bins_of([sequence.answers for sequence in show])))
-    common.finish(asked.output)
+    common.add_table(("disturbance", "now", "fitted"), rows)
+    common.add_paragraph(f"Answers at --risk {RISK:g} in the same sequences, with the numbers as they are now:")
+    common.add_table(HEAD, rows_of(bins_of([sequence.answers for sequence in show])))
+    common.write_sections(asked.output)
 
 
 if __name__ == "__main__":

@@ -28,27 +28,27 @@ def sample_covariances(rng: np.random.Generator, fingers: int, sigma: float) -> 
     return np.asarray(C * (2.0 * sigma**2 / np.trace(C, axis1=1, axis2=2))[:, None, None])
 
 
-def figures(sigma: float, drawn: Floats, draws: int) -> list[str]:
+def probability_row(sigma: float, drawn: Floats, draws: int) -> list[str]:
     """Of grasps (n, 3): the probability given, and the shares that close when slid along the outline, and when moved to it."""
     chance, slid, snapped = drawn.T
 
-    def above(share: Floats) -> str:
+    def count_above(share: Floats) -> str:
         noise = np.sqrt(np.maximum(share * (1.0 - share), 1.0 / draws) / draws)
         return str(int((chance > share + 3.0 * noise).sum()))
 
     less = slid - chance
     shares = (slid.mean(), chance.mean(), np.median(less), np.percentile(less, 95))
-    return [f"{sigma:g}", str(len(drawn)), *(f"{v:.3f}" for v in shares), above(slid), above(snapped)]
+    return [f"{sigma:g}", str(len(drawn)), *(f"{v:.3f}" for v in shares), count_above(slid), count_above(snapped)]
 
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--shapes", default=",".join(SHAPES))
     parser.add_argument("--draws", type=int, default=500)
     parser.add_argument("--grasps", type=int, default=3, help="of each part: the best, the tenth, and between")
     asked = parser.parse_args()
-    common.heading("The chance of closing")
+    common.begin_section("The chance of closing")
     rng, rows = np.random.default_rng(0), []
     for fingers in (2, 3):
         found: dict[float, list[tuple[float, float, float]]] = {sigma: [] for sigma in SIGMAS}
@@ -72,11 +72,15 @@ def main() -> None:
                     found[sigma].append((chance_of_closing(regions, C, TILTED), slid, snapped))
         C = sample_covariances(rng, fingers, 0.3)
         spent = 1e6 * np.median(common.time_calls(chance_of_closing, [(regions, C, TILTED, current)] * 300))
-        rows += [[str(fingers), *figures(sigma, np.array(grasps), asked.draws)] for sigma, grasps in found.items()]
-        common.say(f"{fingers} fingers: regions {np.median(once):.1f} ms once, chance {spent:.1f} us a frame.")
+        rows += [
+            [str(fingers), *probability_row(sigma, np.array(grasps), asked.draws)] for sigma, grasps in found.items()
+        ]
+        common.add_paragraph(
+            f"{fingers} fingers: regions {np.median(once):.1f} ms once, chance {spent:.1f} us a frame."
+        )
     heads = ["error px", "grasps", "closes, slid", "chance", "less: median", "95 %", "above slid", "above nearest"]
-    common.table(["fingers", *heads], rows)
-    common.finish(asked.output)
+    common.add_table(["fingers", *heads], rows)
+    common.write_sections(asked.output)
 
 
 if __name__ == "__main__":

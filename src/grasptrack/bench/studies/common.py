@@ -45,7 +45,7 @@ _sections: list[tuple[str, list[str]]] = []  # title and paragraphs of what was 
 # --- options, data, work -------------------------------------------------------------------------
 
 
-def parser(description: str | None) -> argparse.ArgumentParser:
+def create_parser(description: str | None) -> argparse.ArgumentParser:
     """Options of a study, with the one that they all have."""
     made = argparse.ArgumentParser(description=description)
     made.add_argument("--output", type=Path, help="Markdown file in which the sections of this study are written anew")
@@ -106,7 +106,7 @@ def score_alone(make: Maker, start: Start, frames: Sequence[SceneFrame]) -> Scor
     return score
 
 
-def latencies(score: Score) -> Floats:
+def update_latencies(score: Score) -> Floats:
     """(n,) ms of the updates after the first, which also chooses a grasp."""
     return np.array([frame.latency_ms for frame in score.frames[1:]])
 
@@ -114,7 +114,7 @@ def latencies(score: Score) -> Floats:
 # --- what is shown -------------------------------------------------------------------------------
 
 
-def machine() -> str:
+def describe_setup() -> str:
     """One line that says what the figures were measured on."""
     return (
         f"{describe_machine()}, one thread; Python {platform.python_version()}, "
@@ -122,22 +122,22 @@ def machine() -> str:
     )
 
 
-def heading(title: str) -> None:
+def begin_section(title: str) -> None:
     """Title, machine, and the command that repeats the run: a section begins."""
     command = " ".join([f"{COMMAND}.{Path(sys.argv[0]).stem}", *sys.argv[1:]])
-    print(f"\n{title}\n{machine()}\n$ {command}\n")
-    _sections.append((title, [f"`{command}`", f"{machine()}."]))
+    print(f"\n{title}\n{describe_setup()}\n$ {command}\n")
+    _sections.append((title, [f"`{command}`", f"{describe_setup()}."]))
 
 
-def say(text: str) -> None:
+def add_paragraph(text: str) -> None:
     """A sentence above or below a table."""
     print(text)
-    _note(text)
+    _record_paragraph(text)
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+def add_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """A plain table; figures to the right, words to the left."""
-    listed = [[_cell(c) for c in row] for row in rows]
+    listed = [[_format_cell(c) for c in row] for row in rows]
     widths = [max(len(r[i]) for r in [list(head), *listed]) for i in range(len(head))]
     number = [all(not r[i] or r[i][0] in "-+.0123456789" for r in listed) for i in range(len(head))]
     for k, row in enumerate([list(head), *listed]):
@@ -146,17 +146,17 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
             print("  ".join("-" * w for w in widths))
     print()
     rule = ["---:" if n else "---" for n in number]
-    _note("\n".join(f"| {' | '.join(row)} |" for row in [list(head), rule, *listed]))
+    _record_paragraph("\n".join(f"| {' | '.join(row)} |" for row in [list(head), rule, *listed]))
 
 
-def finish(path: Path | None) -> None:
+def write_sections(path: Path | None) -> None:
     """Write all sections of this run to a file of results, in the place of those with the same titles."""
     if path is not None:
         for title, paragraphs in _sections:
-            section(path, title, "\n\n".join(paragraphs))
+            replace_section(path, title, "\n\n".join(paragraphs))
 
 
-def section(path: Path, title: str, text: str) -> None:
+def replace_section(path: Path, title: str, text: str) -> None:
     """Put a section into a Markdown file, made when missing: where the one with this title is, else at the end."""
     whole = path.read_text(encoding="utf-8") if path.exists() else PREFACE
     before, *parts = re.split(r"^## ", whole, flags=re.MULTILINE)
@@ -166,12 +166,12 @@ def section(path: Path, title: str, text: str) -> None:
     path.write_text(f"{before.strip()}{body}\n", encoding="utf-8")
 
 
-def _note(paragraph: str) -> None:
+def _record_paragraph(paragraph: str) -> None:
     if _sections:
         _sections[-1][1].append(paragraph)
 
 
-def _cell(value: object) -> str:
+def _format_cell(value: object) -> str:
     """Three digits, and no powers of ten in a range where a person would write none."""
     if not isinstance(value, float):
         return str(value)

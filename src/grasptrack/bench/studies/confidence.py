@@ -47,10 +47,10 @@ def cases_of(folders: Sequence[Path]) -> Iterator[tuple[str, Answers]]:
     for folder in folders:
         for name, scores in read_run(folder).scores.items():
             for method, frames in scores.items():
-                yield method, _answers(name, [f for f in frames if not f.defining])
+                yield method, _collect_answers(name, [f for f in frames if not f.defining])
 
 
-def _answers(name: str, frames: list[FrameScore]) -> Answers:
+def _collect_answers(name: str, frames: list[FrameScore]) -> Answers:
     given = [f for f in frames if f.answered]
     confidence = [f.confidence if math.isfinite(f.confidence) else 1.0 for f in given]
     wrong, whole = ([float(x) for x in v] for v in zip(*((f.is_false_accept, _is_whole(f)) for f in given), strict=True)
@@ -134,7 +134,7 @@ HEAD = ("confidence", "answers", "wrong as told", "wrong", "95 %")
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument(
         "runs", type=Path, nargs="+", help="folders of runs of `grasptrack evaluate`, best made with --risk 0.5"
     )
@@ -147,25 +147,25 @@ def main() -> None:
     if asked.method not in methods:
         parser.error(f'no answers of "{asked.method}" there; there are those of {", ".join(methods) or "no method"}')
     cases = methods.pop(asked.method)
-    common.heading("Confidence")
+    common.begin_section("Confidence")
     count = sum(len(c.told) for c in cases)
-    common.say(f"{count} answers of {asked.method} in {len(cases)} sequences.")
+    common.add_paragraph(f"{count} answers of {asked.method} in {len(cases)} sequences.")
     bins = bins_of(cases)
-    common.table(HEAD, rows_of(bins))
-    common.say("At each risk: located of the frames that show the part whole, and wrong answers of all.")
+    common.add_table(HEAD, rows_of(bins))
+    common.add_paragraph("At each risk: located of the frames that show the part whole, and wrong answers of all.")
     told = []
     for risk in RISKS:
         located, wrong, expected = at_risk(cases, risk)
         told.append((f"{risk:g}", f"{100 * located:.1f} %", wrong, f"{expected:.2f}"))
-    common.table(("risk", "located", "wrong", "wrong as told"), told)
+    common.add_table(("risk", "located", "wrong", "wrong as told"), told)
     if methods:
-        common.say(
+        common.add_paragraph(
             "The others tell no risk. Located if each is cut where, by the truth, as many of its answers are wrong:"
         )
         found = {
             name: [best_at(theirs, risk) for risk in RISKS] for name, theirs in {asked.method: cases, **methods}.items()
         }
-        common.table(
+        common.add_table(
             ("method", *(f"{risk:g}" for risk in RISKS)),
             [(n, *("-" if v is None else f"{100 * v:.1f} %" for v in shares)) for n, shares in found.items()],
         )
@@ -173,8 +173,8 @@ def main() -> None:
         shares = np.array([(b.told, b.wrong, b.least, b.most) for b in bins]) / np.array([[b.answers] for b in bins])
         labels = [f"{b.wrong} of {b.answers}" for b in bins]
         plot_reliability(asked.picture, shares, labels, f"{count} answers in {len(cases)} sequences")
-        common.say(f"Picture: {asked.picture.name}")
-    common.finish(asked.output)
+        common.add_paragraph(f"Picture: {asked.picture.name}")
+    common.write_sections(asked.output)
 
 
 if __name__ == "__main__":

@@ -74,7 +74,7 @@ def is_found(truth: Bools, view: Any) -> bool:
     return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
 
 
-def look(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked:
+def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked:
     """One photo with one hint: the deepest pixel of the mask, or its bounding box."""
     told: dict[str, Any] = {}
     if hint == "pixel":
@@ -109,10 +109,10 @@ def fit_logistic(terms: Floats, right: Bools) -> Floats:
 
     sign, ridge = np.where(right, 1.0, -1.0), np.array([1e-3] + [RIDGE] * (terms.shape[1] - 1))
 
-    def cost(weights: Floats) -> float:
+    def logistic_cost(weights: Floats) -> float:
         return float(np.logaddexp(0.0, -sign * (terms @ weights)).sum() + ridge @ weights**2)
 
-    return np.asarray(minimize(cost, np.zeros(terms.shape[1])).x, dtype=np.float64)
+    return np.asarray(minimize(logistic_cost, np.zeros(terms.shape[1])).x, dtype=np.float64)
 
 
 def cross_validated(looked: Sequence[Looked]) -> Floats:
@@ -128,7 +128,7 @@ def cross_validated(looked: Sequence[Looked]) -> Floats:
 
 def main() -> None:
     """Run the study."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--data", type=Path, default=common.data_folder(), help="folder with tools/")
     parser.add_argument("--segmenter", help='as `track --segmenter`; "classical" if not given')
     parser.add_argument("--only", metavar="NAME", help="photos whose names contain this")
@@ -144,23 +144,25 @@ def main() -> None:
         kinds = {row["name"]: row.get("classes", row["name"]) for row in csv.DictReader(file)}
     given = segmenter_for(args.segmenter)
     segmenter = None if given is None else Remembered(given)
-    common.heading(f"First look: photos of one tool each, {args.segmenter or 'classical'}")
-    looked = [look(photo, kinds[photo.name], hint, segmenter) for photo in photos for hint in HINTS]
+    common.begin_section(f"First look: photos of one tool each, {args.segmenter or 'classical'}")
+    looked = [evaluate_photo(photo, kinds[photo.name], hint, segmenter) for photo in photos for hint in HINTS]
     rows = []
     for hint in HINTS:
         for scene in [*sorted({r.scene for r in looked}), "all"]:
             mine = [r for r in looked if r.hint == hint and scene in (r.scene, "all")]
             shares = [100.0 * float(np.mean([getattr(r, what) for r in mine])) for what in ("first", "three")]
             rows.append([hint, scene, len(mine), *shares, float(np.median([r.ms for r in mine]))])
-    common.table(["hint", "scene", "photos", "first %", "one of three %", "median ms"], rows)
-    common.say("A segmenter's time is in the first hint's alone: its regions are asked for once for each photo.")
+    common.add_table(["hint", "scene", "photos", "first %", "one of three %", "median ms"], rows)
+    common.add_paragraph(
+        "A segmenter's time is in the first hint's alone: its regions are asked for once for each photo."
+    )
     rows = []
     for low, high in pairwise(BINS):
         mine = [r for r in looked if r.hint == "nothing" and low <= r.probability < high + (high == 1.0)]
         if mine:
             expected, right = (float(np.sum([getattr(r, what) for r in mine])) for what in ("probability", "first"))
             rows.append([f"{low:g} to {high:g}", len(mine), expected, right])
-    common.table(["probability, no hint", "photos", "right as told", "right"], rows)
+    common.add_table(["probability, no hint", "photos", "right as told", "right"], rows)
     if args.fit:
         mine = [r for r in looked if r.hint == "nothing"]
         weights = fit_logistic(
@@ -169,10 +171,14 @@ def main() -> None:
         wrong = [r for r in mine if not r.first]
         among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
         sure = [r for r, p in zip(mine, cross_validated(mine).tolist(), strict=True) if p >= 0.9]
-        common.say("offset {:.2f}, rating {:.2f}, lead {:.2f}".format(*weights.tolist()) + f", among {among:.2f}")
+        common.add_paragraph(
+            "offset {:.2f}, rating {:.2f}, lead {:.2f}".format(*weights.tolist()) + f", among {among:.2f}"
+        )
         right = sum(r.first for r in sure)
-        common.say(f"Cross-validated by kind of object: {right} of {len(sure)} that are 0.9 and more are right.")
-    common.finish(args.output)
+        common.add_paragraph(
+            f"Cross-validated by kind of object: {right} of {len(sure)} that are 0.9 and more are right."
+        )
+    common.write_sections(args.output)
 
 
 if __name__ == "__main__":

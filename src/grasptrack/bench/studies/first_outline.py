@@ -37,16 +37,16 @@ NEVER = property(lambda _: True, lambda *_: None)
 """In the place of `Mender.is_over`: nothing is mended any more."""
 
 
-def filled(frame: SceneFrame) -> Grey:
+def object_mask(frame: SceneFrame) -> Grey:
     """(H, W) 255 on the object."""
     mask: Grey = np.zeros(frame.image.shape[:2], np.uint8)
     cv2.fillPoly(mask, [np.round(p * 16.0).astype(np.int32) for p in frame.outline], (255,), cv2.LINE_AA, 4)
     return mask
 
 
-def corrupted(frame: SceneFrame, kind: str, rng: np.random.Generator) -> Grey:
+def corrupt_outline(frame: SceneFrame, kind: str, rng: np.random.Generator) -> Grey:
     """The image with something on the outline that later images do not show."""
-    image, mask, outline = frame.image.astype(np.float64), filled(frame), frame.outline[0]
+    image, mask, outline = frame.image.astype(np.float64), object_mask(frame), frame.outline[0]
     if kind == "none":
         return frame.image
     height, width = mask.shape
@@ -61,12 +61,12 @@ def corrupted(frame: SceneFrame, kind: str, rng: np.random.Generator) -> Grey:
     Y, X = np.mgrid[:height, :width]
     inside = mask / 255.0
 
-    def soft(area: NDArray[np.bool_], blur: float) -> Floats:
+    def soften_edge(area: NDArray[np.bool_], blur: float) -> Floats:
         return np.asarray(cv2.GaussianBlur(area.astype(np.float32), (0, 0), blur), np.float64)
 
     if kind in ("highlight", "gap"):
         x, y = place + out * rng.uniform(-0.4, 0.2) * half
-        disc = soft(np.hypot(X - x, Y - y) < half, 1.2)
+        disc = soften_edge(np.hypot(X - x, Y - y) < half, 1.2)
         if kind == "highlight":
             image += (255.0 - image) * disc
         else:
@@ -80,7 +80,7 @@ def corrupted(frame: SceneFrame, kind: str, rng: np.random.Generator) -> Grey:
         )
         bar = (np.abs(beside) < half) & (beyond > -4.0) & (beyond < 0.35 * math.sqrt(frame.area))
         own = np.median(image[mask > 250]) + rng.normal(0.0, 2.0, image.shape)
-        image += (own - image) * soft(bar, 0.9) * (1.0 - inside)
+        image += (own - image) * soften_edge(bar, 0.9) * (1.0 - inside)
     else:
         angle = rng.uniform(0.0, 2.0 * math.pi)
         dx, dy = 0.06 * math.sqrt(frame.area) * np.array([math.cos(angle), math.sin(angle)])
@@ -89,13 +89,13 @@ def corrupted(frame: SceneFrame, kind: str, rng: np.random.Generator) -> Grey:
     return np.asarray(np.clip(np.round(image), 0, 255), np.uint8)
 
 
-def run(name: str, kind: str, asked_seed: int, count: int, *, given: bool) -> dict[str, float]:
+def run_sequence(name: str, kind: str, asked_seed: int, count: int, *, given: bool) -> dict[str, float]:
     """Counts of one sequence."""
     scene = SceneCase(Part(SHAPES[name]()), "clean-6dof", frames=count, seed=asked_seed).scene()
     frames, rng = list(scene), np.random.default_rng((asked_seed, zlib.crc32(f"{name}{kind}".encode())))
     told = dict.fromkeys(("refused", "frames", "given", "wrong", "beside", "mended", "false_edge"), 0.0)
-    first = corrupted(frames[0], kind, rng)
-    inside = cv2.distanceTransform((filled(frames[0]) > 127).astype(np.uint8), cv2.DIST_L2, 5)
+    first = corrupt_outline(frames[0], kind, rng)
+    inside = cv2.distanceTransform((object_mask(frames[0]) > 127).astype(np.uint8), cv2.DIST_L2, 5)
     y, x = np.unravel_index(int(inside.argmax()), inside.shape)
     contacts = chosen_grasp(frames[0].outline)
     tracker = GraspTracker(grasp=contacts) if given else GraspTracker(object_at=(float(x), float(y)))
@@ -122,19 +122,19 @@ def run(name: str, kind: str, asked_seed: int, count: int, *, given: bool) -> di
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--shapes", default="bracket,half-disc,bottle,key,gear,s-blob")
     parser.add_argument("--kinds", default=",".join(KINDS), help="of what is wrong")
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--seed", type=int, default=702)
     parser.add_argument("--never", action="store_true", help="never mend")
     asked = parser.parse_args()
-    common.heading("Wrong first outlines, never mended" if asked.never else "Wrong first outlines")
-    common.say("Beside: contacts were given that lay beside the object from the first.")
+    common.begin_section("Wrong first outlines, never mended" if asked.never else "Wrong first outlines")
+    common.add_paragraph("Beside: contacts were given that lay beside the object from the first.")
     rows = []
     with patch.object(Mender, "is_over", NEVER, create=True) if asked.never else nullcontext():
         for kind, given in itertools.product(asked.kinds.split(","), (False, True)):
-            runs = [run(s, kind, asked.seed, asked.frames, given=given) for s in asked.shapes.split(",")]
+            runs = [run_sequence(s, kind, asked.seed, asked.frames, given=given) for s in asked.shapes.split(",")]
             total = {key: round(sum(each[key] for each in runs)) for key in runs[0]}
             start = "contacts given" if given else "own grasp"
             keys = ("refused", "mended", "frames", "given", "wrong", "beside", "false_edge")
@@ -151,8 +151,8 @@ def main() -> None:
         "beside",
         "told false edge",
     )
-    common.table(head, rows)
-    common.finish(asked.output)
+    common.add_table(head, rows)
+    common.write_sections(asked.output)
 
 
 if __name__ == "__main__":

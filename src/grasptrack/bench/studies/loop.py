@@ -40,7 +40,7 @@ def strategy_maker(strategy: str) -> Maker:
     return lambda _: GraspTracker(strategy=strategy)
 
 
-def figures(score: Score) -> list[object]:
+def score_figures(score: Score) -> list[object]:
     """Located %, median, 95 % and largest error in px, false accepts."""
     return [100.0 * score.located, *(score.error_percentile(p) for p in (50, 95, 100)), score.false_accepts]
 
@@ -74,8 +74,8 @@ def memory_growth(frames: Sequence[SceneFrame], strategy: str, long: int) -> lis
 
 def show_start(runs: int) -> None:
     """Seconds of fresh processes."""
-    common.heading("Start")
-    common.say("Seconds of a fresh process, median and largest.")
+    common.begin_section("Start")
+    common.add_paragraph("Seconds of a fresh process, median and largest.")
     rows: list[list[object]] = []
     for name, command, target in STARTS:
         taken = []
@@ -87,13 +87,13 @@ def show_start(runs: int) -> None:
         rows.append(
             [name, median, max(taken), target or "", "" if target is None else "yes" if median < target else "NO"]
         )
-    common.table(["what", "median", "largest", "target", "met"], rows)
+    common.add_table(["what", "median", "largest", "target", "met"], rows)
 
 
 def show_loop(count: int, repeat: int) -> None:
     """Every strategy and every peer on the demonstration's scene, in two sizes."""
-    common.heading("Whole loop on the demonstration's scene")
-    common.say(f"{count} grey frames, each strategy {repeat} times; contact errors in px.")
+    common.begin_section("Whole loop on the demonstration's scene")
+    common.add_paragraph(f"{count} grey frames, each strategy {repeat} times; contact errors in px.")
     medians: dict[str, list[float]] = {}
     for width, height in SIZES:
         frames = list(demo_scene(count, width=width, height=height, colour=False))
@@ -104,34 +104,38 @@ def show_loop(count: int, repeat: int) -> None:
         rows: list[list[object]] = []
         for strategy in STRATEGIES:
             runs = [common.score_alone(strategy_maker(strategy), start, frames) for _ in range(repeat)]
-            median, p99 = np.percentile(np.concatenate([common.latencies(run) for run in runs]), [50, 99]).tolist()
+            median, p99 = np.percentile(
+                np.concatenate([common.update_latencies(run) for run in runs]), [50, 99]
+            ).tolist()
             met = "yes" if median <= MEDIAN_MS * growth and p99 <= P99_MS * growth else "NO"
-            rows.append([strategy, median, p99, met, *figures(runs[0])])
+            rows.append([strategy, median, p99, met, *score_figures(runs[0])])
             medians.setdefault(strategy, []).append(median)
         for name, make in available_baselines().items():
             score = common.score_alone(make, start, frames)
-            rows.append([name, *np.percentile(common.latencies(score), [50, 99]).tolist(), "", *figures(score)])
-        common.say(f"{width}x{height}.")
+            rows.append(
+                [name, *np.percentile(common.update_latencies(score), [50, 99]).tolist(), "", *score_figures(score)]
+            )
+        common.add_paragraph(f"{width}x{height}.")
         head = ["method", "median ms", "p99 ms", "met", "located %", "error median", "95 %", "max px", "wrong"]
-        common.table(head, rows)
-    common.say("Growth of the median time for 4 times the pixels; at most 4.")
-    common.table(["strategy", "ratio"], [[name, m[1] / m[0]] for name, m in medians.items()])
+        common.add_table(head, rows)
+    common.add_paragraph("Growth of the median time for 4 times the pixels; at most 4.")
+    common.add_table(["strategy", "ratio"], [[name, m[1] / m[0]] for name, m in medians.items()])
 
 
 def show_memory(count: int, long: int) -> None:
     """Memory over many updates."""
-    common.say(f"Memory: MB after {EARLY} updates, after half and all of {long}, and the most that it rose.")
+    common.add_paragraph(f"Memory: MB after {EARLY} updates, after half and all of {long}, and the most that it rose.")
     frames = list(demo_scene(count, colour=False))
     rows: list[list[object]] = [[name, "demonstration", *memory_growth(frames, name, long)] for name in STRATEGIES]
     for name in LOSSES:
         frames = list(DISTURBANCES[name].scene(SHAPES["bracket"](), count, seed=1))
         rows.append(["auto", name, *memory_growth(frames, "auto", long)])
-    common.table(["strategy", "scene", "located %", f"after {EARLY}", "half", "all", "rose by"], rows)
+    common.add_table(["strategy", "scene", "located %", f"after {EARLY}", "half", "all", "rose by"], rows)
 
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--frames", type=int, default=120)
     parser.add_argument("--repeat", type=int, default=3, help="runs of each strategy; times of all are pooled")
     parser.add_argument("--long", type=int, default=2000, help="updates of the memory run; 0 leaves it out")
@@ -142,7 +146,7 @@ def main() -> None:
     show_loop(args.frames, args.repeat)
     if args.long:
         show_memory(args.frames, args.long)
-    common.finish(args.output)
+    common.write_sections(args.output)
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ class Views(NamedTuple):
         return self.second @ np.linalg.inv(self.first)
 
 
-def pose(shape: Shape, share: float, tilt: float, rng: np.random.Generator, aside: float) -> Path:
+def sample_pose(shape: Shape, share: float, tilt: float, rng: np.random.Generator, aside: float) -> Path:
     """A camera over which the part, seen from the front, is as wide as a share of the view."""
     distance = 2.0 * shape.radius() * CAMERA.matrix[0, 0] / (share * CAMERA.width)
     turn, azimuth = rng.uniform(0.0, 2.0 * math.pi, 2)
@@ -67,13 +67,13 @@ def pose(shape: Shape, share: float, tilt: float, rng: np.random.Generator, asid
     return Path(target[None], *(np.array([v]) for v in (distance, turn, math.radians(tilt), azimuth)))
 
 
-def poses(shape: Shape, rng: np.random.Generator, tilt: float) -> tuple[Path, Path]:
+def sample_poses(shape: Shape, rng: np.random.Generator, tilt: float) -> tuple[Path, Path]:
     """The first view from the front, the second from anywhere."""
     while True:
         one = rng.uniform(0.25, 0.6)
         other = one * math.exp(rng.uniform(math.log(0.4), math.log(2.5)))
         if 0.12 <= other <= 0.6:
-            return pose(shape, one, 0.0, rng, 0.0), pose(shape, other, tilt, rng, 0.15)
+            return sample_pose(shape, one, 0.0, rng, 0.0), sample_pose(shape, other, tilt, rng, 0.15)
 
 
 def noisy_outline(shape: Shape, H: Floats, rng: np.random.Generator, noise: float) -> View:
@@ -131,7 +131,7 @@ def second_alignments(shape: Shape) -> list[Floats]:
     return found
 
 
-def believable(H: Floats, points: Floats) -> bool:
+def is_plausible_view(H: Floats, points: Floats) -> bool:
     """Whether a camera within the stated tilt could have seen the first view so."""
     in_front, determinant, ratio = kernels.distortion(H, points)
     depth = np.abs(points @ H[2, :2] + H[2, 2])
@@ -142,7 +142,7 @@ def has_second(views: Views, alignments: list[Floats], shape: Shape) -> bool:
     """Whether the second view could also be one of the part laid on itself otherwise."""
     points = apply_homography(views.first, shape.outer)
     back = np.linalg.inv(views.first)
-    return any(believable(views.second @ S @ back, points) for S in alignments)
+    return any(is_plausible_view(views.second @ S @ back, points) for S in alignments)
 
 
 def contacts_of(view: View) -> Floats:
@@ -154,7 +154,7 @@ def contacts_of(view: View) -> Floats:
     return points[[int(points[:, 0].argmin()), int(points[:, 0].argmax())]]
 
 
-def off(H: Floats, views: Views, contacts: Floats, size: float) -> bool:
+def has_wrong_contact(H: Floats, views: Views, contacts: Floats, size: float) -> bool:
     """Whether a contact is farther from its true place than the limit."""
     gap = apply_homography(H, contacts) - apply_homography(views.between, contacts)
     return bool(np.hypot(*gap.T).max() > accept_limit(size**2))
@@ -177,7 +177,7 @@ class Tally:
 
     def show(self, title: str) -> None:
         """Print the table."""
-        common.heading(title)
+        common.begin_section(title)
         rows = []
         for second in (False, True):
             parts = [self.counts[second, i] for i in range(len(BINS) - 1)]
@@ -188,10 +188,10 @@ class Tally:
                 share = 100.0 * part["matched"] / total if total else float("nan")
                 rows.append(["two or more" if second else "one", label, total, *cells, share])
         head = ("true alignments", "tilt, degrees", "pairs", "matched", "ambiguous", "wrong", "none", "matched %")
-        common.table(head, rows)
+        common.add_table(head, rows)
         if self.times:
             middle, late = np.percentile(self.times, [50, 99])
-            common.say(f"A match takes {middle:.1f} ms, median, and {late:.1f} ms at the 99th percentile.")
+            common.add_paragraph(f"A match takes {middle:.1f} ms, median, and {late:.1f} ms at the 99th percentile.")
         for line in self.told:
             print(line)
 
@@ -214,14 +214,14 @@ class Pair(NamedTuple):
     rng: np.random.Generator
 
 
-def pairs(shapes: dict[str, Shape], count: int, *stream: int) -> Iterator[Pair]:
+def sample_pairs(shapes: dict[str, Shape], count: int, *stream: int) -> Iterator[Pair]:
     """So many pairs of each part, drawn by the numbers of a stream."""
     for name, shape in shapes.items():
         rng = np.random.default_rng((*stream, len(name), *name.encode()))
         alignments = second_alignments(shape)
         for _ in range(count):
             tilt = float(rng.uniform(BINS[0], BINS[-1]))
-            paths = poses(shape, rng, tilt)
+            paths = sample_poses(shape, rng, tilt)
             first, second = (path.table_to_image(CAMERA)[0] for path in paths)
             views = Views(first, second, tilt)
             yield Pair(shape, paths, views, has_second(views, alignments, shape), rng)
@@ -230,14 +230,16 @@ def pairs(shapes: dict[str, Shape], count: int, *stream: int) -> Iterator[Pair]:
 def show_outlines(shapes: dict[str, Shape], count: int, seed: int, title: str) -> None:
     """Pairs of outlines."""
     tally = Tally()
-    for shape, _, views, more, rng in pairs(shapes, count, seed):
+    for shape, _, views, more, rng in sample_pairs(shapes, count, seed):
         first, second = (noisy_outline(shape, H, rng, NOISE) for H in views[:2])
         start = time.perf_counter()
         told = judge_hypotheses(match_outlines(first, second))
         tally.times.append(1e3 * (time.perf_counter() - start))
         what: str = told.status
         if told.best is not None and told.status == "matched":
-            what = "wrong" if off(told.best.homography, views, contacts_of(first), told.best.size) else what
+            what = (
+                "wrong" if has_wrong_contact(told.best.homography, views, contacts_of(first), told.best.size) else what
+            )
         tally.add(shape.name, views.tilt, more, what)
     tally.show(title)
 
@@ -247,7 +249,7 @@ def show_cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
     rows = []
     for share in CUTS:
         told: Counter[str] = Counter()
-        for shape, _, views, more, rng in pairs(shapes, count, seed, 2):
+        for shape, _, views, more, rng in sample_pairs(shapes, count, seed, 2):
             first, whole = (noisy_outline(shape, H, rng, NOISE) for H in views[:2])
             angle = rng.uniform(0.0, 2.0 * math.pi)
             if more:
@@ -258,28 +260,30 @@ def show_cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
             second = View([Contour(whole.outer.points[whole.outer.points @ way <= edge]), *holes])
             found = judge_hypotheses(match_outlines(first, second))
             size = math.sqrt(whole.outer.area)
-            right = found.best is not None and not off(found.best.homography, views, contacts_of(first), size)
+            right = found.best is not None and not has_wrong_contact(
+                found.best.homography, views, contacts_of(first), size
+            )
             told["right" if right else "not right"] += 1
             told["wrong" if found.status == "matched" and not right else found.status] += 1
         total = told["right"] + told["not right"]
         cells = [told[what] for what in ("matched", "ambiguous", "wrong", "none")]
         rows.append([f"{100 * share:.0f} %", total, *cells, 100.0 * told["right"] / max(total, 1)])
-    common.heading("global match, outlines of which a straight cut takes a piece")
-    common.table(("points cut off", "pairs", "matched", "ambiguous", "wrong", "none", "best one right %"), rows)
+    common.begin_section("global match, outlines of which a straight cut takes a piece")
+    common.add_table(("points cut off", "pairs", "matched", "ambiguous", "wrong", "none", "best one right %"), rows)
 
 
 def show_images(shapes: dict[str, Shape], count: int, seed: int) -> None:
     """Pairs of rendered images."""
     tally = Tally()
-    for k, (shape, paths, views, more, rng) in enumerate(pairs(shapes, count, seed, 1)):
+    for k, (shape, paths, views, more, rng) in enumerate(sample_pairs(shapes, count, seed, 1)):
         names = [field.name for field in fields(Path)]
         path = Path(*(np.concatenate([getattr(p, name) for p in paths]) for name in names))
         scene = Scene(shape, path, camera=CAMERA, conditions=Conditions(), seed=seed + k % count)
-        tally.add(shape.name, views.tilt, more, outcome(scene, views, rng))
+        tally.add(shape.name, views.tilt, more, transfer_outcome(scene, views, rng))
     tally.show("global match, rendered images through `tracking.image_pair.transfer_between_images`")
 
 
-def outcome(scene: Scene, views: Views, rng: np.random.Generator) -> str:
+def transfer_outcome(scene: Scene, views: Views, rng: np.random.Generator) -> str:
     """What `pair.transfer_between_images` makes of two images, the reference's outline being the true one."""
     reference = noisy_outline(scene.shape, views.first, rng, 0.0)
     grasps = synthesize(reference, 2, 0.5, top=1)
@@ -298,12 +302,12 @@ def outcome(scene: Scene, views: Views, rng: np.random.Generator) -> str:
     if best.reason or best.homography is None:
         return "none"
     size = math.sqrt(abs(frames[1].area))
-    return "wrong" if off(best.homography, views, grasps[0].contacts, size) else "matched"
+    return "wrong" if has_wrong_contact(best.homography, views, grasps[0].contacts, size) else "matched"
 
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--shapes", default=",".join(SHAPES))
     parser.add_argument("--pairs", type=int, default=30, help="of outlines, for each built-in shape")
     parser.add_argument("--silhouettes", type=int, default=4, help="pairs for each silhouette; 0 for none")
@@ -327,7 +331,7 @@ def main() -> None:
             show_outlines(shapes, given.silhouettes, given.seed, f"global match, outlines of silhouettes {title}")
     if given.images:
         show_images(built_in, given.images, given.seed)
-    common.finish(given.output)
+    common.write_sections(given.output)
 
 
 if __name__ == "__main__":

@@ -88,7 +88,7 @@ def in_plane(scene: Scene, contacts: NDArray[np.float64], friction: float = FRIC
     return analyze(gt.Grasp(UNIT * apply_homography(back, contacts)), outline, friction).margin
 
 
-def run(case: Case) -> list[Told]:
+def track_case(case: Case) -> list[Told]:
     """Located frames after the first; empty where the first view has no grasp on the part."""
     scene, tracker = case.scene(), gt.GraspTracker(friction=case.friction)
     told: list[Told] = []
@@ -113,7 +113,7 @@ def run(case: Case) -> list[Told]:
     return told
 
 
-def row(name: str, frames: list[Told]) -> list[str]:
+def summary_row(name: str, frames: list[Told]) -> list[str]:
     """Figures of frames."""
     tilt = np.array([abs(f.said_tilt - f.tilt) for f in frames])
     off = np.array([f.said_margin - f.margin for f in frames])
@@ -137,7 +137,7 @@ def row(name: str, frames: list[Told]) -> list[str]:
     ]
 
 
-def believed(frames: list[Told]) -> list[list[str]]:
+def calibration_rows(frames: list[Told]) -> list[list[str]]:
     """Rows of the chances that were told against how often the grasp closes in truth."""
     rows = []
     for low, high in itertools.pairwise((0.0, 0.1, 0.5, 0.9, 0.99, 1.01)):
@@ -165,7 +165,7 @@ HEADS = [
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--parts", default=PARTS)
     parser.add_argument("--tilts", default=",".join(map(str, TILTS)), help="degrees")
     parser.add_argument("--seed", type=int, default=100)
@@ -174,29 +174,31 @@ def main() -> None:
     asked = parser.parse_args()
     names, asked_tilts = asked.parts.split(","), tuple(int(t) for t in asked.tilts.split(","))
     cases = [Case(*c, asked.seed, asked.friction) for c in itertools.product(names, asked_tilts, range(len(AZIMUTHS)))]
-    common.heading("The object's own plane")
-    told = dict(zip(cases, common.run_all(run, cases, asked.workers), strict=True))
-    common.say(f"{len(names)} parts, {sum(bool(f) for f in told.values())} approaches, degrees.")
+    common.begin_section("The object's own plane")
+    told = dict(zip(cases, common.run_all(track_case, cases, asked.workers), strict=True))
+    common.add_paragraph(f"{len(names)} parts, {sum(bool(f) for f in told.values())} approaches, degrees.")
 
-    def table(title: str, first: int, last: int) -> None:
-        common.say(title)
+    def write_table(title: str, first: int, last: int) -> None:
+        common.add_paragraph(title)
         rows = []
         for name, tilts in (*((str(t), (t,)) for t in asked_tilts), ("all", asked_tilts)):
             frames = [f for c, found in told.items() if c.tilt in tilts for f in found if first <= f.frame <= last]
             if frames:
-                rows.append(row(name, frames))
-        common.table(HEADS, rows)
+                rows.append(summary_row(name, frames))
+        common.add_table(HEADS, rows)
 
-    table("Last frame:", FRAMES - 1, FRAMES - 1)
-    table("Second half of the way:", FRAMES // 2, FRAMES - 1)
-    table("First half of the way:", 1, FRAMES // 2 - 1)
+    write_table("Last frame:", FRAMES - 1, FRAMES - 1)
+    write_table("Second half of the way:", FRAMES // 2, FRAMES - 1)
+    write_table("First half of the way:", 1, FRAMES // 2 - 1)
     for title, drawn in (
         ("Chance of closing as told, first half, tilts as above:", [f for found in told.values() for f in found]),
         ("The same, first views at 0 to 30 degrees:", [f for c, found in told.items() if c.tilt <= 30 for f in found]),
     ):
-        common.say(title)
-        common.table(["chance", "frames", "told", "closes"], believed([f for f in drawn if f.frame < FRAMES // 2]))
-    common.finish(asked.output)
+        common.add_paragraph(title)
+        common.add_table(
+            ["chance", "frames", "told", "closes"], calibration_rows([f for f in drawn if f.frame < FRAMES // 2])
+        )
+    common.write_sections(asked.output)
 
 
 if __name__ == "__main__":

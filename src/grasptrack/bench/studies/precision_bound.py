@@ -39,7 +39,7 @@ def by_pose(target: Target, G: Floats, points: Floats) -> Floats:
     return np.asarray(np.stack(steps, axis=2) @ rows)
 
 
-def information(target: Target, scene: Scene, index: int) -> Floats:
+def pose_information(target: Target, scene: Scene, index: int) -> Floats:
     """(8, 8) that the pixels of object and edge have of the pose's error in a frame."""
     light = np.asarray(scene.exposed_light(index), dtype=np.float64)
     grey = light if light.ndim == 2 else light[..., 0]
@@ -54,13 +54,13 @@ def information(target: Target, scene: Scene, index: int) -> Floats:
     return np.asarray(rows.T @ rows / (scene.conditions.noise**2 + ROUNDING))
 
 
-def bounds(target: Target, scene: Scene) -> tuple[float, float]:
+def error_bounds(target: Target, scene: Scene) -> tuple[float, float]:
     """px, the least rms error of a contact: of any homography, and of a pinhole's views of a plane whose camera is known."""
-    first, found = np.linalg.inv(information(target, scene, 0)), []
+    first, found = np.linalg.inv(pose_information(target, scene, 0)), []
     theta = np.array([math.log(scene.camera.matrix[0, 0] / scene.camera.width), 0.0, 0.0])
     for index in range(EVERY, len(scene), EVERY):
         G = scene.homography(index) @ target.A
-        free = np.linalg.inv(information(target, scene, index)) + first
+        free = np.linalg.inv(pose_information(target, scene, index)) + first
         _, rows, _ = target.handle.pinhole(G, theta, scene.camera.width, scene.camera.height)
         held = free - free @ rows.T @ np.linalg.inv(rows @ free @ rows.T) @ rows @ free
         J = by_pose(target, G, target.work_contacts)
@@ -69,7 +69,7 @@ def bounds(target: Target, scene: Scene) -> tuple[float, float]:
     return free_rms, held_rms
 
 
-def error(frames: list[SceneFrame], first: NDArray[np.uint8], contacts: Floats) -> tuple[Target, float]:
+def tracking_error(frames: list[SceneFrame], first: NDArray[np.uint8], contacts: Floats) -> tuple[Target, float]:
     """The target, and px, rms of its contacts in all frames that were answered after a first image."""
     follower = Follower(first, common.outline_of(frames[0].outline), contacts, 0.0)
     found = [(follower.update(f.image, f.time), f) for f in frames[1:]]
@@ -79,14 +79,14 @@ def error(frames: list[SceneFrame], first: NDArray[np.uint8], contacts: Floats) 
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--shapes", default="bracket,half-disc,bottle,key,gear,s-blob")
     parser.add_argument("--disturbances", default="clean-4dof,clean-6dof,still,noise,blur")
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--seed", type=int, default=702)
     asked = parser.parse_args()
-    common.heading("How exact it could be")
-    common.say("px, rms of a contact. The last column is of the same first view without its noise.")
+    common.begin_section("How exact it could be")
+    common.add_paragraph("px, rms of a contact. The last column is of the same first view without its noise.")
     rows: list[tuple[object, ...]] = []
     for disturbance in asked.disturbances.split(","):
         told = []
@@ -94,9 +94,9 @@ def main() -> None:
             scene = SceneCase(Part(SHAPES[name]()), disturbance, frames=asked.frames, seed=asked.seed).scene()
             frames, noise = list(scene), scene.conditions.noise
             contacts = chosen_grasp(frames[0].outline)
-            target, off = error(frames, frames[0].image, contacts)
-            without = error(frames, scene.with_conditions(noise=0.0)[0].image, contacts)[1]
-            told.append((*bounds(target, scene), off, without))
+            target, off = tracking_error(frames, frames[0].image, contacts)
+            without = tracking_error(frames, scene.with_conditions(noise=0.0)[0].image, contacts)[1]
+            told.append((*error_bounds(target, scene), off, without))
             free, held, *_ = told[-1]
             rows.append((disturbance, name, noise, free, held, off, off / free, without))
         free, held, off, without = np.sqrt(np.mean(np.square(told), axis=0)).tolist()
@@ -111,8 +111,8 @@ def main() -> None:
         "times the bound",
         "noise-free first view",
     )
-    common.table(head, rows)
-    common.finish(asked.output)
+    common.add_table(head, rows)
+    common.write_sections(asked.output)
 
 
 if __name__ == "__main__":

@@ -92,7 +92,7 @@ def read_photos(folder: Path, only: str | None) -> list[Photo]:
 # --- methods -------------------------------------------------------------------------------------
 
 
-def ours(image: Pixels, object_at: Hint = None) -> Bools:
+def segment_first_look(image: Pixels, object_at: Hint = None) -> Bools:
     """Our first object."""
     try:
         return mask_of(find_objects(image, object_at)[0].view, (image.shape[0], image.shape[1]))
@@ -100,13 +100,13 @@ def ours(image: Pixels, object_at: Hint = None) -> Bools:
         return np.zeros(image.shape[:2], dtype=np.bool_)
 
 
-def otsu(image: Pixels, object_at: Hint = None) -> Bools:
+def segment_otsu(image: Pixels, object_at: Hint = None) -> Bools:
     """The region on either side of Otsu's threshold that `largest_outline` picks."""
     _, light = cv2.threshold(_soft_grey(image), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     return largest_outline([np.asarray(light, np.uint8), np.asarray(cv2.bitwise_not(light), np.uint8)], object_at)
 
 
-def adaptive(image: Pixels, object_at: Hint = None) -> Bools:
+def segment_adaptive(image: Pixels, object_at: Hint = None) -> Bools:
     """The region darker than its neighbourhood, on a dark ground lighter, closed.
 
     One side only: on the other a halo round the object would win, being larger.
@@ -119,7 +119,7 @@ def adaptive(image: Pixels, object_at: Hint = None) -> Bools:
     return largest_outline([np.asarray(closed, np.uint8)], object_at)
 
 
-def grabcut(image: Pixels, object_at: Hint = None) -> Bools:
+def segment_grabcut(image: Pixels, object_at: Hint = None) -> Bools:
     """The region that GrabCut finds within the image's margin; with a hint, a small disc around it is given as the object.
 
     Sets OpenCV's random seed, to give the same every time.
@@ -139,7 +139,12 @@ def grabcut(image: Pixels, object_at: Hint = None) -> Bools:
     return largest_outline([(whole > 0.5).astype(np.uint8)], object_at)
 
 
-METHODS: dict[str, Segmenter] = {"ours": ours, "Otsu": otsu, "adaptive": adaptive, "GrabCut": grabcut}
+METHODS: dict[str, Segmenter] = {
+    "ours": segment_first_look,
+    "Otsu": segment_otsu,
+    "adaptive": segment_adaptive,
+    "GrabCut": segment_grabcut,
+}
 
 
 def largest_outline(regions: Sequence[Pixels], object_at: Hint = None) -> Bools:
@@ -173,7 +178,7 @@ def _soft_grey(image: Pixels) -> Pixels:
 # --- scores --------------------------------------------------------------------------------------
 
 
-def judge(photo: Photo, method: str, hint: Hint) -> Judged:
+def judge_method(photo: Photo, method: str, hint: Hint) -> Judged:
     """One method on one photo; its time does not include the scoring."""
     start = time.perf_counter()
     mask = METHODS[method](photo.image, hint)
@@ -183,7 +188,7 @@ def judge(photo: Photo, method: str, hint: Hint) -> Judged:
     )
 
 
-def show(photos: Sequence[Photo], rows: Sequence[Judged]) -> None:
+def show_scores(photos: Sequence[Photo], rows: Sequence[Judged]) -> None:
     """Every method with and without a hint, by scene; then what the masks allow at best."""
     scenes = [*sorted({photo.scene for photo in photos}), "all"]
     lines: list[list[object]] = []
@@ -198,19 +203,19 @@ def show(photos: Sequence[Photo], rows: Sequence[Judged]) -> None:
                 middle = np.median([(row.f, row.iou, row.ms) for row in some], axis=0).tolist()
                 label = f"{method}, {'one pixel' if hint else 'no hint'}"
                 lines.append([label, scene, len(some), 100.0 * sum(r.enough for r in some) / len(some), *middle])
-    common.table(["method", "scene", "photos", "found %", "median F", "median IoU", "median ms"], lines)
-    common.say(
+    common.add_table(["method", "scene", "photos", "found %", "median F", "median IoU", "median ms"], lines)
+    common.add_paragraph(
         f"Found: F >= {ENOUGH_F} within 4 px and IoU >= {ENOUGH_IOU}; without a hint only the first object counts."
     )
     for scene in scenes:
         bands = [band_iou(photo.truth) for photo in photos if scene in (photo.scene, "all")]
         smaller, larger = np.median(bands, axis=0)
-        common.say(
+        common.add_paragraph(
             f"{scene}: masks 2 px smaller have a median IoU of {smaller:.3f} with themselves, 2 px larger {larger:.3f}."
         )
 
 
-def picture(row: Judged) -> Pixels:
+def draw_comparison(row: Judged) -> Pixels:
     """The true outline green, the found one red, the hint as a cross; name, F and IoU above."""
     tile, scale = row.photo.image.copy(), WIDTH / row.photo.image.shape[1]
     for mask, colour in ((row.photo.truth, GREEN), (row.mask, RED)):
@@ -226,7 +231,7 @@ def picture(row: Judged) -> Pixels:
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--data", type=Path, default=common.data_folder(), help="folder with tools/")
     parser.add_argument("--pictures", type=Path, help="folder for pictures of what ours did not find")
     parser.add_argument("--method", choices=list(METHODS), help="this one alone")
@@ -237,19 +242,21 @@ def main() -> None:
     photos = read_photos(args.data / "tools", args.only)
     if not photos:
         raise SystemExit(f'no photo has "{args.only}" in its name')
-    common.heading("Segmentation: photos of one tool each against their masks")
+    common.begin_section("Segmentation: photos of one tool each against their masks")
     methods = [args.method] if args.method else list(METHODS)
     for method in methods:
         METHODS[method](photos[0].image, None)  # what is loaded on first use is no part of what is timed
-    rows = [judge(p, m, p.deepest() if hint else None) for m in methods for hint in (False, True) for p in photos]
-    show(photos, rows)
+    rows = [
+        judge_method(p, m, p.deepest() if hint else None) for m in methods for hint in (False, True) for p in photos
+    ]
+    show_scores(photos, rows)
     if args.pictures is not None:
         args.pictures.mkdir(parents=True, exist_ok=True)
         for row in rows:
             if row.method == "ours" and not row.enough:
                 name = f"{row.photo.name}{'-pixel' if row.hint else ''}.png"
-                cv2.imwrite(str(args.pictures / name), picture(row))
-    common.finish(args.output)
+                cv2.imwrite(str(args.pictures / name), draw_comparison(row))
+    common.write_sections(args.output)
 
 
 if __name__ == "__main__":

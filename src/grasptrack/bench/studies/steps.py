@@ -70,20 +70,20 @@ class Clock:
         """Time a pose estimate, begun at H (3, 3) of each image."""
         target, state = follower.target, follower.state
 
-        def estimate(levels: Any, at: Floats) -> None:
+        def run_estimate(levels: Any, at: Floats) -> None:
             estimate_pose(target, state, levels, Hypothesis("", target.pose(at), state.P))
 
-        self("pose estimate", estimate, ((build_pyramid(i), np.asarray(h)) for i, h in zip(images, H, strict=True)))
+        self("pose estimate", run_estimate, ((build_pyramid(i), np.asarray(h)) for i, h in zip(images, H, strict=True)))
 
     def snake(self, view: gt.View, contacts: Floats, first: Pixels, images: Sequence[Pixels]) -> None:
         """Time a snake's step."""
         snake = Snake(view, first, contacts=contacts)
 
-        def step(image: Pixels) -> None:
+        def step_snake(image: Pixels) -> None:
             snake.predict()
             snake.update(image)
 
-        self("snake's step", step, ((image,) for image in images))
+        self("snake's step", step_snake, ((image,) for image in images))
 
 
 # --- over the outline's length -------------------------------------------------------------------
@@ -124,15 +124,15 @@ def time_on_outlines(seen: Views) -> tuple[Measured, Errors]:
     spots = grasp.on(reference)
     errors: Errors = {}
 
-    def on(contour: gt.Contour) -> gt.Grasp:
+    def snap_grasp(contour: gt.Contour) -> gt.Grasp:
         return gt.Grasp(kernels.point_at(contour.points, contour.offsets, spots))
 
-    def vector(c: gt.Contour) -> tuple[Floats, Floats]:
+    def compute_curvature(c: gt.Contour) -> tuple[Floats, Floats]:
         return kernels.curvature_vector(c.points, c.clipped, homography.SMOOTHING)
 
     clock("construction of a Contour", gt.Contour, ((p,) for p in seen.others))
-    clock("curvature", vector, ((c,) for c in new_contours(seen.others)))
-    curves = [(c.points, *vector(c)) for c in new_contours(seen.others)]
+    clock("curvature", compute_curvature, ((c,) for c in new_contours(seen.others)))
+    curves = [(c.points, *compute_curvature(c)) for c in new_contours(seen.others)]
     apart = [homography.SEPARATION * float(arc[-1]) for _, arc, _ in curves]
     peaks = zip(curves, apart, strict=True)
     clock("peaks", kernels.select_points, ((*c, a, homography.PROMINENCE) for c, a in peaks))
@@ -140,7 +140,7 @@ def time_on_outlines(seen: Views) -> tuple[Measured, Errors]:
     for name, strategy in TRANSFERS.items():
         module: TransferStrategy = strategy_named(strategy)
         described = module.describe(grasp, gt.View(reference))
-        clock(f"{name}: describe", module.describe, ((on(c), c) for c in new_contours(seen.others)))
+        clock(f"{name}: describe", module.describe, ((snap_grasp(c), c) for c in new_contours(seen.others)))
         served, off = [], []
         for points, H in zip(seen.others, seen.H, strict=True):
             try:
@@ -151,11 +151,13 @@ def time_on_outlines(seen: Views) -> tuple[Measured, Errors]:
             off.extend(np.hypot(*(contacts - apply_homography(H, grasp.contacts)).T))
         if len(served) < len(seen.others):
             short = f"{len(seen.others) - len(served)} of {len(seen.others)}"
-            common.say(f"Note: {name} refused {short} outlines of {len(seen.first)} points; the others are timed.")
+            common.add_paragraph(
+                f"Note: {name} refused {short} outlines of {len(seen.first)} points; the others are timed."
+            )
         clock(f"{name}: apply", module.apply, ((described, c) for c in new_contours(served)))
         clock(f"{name}: transfer", gt.transfer, ((grasp, reference, c, strategy) for c in new_contours(served)))
         errors[f"{name}: transfer"] = float(np.median(off)) if off else np.nan
-    clock("analysis", gt.analyze, ((on(c), c) for c in new_contours(seen.others)))
+    clock("analysis", gt.analyze, ((snap_grasp(c), c) for c in new_contours(seen.others)))
     if len(seen.first) <= SYNTHESIS_UP_TO:
         clock("synthesis, 50 grasps", gt.synthesize, ((c,) for c in new_contours(seen.others[:100])))
     return clock.taken, errors
@@ -204,8 +206,8 @@ def time_opencv_on_outlines(seen: Views) -> tuple[Measured, Errors]:
 
 def show_outlines(most: int, lengths: Sequence[int]) -> None:
     """Measure and show; `most` calls on the shorter outlines, fewer on longer ones."""
-    common.heading("Steps over the outline's length")
-    common.say("Two fingers, each call on an outline that was not seen before.")
+    common.begin_section("Steps over the outline's length")
+    common.add_paragraph("Two fingers, each call on an outline that was not seen before.")
     ours: list[Measured] = []
     theirs: list[Measured] = []
     errors: list[Errors] = []
@@ -218,27 +220,29 @@ def show_outlines(most: int, lengths: Sequence[int]) -> None:
         theirs.append(others)
         errors.append(off | other)
     heads = [f"{n:,} points" for n in lengths]
-    show(ours, "us", heads, (50, 99))
-    common.say("Comparable work in OpenCV on the same outlines, median us.")
-    show(theirs, "us", heads, (50,))
-    common.say(
+    show_steps(ours, "us", heads, (50, 99))
+    common.add_paragraph("Comparable work in OpenCV on the same outlines, median us.")
+    show_steps(theirs, "us", heads, (50,))
+    common.add_paragraph(
         "Accuracy: median distance of the contacts from the truth, px. The outlines have 0.05 px of noise and are seen "
         "under a tilt of up to 7 degrees."
     )
-    common.table(["call", *heads], [[m, *(e[m] for e in errors)] for m in errors[0]])
-    common.say("Growth: the time of one length over that of the one before, which is about a third of it; linear is 3.")
+    common.add_table(["call", *heads], [[m, *(e[m] for e in errors)] for m in errors[0]])
+    common.add_paragraph(
+        "Growth: the time of one length over that of the one before, which is about a third of it; linear is 3."
+    )
     growth: list[list[object]] = []
     for name in ours[0]:
         medians = [float(np.median(m[name])) for m in ours if name in m]
         ratios = [b / a for a, b in pairwise(medians)]
         linear = "yes" if medians[-1] <= 1.2 * medians[0] * lengths[len(medians) - 1] / lengths[0] else "NO"
         growth.append([name, *ratios, *[np.nan] * (len(lengths) - 1 - len(ratios)), linear])
-    common.table(["step", *(f"{n:,}" for n in lengths[1:]), "at most linear"], growth)
+    common.add_table(["step", *(f"{n:,}" for n in lengths[1:]), "at most linear"], growth)
     if 300 in lengths:
-        common.say("Targets on 300 points, median us.")
+        common.add_paragraph("Targets on 300 points, median us.")
         got = {name: float(np.median(ours[list(lengths).index(300)][name])) for name in TARGETS}
         rows = [[name, got[name], limit, "yes" if got[name] <= limit else "NO"] for name, limit in TARGETS.items()]
-        common.table(["step", "us", "target", "met"], rows)
+        common.add_table(["step", "us", "target", "met"], rows)
 
 
 # --- over the image's size -----------------------------------------------------------------------
@@ -258,22 +262,22 @@ def time_on_images(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[M
     outer = view.outer.points[:: max(1, len(view.outer) // 64)]
     centres = np.array([c.points.mean(axis=0) for c in view.contours[1:]]).reshape(-1, 2)
 
-    def near(image: Pixels, H: Floats) -> None:
+    def find_near(image: Pixels, H: Floats) -> None:
         found = next(iter(observer.near(image, apply_homography(H, outer), apply_homography(H, centres))))
         observer.believe(found)
 
     to_first = np.linalg.inv(first.H_current_reference)
     moves = [f.H_current_reference @ to_first for f in order]
-    clock("search near the prediction", near, zip(images, moves, strict=True))
+    clock("search near the prediction", find_near, zip(images, moves, strict=True))
     chains = []
     for image in images:
         _, binary = cv2.threshold(image, 0, 255, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)
         chains.append(trace_silhouettes(np.asarray(binary, np.uint8), 1e-3 * image.size)[0].outer)
 
-    def edges(image: Pixels, chain: Any) -> None:
+    def trace_edges(image: Pixels, chain: Any) -> None:
         localize_contour(image, chain, hole=False, polarity=1)
 
-    clock("edge tracing of one outline", edges, zip(images, chains, strict=True))
+    clock("edge tracing of one outline", trace_edges, zip(images, chains, strict=True))
     clock("pyramid of the image", build_pyramid, ((image,) for image in images))
     clock.estimate(Follower(first.image, view, contacts), images, moves)
     clock.snake(view, contacts, first.image, images)
@@ -284,20 +288,20 @@ def time_opencv_on_images(order: list[SceneFrame]) -> Measured:
     """OpenCV's calls that every method of one's own would begin with."""
     clock = Clock(1e3)
 
-    def otsu(image: Pixels) -> None:
+    def find_by_otsu(image: Pixels) -> None:
         _, binary = cv2.threshold(image, 0, 255, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)
         cv2.findContours(binary, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
 
     clock("cv2.GaussianBlur, 5x5", lambda image: cv2.GaussianBlur(image, (5, 5), 0), ((f.image,) for f in order))
-    clock("cv2.threshold, Otsu, and cv2.findContours", otsu, ((f.image,) for f in order))
+    clock("cv2.threshold, Otsu, and cv2.findContours", find_by_otsu, ((f.image,) for f in order))
     clock("cv2.Canny", lambda image: cv2.Canny(image, 50, 150), ((f.image,) for f in order))
     return clock.taken
 
 
 def show_images(updates: int, sizes: Sequence[tuple[int, int]]) -> None:
     """Measure and show; `updates` images of the smallest size, fewer of larger ones."""
-    common.heading("Steps over the image's size")
-    common.say(f"The demonstration's scene, grey, to and fro from frame {BEGIN} of {LENGTH}: gentle motion.")
+    common.begin_section("Steps over the image's size")
+    common.add_paragraph(f"The demonstration's scene, grey, to and fro from frame {BEGIN} of {LENGTH}: gentle motion.")
     steps: list[Measured] = []
     opencv: list[Measured] = []
     whole: list[dict[str, Score]] = []
@@ -317,15 +321,19 @@ def show_images(updates: int, sizes: Sequence[tuple[int, int]]) -> None:
         runs = {name: common.score_alone(strategy_maker(name), start, order) for name in STRATEGIES}
         whole.append(runs | {name: common.score_alone(make, start, few) for name, make in peers.items()})
     heads = [f"{w}x{h}" for w, h in sizes]
-    common.say("Steps, ms. The first look is taken a few times only; its 99th percentile is nearly its largest.")
-    show(steps, "ms", heads, (50, 99), growth=True)
-    common.say("Comparable work in OpenCV on the same images, ms.")
-    show(opencv, "ms", heads, (50, 99), growth=True)
-    common.say("A whole update: of each strategy, and of what a user would otherwise pick, ms.")
-    taken = [{name: common.latencies(score) for name, score in scores.items()} for scores in whole]
-    show(taken, "ms", heads, (50, 99), growth=True)
-    common.say("Growth is the time at the largest size over that at the smallest, which has 39 times fewer pixels.")
-    common.say(
+    common.add_paragraph(
+        "Steps, ms. The first look is taken a few times only; its 99th percentile is nearly its largest."
+    )
+    show_steps(steps, "ms", heads, (50, 99), growth=True)
+    common.add_paragraph("Comparable work in OpenCV on the same images, ms.")
+    show_steps(opencv, "ms", heads, (50, 99), growth=True)
+    common.add_paragraph("A whole update: of each strategy, and of what a user would otherwise pick, ms.")
+    taken = [{name: common.update_latencies(score) for name, score in scores.items()} for scores in whole]
+    show_steps(taken, "ms", heads, (50, 99), growth=True)
+    common.add_paragraph(
+        "Growth is the time at the largest size over that at the smallest, which has 39 times fewer pixels."
+    )
+    common.add_paragraph(
         "Accuracy of these updates: px between the contacts and their true places, of the frames that were located."
     )
     figures: dict[str, Callable[[Score], float]] = {
@@ -334,10 +342,10 @@ def show_images(updates: int, sizes: Sequence[tuple[int, int]]) -> None:
         "located, %": lambda score: 100.0 * score.located,
     }
     for what, figure in figures.items():
-        common.table([what, *heads], [[name, *(figure(scores[name]) for scores in whole)] for name in whole[0]])
+        common.add_table([what, *heads], [[name, *(figure(scores[name]) for scores in whole)] for name in whole[0]])
 
 
-def show(
+def show_steps(
     measured: list[Measured], unit: str, heads: list[str], percents: Sequence[int], *, growth: bool = False
 ) -> None:
     """A table of steps for each percentile."""
@@ -347,12 +355,12 @@ def show(
             times = [float(np.percentile(m[name], percent)) if name in m else np.nan for m in measured]
             rows.append([name, *times, *([times[-1] / times[0]] if growth else [])])
         title = f"median {unit}" if percent == 50 else f"{percent}th percentile, {unit}"
-        common.table([title, *heads, *(["growth"] if growth else [])], rows)
+        common.add_table([title, *heads, *(["growth"] if growth else [])], rows)
 
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument(
         "--calls", type=int, default=1000, help="calls of each step on 300 points; fewer on long outlines"
     )
@@ -366,7 +374,7 @@ def main() -> None:
         show_outlines(args.calls, LENGTHS if args.largest >= len(SIZES) else LENGTHS[: args.largest])
     if args.only != "outline":
         show_images(args.updates, SIZES[: args.largest])
-    common.finish(args.output)
+    common.write_sections(args.output)
 
 
 if __name__ == "__main__":

@@ -98,8 +98,8 @@ def by_brute_force(view: gt.View, fingers: int, friction: float) -> Yield:
 
 def show_parts(calls: int) -> None:
     """Times on the built-in parts."""
-    common.heading("Choosing grasps")
-    common.say("50 grasps with the hand of its defaults, ms.")
+    common.begin_section("Choosing grasps")
+    common.add_paragraph("50 grasps with the hand of its defaults, ms.")
     rows: list[list[object]] = []
     medians: dict[int, list[float]] = {2: [], 3: []}
     for name, view in test_outlines().items():
@@ -109,10 +109,10 @@ def show_parts(calls: int) -> None:
             medians[fingers].append(float(np.median(taken)))
             told = [len(found), sum(g.spread for g in found), sum(found.refused.values())]
             rows.append([name, len(view.contours) - 1, fingers, medians[fingers][-1], float(taken.max()), *told])
-    common.table(["shape", "holes", "fingers", "median", "max", "grasps", "spread", "refused"], rows)
+    common.add_table(["shape", "holes", "fingers", "median", "max", "grasps", "spread", "refused"], rows)
     for fingers, values in medians.items():
         verdict = "yes" if max(values) <= TARGETS[fingers] else "NO"
-        common.say(
+        common.add_paragraph(
             f"{fingers} fingers: median of the shapes {np.median(values):.2f} ms, slowest shape {max(values):.2f} ms, "
             f"target {TARGETS[fingers]:g} ms, met: {verdict}"
         )
@@ -121,8 +121,8 @@ def show_parts(calls: int) -> None:
 def show_silhouettes(folder: Path, friction: float) -> None:
     """What is found on silhouettes, and why nothing is."""
     files = sorted(folder.glob("*.png"))
-    common.heading(f"Choosing grasps on silhouettes, friction {friction:g}")
-    common.say(f"{len(files)} silhouettes, the hand of its defaults.")
+    common.begin_section(f"Choosing grasps on silhouettes, friction {friction:g}")
+    common.add_paragraph(f"{len(files)} silhouettes, the hand of its defaults.")
     for fingers in (2, 3):
         reasons: Counter[str] = Counter()
         without: list[list[object]] = []
@@ -139,20 +139,20 @@ def show_silhouettes(folder: Path, friction: float) -> None:
                 without.append(
                     [path.stem, grasps.reason, str(grasps.refused), *by_brute_force(view, fingers, friction)]
                 )
-        common.say(
+        common.add_paragraph(
             f"{fingers} fingers: {len(files) - len(without)} with grasps ({spread} with one that spreads), "
             f"{len(without)} without; {min(found)} to {max(found)} grasps, median {np.median(found):g}; "
             f"{np.median(taken):.2f} ms in the median, {max(taken):.2f} at most."
         )
         if without:
-            common.table(["silhouettes", "reason"], [[count, reason] for reason, count in reasons.most_common()])
+            common.add_table(["silhouettes", "reason"], [[count, reason] for reason, count in reasons.most_common()])
             head = ["silhouette", "reason", "refused", "stable by brute force", "left by brute force"]
-            common.table(head, without)
+            common.add_table(head, without)
 
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--calls", type=int, default=30, help="calls for each shape and number of fingers")
     parser.add_argument("--silhouettes", type=Path, metavar="FOLDER", help="these instead of the built-in parts")
     parser.add_argument("--friction", type=float, default=0.5, help="for the silhouettes")
@@ -163,7 +163,7 @@ def main() -> None:
         parser.error(f"no PNG in {args.silhouettes}")
     else:
         show_silhouettes(args.silhouettes, args.friction)
-    common.finish(args.output)
+    common.write_sections(args.output)
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ class Case(NamedTuple):
 
     def scene(self) -> Scene:
         """The part in the middle, sqrt(area) of SIZE px."""
-        camera, seen = Camera(), _look(self.part, self.light, self.way)
+        camera, seen = Camera(), _choose_look(self.part, self.light, self.way)
         frames = math.ceil(TILTS[-1] + BAND) + 1
         u = np.arange(frames, dtype=np.float64)
         path = Path(
@@ -61,13 +61,13 @@ class Case(NamedTuple):
         )
 
 
-def _look(part: str, light: bool, way: int) -> Look:
+def _choose_look(part: str, light: bool, way: int) -> Look:
     """The part's own look of a seed, the first in which it is lighter than the table, or darker."""
     kinds = (sample_look(part, 100 * way + seed) for seed in itertools.count())
     return next(found for found in kinds if (found.surface_level > found.table_level) is light)
 
 
-def run(case: Case) -> list[FrameScore]:
+def track_case(case: Case) -> list[FrameScore]:
     """Scored frames of `auto`; a frame's index is its tilt in degrees. Empty where the first view has no grasp."""
     scene = case.scene()
     outline = scene[0].outline
@@ -79,7 +79,7 @@ def run(case: Case) -> list[FrameScore]:
     return score_sequence(shown, method_makers(["auto"]), start)["auto"]
 
 
-def cell(frames: list[FrameScore]) -> str:
+def format_errors(frames: list[FrameScore]) -> str:
     """Located % / median / 95 % of the errors in px, and wrong frames where there are any."""
     counted = [f for f in frames if not f.defining]
     off = [f.distances for f in counted if f.distances is not None]
@@ -93,25 +93,25 @@ def cell(frames: list[FrameScore]) -> str:
     )
 
 
-def near(frames: list[FrameScore], tilt: int) -> list[FrameScore]:
+def select_tilt(frames: list[FrameScore], tilt: int) -> list[FrameScore]:
     """Frames in the band round a tilt."""
     return [f for f in frames if abs(f.frame - tilt) <= BAND]
 
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--parts", default=PARTS)
     parser.add_argument("--thick", default=",".join(map(str, THICK)), help="of sqrt(area)")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     names, thick = asked.parts.split(","), [float(t) for t in asked.thick.split(",")]
     cases = [Case(*c) for c in itertools.product(names, (False, True), thick, range(len(AZIMUTHS)))]
-    common.heading("Thick parts")
-    frames = dict(zip(cases, common.run_all(run, cases, asked.workers), strict=True))
+    common.begin_section("Thick parts")
+    frames = dict(zip(cases, common.run_all(track_case, cases, asked.workers), strict=True))
     total = [f for found in frames.values() for f in found]
     wrong = sum(f.is_false_accept for f in total)
-    common.say(f"{len(names)} parts, {len(cases)} sequences, {len(total)} frames, {wrong} of them wrong.")
+    common.add_paragraph(f"{len(names)} parts, {len(cases)} sequences, {len(total)} frames, {wrong} of them wrong.")
 
     def of(thick: float, **chosen: object) -> list[FrameScore]:
         rows = (f for c, f in frames.items() if c.thick == thick and all(getattr(c, k) == v for k, v in chosen.items()))
@@ -123,13 +123,16 @@ def main() -> None:
         ("Dark parts on light", {"light": False}),
         ("Light parts on dark", {"light": True}),
     ):
-        common.say(f"{title}: located / median / 95 % px.")
-        common.table(heads, [[f"{100 * t:.0f}", *(cell(near(of(t, **chosen), a)) for a in TILTS)] for t in thick])
-    common.say("By part, all tilts:")
-    common.table(
-        ["part", *(f"{100 * t:.0f} %" for t in thick)], [[n, *(cell(of(t, part=n)) for t in thick)] for n in names]
+        common.add_paragraph(f"{title}: located / median / 95 % px.")
+        common.add_table(
+            heads, [[f"{100 * t:.0f}", *(format_errors(select_tilt(of(t, **chosen), a)) for a in TILTS)] for t in thick]
+        )
+    common.add_paragraph("By part, all tilts:")
+    common.add_table(
+        ["part", *(f"{100 * t:.0f} %" for t in thick)],
+        [[n, *(format_errors(of(t, part=n)) for t in thick)] for n in names],
     )
-    common.finish(asked.output)
+    common.write_sections(asked.output)
 
 
 if __name__ == "__main__":

@@ -80,7 +80,7 @@ class Outcome(NamedTuple):
         return self.located / self.frames
 
 
-def outcome(kind: str, name: str, start: Start, shown: Iterable[Shown]) -> Outcome | None:
+def inspect_and_track(kind: str, name: str, start: Start, shown: Iterable[Shown]) -> Outcome | None:
     """Inspect the first frame and track the rest, both told of the same contacts; None where too few frames count."""
     frames = iter(shown)
     first = next(frames)
@@ -112,7 +112,9 @@ def of_scene(case: SceneCase) -> Outcome | None:
     outline = scene[0].outline
     try:
         start = Start(chosen_grasp(outline, case.fingers, case.friction), outline, case.size)
-        return outcome(case.disturbance, case.name, start, (Shown(f.image, f.time, Truth.of_scene(f)) for f in scene))
+        return inspect_and_track(
+            case.disturbance, case.name, start, (Shown(f.image, f.time, Truth.of_scene(f)) for f in scene)
+        )
     except GraspTrackError:
         return None
 
@@ -121,13 +123,13 @@ def of_video(case: RealCase) -> Outcome | None:
     """A real video; None where its object is not found."""
     try:
         with sequence_of(case) as (start, shown, _):
-            return outcome("video", case.name, start, shown)
+            return inspect_and_track("video", case.name, start, shown)
     except GraspTrackError as error:
         print(f"{case.name}: {error}")
         return None
 
 
-def run(function: Callable[[Any], Outcome | None], cases: Sequence[Any], jobs: int) -> list[Outcome]:
+def run_cases(function: Callable[[Any], Outcome | None], cases: Sequence[Any], jobs: int) -> list[Outcome]:
     """All that came of some cases."""
     return [o for o in common.run_all(function, cases, jobs) if o is not None]
 
@@ -135,7 +137,7 @@ def run(function: Callable[[Any], Outcome | None], cases: Sequence[Any], jobs: i
 # --- the fit -------------------------------------------------------------------------------------
 
 
-def fitted(
+def fit_unforeseen(
     outcomes: Sequence[Outcome], weights: Floats, start: Unforeseen = UNFORESEEN, near: float = 0.02
 ) -> Unforeseen:
     """The numbers that make what came of runs most probable, and their errors' quantiles best (pinball loss of the log).
@@ -152,11 +154,11 @@ def fitted(
         (o, o.drawn, w) for o, w in zip(outcomes, weights.tolist(), strict=True) if o.drawn is not None and w > 0.0
     ]
 
-    def shares(logs: Floats) -> float:
+    def share_loss(logs: Floats) -> float:
         u = UNFORESEEN._replace(**dict(zip(("located", "lost", "weight"), np.exp(logs).tolist(), strict=True)))
         return -float(sum(w * log_chance(*beta_of(d, u), o.frames, o.located) for o, d, w in known))
 
-    def errors(logs: Floats) -> float:
+    def error_loss(logs: Floats) -> float:
         names = ("factor", "factor_spread", "beyond", "beyond_spread")
         u = UNFORESEEN._replace(**dict(zip(names, np.exp(logs).tolist(), strict=True)))
         loss = 0.0
@@ -167,30 +169,30 @@ def fitted(
                     loss += w * max(q * off, (q - 1.0) * off) / math.sqrt(q * (1.0 - q))
         return loss
 
-    def least(loss: Callable[[Floats], float], numbers: Sequence[float]) -> Floats:
+    def minimize_loss(loss: Callable[[Floats], float], numbers: Sequence[float]) -> Floats:
         logs = np.log(numbers)
         simplex = np.vstack([logs, logs + 0.4 * np.eye(len(logs))])
         options = {"xatol": near, "fatol": 0.05 * near, "maxiter": 400, "initial_simplex": simplex}
         return np.asarray(minimize(loss, logs, method="Nelder-Mead", bounds=[LOGS] * len(logs), options=options).x)
 
-    first, second = least(shares, start[:3]), least(errors, start[3:])
+    first, second = minimize_loss(share_loss, start[:3]), minimize_loss(error_loss, start[3:])
     return Unforeseen(*np.exp([*first, *second]).tolist())
 
 
-def weighed(outcomes: Sequence[Outcome]) -> Floats:
+def balance_weights(outcomes: Sequence[Outcome]) -> Floats:
     """(n,) so that videos count as much as scenes."""
     videos = np.array([o.kind == "video" for o in outcomes])
     share = np.where(videos, 0.5 / max(int(videos.sum()), 1), 0.5 / max(int((~videos).sum()), 1))
     return np.asarray(share * len(outcomes), dtype=np.float64)
 
 
-def write(path: Path, outcomes: Sequence[Outcome], by: str) -> Unforeseen:
+def write_numbers(path: Path, outcomes: Sequence[Outcome], by: str) -> Unforeseen:
     """Fit, and write the numbers with their intervals."""
-    weights = weighed(outcomes)
-    best, rng = fitted(outcomes, weights), np.random.default_rng(0)
+    weights = balance_weights(outcomes)
+    best, rng = fit_unforeseen(outcomes, weights), np.random.default_rng(0)
     count = len(outcomes)
     drawn = [
-        fitted(outcomes, weights * np.bincount(rng.integers(0, count, count), minlength=count), best, 0.2)
+        fit_unforeseen(outcomes, weights * np.bincount(rng.integers(0, count, count), minlength=count), best, 0.2)
         for _ in range(DRAWS)
     ]
     low, high = np.quantile(np.array(drawn), [0.025, 0.975], axis=0)
@@ -240,7 +242,7 @@ def by_level(outcomes: Sequence[Outcome]) -> list[list[object]]:
     return rows
 
 
-def told(o: Outcome, unforeseen: Unforeseen) -> list[object]:
+def outcome_row(o: Outcome, unforeseen: Unforeseen) -> list[object]:
     """A run beside what was foretold of it."""
     if o.drawn is None:
         return [o.name, o.level, "", f"{100 * o.share:.0f} %", "", o.error, ""]
@@ -254,7 +256,7 @@ def told(o: Outcome, unforeseen: Unforeseen) -> list[object]:
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--parts", default=OTHERS, help=f"of the scenes; with --fit {PARTS}")
     parser.add_argument("--disturbances", default=DISTURBANCES)
     parser.add_argument("--frames", type=int, default=31, help="of a scene")
@@ -274,27 +276,29 @@ def main() -> None:
         for folder in args.real or filter(Path.is_dir, [common.data_folder() / "videos"])
         for case in videos_of(folder)
     ]
-    outcomes = [*run(of_scene, scenes, args.jobs), *run(of_video, videos, args.jobs)]
-    common.heading("Suitability")
-    common.say(
+    outcomes = [*run_cases(of_scene, scenes, args.jobs), *run_cases(of_video, videos, args.jobs)]
+    common.begin_section("Suitability")
+    common.add_paragraph(
         f"{len(outcomes)} of {len(scenes)} scenes and {len(videos)} videos; inspected in the first frame, tracked by auto in "
         "the others that show the object as a whole. Time of an inspection: median "
         f"{np.median([o.seconds for o in outcomes]):.2f} s, at most {max(o.seconds for o in outcomes):.2f} s of one core."
     )
     unforeseen = UNFORESEEN
     if args.fit:
-        unforeseen = write(args.write, outcomes, f"grasptrack.bench.studies.trackability --fit --seed {args.seed}")
-        common.say(f"Fitted: {', '.join(f'{n} {v:.3g}' for n, v in unforeseen._asdict().items())}.")
-    common.table(
+        unforeseen = write_numbers(
+            args.write, outcomes, f"grasptrack.bench.studies.trackability --fit --seed {args.seed}"
+        )
+        common.add_paragraph(f"Fitted: {', '.join(f'{n} {v:.3g}' for n, v in unforeseen._asdict().items())}.")
+    common.add_table(
         ["runs of", "runs", "located within", "px within", "px of the median told"], by_kind(outcomes, unforeseen)
     )
-    common.table(["verdict", "runs", "located", "least of a run", "median px", "wrong"], by_level(outcomes))
+    common.add_table(["verdict", "runs", "located", "least of a run", "median px", "wrong"], by_level(outcomes))
     listed = [o for o in outcomes if o.kind == "video"]
     listed += [o for o in outcomes if o.kind != "video" and (o.drawn is None or not all(is_within(o, unforeseen)))]
-    common.say("Each video, and the scenes that lie outside an interval.")
+    common.add_paragraph("Each video, and the scenes that lie outside an interval.")
     head = ["run", "verdict", "located, 95 %", "located", "px, 95 %", "px", "outside"]
-    common.table(head, [told(o, unforeseen) for o in listed])
-    common.finish(args.output)
+    common.add_table(head, [outcome_row(o, unforeseen) for o in listed])
+    common.write_sections(args.output)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ class Told:
         return self._tracker.update(image, time=time)
 
 
-def one(task: tuple[str, int]) -> dict[str, list[FrameScore]]:
+def score_part(task: tuple[str, int]) -> dict[str, list[FrameScore]]:
     """A part's scored frames by method."""
     name, frames = task
     lens = SceneCase(Part(SHAPES[name]()), "lens", 0, frames).scene()
@@ -53,7 +53,7 @@ def one(task: tuple[str, int]) -> dict[str, list[FrameScore]]:
     return found
 
 
-def cost() -> list[str]:
+def time_undistortion() -> list[str]:
     """ms to straighten an image, grey and colour, and to prepare for it."""
     camera = gt.Camera(
         [[704.0, 0.0, 319.5], [0.0, 704.0, 239.5], [0.0, 0.0, 1.0]], (-0.15, 0.02, 0, 0), size=(640, 480)
@@ -73,7 +73,7 @@ def cost() -> list[str]:
     return [*cells, f"{first:.0f}"]
 
 
-def row(method: str, frames: list[FrameScore]) -> list[str]:
+def score_row(method: str, frames: list[FrameScore]) -> list[str]:
     """The figures of a method over all parts."""
     off = [f.distances for f in frames if f.distances is not None and not f.defining and not f.gone]
     errors = np.concatenate(off)
@@ -91,17 +91,17 @@ def row(method: str, frames: list[FrameScore]) -> list[str]:
 
 def main() -> None:
     """Run and print."""
-    parser = common.parser(__doc__)
+    parser = common.create_parser(__doc__)
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--shapes", default=",".join(SHAPES))
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
-    common.heading("A calibrated camera")
-    common.table(["640x480 grey, ms", "BGR, ms", "once, ms"], [cost()])
-    runs = common.run_all(one, [(name, asked.frames) for name in asked.shapes.split(",")], asked.workers)
-    rows = [row(m, [f for run in runs for f in run.get(m, [])]) for m in METHODS]
-    common.table(["scenes", "frames", "located %", "wrong", "median px", "95 %", "RMS", "ms"], rows)
-    common.finish(asked.output)
+    common.begin_section("A calibrated camera")
+    common.add_table(["640x480 grey, ms", "BGR, ms", "once, ms"], [time_undistortion()])
+    runs = common.run_all(score_part, [(name, asked.frames) for name in asked.shapes.split(",")], asked.workers)
+    rows = [score_row(m, [f for run in runs for f in run.get(m, [])]) for m in METHODS]
+    common.add_table(["scenes", "frames", "located %", "wrong", "median px", "95 %", "RMS", "ms"], rows)
+    common.write_sections(asked.output)
 
 
 if __name__ == "__main__":

@@ -67,23 +67,23 @@ def _draw_crop(
     warped = cv2.warpAffine(source, move, size, flags=way, borderMode=cv2.BORDER_CONSTANT, borderValue=(30, 27, 24))
     canvas: Picture = np.ascontiguousarray(warped, dtype=np.uint8)
 
-    def placed(points: Floats) -> Floats:
+    def to_crop(points: Floats) -> Floats:
         return np.asarray(points @ move[:, :2].T + move[:, 2], dtype=np.float64)
 
     for width, colour in ((3.0, DARK_RGB), (1.0, WHITE_RGB)):
         for polygon in outline:
-            draw_polyline(canvas, placed(polygon), colour, width, closed=True)
+            draw_polyline(canvas, to_crop(polygon), colour, width, closed=True)
     if answer is not None and len(answer) == 2:
-        draw_polyline(canvas, placed(answer), DARK_RGB, 4.0)
-        draw_polyline(canvas, placed(answer), WRONG_RGB, 2.0)
+        draw_polyline(canvas, to_crop(answer), DARK_RGB, 4.0)
+        draw_polyline(canvas, to_crop(answer), WRONG_RGB, 2.0)
     if truth is not None:
-        for k, at in enumerate(placed(truth)):
+        for k, at in enumerate(to_crop(truth)):
             if answer is not None and k < len(answer):
-                draw_polyline(canvas, np.array([at, placed(answer)[k]]), WHITE_RGB, 1.0)
+                draw_polyline(canvas, np.array([at, to_crop(answer)[k]]), WHITE_RGB, 1.0)
             draw_disc(canvas, at, 8.0, DARK_RGB, 5.0)
             draw_disc(canvas, at, 8.0, TRUE_RGB, 3.0)
     if answer is not None:
-        for at in placed(answer):
+        for at in to_crop(answer):
             draw_disc(canvas, at, 5.4, DARK_RGB)
             draw_disc(canvas, at, 4.0, WRONG_RGB)
     return canvas

@@ -35,7 +35,7 @@ class Axis:
     ticks: Sequence[float] | None = None
     unit: str = ""
 
-    def place(self, values: ArrayLike) -> Floats:
+    def to_fraction(self, values: ArrayLike) -> Floats:
         """0 to 1 along the axis, held at its ends; NaN stays."""
         ends = self._to_scale(np.array([self.low, self.high]))
         clipped = np.clip(np.asarray(values, dtype=np.float64), self.low, self.high)
@@ -47,7 +47,7 @@ class Axis:
         return np.sqrt(np.maximum(values, 0.0)) if self.kind == "root" else values
 
     @property
-    def marks(self) -> list[float]:
+    def tick_values(self) -> list[float]:
         """Values with a mark."""
         if self.ticks is not None:
             return [t for t in self.ticks if self.low <= t <= self.high]
@@ -56,12 +56,12 @@ class Axis:
         if self.kind == "root":
             chosen = [self.high]
             for share in (0.5, 0.25, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0):
-                if self.low <= share < self.high and np.ptp(self.place([share, chosen[0]])) >= 0.12:
+                if self.low <= share < self.high and np.ptp(self.to_fraction([share, chosen[0]])) >= 0.12:
                     chosen.insert(0, share)
             return chosen
         return linear_ticks(self.low, self.high)
 
-    def written(self, value: float) -> str:
+    def format_tick(self, value: float) -> str:
         """A mark's text."""
         if self.unit == "%":
             return f"{100.0 * value:g} %"
@@ -140,17 +140,17 @@ class Chart:
         self._parts: list[str] = []
         self._texts: list[str] = []
 
-    def px(self, values: ArrayLike) -> Floats:
+    def to_x(self, values: ArrayLike) -> Floats:
         """Places along x."""
-        return self.left + self.x.place(values) * (self.right - self.left)
+        return self.left + self.x.to_fraction(values) * (self.right - self.left)
 
-    def py(self, values: ArrayLike) -> Floats:
+    def to_y(self, values: ArrayLike) -> Floats:
         """Places along y, counted from the top."""
-        return self.bottom - self.y.place(values) * (self.bottom - self.top)
+        return self.bottom - self.y.to_fraction(values) * (self.bottom - self.top)
 
-    def line(self, xs: ArrayLike, ys: ArrayLike, series: Series, name: str = "") -> None:
+    def draw_line(self, xs: ArrayLike, ys: ArrayLike, series: Series, name: str = "") -> None:
         """A line; it breaks where a value is none. `name`: shown on hovering in the place of the series' own."""
-        path = _svg_path(self.px(xs), self.py(ys))
+        path = _svg_path(self.to_x(xs), self.to_y(ys))
         if path:
             dash = f' stroke-dasharray="{series.dash}"' if series.dash else ""
             said = f' data-name="{escape_html(name)}"' if name else ""
@@ -159,14 +159,14 @@ class Chart:
                 f'style="stroke:var({series.variable})" stroke-width="{series.width:g}"{dash}/>'
             )
 
-    def stairs(self, xs: ArrayLike, ys: ArrayLike, series: Series) -> None:
+    def draw_stairs(self, xs: ArrayLike, ys: ArrayLike, series: Series) -> None:
         """A line of steps: each value holds until the next."""
         x, y = np.asarray(xs, dtype=np.float64), np.asarray(ys, dtype=np.float64)
-        self.line(np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1], series)
+        self.draw_line(np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1], series)
 
-    def band(self, xs: ArrayLike, low: ArrayLike, high: ArrayLike, series: Series) -> None:
+    def draw_band(self, xs: ArrayLike, low: ArrayLike, high: ArrayLike, series: Series) -> None:
         """The area between two lines, where both have values; shown for the method that is looked at."""
-        x, a, b = self.px(xs), self.py(low), self.py(high)
+        x, a, b = self.to_x(xs), self.to_y(low), self.to_y(high)
         known = np.isfinite(x) & np.isfinite(a) & np.isfinite(b)
         pieces = []
         for run in _true_runs(known):
@@ -179,9 +179,11 @@ class Chart:
                 f'style="fill:var({series.variable})"/>'
             )
 
-    def dot(self, x: float, y: float, series: Series, tip: str = "", radius: float = 3.6, hollow: bool = False) -> None:
+    def draw_dot(
+        self, x: float, y: float, series: Series, tip: str = "", radius: float = 3.6, hollow: bool = False
+    ) -> None:
         """One value."""
-        px, py = float(self.px(x)), float(self.py(y))
+        px, py = float(self.to_x(x)), float(self.to_y(y))
         if np.isfinite([px, py]).all():
             self._add_dot(px, py, series, tip, radius, hollow)
 
@@ -193,9 +195,11 @@ class Chart:
             f'style="{paint}">{said}</circle>'
         )
 
-    def spread(self, values: Sequence[float], y: float, series: Series, tip: str = "", *, hollow: bool = False) -> None:
+    def draw_spread(
+        self, values: Sequence[float], y: float, series: Series, tip: str = "", *, hollow: bool = False
+    ) -> None:
         """Low, middle and high along x at a place y px: a line with a dot."""
-        low, middle, high = (float(self.px(v)) for v in values)
+        low, middle, high = (float(self.to_x(v)) for v in values)
         if not np.isfinite([low, middle, high]).all():
             return
         self._parts.append(
@@ -204,32 +208,32 @@ class Chart:
         )
         self._add_dot(middle, y, series, tip, 3.4, hollow)
 
-    def span(self, low: float, high: float, kind: str, tip: str = "") -> None:
+    def shade_span(self, low: float, high: float, kind: str, tip: str = "") -> None:
         """Shades the values of x between two; `kind` is the class: "gone" or "partly"."""
-        a, b = (float(v) for v in self.px([low, high]))
+        a, b = (float(v) for v in self.to_x([low, high]))
         said = f"<title>{escape_html(tip)}</title>" if tip else ""
         self._below.append(
             f'<rect class="span {kind}" x="{a:.1f}" y="{self.top}" width="{max(1.0, b - a):.1f}" '
             f'height="{self.bottom - self.top}">{said}</rect>'
         )
 
-    def rule(self, value: float, label: str, axis: str = "x") -> None:
+    def draw_rule(self, value: float, label: str, axis: str = "x") -> None:
         """A marked value with a line across the panel."""
         if axis == "x":
-            at = float(self.px(value))
+            at = float(self.to_x(value))
             self._below.append(f'<path class="rule" d="M{at:.1f},{self.top}V{self.bottom}"/>')
             late = at > 0.5 * (self.left + self.right)
-            self.text(at + (4 if late else -4), self.top - 5, label, "end" if late else "")
+            self.draw_text(at + (4 if late else -4), self.top - 5, label, "end" if late else "")
         else:
-            at = float(self.py(value))
+            at = float(self.to_y(value))
             self._below.append(f'<path class="rule" d="M{self.left},{at:.1f}H{self.right}"/>')
-            self.text(self.right - 3, at - 4, label, "end")
+            self.draw_text(self.right - 3, at - 4, label, "end")
 
-    def separator(self, y: float) -> None:
+    def draw_separator(self, y: float) -> None:
         """A thin line across the whole width at a place y px."""
         self._below.append(f'<path class="grid" d="M4,{y:.1f}H{self.right}"/>')
 
-    def text(self, x: float, y: float, text: str, kind: str = "", series: Series | None = None) -> None:
+    def draw_text(self, x: float, y: float, text: str, kind: str = "", series: Series | None = None) -> None:
         """A line of text at a place in px; `kind`: classes, "end" and "mid" say where it is held."""
         marks = f' data-m="{escape_html(series.name)}"' if series is not None else ""
         self._texts.append(f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}"{marks}>{escape_html(text)}</text>')
@@ -250,23 +254,23 @@ class Chart:
     def _axes_svg(self) -> str:
         out = []
         last = -1e9
-        for value in self.x.marks:
-            at = float(self.px(value))
+        for value in self.x.tick_values:
+            at = float(self.to_x(value))
             if self.grid == "both":
                 out.append(f'<path class="grid" d="M{at:.1f},{self.top}V{self.bottom}"/>')
             out.append(f'<path class="tick" d="M{at:.1f},{self.bottom}v4"/>')
-            text = self.x.written(value)
+            text = self.x.format_tick(value)
             if at - last > 7.0 * len(text) + 4.0:
                 out.append(f'<text class="mid" x="{at:.1f}" y="{self.bottom + 16}">{escape_html(text)}</text>')
                 last = at
-        for value in self.y.marks:
-            at = float(self.py(value))
+        for value in self.y.tick_values:
+            at = float(self.to_y(value))
             out.append(f'<path class="grid" d="M{self.left},{at:.1f}H{self.right}"/>')
             out.append(
-                f'<text class="end" x="{self.left - 6}" y="{at + 4:.1f}">{escape_html(self.y.written(value))}</text>'
+                f'<text class="end" x="{self.left - 6}" y="{at + 4:.1f}">{escape_html(self.y.format_tick(value))}</text>'
             )
         out.append(f'<path class="axis" d="M{self.left},{self.bottom}H{self.right}"/>')
-        if self.x.label and self.x.marks:
+        if self.x.label and self.x.tick_values:
             middle = (self.left + self.right) / 2
             out.append(
                 f'<text class="label mid" x="{middle:.1f}" y="{self.bottom + 32}">{escape_html(self.x.label)}</text>'
