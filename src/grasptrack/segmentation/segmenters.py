@@ -95,10 +95,8 @@ class SalientNet:
             raise InputError(f'there is no model file "{path}"', path=str(path))
         try:
             self._net = cv2.dnn.readNetFromONNX(str(self.path))
-        except cv2.error as error:
-            raise InputError(
-                f'"{path}" cannot be read as an ONNX model: {_first_line(error)}', path=str(path)
-            ) from None
+        except cv2.error:  # its text names files of OpenCV's own
+            raise InputError(f'"{path}" cannot be read as an ONNX model', path=str(path)) from None
 
     def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
         """The map of the image, and that of its mirror image; a net knows nothing of hints, which choose afterwards."""
@@ -117,8 +115,9 @@ class SalientNet:
         try:
             self._net.setInput(np.ascontiguousarray(scaled.transpose(2, 0, 1)[None], dtype=np.float32))
             found = np.asarray(self._net.forward())
-        except cv2.error as error:
-            raise InputError(f'the model "{self.path}" does not run on images: {_first_line(error)}') from None
+        except cv2.error:
+            shape = f"(1, 3, {self.side}, {self.side})"
+            raise InputError(f'the model "{self.path}" does not run on an image of the shape {shape}') from None
         if found.ndim != 4 or found.shape[1] != 1 or min(found.shape[2:]) < 8:
             raise InputError(f'the model "{self.path}" gives {found.shape}, not a map (1, 1, h, w)', shape=found.shape)
         plane = found[0, 0].astype(np.float32)
@@ -170,8 +169,3 @@ def _named(name: str) -> Any:
         choices = ", ".join(known)
         raise InputError(f'unknown segmenter "{name}"; choose from {choices}', name=name)
     return found
-
-
-def _first_line(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0] if lines else type(error).__name__
