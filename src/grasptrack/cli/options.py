@@ -13,7 +13,7 @@ from grasptrack.errors import GraspError, InputError, StrategyError
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from grasptrack.geometry.cameras import Camera
     from grasptrack.geometry.contours import View
@@ -264,16 +264,6 @@ def parse_points(texts: Sequence[str] | None, option: str) -> list[tuple[float, 
         InputError: anything else.
     """
     return [place for text in texts or () if (place := parse_point(text, option)) is not None]
-
-
-def first_point(points: ArrayLike | None) -> tuple[float, float] | None:
-    """The first of some pixels, or of one; None of none."""
-    import numpy as np
-
-    if points is None:
-        return None
-    x, y = np.atleast_2d(np.asarray(points, dtype=np.float64))[0].tolist()
-    return x, y
 
 
 def parse_polygon(text: str | None, option: str) -> list[tuple[float, float]] | None:

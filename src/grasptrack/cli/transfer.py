@@ -14,7 +14,7 @@ from grasptrack.cli.terminal import format_number, show_rows, tell_error
 from grasptrack.errors import GraspTrackError, InputError, TransferError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from grasptrack.geometry.contours import View
     from grasptrack.segmentation.undistortion import Undistortion
@@ -92,7 +92,7 @@ def transfer(
         fingers=count,
         friction=friction,
         grasp=told.contacts,
-        object_at=options.first_point(told.object_at),
+        object_at=_first_point(told.object_at),
         ignore=told.ignore,
     )
     chosen = begun.update(one.image)
@@ -107,7 +107,7 @@ def transfer(
             one.image,
             other.image,
             friction,
-            options.first_point(other.told.object_at),
+            _first_point(other.told.object_at),
             other.told.ignore,
             risk,
             focal,
@@ -139,6 +139,16 @@ def transfer(
     if all(o.reason for o in found.outcomes):
         tell_error(f'"{image_b}": every strategy refuses: {found.outcomes[0].reason}')
         raise typer.Exit(REFUSED)
+
+
+def _first_point(points: ArrayLike | None) -> tuple[float, float] | None:
+    """The pixel that was given, as it is after the lens's distortion was taken out; None of none."""
+    import numpy as np
+
+    if points is None:
+        return None
+    x, y = np.atleast_2d(np.asarray(points, dtype=np.float64))[0].tolist()
+    return x, y
 
 
 class _Found(NamedTuple):

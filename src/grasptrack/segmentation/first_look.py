@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import cv2
@@ -59,6 +60,8 @@ DRAWN = 12.0
 """px by which such a polygon may be off where no proposal agrees, ..."""
 MOVED = 8.0
 """... as a whole so many."""
+FALLBACK_RECIPE = 2
+"""Of `closed_edges.RECIPES`: looks for what no way of looking found by itself."""
 
 
 def first_look(
@@ -100,7 +103,7 @@ def first_look(
     scene = colours
     if mask is not None:
         scene = as_scene(to_mask(mask, colours.shape[:2], "mask"))
-        hints = Hints(**{**hints.__dict__, "masked": True})
+        hints = replace(hints, masked=True)
     found = find_candidates(scene, hints, segmenter_for(segmenter))
     return [c._replace(sure=c.probability >= sure) for c in found]
 
@@ -352,10 +355,6 @@ class _Look:
             return candidate._replace(level=0.5 * (candidate.inside + candidate.outside), recipe=THRESHOLD)
         field = self._edges.fields[0]
         return candidate._replace(recipe=FALLBACK_RECIPE, grain=field.unit)
-
-
-FALLBACK_RECIPE = 2
-"""Of `closed_edges.RECIPES`: looks for what no way of looking found by itself."""
 
 
 def _is_beside(shape: Silhouette, polygon: Floats) -> bool:
