@@ -16,6 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from grasptrack.bench.metrics.mask_agreement import (
@@ -34,8 +35,10 @@ from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
 
-HINTS = ("nothing", "pixel", "box")
+HINTS = ("nothing", "pixel", "box", "polygon")
 BINS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
+CORNERS, DRAWN_OFF = 2.5, 6.0
+"""px: a polygon has the corners that keep it so near the mask's outline, each moved so far in any direction."""
 RIDGE = 0.1
 """Of the logistic fit."""
 
@@ -74,14 +77,24 @@ def is_found(truth: Bools, view: Any) -> bool:
     return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
 
 
+def drawn_polygon(truth: Bools) -> Floats:
+    """(n, 2) px, a polygon round a mask as a hurried person draws it."""
+    chains = cv2.findContours(truth.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    corners = np.asarray(cv2.approxPolyDP(max(chains, key=cv2.contourArea), CORNERS, True)).reshape(-1, 2)
+    angle = np.random.default_rng(len(corners)).uniform(0.0, 2.0 * math.pi, len(corners))
+    return np.asarray(corners + DRAWN_OFF * np.column_stack([np.cos(angle), np.sin(angle)]), dtype=np.float64)
+
+
 def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked:
-    """One photo with one hint: the deepest pixel of the mask, or its bounding box."""
+    """One photo with one hint: the deepest pixel of the mask, its bounding box, or a rough polygon."""
     told: dict[str, Any] = {}
     if hint == "pixel":
         told["object_at"] = photo.deepest()
     if hint == "box":
         y, x = np.nonzero(photo.truth)
         told["box"] = float(x.min()), float(y.min()), float(np.ptp(x)) + 1.0, float(np.ptp(y)) + 1.0
+    if hint == "polygon":
+        told["outline"] = drawn_polygon(photo.truth)
     start = time.perf_counter()
     try:
         found = first_look(photo.image, segmenter=segmenter, **told)
