@@ -69,6 +69,7 @@ class ClosedEdgeSegmenter:
 
     Attributes:
         shrink: image px per px here.
+        planes: (h, w, C), the image made smaller so.
         fields: gradients, one for each softening.
     """
 
@@ -77,6 +78,7 @@ class ClosedEdgeSegmenter:
         if self.shrink > 1:
             image, hidden = _downsample_planes(image, self.shrink), _downsample_mask(hidden, self.shrink)
         self._reach = REACH * max(image.shape[:2])
+        self.planes = image
         self.fields = tuple(NormalizedGradient(image, softening, hidden) for softening in SOFTENING)
 
     def closures(self, least: float, extent: float) -> list[Closure]:

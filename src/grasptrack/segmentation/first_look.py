@@ -29,7 +29,7 @@ from grasptrack.segmentation.rating import NONE, SilhouetteScorer
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, segmenter_for
 from grasptrack.segmentation.shadow import without_shadow
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
-from grasptrack.segmentation.snapping import outline_agreement, polygon_silhouette, snap_polygon
+from grasptrack.segmentation.snapping import OutlineSnapper, outline_agreement, polygon_silhouette
 from grasptrack.typing import Floats
 
 DEFAULT_SURE = 0.9
@@ -56,10 +56,6 @@ ROUGH = 3.0
 """px by which a segmenter's outline may be off: its map is coarser than the image."""
 AGREEING, ALL_ROUND = 8.0, 0.97
 """px from a polygon that a person drew within which a proposal agrees with it, and the share of both outlines that must."""
-DRAWN = 12.0
-"""px by which such a polygon may be off where no proposal agrees, ..."""
-MOVED = 8.0
-"""... as a whole so many."""
 FALLBACK_RECIPE = 2
 """Of `closed_edges.RECIPES`: looks for what no way of looking found by itself."""
 
@@ -213,7 +209,7 @@ class _Look:
             [] if segmenter is None or hints.masked else _as_maps(segmenter.regions(colours, hints), self._grey.shape)
         )
         self._map = np.mean(maps, axis=0).astype(np.float32) if maps and not self._alone else None
-        self._strength = self._edges.fields[0].strength
+        self._snapper = OutlineSnapper(self._edges, self._map)
         self._proposals = self._propose(maps)
         self.meant = [p for p in self._proposals if hints.allows(p.silhouette)]
 
@@ -278,12 +274,7 @@ class _Look:
                 found = self._localize(p, False, False)
                 if found is not None:
                     return [found._replace(probability=1.0, rating=p.rating.score)]
-        shape = None
-        for moved in (MOVED, 0.0):
-            snapped = snap_polygon(self._strength, self._edges.shrink, polygon, DRAWN, moved)
-            shape = polygon_silhouette(snapped, self._grey.shape)
-            if shape is not None:
-                break
+        shape = polygon_silhouette(self._snapper.snap(polygon), self._grey.shape)
         if shape is None or max(shape.box[2:]) < MIN_EXTENT:
             raise ObservationError(f"the outline that was drawn is less than {MIN_EXTENT} px across")
         candidate = of_closed_edges(self._colours, self._planes, shape, self._hints.hidden)
@@ -320,7 +311,7 @@ class _Look:
         """The sub-pixel contour of a proposal, without the shadow that its object casts."""
         hidden, cut = self._hints.hidden, False
         if p.recipe == GIVEN:
-            snapped = snap_polygon(self._strength, self._edges.shrink, p.silhouette.outer.astype(np.float64), ROUGH)
+            snapped = self._snapper.snap(p.silhouette.outer.astype(np.float64), ROUGH)
             shape = polygon_silhouette(snapped, self._grey.shape)
             if shape is None:
                 return None

@@ -78,6 +78,12 @@ class NormalizedGradient:
         """(H, W) gradient magnitude in units of the image's noise."""
         return np.asarray(self._steep * np.float32(1.0 / (FINE * self.unit)), dtype=np.float32)
 
+    @property
+    def slopes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(H, W) gradients along x and y in units of the image's noise."""
+        unit = np.float32(1.0 / (FINE * self.unit))
+        return self._dx * unit, self._dy * unit
+
     def thin(self, level: float) -> Grey:
         """(H, W) 255 along edges of at least `level` units that reach twice as much somewhere, one pixel wide."""
         low = level * self.unit * FINE

@@ -1,54 +1,172 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rough outline drawn to the edges beside it: one offset for each of its points, all chosen together."""
+"""A rough outline drawn to the edges beside it: one offset for each of its points, all chosen together.
+
+Each point of the outline may move along its normal. It gains where the image's slope across the outline is steep, where the
+colours that it takes in are those of the inside and the colours that it leaves out those of the outside (both told from
+the outline's neighbourhood), and where a segmenter's map says so; it pays for the way and for steps beside its neighbours.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+from functools import lru_cache
+from importlib.resources import files
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.typing import Floats
 
-STEP = 2.0
-"""px between the points that are moved."""
-ENOUGH = 4.0
-"""Units of grain: a stronger edge draws no more."""
-NOTHING = 1.0
-"""Units: grain alone has as much."""
-BEND = 0.6
-"""Units: cost of a step of one px from a point's offset to the next."""
-AWAY = 0.1
-"""Units for each px: of two edges the nearer, and where there is none the outline stays."""
+STEP, COARSE = 2.0, 4.0
+"""px between the points that are moved, and between those that are displaced to see whether they return."""
+DEEP, ASIDE = 5.0, 6.0
+"""px inside an outline and outside it from which colours are those of the object and of its surroundings, if the outline
+is off by no more."""
+REST = 9.0
+"""Lab units^2 by which any colour may vary."""
+MOST_TELLING = 2.0
+"""Logarithm of odds that one pixel's colour counts at most."""
+LEAST_POOL = 20.0
+"""Pixels from which colours are told."""
+DISPLACED = 5.0
+"""px by which an outline is displaced, in four directions, to see whether it returns; ..."""
+RETURNED = 2.5
+"""... and px within which its points count as back."""
 
 
-def snap_polygon(
-    strength: NDArray[np.float32], shrink: int, polygon: Floats, reach: float, shift: float = 0.0
-) -> Floats:
-    """A closed polygon (n, 2) px moved onto the edges beside it; where there is no edge it stays.
+class SnapNumbers(NamedTuple):
+    """What moves an outline's points; fitted by `grasptrack.bench.studies.polygons`.
+
+    Attributes:
+        reach: px in which edges are looked for.
+        least, most: units of the image's gradient noise; less is noise, more draws no more.
+        bend: cost of a step of one px from a point's offset to the next.
+        away: cost of each px, so that of two edges the nearer draws.
+        spread: px, standard deviation of what a person draws.
+        colour: weight of the colours' log odds.
+        pool: points on either side from which colours are pooled.
+        map: weight of a segmenter's map.
+    """
+
+    reach: float
+    least: float
+    most: float
+    bend: float
+    away: float
+    spread: float
+    colour: float
+    pool: int
+    map: float
+
+
+@lru_cache(maxsize=2)
+def snap_numbers(mapped: bool) -> SnapNumbers:
+    """The fitted numbers, with or without a segmenter's map."""
+    told = json.loads(files("grasptrack.segmentation").joinpath("snapping.json").read_text(encoding="utf-8"))
+    return SnapNumbers(**told["with map" if mapped else "without map"])
+
+
+class OutlineSnapper:
+    """Moves outlines onto the edges of one image.
 
     Args:
-        strength: (h, w) slopes in units of the image's grain, of the image made smaller by `shrink`.
-        shrink: a whole number.
-        polygon: (n, 2) px.
-        reach: px on either side in which edges are looked for.
-        shift: px by which it may be off as a whole; it is moved as a whole first.
-
-    Returns:
-        (m, 2) px, points about STEP px apart.
+        edges: of the image.
+        map_: (H, W) 0 to 1, a segmenter's, or None.
+        numbers: weights; the fitted ones if None.
     """
-    soft = np.asarray(cv2.dilate(cv2.GaussianBlur(strength, (0, 0), 0.7), np.ones((2, 2), np.uint8)), dtype=np.float32)
-    points, normals = _spaced(polygon, STEP * max(1, shrink))
-    if shift > 0.0:
-        points = points + _best_shift(soft, shrink, points, shift)
-    count = math.ceil(reach / shrink)
-    steps = np.arange(-count, count + 1)
-    at = (points[:, None, :] + (shrink * steps)[None, :, None] * normals[:, None, :]) / shrink
-    gain = np.clip(_bilinear(soft, at), NOTHING, ENOUGH) - NOTHING - AWAY * np.abs(steps) * shrink
-    chosen = steps[_smoothest_path(gain)] * float(shrink)
-    return np.asarray(points + chosen[:, None] * normals, dtype=np.float64)
+
+    def __init__(
+        self, edges: ClosedEdgeSegmenter, map_: NDArray[np.float32] | None = None, numbers: SnapNumbers | None = None
+    ) -> None:
+        self._px = edges.shrink
+        self._planes = edges.planes
+        self._across, self._along = edges.fields[0].slopes
+        height, width = self._across.shape
+        self._map = None
+        if map_ is not None:
+            self._map = np.asarray(cv2.resize(map_, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
+        self._numbers = snap_numbers(map_ is not None) if numbers is None else numbers
+
+    def snap(self, polygon: Floats, reach: float | None = None) -> Floats:
+        """A closed polygon moved onto the edges beside it; where there is none it stays.
+
+        Args:
+            polygon: (n, 2) px.
+            reach: px on either side in which edges are looked for; the fitted reach if None.
+
+        Returns:
+            (m, 2) px, points about STEP px apart.
+        """
+        return self._moved(self._to_working(polygon)[None], STEP, reach)[0] * self._px + 0.5 * (self._px - 1)
+
+    def return_share(self, outline: Floats) -> float:
+        """Share of an outline's points that come back to it when it is displaced as a whole and snapped.
+
+        An outline on edges that stand alone, between colours that differ, returns; one that cuts through its object or bridges
+        a gap does not. Of an outline (n, 2) px, 0 to 1.
+        """
+        own = self._to_working(outline)
+        by = DISPLACED * np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+        back = self._moved(own[None] + by[:, None, :], COARSE)
+        low = np.floor(np.minimum(own.min(axis=0), back.min(axis=(0, 1)))).astype(np.int32) - 2
+        high = np.ceil(np.maximum(own.max(axis=0), back.max(axis=(0, 1)))).astype(np.int32) + 3
+        plane = np.full((high[1] - low[1], high[0] - low[0]), 255, np.uint8)
+        cv2.polylines(plane, [np.rint(own - low).astype(np.int32).reshape(-1, 1, 2)], True, (0,), 1)
+        distance = np.asarray(cv2.distanceTransform(plane, cv2.DIST_L2, 5))
+        at = np.rint(back - low).astype(np.int32)
+        return float((distance[at[..., 1], at[..., 0]] <= RETURNED).mean())
+
+    def _to_working(self, polygon: Floats) -> Floats:
+        return np.asarray((polygon - 0.5 * (self._px - 1)) / self._px, dtype=np.float64)
+
+    def _moved(self, polygons: Floats, step: float, reach: float | None = None) -> Floats:
+        """(k, m, 2) polygons (k, n, 2) that are displaced copies of one, snapped; all in px of the working image."""
+        told = self._numbers
+        pool = round(told.pool * STEP / step)
+        count = math.ceil(told.reach if reach is None else reach / self._px)
+        points, normals = _spaced(polygons[0], step)
+        points = points[None] + (polygons[:, :1] - polygons[:1, :1])
+        steps = np.arange(-count, count + 1)
+        at = points[:, :, None, :] + steps[None, None, :, None] * normals[None, :, None, :]
+        slope = np.abs(
+            _bilinear(self._across, at) * normals[None, :, None, 0]
+            + _bilinear(self._along, at) * normals[None, :, None, 1]
+        )
+        gain = np.clip(slope, told.least, told.most) - told.least
+        gain -= told.away * np.abs(steps) + steps**2 / (2.0 * told.spread**2)
+        odds = told.colour * np.stack([self._colour_odds(p, normals, count, pool) for p in points])
+        if self._map is not None:
+            odds += told.map * (2.0 * _bilinear(self._map, at) - 1.0)
+        taken_in = np.cumsum(odds, axis=2)
+        gain += taken_in - taken_in[:, :, count : count + 1]
+        chosen = steps[_smoothest_paths(gain, told.bend)]
+        return np.asarray(points + chosen[:, :, None] * normals[None], dtype=np.float64)
+
+    def _colour_odds(self, points: Floats, normals: Floats, count: int, pool: int) -> Floats:
+        """(n, 2 count + 1) log odds that the colour at each offset is the object's, by what lies well inside and well outside."""
+        reach = count + math.ceil(ASIDE)
+        steps = np.arange(-reach, reach + 1)
+        at = points[:, None, :] + steps[None, :, None] * normals[:, None, :]
+        colours = _bilinear(self._planes, at).reshape(len(points), len(steps), -1)
+        inside, outside = _depths(points, at)
+        deepest = np.maximum(inside.max(axis=1, keepdims=True) - 1.0, 1.0)
+        within = (inside >= np.minimum(DEEP, deepest)) & (steps < 0)
+        beyond = (outside >= ASIDE) & (steps > 0)
+        middle = colours[:, reach - count : reach + count + 1]
+        likely, enough = [], np.ones(len(points), dtype=np.bool_)
+        for chosen in (within, beyond):
+            mean, variance, pixels = _pooled(colours, chosen, pool)
+            apart = np.log1p((middle - mean[:, None]) ** 2 / variance[:, None]).sum(axis=2)
+            likely.append(-0.75 * apart - 0.15 * np.log(variance).sum(axis=1, keepdims=True))
+            enough &= pixels > LEAST_POOL
+        odds = np.clip(likely[0] - likely[1], -MOST_TELLING, MOST_TELLING)
+        odds[~enough] = 0.0
+        return np.asarray(odds, dtype=np.float64)
 
 
 def outline_agreement(shape: Silhouette, polygon: Floats, tolerance: float) -> float:
@@ -76,7 +194,7 @@ def polygon_silhouette(polygon: Floats, size: tuple[int, ...]) -> Silhouette | N
 
 
 def _spaced(polygon: Floats, step: float) -> tuple[Floats, Floats]:
-    """Points along a closed polygon, `step` px apart, and its unit normals, of a tangent over a few points."""
+    """Points along a closed polygon, `step` px apart, and its unit normals, which point outward, of a tangent over a few points."""
     closed = np.vstack([polygon, polygon[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     n = max(16, round(along[-1] / step))
@@ -84,42 +202,63 @@ def _spaced(polygon: Floats, step: float) -> tuple[Floats, Floats]:
     points = np.column_stack([np.interp(t, along, closed[:, 0]), np.interp(t, along, closed[:, 1])])
     tangents = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
     normals = np.column_stack([tangents[:, 1], -tangents[:, 0]])
-    return points, normals / np.maximum(np.hypot(*normals.T), 1e-9)[:, None]
+    turned = float(np.sum(points[:, 0] * np.roll(points[:, 1], -1) - points[:, 1] * np.roll(points[:, 0], -1)))
+    return points, math.copysign(1.0, turned) * normals / np.maximum(np.hypot(*normals.T), 1e-9)[:, None]
 
 
-def _best_shift(strength: NDArray[np.float32], shrink: int, points: Floats, most: float) -> Floats:
-    """(2,) px by which a polygon as a whole lies best on edges."""
-    grid = np.arange(-most, most + 0.5, 2.0)
-    shifts = np.array([(x, y) for x in grid for y in grid if math.hypot(x, y) <= most + 0.5])
-    at = (points[None, ::2, :] + shifts[:, None, :]) / shrink
-    worth = (np.clip(_bilinear(strength, at), NOTHING, ENOUGH) - NOTHING).mean(axis=1) - 0.01 * np.hypot(*shifts.T)
-    return np.asarray(shifts[int(np.argmax(worth))])
+def _depths(points: Floats, at: Floats) -> tuple[Floats, Floats]:
+    """(n, m) px by which positions (n, m, 2) lie inside a closed polygon (n, 2), and outside of it; 0 on the other side."""
+    low = np.floor(at.min(axis=(0, 1))) - 1.0
+    width, height = (np.ceil(at.max(axis=(0, 1)) - low) + 2.0).astype(int).tolist()
+    mask = np.zeros((height, width), np.uint8)
+    cv2.fillPoly(mask, [np.rint((points - low) * 16.0).astype(np.int32)], (1,), cv2.LINE_8, 4)
+    inside = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, 5), dtype=np.float32)
+    outside = np.asarray(cv2.distanceTransform(1 - mask, cv2.DIST_L2, 5), dtype=np.float32)
+    return _bilinear(inside, at - low), _bilinear(outside, at - low)
 
 
-def _smoothest_path(gain: Floats) -> NDArray[np.intp]:
-    """(n,) column of each row of (n, m), the sum of gains less the cost of steps being largest, round a closed curve.
+def _pooled(colours: Floats, chosen: NDArray[np.bool_], pool: int) -> tuple[Floats, Floats, Floats]:
+    """(n, c) means and variances and (n,) numbers of the chosen colours (n, m, c), over so many rows on either side."""
+    weight = chosen.astype(np.float64)
+    some = colours * weight[:, :, None]
+    sums = np.column_stack([weight.sum(axis=1), some.sum(axis=1), (some * colours).sum(axis=1)])
+    pool = min(pool, (len(sums) - 1) // 2)
+    total = np.cumsum(np.vstack([np.zeros_like(sums[:1]), sums[-pool:], sums, sums[:pool]]), axis=0)
+    near = total[2 * pool + 1 :] - total[: len(sums)]
+    pixels = np.maximum(near[:, 0], 1e-6)
+    c = colours.shape[2]
+    mean = near[:, 1 : 1 + c] / pixels[:, None]
+    variance = np.maximum(near[:, 1 + c :] / pixels[:, None] - mean**2, 0.0) + REST
+    return mean, variance, pixels
 
-    Dynamic programming over the rows twice round; the second half of the doubled path starts where it ends.
+
+def _smoothest_paths(gain: Floats, bend: float) -> NDArray[np.intp]:
+    """(k, n) column of each row of (k, n, m), the sum of gains less the cost of steps being largest, round closed curves.
+
+    Dynamic programming over the rows twice round; the second half of the doubled path starts where it ends. The best that
+    leads to each column is a running maximum from both sides, as the cost grows with the distance.
     """
-    n, m = gain.shape
-    doubled = np.vstack([gain, gain])
-    columns = np.arange(m)
-    cost = BEND * np.abs(columns[:, None] - columns[None, :])
-    best = doubled[0].copy()
-    came = np.zeros((2 * n, m), dtype=np.intp)
-    for k in range(1, 2 * n):
-        total = best[None, :] - cost
-        came[k] = np.argmax(total, axis=1)
-        best = total[columns, came[k]] + doubled[k]
-    path = np.zeros(2 * n, dtype=np.intp)
-    path[-1] = int(np.argmax(best))
-    for k in range(2 * n - 1, 0, -1):
-        path[k - 1] = came[k, path[k]]
+    k, n, m = gain.shape
+    rows = np.ascontiguousarray(gain.transpose(1, 0, 2))
+    ramp, columns = bend * np.arange(m), np.arange(m)
+    best = np.zeros((2 * n, k, m))
+    best[0] = rows[0]
+    for row in range(1, 2 * n):
+        up = np.maximum.accumulate(best[row - 1] + ramp, axis=1) - ramp
+        down = np.maximum.accumulate((best[row - 1] - ramp)[:, ::-1], axis=1)[:, ::-1] + ramp
+        best[row] = np.maximum(up, down) + rows[row % n]
+    path = np.zeros((2 * n, k), dtype=np.intp)
+    path[-1] = np.argmax(best[-1], axis=1)
+    cost = bend * np.abs(columns[:, None] - columns[None, :])
+    for row in range(2 * n - 1, 0, -1):
+        path[row - 1] = np.argmax(best[row - 1] - cost[path[row]], axis=1)
     middle = n // 2
-    return np.roll(path[middle : middle + n], middle)
+    return np.roll(path[middle : middle + n], middle, axis=0).T
 
 
 def _bilinear(plane: NDArray[np.float32], at: Floats) -> Floats:
-    """Values of a plane (h, w) at points (n, m, 2), 0 beyond its border."""
-    x, y = at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)
-    return np.asarray(cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), dtype=np.float64)
+    """Values of a plane (h, w), or of planes (h, w, c), at points (..., m, 2), those of the border beyond it: of the shape of
+    the points, with c behind."""
+    flat = at.reshape(-1, at.shape[-2], 2).astype(np.float32)
+    read = cv2.remap(plane, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(read, dtype=np.float64).reshape(*at.shape[:-1], *plane.shape[2:])
