@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which of many regions is the object that a person would name: one worth for each, and a probability from all of them.
 
-The worth is the rating of the region's outline, times its overlap with a segmenter's map, times that of its box with the box
-that was given, each to a power. How likely the first is to be right follows from its rating and its lead over the best
-region that is another one. The numbers are fitted by `grasptrack.bench.studies.first_look`; richer sets of terms, fitted to
-rendered benches, chose worse on photos.
+The worth is the rating of the region's outline, times its overlap with the one of a segmenter's maps that it agrees with most,
+times that of its box with the box that was given, each to a power. How likely the first is to be right follows from its rating
+and its lead over the best region that is another one. The numbers are fitted by `grasptrack.bench.studies.first_look`; richer
+sets of terms, fitted to rendered benches, chose worse on photos.
 """
 
 from __future__ import annotations
@@ -58,20 +58,23 @@ def load_numbers(mapped: bool) -> Numbers:
 
 
 def measure_worth(
-    proposals: Sequence[Proposal], map_: NDArray[np.float32] | None, box: Box | None, numbers: Numbers
+    proposals: Sequence[Proposal], maps: Sequence[NDArray[np.float32]], box: Box | None, numbers: Numbers
 ) -> Floats:
     """(n,) logarithm of the worth of each proposal.
 
     Args:
         proposals: of one image.
-        map_: (H, W) 0 to 1, a segmenter's, or None.
+        maps: (H, W) each, 0 to 1, alternatives of a segmenter's; empty without one.
         box: left, top, width and height of the object, px, or None.
         numbers: powers.
     """
-    total = 0.0 if map_ is None else float(map_.sum())
+    totals = [float(each.sum()) for each in maps]
     worth = np.array([math.log(max(p.worth, FLOOR)) for p in proposals])
-    if map_ is not None:
-        overlaps = [max(map_overlap(p, map_, total), LEAST_OVERLAP) for p in proposals]
+    if len(maps):
+        overlaps = [
+            max(LEAST_OVERLAP, *(map_overlap(p, each, total) for each, total in zip(maps, totals, strict=True)))
+            for p in proposals
+        ]
         worth = worth + numbers.map_power * np.log(np.array(overlaps))
     if box is not None:
         boxes = [max(box_iou(p.silhouette.box, box), LEAST_OVERLAP) for p in proposals]

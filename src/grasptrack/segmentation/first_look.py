@@ -26,7 +26,8 @@ from grasptrack.segmentation.images import as_scene, to_bgr, to_grey, to_mask
 from grasptrack.segmentation.normalized_gradient import Planes, lab_planes
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD, Proposal, is_alike, propose_silhouettes
 from grasptrack.segmentation.rating import NONE, SilhouetteScorer
-from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, segmenter_for
+from grasptrack.segmentation.regions import Region, Segmenter
+from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.segmentation.shadow import without_shadow
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.snapping import outline_agreement, polygon_silhouette, snap_polygon
@@ -209,10 +210,9 @@ class _Look:
         self._planes: Planes = lab_planes(colours)
         self._edges = ClosedEdgeSegmenter(self._planes, hints.hidden)
         self._alone = isinstance(segmenter, OneMask)
-        maps = (
-            [] if segmenter is None or hints.masked else _as_maps(segmenter.regions(colours, hints), self._grey.shape)
-        )
-        self._map = np.mean(maps, axis=0).astype(np.float32) if maps and not self._alone else None
+        regions = [] if segmenter is None or hints.masked else segmenter.regions(colours, hints)
+        maps, self._maps = _as_maps(regions, self._grey.shape)
+        self._voted = any(region.is_vote for region in regions)
         self._strength = self._edges.fields[0].strength
         self._proposals = self._propose(maps)
         self.meant = [p for p in self._proposals if hints.allows(p.silhouette)]
@@ -237,8 +237,8 @@ class _Look:
         if self._alone:
             return [_Rated(p, 1.0) for p in self.meant[:COMPARED]]
         compared = self.compared()
-        numbers = load_numbers(self._map is not None)
-        worth = measure_worth(compared, self._map, self._hints.box, numbers)
+        numbers = load_numbers(bool(self._maps))
+        worth = measure_worth(compared, self._maps, self._hints.box, numbers)
         meant = [k for k, p in enumerate(compared) if self._hints.allows(p.silhouette)]
         kept: list[int] = []
         for k in sorted(meant, key=lambda k: -worth[k]):
@@ -250,6 +250,9 @@ class _Look:
         rivals = [k for k in kept[1:] if _is_another(compared[k].silhouette, first.silhouette)]
         lead = float(worth[kept[0]] - worth[rivals].max(initial=-math.inf))
         share = choice_probabilities(worth[kept], lead, first.rating.score, numbers)
+        if self._maps and not self._voted:  # the numbers were fitted to votes: the more cautious ones count
+            unmapped = choice_probabilities(worth[kept], lead, first.rating.score, load_numbers(False))
+            share = np.minimum(share, unmapped)
         leads = [lead, *[math.nan] * (len(kept) - 1)]
         return [_Rated(compared[k], float(p), a) for k, p, a in zip(kept, share, leads, strict=True)]
 
@@ -369,13 +372,18 @@ def _is_another(shape: Silhouette, first: Silhouette) -> bool:
     return box_iou(shape.box, first.box) < APART or not APART < shape.area / first.area < 1.0 / APART
 
 
-def _as_maps(regions: Sequence[Region], size: tuple[int, ...]) -> list[NDArray[np.float32]]:
-    """(H, W) each, 0 to 1.
+def _as_maps(
+    regions: Sequence[Region], size: tuple[int, ...]
+) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
+    """Maps (H, W), 0 to 1, in which regions are looked for, and those that a region may agree with: the mean of all votes, and
+    each alternative times its probability.
 
     Raises:
         InputError: a mask of another size.
     """
-    found = []
+    shown: list[NDArray[np.float32]] = []
+    votes: list[NDArray[np.float32]] = []
+    beliefs: list[NDArray[np.float32]] = []
     for region in regions:
         mask = np.asarray(region.mask)
         if np.issubdtype(mask.dtype, np.floating):
@@ -383,11 +391,18 @@ def _as_maps(regions: Sequence[Region], size: tuple[int, ...]) -> list[NDArray[n
                 raise InputError(
                     f"a segmenter's mask is {mask.shape}, but the image is {size[1]}x{size[0]} px", shape=mask.shape
                 )
-            plane = np.clip(np.nan_to_num(mask), 0.0, 1.0)
+            plane = np.clip(np.nan_to_num(mask), 0.0, 1.0).astype(np.float32)
         else:
-            plane = to_mask(mask, tuple(size), "segmenter's mask") / 255.0
-        found.append((plane * float(np.clip(region.probability, 0.0, 1.0))).astype(np.float32))
-    return found
+            plane = (to_mask(mask, tuple(size), "segmenter's mask") / 255.0).astype(np.float32)
+        shown.append(plane)
+        believed = plane * np.float32(np.clip(region.probability, 0.0, 1.0))
+        (votes if region.is_vote else beliefs).append(believed)
+    if votes:
+        mean = np.mean(votes, axis=0).astype(np.float32)
+        beliefs.append(mean)
+        if len(votes) > 1:
+            shown.append(mean)
+    return shown, beliefs
 
 
 def _regions_of(map_: NDArray[np.float32]) -> list[Silhouette]:

@@ -32,7 +32,8 @@ from grasptrack.errors import ObservationError
 from grasptrack.segmentation.choice import MOST_LEAD
 from grasptrack.segmentation.first_look import distinct_candidates, first_look
 from grasptrack.segmentation.hints import Hints
-from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
+from grasptrack.segmentation.regions import Region, Segmenter
+from grasptrack.segmentation.segmenters import SalientNet, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
 
 HINTS = ("nothing", "pixel", "box", "polygon")
@@ -59,7 +60,7 @@ class Looked:
 
 
 class Remembered:
-    """A segmenter that is asked once for each image, however often the same image is looked at."""
+    """A segmenter that knows nothing of hints, asked once for each image, however often the same image is looked at."""
 
     def __init__(self, segmenter: Segmenter) -> None:
         self._segmenter, self._of, self._found = segmenter, -1, list[Region]()
@@ -156,7 +157,7 @@ def main() -> None:
     with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
         kinds = {row["name"]: row.get("classes", row["name"]) for row in csv.DictReader(file)}
     given = segmenter_for(args.segmenter)
-    segmenter = None if given is None else Remembered(given)
+    segmenter = Remembered(given) if isinstance(given, SalientNet) else given
     common.begin_section(f"First look: photos of one tool each, {args.segmenter or 'classical'}")
     looked = [evaluate_photo(photo, kinds[photo.name], hint, segmenter) for photo in photos for hint in HINTS]
     rows = []
@@ -167,7 +168,7 @@ def main() -> None:
             rows.append([hint, scene, len(mine), *shares, float(np.median([r.ms for r in mine]))])
     common.add_table(["hint", "scene", "photos", "first %", "one of three %", "median ms"], rows)
     common.add_paragraph(
-        "A segmenter's time is in the first hint's alone: its regions are asked for once for each photo."
+        "The time of a net that maps salient objects is in the first hint's alone: it is asked once for each photo."
     )
     rows = []
     for low, high in pairwise(BINS):
