@@ -55,7 +55,7 @@ def farthest(one: Any, other: Any) -> float:
     return max(abs(cv2.pointPolygonTest(ring, (float(x), float(y)), True)) for x, y in np.asarray(one, float).tolist())
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(off=st.floats(2.0, 4.0), seed=st.integers(0, 10**6))
 def test_clicks_beside_the_corners_give_the_outline(off: float, seed: int) -> None:
     outline = drawn(wire_of(0), clicks(off, seed))
@@ -96,7 +96,7 @@ def test_colour_alone_guides_it() -> None:
 inside = st.tuples(st.integers(0, 639), st.integers(0, 479))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(places=st.lists(inside, min_size=2, max_size=4), snap=st.booleans())
 def test_a_path_ends_at_its_clicks_and_makes_no_leap(places: list[tuple[int, int]], snap: bool) -> None:
     wire = wire_of(1) if snap else gt.LiveWire(scene(seed=1), snap=0.0)
@@ -114,7 +114,7 @@ def test_a_path_ends_at_its_clicks_and_makes_no_leap(places: list[tuple[int, int
     assert tuple(wire.path[0]) == first and tuple(wire.path[-1]) == wire.points[-1]
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(k=st.integers(0, 4), to=inside, seed=st.integers(0, 10**6))
 def test_a_click_that_is_dragged_changes_two_pieces_and_back_none(k: int, to: tuple[int, int], seed: int) -> None:
     wire, places = wire_of(0), clicks(3.0, seed)

@@ -259,6 +259,13 @@ def test_a_net_that_does_not_run_is_told_in_one_line(tmp_path: Path) -> None:
     assert len(str(told.value).splitlines()) == 1
 
 
+def test_masks_and_scores_that_do_not_agree_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    net = PromptableNet(*write_pair(tmp_path, "edge"))
+    monkeypatch.setattr(net._decoder, "run", lambda *_: [np.ones((1, 2)), np.ones((1, 3, 256, 256))])
+    with pytest.raises(InputError, match=r"gives masks \(1, 3, 256, 256\) and 2 scores"):
+        net.regions(scene(), make_hints((480, 640), (160, 200)))
+
+
 def test_without_onnxruntime_the_extra_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(InputError, match=r"grasptrack\[segment\]"):
