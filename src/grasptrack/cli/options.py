@@ -72,7 +72,7 @@ SegmenterName = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="What proposes objects beside the own search: a model (grasptrack models), onnx:FILE, or a plugin.",
+        help="Proposes objects beside the own search: a model (grasptrack models), onnx:FILE, sam:ENCODER,DECODER, a plugin.",
     ),
 ]
 ChooseNumber = Annotated[

@@ -42,6 +42,7 @@ class Candidate(NamedTuple):
         sure: the probability is as large as was asked for.
         rating: of its outline, 0 to 1; NaN of what was given.
         lead: logarithm of its worth over that of the best region that is plainly another one; NaN of all but the first.
+        returned: share of its outline that comes back when it is displaced; NaN of all but the first.
         level: grey level of the threshold that separated it from the ground; NaN where closed edges did.
         recipe: which closing of edges finds it; -1 for a threshold.
         channel: the mixture of colours that shows it; grey levels are levels of that.
@@ -57,6 +58,7 @@ class Candidate(NamedTuple):
     sure: bool = False
     rating: float = math.nan
     lead: float = math.nan
+    returned: float = math.nan
     level: float = math.nan
     recipe: int = -1
     channel: Channel = PLAIN

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which of many regions is the object that a person would name: one worth for each, and a probability from all of them.
 
-The worth is the rating of the region's outline, times its overlap with a segmenter's map, times that of its box with the box
-that was given, each to a power. How likely the first is to be right follows from its rating and its lead over the best
-region that is another one. The numbers are fitted by `grasptrack.bench.studies.first_look`; richer sets of terms, fitted to
-rendered benches, chose worse on photos.
+The worth is the rating of the region's outline, times its overlap with the one of a segmenter's maps that it agrees with most,
+times that of its box with the box that was given, each to a power. How likely the first is to be right follows from its rating
+and its lead over the best region that is another one. The numbers are fitted by `grasptrack.bench.studies.first_look`; richer
+sets of terms, fitted to rendered benches, chose worse on photos.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from grasptrack.typing import Floats
 FLOOR, LEAST_OVERLAP = 1e-6, 0.02
 """What logarithms' arguments are raised to, at least: of a rating, and of an overlap."""
 MOST_LEAD = 2.0
+ALL_BUT = 0.02
+"""Share of an outline of which it tells nothing that it did not return."""
 ENOUGH = 48
 """px across of a region in which its overlap with a map is measured."""
 
@@ -37,8 +39,7 @@ class Numbers(NamedTuple):
     Attributes:
         map_power: of the overlap with a segmenter's map.
         box_power: of the overlap of boxes.
-        offset, rating, lead: of a logistic function: constant, weights of the logarithm of the first one's rating and of its
-            lead in the logarithm of the worth, which counts up to MOST_LEAD.
+        offset, rating, lead, returned: of a logistic function: constant, and weights of `Signs.terms`.
         among: share of cases with a wrong first one in which another one is right.
     """
 
@@ -47,7 +48,31 @@ class Numbers(NamedTuple):
     offset: float
     rating: float
     lead: float
+    returned: float
     among: float
+
+
+class Signs(NamedTuple):
+    """What tells whether the first region is right.
+
+    Attributes:
+        rating: of its outline, 0 to 1.
+        lead: logarithm of its worth over that of the best that is plainly another region; counts up to MOST_LEAD.
+        returned: share of its outline that comes back when it is displaced, as of `snapping.OutlineSnapper`.
+    """
+
+    rating: float
+    lead: float
+    returned: float
+
+    @property
+    def terms(self) -> tuple[float, float, float]:
+        """What a logistic function weighs."""
+        return (
+            math.log(self.rating + 1e-3),
+            min(self.lead, MOST_LEAD),
+            -math.log(1.0 + ALL_BUT - self.returned),
+        )
 
 
 @lru_cache(maxsize=2)
@@ -58,20 +83,23 @@ def load_numbers(mapped: bool) -> Numbers:
 
 
 def measure_worth(
-    proposals: Sequence[Proposal], map_: NDArray[np.float32] | None, box: Box | None, numbers: Numbers
+    proposals: Sequence[Proposal], maps: Sequence[NDArray[np.float32]], box: Box | None, numbers: Numbers
 ) -> Floats:
     """(n,) logarithm of the worth of each proposal.
 
     Args:
         proposals: of one image.
-        map_: (H, W) 0 to 1, a segmenter's, or None.
+        maps: (H, W) each, 0 to 1, alternatives of a segmenter's; empty without one.
         box: left, top, width and height of the object, px, or None.
         numbers: powers.
     """
-    total = 0.0 if map_ is None else float(map_.sum())
+    totals = [float(each.sum()) for each in maps]
     worth = np.array([math.log(max(p.worth, FLOOR)) for p in proposals])
-    if map_ is not None:
-        overlaps = [max(map_overlap(p, map_, total), LEAST_OVERLAP) for p in proposals]
+    if len(maps):
+        overlaps = [
+            max(LEAST_OVERLAP, *(map_overlap(p, each, total) for each, total in zip(maps, totals, strict=True)))
+            for p in proposals
+        ]
         worth = worth + numbers.map_power * np.log(np.array(overlaps))
     if box is not None:
         boxes = [max(box_iou(p.silhouette.box, box), LEAST_OVERLAP) for p in proposals]
@@ -79,18 +107,18 @@ def measure_worth(
     return np.asarray(worth, dtype=np.float64)
 
 
-def choice_probabilities(worth: Floats, lead: float, rating: float, numbers: Numbers) -> Floats:
+def choice_probabilities(worth: Floats, signs: Signs, numbers: Numbers) -> Floats:
     """(n,) probability of each proposal to be the object, the likeliest first; what is missing to 1 is that of none.
 
     Args:
         worth: (n,) falling.
-        lead: of the first over the best that is plainly another region.
-        rating: of the first.
+        signs: of the first.
         numbers: fitted.
     """
     if not len(worth):
         return np.zeros(0)
-    told = numbers.offset + numbers.rating * math.log(rating + 1e-3) + numbers.lead * min(lead, MOST_LEAD)
+    weights = (numbers.rating, numbers.lead, numbers.returned)
+    told = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
     first = 1.0 / (1.0 + math.exp(-told))
     rest = np.exp(worth[1:] - worth[0])
     shares = (1.0 - first) * numbers.among * rest / max(float(rest.sum()), 1e-9)

@@ -19,14 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import View
 from grasptrack.segmentation.candidate import Candidate, contains_pixel, of_closed_edges, of_one_level
-from grasptrack.segmentation.choice import choice_probabilities, load_numbers, measure_worth
+from grasptrack.segmentation.choice import Signs, choice_probabilities, load_numbers, measure_worth
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
 from grasptrack.segmentation.hints import BESIDE, Hints, box_iou, make_hints
 from grasptrack.segmentation.images import as_scene, to_bgr, to_grey, to_mask
 from grasptrack.segmentation.normalized_gradient import Planes, lab_planes
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD, Proposal, is_alike, propose_silhouettes
 from grasptrack.segmentation.rating import NONE, SilhouetteScorer
-from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, segmenter_for
+from grasptrack.segmentation.regions import Region, Segmenter
+from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.segmentation.shadow import without_shadow
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.snapping import OutlineSnapper, outline_agreement, polygon_silhouette
@@ -189,11 +190,10 @@ def find_candidates(
 
 
 class _Rated(NamedTuple):
-    """A proposal, its probability, and of the first its lead as of `Candidate`."""
+    """A proposal and the logarithm of its worth."""
 
     proposal: Proposal
-    probability: float
-    lead: float = math.nan
+    worth: float
 
 
 class _Look:
@@ -205,11 +205,10 @@ class _Look:
         self._planes: Planes = lab_planes(colours)
         self._edges = ClosedEdgeSegmenter(self._planes, hints.hidden)
         self._alone = isinstance(segmenter, OneMask)
-        maps = (
-            [] if segmenter is None or hints.masked else _as_maps(segmenter.regions(colours, hints), self._grey.shape)
-        )
-        self._map = np.mean(maps, axis=0).astype(np.float32) if maps and not self._alone else None
-        self._snapper = OutlineSnapper(self._edges, self._map)
+        regions = [] if segmenter is None or hints.masked else segmenter.regions(colours, hints)
+        maps, self._maps = _as_maps(regions, self._grey.shape)
+        self._voted = any(region.is_vote for region in regions)
+        self._snapper = OutlineSnapper(self._edges, self._maps[-1] if self._voted and not self._alone else None)
         self._proposals = self._propose(maps)
         self.meant = [p for p in self._proposals if hints.allows(p.silhouette)]
 
@@ -218,7 +217,8 @@ class _Look:
         drawn = self._drawn()
         if drawn is not None:
             return drawn
-        return self._localized(self._rated())
+        rated = self._rated()
+        return self._judged(self._localized(rated), rated)
 
     def _propose(self, maps: list[NDArray[np.float32]]) -> list[Proposal]:
         hints = self._hints
@@ -229,25 +229,34 @@ class _Look:
         return propose_silhouettes(self._grey, self._edges, hints.hidden, hints.masked, MIN_EXTENT, maps)
 
     def _rated(self) -> list[_Rated]:
-        """The proposals that are meant, each region once, with probabilities, the likeliest first."""
+        """The proposals that are meant, each region once, the likeliest first."""
         if self._alone:
-            return [_Rated(p, 1.0) for p in self.meant[:COMPARED]]
+            return [_Rated(p, 0.0) for p in self.meant[:COMPARED]]
         compared = self.compared()
-        numbers = load_numbers(self._map is not None)
-        worth = measure_worth(compared, self._map, self._hints.box, numbers)
+        worth = measure_worth(compared, self._maps, self._hints.box, load_numbers(bool(self._maps)))
         meant = [k for k, p in enumerate(compared) if self._hints.allows(p.silhouette)]
         kept: list[int] = []
         for k in sorted(meant, key=lambda k: -worth[k]):
             if not any(is_alike(compared[k].silhouette, compared[j].silhouette) for j in kept):
                 kept.append(k)
-        if not kept:
-            return []
-        first = compared[kept[0]]
-        rivals = [k for k in kept[1:] if _is_another(compared[k].silhouette, first.silhouette)]
-        lead = float(worth[kept[0]] - worth[rivals].max(initial=-math.inf))
-        share = choice_probabilities(worth[kept], lead, first.rating.score, numbers)
-        leads = [lead, *[math.nan] * (len(kept) - 1)]
-        return [_Rated(compared[k], float(p), a) for k, p, a in zip(kept, share, leads, strict=True)]
+        return [_Rated(compared[k], float(worth[k])) for k in kept]
+
+    def _judged(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
+        """Candidates with their probabilities."""
+        if not found or self._alone:
+            return [candidate._replace(probability=1.0) for candidate, _ in found]
+        first, own = found[0]
+        rivals = [r.worth for r in rated if _is_another(r.proposal.silhouette, own.proposal.silhouette)]
+        lead = own.worth - max(rivals, default=-math.inf)
+        # without the map, which the outline may have come from
+        returned = OutlineSnapper(self._edges).return_share(first.view.outer.points)
+        worth = np.array([r.worth for _, r in found])
+        signs = Signs(own.proposal.rating.score, lead, returned)
+        # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
+        asked = {bool(self._maps), self._voted}
+        share = np.min([choice_probabilities(worth, signs, load_numbers(mapped)) for mapped in asked], axis=0)
+        judged = [c._replace(probability=float(p)) for (c, _), p in zip(found, share, strict=True)]
+        return [judged[0]._replace(lead=lead, returned=returned), *judged[1:]]
 
     def compared(self) -> list[Proposal]:
         """The best rated proposals of the image and of those that are meant, of a segmenter's as many."""
@@ -282,14 +291,16 @@ class _Look:
             raise ObservationError("the outline that was drawn lies beyond the image for the most part")
         return [self._findable(candidate._replace(probability=1.0), shape)]
 
-    def _localized(self, rated: list[_Rated]) -> list[Candidate]:
+    def _localized(self, rated: list[_Rated]) -> list[tuple[Candidate, _Rated]]:
         """The likeliest as contours, each region once."""
+        kept: list[tuple[Candidate, _Rated]] = []
         found: list[Candidate] = []
         taken = np.zeros(self._grey.shape, np.uint8)
         looked = 0
         own = max((r.proposal.rating.score for r in rated if r.proposal.recipe != GIVEN), default=0.0)
         least = 0.0 if self._alone else max(WORTH, FAINT * own)
-        for p, probability, lead in rated:
+        for each in rated:
+            p = each.proposal
             if looked >= MOST:
                 break
             if p.recipe != GIVEN and p.rating.score < least:
@@ -303,9 +314,10 @@ class _Look:
                 continue
             if self._hints.object_at and not all(_on_or_beside(candidate.view, *at) for at in self._hints.object_at):
                 continue
-            found.append(candidate._replace(probability=probability, rating=p.rating.score, lead=lead))
+            found.append(candidate._replace(rating=p.rating.score))
+            kept.append((found[-1], each))
             cv2.drawContours(taken, [p.silhouette.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
-        return found
+        return kept
 
     def _localize(self, p: Proposal, part: bool, shaded: bool) -> Candidate | None:
         """The sub-pixel contour of a proposal, without the shadow that its object casts."""
@@ -360,13 +372,18 @@ def _is_another(shape: Silhouette, first: Silhouette) -> bool:
     return box_iou(shape.box, first.box) < APART or not APART < shape.area / first.area < 1.0 / APART
 
 
-def _as_maps(regions: Sequence[Region], size: tuple[int, ...]) -> list[NDArray[np.float32]]:
-    """(H, W) each, 0 to 1.
+def _as_maps(
+    regions: Sequence[Region], size: tuple[int, ...]
+) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
+    """Maps (H, W), 0 to 1, in which regions are looked for, and those that a region may agree with: the mean of all votes, and
+    each alternative times its probability.
 
     Raises:
         InputError: a mask of another size.
     """
-    found = []
+    shown: list[NDArray[np.float32]] = []
+    votes: list[NDArray[np.float32]] = []
+    beliefs: list[NDArray[np.float32]] = []
     for region in regions:
         mask = np.asarray(region.mask)
         if np.issubdtype(mask.dtype, np.floating):
@@ -374,11 +391,18 @@ def _as_maps(regions: Sequence[Region], size: tuple[int, ...]) -> list[NDArray[n
                 raise InputError(
                     f"a segmenter's mask is {mask.shape}, but the image is {size[1]}x{size[0]} px", shape=mask.shape
                 )
-            plane = np.clip(np.nan_to_num(mask), 0.0, 1.0)
+            plane = np.clip(np.nan_to_num(mask), 0.0, 1.0).astype(np.float32)
         else:
-            plane = to_mask(mask, tuple(size), "segmenter's mask") / 255.0
-        found.append((plane * float(np.clip(region.probability, 0.0, 1.0))).astype(np.float32))
-    return found
+            plane = (to_mask(mask, tuple(size), "segmenter's mask") / 255.0).astype(np.float32)
+        shown.append(plane)
+        believed = plane * np.float32(np.clip(region.probability, 0.0, 1.0))
+        (votes if region.is_vote else beliefs).append(believed)
+    if votes:
+        mean = np.mean(votes, axis=0).astype(np.float32)
+        beliefs.append(mean)
+        if len(votes) > 1:
+            shown.append(mean)
+    return shown, beliefs
 
 
 def _regions_of(map_: NDArray[np.float32]) -> list[Silhouette]:

@@ -84,6 +84,12 @@ class NormalizedGradient:
         unit = np.float32(1.0 / (FINE * self.unit))
         return self._dx * unit, self._dy * unit
 
+    @property
+    def direction(self) -> NDArray[np.float32]:
+        """(H, W, 2) unit vectors of the gradients, zero where there is none."""
+        both = np.stack([self._dx, self._dy], axis=-1).astype(np.float32)
+        return np.asarray(both / np.maximum(np.linalg.norm(both, axis=-1, keepdims=True), 1.0), dtype=np.float32)
+
     def thin(self, level: float) -> Grey:
         """(H, W) 255 along edges of at least `level` units that reach twice as much somewhere, one pixel wide."""
         low = level * self.unit * FINE

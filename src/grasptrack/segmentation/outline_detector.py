@@ -32,7 +32,7 @@ from grasptrack.segmentation.places import (
     same_place,
 )
 from grasptrack.segmentation.proposals import PER_THRESHOLD
-from grasptrack.segmentation.segmenters import Segmenter
+from grasptrack.segmentation.regions import Segmenter
 from grasptrack.segmentation.shadow import shadow_removed
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.thresholds import candidate_thresholds

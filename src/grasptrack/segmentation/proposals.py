@@ -97,7 +97,7 @@ def propose_silhouettes(
             found.append(
                 Proposal(closure.silhouette, rating, 0, math.nan, closure.bridge, closure.recipe, closure.grain)
             )
-    for each in (*maps, *([np.mean(maps, axis=0)] if len(maps) > 1 else ())):
+    for each in maps:
         for share in MAP_LEVELS:
             binary = np.where(each > share, np.uint8(255), np.uint8(0))
             for shape in trace_silhouettes(binary, LEAST_AREA, holes=False)[:PER_LEVEL]:

@@ -2,15 +2,16 @@
 """Where regions come from beside this package's own search: one protocol for nets, a user's function, other packages.
 
 `segmenter_for` turns what a user names into a segmenter: "classical" (nothing beside the own search), "onnx:FILE" (a net
-that maps salient objects, run by OpenCV), the name of a model or of an entry point `grasptrack.segmenters`, an object that
-follows the protocol, or one with `segment(image)`, or a function of an image, that returns one mask.
+that maps salient objects, run by OpenCV), "sam:ENCODER,DECODER" or "sam:FOLDER" (one that is asked by clicks), the name of a
+model or of an entry point `grasptrack.segmenters`, an object that follows the protocol, or one with `segment(image)`, or a
+function of an image, that returns one mask.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import cv2
 import numpy as np
@@ -19,36 +20,12 @@ from numpy.typing import NDArray
 from grasptrack.errors import InputError
 from grasptrack.plugins import load_plugin, plugin_names
 from grasptrack.segmentation.hints import Hints
-from grasptrack.segmentation.models import MODELS, installed_model, model_named
+from grasptrack.segmentation.models import MODELS, installed_files, model_named
+from grasptrack.segmentation.promptable import PromptableNet, net_of_files
+from grasptrack.segmentation.regions import Region, Segmenter
 from grasptrack.typing import Pixels
 
 CLASSICAL = "classical"
-
-
-class Region(NamedTuple):
-    """One region that may be the object.
-
-    Attributes:
-        mask: (H, W) nonzero on it, or how likely each pixel belongs to it, 0 to 1 in floats.
-        probability: that it is the object, as far as the segmenter knows.
-    """
-
-    mask: NDArray[Any]
-    probability: float = 1.0
-
-
-@runtime_checkable
-class Segmenter(Protocol):
-    """Proposes regions of an image. They pass through the same sub-pixel localisation as all others."""
-
-    def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
-        """Regions that may be the object, the likeliest first.
-
-        Args:
-            image: (H, W) or BGR (H, W, 3).
-            hints: what a person said of it.
-        """
-        ...
 
 
 @runtime_checkable
@@ -100,7 +77,8 @@ class SalientNet:
 
     def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
         """The map of the image, and that of its mirror image; a net knows nothing of hints, which choose afterwards."""
-        return [Region(self.saliency(image)), Region(self.saliency(image[:, ::-1])[:, ::-1])]
+        plain, mirrored = self.saliency(image), self.saliency(image[:, ::-1])[:, ::-1]
+        return [Region(plain, is_vote=True), Region(mirrored, is_vote=True)]
 
     def saliency(self, image: Pixels) -> NDArray[np.float32]:
         """(H, W) 0 to 1, how salient each pixel of an image (H, W) or BGR (H, W, 3) is.
@@ -142,6 +120,8 @@ def segmenter_for(what: Any) -> Segmenter | None:
     if isinstance(what, str):
         if what.startswith("onnx:"):
             return SalientNet(what[len("onnx:") :])
+        if what.startswith("sam:"):
+            return net_of_files(what[len("sam:") :])
         what = _named(what)
     if isinstance(what, type):
         what = what()
@@ -162,10 +142,17 @@ def _named(name: str) -> Any:
     """
     model = model_named(name)
     if model is not None:
-        return SalientNet(installed_model(model), model.side)
+        files = installed_files(model)
+        return SalientNet(files[0], model.side) if model.side is not None else PromptableNet(files[0], files[1])
     found = load_plugin("grasptrack.segmenters", name)
     if found is None:
-        known = (CLASSICAL, "onnx:FILE", *(m.name for m in MODELS), *plugin_names("grasptrack.segmenters"))
+        known = (
+            CLASSICAL,
+            "onnx:FILE",
+            "sam:ENCODER,DECODER",
+            *(m.name for m in MODELS),
+            *plugin_names("grasptrack.segmenters"),
+        )
         choices = ", ".join(known)
         raise InputError(f'unknown segmenter "{name}"; choose from {choices}', name=name)
     return found

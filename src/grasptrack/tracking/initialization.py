@@ -31,7 +31,7 @@ from grasptrack.segmentation.first_look import distinct_candidates, remove_neste
 from grasptrack.segmentation.hints import Box, dilate_mask
 from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.segmentation.outline_detector import OutlineDetector
-from grasptrack.segmentation.segmenters import Segmenter
+from grasptrack.segmentation.regions import Segmenter
 from grasptrack.segmentation.undistortion import Told, Undistortion
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.follower import AUTO

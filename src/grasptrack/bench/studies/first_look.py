@@ -2,7 +2,7 @@
 """The first look on photos: is the object found first, or among three; is its probability true; and the fit of its numbers.
 
 With `--segmenter u2netp` (see `grasptrack models`) the net's map takes part. `--fit` fits what `choice.json` says of
-probabilities, leaving out each kind of object in turn for the figures beside it.
+probabilities to all hints but polygons, and leaves out each kind of object in turn for the figures beside it.
 """
 
 from __future__ import annotations
@@ -29,18 +29,21 @@ from grasptrack.bench.metrics.mask_agreement import (
 from grasptrack.bench.studies import common
 from grasptrack.bench.studies.segmentation import Photo, read_photos
 from grasptrack.errors import ObservationError
-from grasptrack.segmentation.choice import MOST_LEAD
+from grasptrack.segmentation.choice import Signs
 from grasptrack.segmentation.first_look import distinct_candidates, first_look
 from grasptrack.segmentation.hints import Hints
-from grasptrack.segmentation.segmenters import Region, Segmenter, segmenter_for
+from grasptrack.segmentation.regions import Region, Segmenter
+from grasptrack.segmentation.segmenters import SalientNet, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
 
 HINTS = ("nothing", "pixel", "box", "polygon")
 BINS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
 CORNERS, DRAWN_OFF = 2.5, 6.0
 """px: a polygon has the corners that keep it so near the mask's outline, each moved so far in any direction."""
-RIDGE = 0.1
-"""Of the logistic fit."""
+FITTED = ("nothing", "pixel", "box")
+SURE = 0.9
+RIDGE = 1.5
+"""Of the logistic fit, on the weights of terms of unit variance: the terms are few and the photos, too."""
 
 
 @dataclass(frozen=True)
@@ -53,13 +56,12 @@ class Looked:
     first: bool
     three: bool
     probability: float
-    rating: float
-    lead: float
+    signs: Signs
     ms: float
 
 
 class Remembered:
-    """A segmenter that is asked once for each image, however often the same image is looked at."""
+    """A segmenter that knows nothing of hints, asked once for each image, however often the same image is looked at."""
 
     def __init__(self, segmenter: Segmenter) -> None:
         self._segmenter, self._of, self._found = segmenter, -1, list[Region]()
@@ -110,33 +112,68 @@ def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked
         bool(right and right[0]),
         any(right),
         first.probability if first else 0.0,
-        first.rating if first else 1e-3,
-        min(first.lead, MOST_LEAD) if first else 0.0,
+        Signs(first.rating, first.lead, first.returned) if first else Signs(0.0, 0.0, 0.0),
         ms,
     )
 
 
 def fit_logistic(terms: Floats, right: Bools) -> Floats:
-    """(k,) weights of a logistic function of terms (n, k), the first of which is 1, with a little ridge."""
+    """(1 + k,) constant and weights of a logistic function of terms (n, k), with a ridge."""
     from scipy.optimize import minimize  # of the development extras
 
-    sign, ridge = np.where(right, 1.0, -1.0), np.array([1e-3] + [RIDGE] * (terms.shape[1] - 1))
+    middle, spread = terms.mean(axis=0), terms.std(axis=0) + 1e-9
+    scaled = np.column_stack([np.ones(len(terms)), (terms - middle) / spread])
+    sign = np.where(right, 1.0, -1.0)
 
     def logistic_cost(weights: Floats) -> float:
-        return float(np.logaddexp(0.0, -sign * (terms @ weights)).sum() + ridge @ weights**2)
+        return float(np.logaddexp(0.0, -sign * (scaled @ weights)).sum() + RIDGE * (weights[1:] ** 2).sum())
 
-    return np.asarray(minimize(logistic_cost, np.zeros(terms.shape[1])).x, dtype=np.float64)
+    found = np.asarray(minimize(logistic_cost, np.zeros(scaled.shape[1])).x, dtype=np.float64)
+    slopes = found[1:] / spread
+    return np.concatenate([[found[0] - float(slopes @ middle)], slopes])
 
 
 def cross_validated(looked: Sequence[Looked]) -> Floats:
     """(n,) probabilities of being right, those of each kind of object by a fit to the others."""
-    terms = np.array([[1.0, math.log(r.rating + 1e-3), r.lead] for r in looked])
+    terms = np.array([r.signs.terms for r in looked])
     right, kinds = np.array([r.first for r in looked]), np.array([r.kind for r in looked])
     told = np.zeros(len(looked))
     for kind in set(kinds.tolist()):
         weights = fit_logistic(terms[kinds != kind], right[kinds != kind])
-        told[kinds == kind] = 1.0 / (1.0 + np.exp(-terms[kinds == kind] @ weights))
+        told[kinds == kind] = 1.0 / (1.0 + np.exp(-weights[0] - terms[kinds == kind] @ weights[1:]))
     return told
+
+
+def reliability_rows(told: Floats, right: Bools) -> list[list[Any]]:
+    """For each bin of a probability: how many there are, how many are right as told, and how many are."""
+    rows: list[list[Any]] = []
+    for low, high in pairwise(BINS):
+        mine = (told >= low) & (told < high + (high == 1.0))
+        if mine.any():
+            rows.append([f"{low:g} to {high:g}", int(mine.sum()), float(told[mine].sum()), int(right[mine].sum())])
+    return rows
+
+
+def report_fit(looked: Sequence[Looked]) -> None:
+    """The numbers of probabilities fitted to all hints but polygons, and what they are worth on kinds that were left out."""
+    fitted = [r for r in looked if r.hint in FITTED]
+    right = np.array([r.first for r in fitted])
+    weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right)
+    wrong = [r for r in fitted if not r.first]
+    among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
+    names = ("offset", "rating", "lead", "returned")
+    numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
+    common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
+    told = cross_validated(fitted)
+    rows = []
+    for hint in FITTED:
+        mine = np.array([r.hint == hint for r in fitted])
+        sure, order = mine & (told >= SURE), np.flatnonzero(mine)[np.argsort(-told[mine])]
+        half = right[order[: len(order) // 2]]
+        rows.append([hint, int(mine.sum()), int(sure.sum()), int(right[sure].sum()), 100.0 * float(half.mean())])
+    common.add_paragraph("Each kind of object by a fit to the others:")
+    common.add_table(["hint", "photos", f"sure at {SURE:g}", "of these right", "right of the surest half, %"], rows)
+    common.add_table(["probability, all three hints", "looks", "right as told", "right"], reliability_rows(told, right))
 
 
 def main() -> None:
@@ -156,7 +193,7 @@ def main() -> None:
     with (folder / "index.csv").open(newline="", encoding="utf-8") as file:
         kinds = {row["name"]: row.get("classes", row["name"]) for row in csv.DictReader(file)}
     given = segmenter_for(args.segmenter)
-    segmenter = None if given is None else Remembered(given)
+    segmenter = Remembered(given) if isinstance(given, SalientNet) else given
     common.begin_section(f"First look: photos of one tool each, {args.segmenter or 'classical'}")
     looked = [evaluate_photo(photo, kinds[photo.name], hint, segmenter) for photo in photos for hint in HINTS]
     rows = []
@@ -167,30 +204,13 @@ def main() -> None:
             rows.append([hint, scene, len(mine), *shares, float(np.median([r.ms for r in mine]))])
     common.add_table(["hint", "scene", "photos", "first %", "one of three %", "median ms"], rows)
     common.add_paragraph(
-        "A segmenter's time is in the first hint's alone: its regions are asked for once for each photo."
+        "The time of a net that maps salient objects is in the first hint's alone: it is asked once for each photo."
     )
-    rows = []
-    for low, high in pairwise(BINS):
-        mine = [r for r in looked if r.hint == "nothing" and low <= r.probability < high + (high == 1.0)]
-        if mine:
-            expected, right = (float(np.sum([getattr(r, what) for r in mine])) for what in ("probability", "first"))
-            rows.append([f"{low:g} to {high:g}", len(mine), expected, right])
-    common.add_table(["probability, no hint", "photos", "right as told", "right"], rows)
+    mine = [r for r in looked if r.hint == "nothing"]
+    told, right = np.array([r.probability for r in mine]), np.array([r.first for r in mine])
+    common.add_table(["probability, no hint", "photos", "right as told", "right"], reliability_rows(told, right))
     if args.fit:
-        mine = [r for r in looked if r.hint == "nothing"]
-        weights = fit_logistic(
-            np.array([[1.0, math.log(r.rating + 1e-3), r.lead] for r in mine]), np.array([r.first for r in mine])
-        )
-        wrong = [r for r in mine if not r.first]
-        among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
-        sure = [r for r, p in zip(mine, cross_validated(mine).tolist(), strict=True) if p >= 0.9]
-        common.add_paragraph(
-            "offset {:.2f}, rating {:.2f}, lead {:.2f}".format(*weights.tolist()) + f", among {among:.2f}"
-        )
-        right = sum(r.first for r in sure)
-        common.add_paragraph(
-            f"Cross-validated by kind of object: {right} of {len(sure)} that are 0.9 and more are right."
-        )
+        report_fit(looked)
     common.write_sections(args.output)
 
 

@@ -248,6 +248,12 @@ def show_outlines(most: int, lengths: Sequence[int]) -> None:
 # --- over the image's size -----------------------------------------------------------------------
 
 
+def path_between(wire: gt.LiveWire, one: Floats, other: Floats) -> None:
+    """A click, and the pointer elsewhere."""
+    wire.start(*one.tolist())
+    wire.path_to(*other.tolist())
+
+
 def time_on_images(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[Measured, Floats]:
     """The steps of an update by themselves, and the contacts that the tracker chooses in the first frame."""
     first, clock = frames[0], Clock(1e3)
@@ -256,6 +262,11 @@ def time_on_images(frames: list[SceneFrame], order: list[SceneFrame]) -> tuple[M
     contacts, view = result.contacts, result.view
     images = [f.image for f in order]
     clock("first look: all objects", find_objects, ((image,) for image in images[: max(3, len(order) // 20)]))
+    some = images[: max(3, len(order) // 20)]
+    wires = [gt.LiveWire(image) for image in some]
+    clock("live wire: gradients of the image", gt.LiveWire, ((image,) for image in some))
+    clock("live wire: first path after a click", path_between, ((wire, *contacts[:2]) for wire in wires))
+    clock("live wire: path to the pointer", path_between, ((wire, *contacts[:2]) for wire in wires))
     observer = OutlineDetector()
     observer.look(first.image)
     observer.choose(observer.first(Hints())[0])
