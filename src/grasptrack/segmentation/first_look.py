@@ -25,11 +25,12 @@ from grasptrack.segmentation.hints import BESIDE, Hints, box_iou, make_hints
 from grasptrack.segmentation.images import as_scene, to_bgr, to_grey, to_mask
 from grasptrack.segmentation.normalized_gradient import Planes, lab_planes
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD, Proposal, is_alike, propose_silhouettes
+from grasptrack.segmentation.quadrangles import find_quadrangles
 from grasptrack.segmentation.rating import NONE, SilhouetteScorer
 from grasptrack.segmentation.regions import Region, Segmenter
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.segmentation.shadow import without_shadow
-from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
+from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes, without_spurs
 from grasptrack.segmentation.snapping import OutlineSnapper, outline_agreement, polygon_silhouette
 from grasptrack.typing import Floats
 
@@ -53,8 +54,8 @@ APART = 0.65
 """Overlap of boxes, and ratio of areas, below which regions are other ones."""
 MOSTLY = 0.75
 """Share of an outline within another one that makes it a part of that."""
-ROUGH = 3.0
-"""px by which a segmenter's outline may be off: its map is coarser than the image."""
+ROUGH = 2.0
+"""px of the working image by which a segmenter's outline may be off: its map is coarser than the image."""
 AGREEING, ALL_ROUND = 8.0, 0.97
 """px from a polygon that a person drew within which a proposal agrees with it, and the share of both outlines that must."""
 FALLBACK_RECIPE = 2
@@ -226,7 +227,18 @@ class _Look:
             rater = SilhouetteScorer(self._edges.fields[0], self._edges.shrink, self._grey.shape)
             shapes = [polygon for each in maps for polygon in _regions_of(each)]
             return [Proposal(s, rater.rate(s), 0, math.nan, 0.0, GIVEN) for s in shapes]
-        return propose_silhouettes(self._grey, self._edges, hints.hidden, hints.masked, MIN_EXTENT, maps)
+        given = self._quadrangles()
+        return propose_silhouettes(self._grey, self._edges, hints.hidden, hints.masked, MIN_EXTENT, maps, given)
+
+    def _quadrangles(self) -> list[Silhouette]:
+        """Quadrangles of straight edges where a person points."""
+        hints, px = self._hints, self._edges.shrink
+        at = hints.object_at[0] if hints.object_at else hints.box_middle()
+        if hints.masked or at is None:
+            return []
+        found = find_quadrangles(self._edges.planes, ((at[0] - 0.5 * (px - 1)) / px, (at[1] - 0.5 * (px - 1)) / px))
+        shapes = (polygon_silhouette(each * px + 0.5 * (px - 1), self._grey.shape) for each in found)
+        return [shape for shape in shapes if shape is not None]
 
     def _rated(self) -> list[_Rated]:
         """The proposals that are meant, each region once, the likeliest first."""
@@ -331,6 +343,8 @@ class _Look:
             return None if found is None else self._findable(found, shape)
         if shaded:
             p, cut = self._out_of_shadow(p)
+        if p.recipe != THRESHOLD:
+            p = p._replace(silhouette=without_spurs(p.silhouette, self._edges.shrink))
         if p.recipe == THRESHOLD and not cut:
             found = of_one_level(self._grey, p.silhouette, p.polarity, hidden)
         else:

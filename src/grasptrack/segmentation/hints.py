@@ -56,6 +56,10 @@ class Hints:
             return False
         return self.box is None or box_iou(shape.box, self.box) > 0.3
 
+    def box_middle(self) -> Point | None:
+        """(x, y) px, the middle of the box, or None."""
+        return None if self.box is None else (self.box[0] + 0.5 * self.box[2], self.box[1] + 0.5 * self.box[3])
+
     def without_object(self) -> Hints:
         """The same of the whole image: nothing says which object is meant."""
         return replace(self, object_at=(), not_at=(), box=None, outline=None)

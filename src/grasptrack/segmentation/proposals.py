@@ -72,6 +72,7 @@ def propose_silhouettes(
     masked: bool,
     extent: float,
     maps: Sequence[NDArray[np.float32]] = (),
+    shapes: Sequence[Silhouette] = (),
 ) -> list[Proposal]:
     """All silhouettes of an image, the best rated first, each once.
 
@@ -82,6 +83,7 @@ def propose_silhouettes(
         masked: the image is a softened mask: only what is light is meant, and thresholds find all of it.
         extent: px across; what is smaller is not rated, and not looked for by closed edges.
         maps: (H, W) each, 0 to 1: a segmenter's regions.
+        shapes: regions that were found otherwise.
     """
     rater = SilhouetteScorer(scenery.fields[0], scenery.shrink, grey.shape)
     found: list[Proposal] = []
@@ -103,6 +105,7 @@ def propose_silhouettes(
             for shape in trace_silhouettes(binary, LEAST_AREA, holes=False)[:PER_LEVEL]:
                 if max(shape.box[2:]) >= extent:
                     found.append(Proposal(shape, rater.rate(shape), 0, math.nan, 0.0, GIVEN))
+    found.extend(Proposal(shape, rater.rate(shape), 0, math.nan, 0.0, GIVEN) for shape in shapes)
     found.sort(key=lambda p: -p.worth)
     return _remove_duplicates(found)
 

@@ -43,7 +43,7 @@ class SnapNumbers(NamedTuple):
     """What moves an outline's points; fitted by `grasptrack.bench.studies.polygons`.
 
     Attributes:
-        reach: px in which edges are looked for.
+        reach: px of the working image in which edges are looked for.
         least, most: units of the image's gradient noise; less is noise, more draws no more.
         bend: cost of a step of one px from a point's offset to the next.
         away: cost of each px, so that of two edges the nearer draws.
@@ -97,7 +97,7 @@ class OutlineSnapper:
 
         Args:
             polygon: (n, 2) px.
-            reach: px on either side in which edges are looked for; the fitted reach if None.
+            reach: px of the working image on either side in which edges are looked for; the fitted reach if None.
 
         Returns:
             (m, 2) px, points about STEP px apart.
@@ -128,7 +128,7 @@ class OutlineSnapper:
         """(k, m, 2) polygons (k, n, 2) that are displaced copies of one, snapped; all in px of the working image."""
         told = self._numbers
         pool = round(told.pool * STEP / step)
-        count = math.ceil(told.reach if reach is None else reach / self._px)
+        count = math.ceil(told.reach if reach is None else reach)
         points, normals = _spaced(polygons[0], step)
         points = points[None] + (polygons[:, :1] - polygons[:1, :1])
         steps = np.arange(-count, count + 1)
