@@ -32,6 +32,7 @@ def inspect(
     outline: options.OutlineText = None,
     mask: options.MaskPath = None,
     segmenter: options.SegmenterName = None,
+    background: options.BackgroundPath = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     grasp: options.GraspText = None,
@@ -75,6 +76,7 @@ def inspect(
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.hand_for_first(scale, lengths, grasp, False)
     calibration = options.load_calibration(camera)
+    empty = options.background_image(background, mask)
 
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.io.masks import read_mask
@@ -89,7 +91,7 @@ def inspect(
     picture = options.only_image(image, "inspect takes one image").image
     options.check_within(picture.shape, meant)
     own = None if mask is None else read_mask(mask)
-    told = meant.told(contacts, options.ignore_mask(ignore))
+    told = meant.told(contacts, options.ignore_mask(ignore), empty)
     prepare_folder(output)
     scene = options.straighten_scene(picture, told, calibration, own)
     told, lens = scene.told, scene.lens
@@ -103,6 +105,7 @@ def inspect(
             not_at=told.not_at,
             outline=told.outline,
             segmenter=segmenter,
+            background=told.background,
             box=told.box,
             mask=scene.mask,
             ignore=told.ignore,
@@ -120,6 +123,7 @@ def inspect(
         "outline": outline,
         "mask": mask,
         "segmenter": segmenter,
+        "background": background,
         "ignore": ignore,
         "camera": camera,
         "grasp": grasp,

@@ -75,6 +75,14 @@ SegmenterName = Annotated[
         help="What proposes objects beside the own search: a model (grasptrack models), onnx:FILE, or a plugin.",
     ),
 ]
+BackgroundPath = Annotated[
+    str | None,
+    typer.Option(
+        "--background",
+        metavar="IMAGE",
+        help="Image of the empty bench, from where the (first) image is taken; the light may differ.",
+    ),
+]
 ChooseNumber = Annotated[
     int,
     typer.Option(
@@ -139,11 +147,13 @@ class ObjectMeant(NamedTuple):
         """Whether anything says which object is meant."""
         return bool(self.on or self.off) or self.box is not None or self.outline is not None
 
-    def told(self, contacts: NDArray[Any] | None, ignore: NDArray[Any] | None) -> Told:
-        """The same with contacts that are given, and what to ignore."""
+    def told(
+        self, contacts: NDArray[Any] | None, ignore: NDArray[Any] | None, background: NDArray[Any] | None = None
+    ) -> Told:
+        """The same with contacts that are given, what to ignore, and the empty bench."""
         from grasptrack.segmentation.undistortion import Told
 
-        return Told(contacts, self.on or None, self.off or None, self.box, self.outline, ignore)
+        return Told(contacts, self.on or None, self.off or None, self.box, self.outline, ignore, background)
 
 
 class Scene(NamedTuple):
@@ -418,6 +428,23 @@ def ignore_mask(path: str | None) -> NDArray[Any] | None:
     return read_mask(path)
 
 
+def background_image(path: str | None, masks: str | None) -> NDArray[Any] | None:
+    """The image of the empty bench, or None.
+
+    Args:
+        path: of --background.
+        masks: of --mask or --masks, with which it cannot go.
+
+    Raises:
+        SourceError, InputError: it is missing, unreadable or no image, or masks are given.
+    """
+    if path is None:
+        return None
+    if masks is not None:
+        raise InputError("--background and your own masks both say where the object is: give one of them")
+    return only_image(path, "--background takes one image").image
+
+
 def only_image(name: str, taken: str) -> Frame:
     """The image of a file.
 
@@ -489,5 +516,6 @@ def find_outlines(scene: Scene, segmenter: str | None = None) -> list[View]:
         not_at=told.not_at,
         outline=told.outline,
         segmenter=segmenter,
+        background=told.background,
     )
     return [candidate.view for candidate in found]

@@ -45,6 +45,7 @@ def synthesize(
     outline: options.OutlineText = None,
     mask: options.MaskPath = None,
     segmenter: options.SegmenterName = None,
+    background: options.BackgroundPath = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     fingers: Annotated[int, typer.Option(metavar="K", help="Number of fingers, 2 or 3.")] = 2,
@@ -86,6 +87,7 @@ def synthesize(
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.build_hand(scale, **lengths)
     calibration = options.load_calibration(camera)
+    empty = options.background_image(background, mask)
 
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.io.masks import read_mask
@@ -95,7 +97,7 @@ def synthesize(
 
     picture = options.only_image(image, "synthesize takes one image").image
     options.check_within(picture.shape, meant)
-    told, own = meant.told(None, options.ignore_mask(ignore)), None if mask is None else read_mask(mask)
+    told, own = meant.told(None, options.ignore_mask(ignore), empty), None if mask is None else read_mask(mask)
     prepare_folder(output)
     scene = options.straighten_scene(picture, told, calibration, own)
     try:
@@ -112,6 +114,7 @@ def synthesize(
         "outline": outline,
         "mask": mask,
         "segmenter": segmenter,
+        "background": background,
         "ignore": ignore,
         "camera": camera,
         "fingers": fingers,

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import View
+from grasptrack.segmentation.background import background_maps
 from grasptrack.segmentation.candidate import Candidate, contains_pixel, of_closed_edges, of_one_level
 from grasptrack.segmentation.choice import choice_probabilities, load_numbers, measure_worth
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
@@ -74,6 +75,7 @@ def first_look(
     ignore: NDArray[Any] | None = None,
     mask: NDArray[Any] | None = None,
     segmenter: Any = None,
+    background: NDArray[Any] | None = None,
     sure: float = DEFAULT_SURE,
 ) -> list[Candidate]:
     """What in an image may be the object that is meant, the likeliest first; nested ones stay, each region is there once.
@@ -87,6 +89,7 @@ def first_look(
         ignore: (H, W) nonzero where nothing belongs to the scene.
         mask: (H, W) nonzero on objects: your own segmentation, which takes the image's place.
         segmenter: as `segmenter_for` takes it: "classical" (default), "onnx:FILE", a name, an object or a function.
+        background: an image of the same bench without the object, from the same place up to a few px; the light may differ.
         sure: probability from which a candidate is called sure: larger asks more often and errs less.
 
     Returns:
@@ -94,12 +97,12 @@ def first_look(
 
     Raises:
         ObservationError: no object, or none there.
-        InputError: hints or a mask that do not fit the image, a segmenter that cannot be had.
+        InputError: hints, a mask or a background that do not fit the image, a segmenter that cannot be had.
     """
     if not 0.0 < sure < 1.0:
         raise InputError(f"sure is a probability between 0 and 1, not {sure:g}", sure=sure)
     colours = to_bgr(image)
-    hints = make_hints(colours.shape[:2], object_at, not_at, box, outline, ignore)
+    hints = make_hints(colours.shape[:2], object_at, not_at, box, outline, ignore, background)
     scene = colours
     if mask is not None:
         scene = as_scene(to_mask(mask, colours.shape[:2], "mask"))
@@ -131,12 +134,18 @@ def find_objects(
     not_at: ArrayLike | None = None,
     outline: ArrayLike | None = None,
     segmenter: Any = None,
+    background: NDArray[Any] | None = None,
 ) -> list[Candidate]:
     """All flat objects in an image, none within another: the one that is meant first, then the likeliest.
 
     Args and errors as of `first_look`.
     """
-    asked: dict[str, Any] = {"ignore": ignore, "mask": mask, "segmenter": segmenter_for(segmenter)}
+    asked: dict[str, Any] = {
+        "ignore": ignore,
+        "mask": mask,
+        "segmenter": segmenter_for(segmenter),
+        "background": background,
+    }
     meant = first_look(image, object_at, not_at=not_at, box=box, outline=outline, **asked)
     if object_at is None and box is None and outline is None:
         return remove_nested(meant)
@@ -212,6 +221,10 @@ class _Look:
         maps = (
             [] if segmenter is None or hints.masked else _as_maps(segmenter.regions(colours, hints), self._grey.shape)
         )
+        if hints.background is not None:
+            if self._alone or hints.masked:
+                raise InputError("a background and a mask both say where the object is: give one of them")
+            maps += background_maps(colours, hints.background, hints.hidden)
         self._map = np.mean(maps, axis=0).astype(np.float32) if maps and not self._alone else None
         self._strength = self._edges.fields[0].strength
         self._proposals = self._propose(maps)
@@ -238,6 +251,8 @@ class _Look:
             return [_Rated(p, 1.0) for p in self.meant[:COMPARED]]
         compared = self.compared()
         numbers = load_numbers(self._map is not None)
+        if self._hints.background is not None:  # a person's word, as a box is
+            numbers = numbers._replace(map_power=numbers.box_power)
         worth = measure_worth(compared, self._map, self._hints.box, numbers)
         meant = [k for k, p in enumerate(compared) if self._hints.allows(p.silhouette)]
         kept: list[int] = []

@@ -80,6 +80,7 @@ def inspect(
     not_at: ArrayLike | None = None,
     outline: ArrayLike | None = None,
     segmenter: Any = None,
+    background: NDArray[Any] | None = None,
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
@@ -103,6 +104,7 @@ def inspect(
         not_at: (x, y) px, or several, beside the object.
         outline: (n, 2) px of a rough polygon round it.
         segmenter: proposes regions beside the own search, as `segmenter_for` takes it.
+        background: an image of the same bench without the object; the light may differ.
 
     Raises:
         ObservationError: no object.
@@ -129,6 +131,7 @@ def inspect(
         not_at=not_at,
         outline=outline,
         segmenter=segmenter_for(segmenter),
+        background=background,
     )
     first = first_view(image, mask, wish, risk, focal)
     view, grey = first.candidate.view, first.grey

@@ -69,6 +69,7 @@ class Wish:
         not_at: (x, y) px, or several, beside the object.
         outline: (n, 2) px of a rough polygon round it.
         segmenter: proposes regions beside the own search.
+        background: an image of the same bench without the object.
         number: of the candidate that is taken, 1 being the likeliest.
     """
 
@@ -86,13 +87,14 @@ class Wish:
     not_at: ArrayLike | None = None
     outline: ArrayLike | None = None
     segmenter: Segmenter | None = None
+    background: NDArray[Any] | None = None
     number: int = 1
 
     @property
     def told(self) -> Told:
         """What says which object is meant."""
         contacts = None if self.grasp is None else self.grasp.contacts
-        return Told(contacts, self.object_at, self.not_at, self.box, self.outline, self.ignore)
+        return Told(contacts, self.object_at, self.not_at, self.box, self.outline, self.ignore, self.background)
 
     def straight(self, lens: Undistortion) -> Wish:
         """The same, of the image without its lens's distortion.
@@ -109,11 +111,12 @@ class Wish:
             box=told.box,
             outline=told.outline,
             ignore=told.ignore,
+            background=told.background,
         )
 
     def again(self, view: View, plane: Callable[[View], Floats]) -> Wish:
         """Another grasp on the object that has this outline, chosen in its plane."""
-        alone = replace(self, object_at=None, not_at=None, box=None, outline=None, number=1)
+        alone = replace(self, object_at=None, not_at=None, box=None, outline=None, background=None, number=1)
         return replace(alone, grasp=None, before=view, plane=plane)
 
 

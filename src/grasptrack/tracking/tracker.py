@@ -96,6 +96,8 @@ class GraspTracker:
             mask of every image that comes without one.
         not_at: (x, y) px, or several, beside the object.
         outline: (n, 2) px of a rough polygon round the object: any object that a person can see is had with it.
+        background: an image of the same bench without the object, taken from where the first image is, up to a few px; the
+            light may differ.
         number: of the candidate to take, 1 being the likeliest; see `first_look` and `distinct_candidates`.
         camera: its calibration. Images are made straight before anything is looked at, and the focal length is known.
             Everything that goes in and comes out stays in px of the images as they are, but for the homography, which is in
@@ -135,6 +137,7 @@ class GraspTracker:
         length: float | None = None,
         not_at: ArrayLike | None = None,
         outline: ArrayLike | None = None,
+        background: NDArray[Any] | None = None,
         number: int = 1,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)
@@ -163,6 +166,7 @@ class GraspTracker:
             not_at=not_at,
             outline=outline,
             segmenter=regions,
+            background=background,
             number=number,
         )
         self._resynthesize, self._camera = resynthesize, camera
