@@ -96,7 +96,7 @@ def test_the_tracker_takes_a_drawn_object_and_follows_it() -> None:
         ({"outline": [(1, 2), (3, 4)]}, "three corners"),
         ({"outline": [(1, 2), (3, 4), (5, 6)]}, "no area"),
         ({"outline": square(900, 900, 40)}, "outside the image"),
-        ({"sure": 1.5}, "between 0 and 1"),
+        ({"sure": 1.5}, "0 or more and below 1"),
         ({"segmenter": "u2nep"}, "choose from"),
         ({"segmenter": "onnx:nowhere.onnx"}, "no model file"),
         ({"segmenter": 7}, "segmenter has"),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import options
+from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
 
@@ -31,6 +32,8 @@ def inspect(
     box: options.BoxText = None,
     outline: options.OutlineText = None,
     mask: options.MaskPath = None,
+    choose: options.ChooseNumber = None,
+    sure: options.Sure = 0.9,
     segmenter: options.SegmenterName = None,
     background: options.BackgroundPath = None,
     ignore: options.IgnorePath = None,
@@ -57,7 +60,7 @@ def inspect(
     and the error of the contacts; which motions the outline shows, its symmetries, edges and contrast; which strategies
     can carry the grasp and why the others cannot; a verdict, and what would help.
 
-    Writes inspect.json and inspect.png, the picture of it.
+    Writes inspect.json and inspect.png, the picture of it; and candidates.png, where the choice of the object is not sure.
 
     \b
     Examples:
@@ -75,6 +78,7 @@ def inspect(
     options.strategy_choice(strategy)
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.hand_for_first(scale, lengths, grasp, False)
+    options.sure_rate(sure)
     calibration = options.load_calibration(camera)
     empty = options.background_image(background, mask)
 
@@ -106,6 +110,7 @@ def inspect(
             outline=told.outline,
             segmenter=segmenter,
             background=told.background,
+            number=choose,
             box=told.box,
             mask=scene.mask,
             ignore=told.ignore,
@@ -121,6 +126,8 @@ def inspect(
         **options.told_words(object_, not_),
         "box": box,
         "outline": outline,
+        "choose": choose,
+        "sure": sure,
         "mask": mask,
         "segmenter": segmenter,
         "background": background,
@@ -138,6 +145,12 @@ def inspect(
     data, page = output / "inspect.json", output / "inspect.png"
     write_inspection(page, scene.image, found, title=Path(image).name + (", made straight" if lens is not None else ""))
     found = found if lens is None else as_seen(found, lens)
+    said = any(word is not None for word in (choose, outline, grasp, mask))
+    notes = [
+        *note_candidates(found.candidates, picture, output, sure, meant=said),
+        *options.scaling_notes(calibration, picture.shape),
+        f"{data}, {page}",
+    ]
     content = inspection_to_dict(found, image, picture.shape, asked)
     write_json(data, content)
     if json_ and not quiet:
@@ -145,7 +158,7 @@ def inspect(
 
         typer.echo(json.dumps(content, ensure_ascii=False, indent=1))
     elif not quiet:
-        _show_results(found, [*options.scaling_notes(calibration, picture.shape), f"{data}, {page}"])
+        _show_results(found, notes)
 
 
 def _show_results(found: Suitability, last: list[str]) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
     from grasptrack.grasp.hand import Hand
     from grasptrack.io.base import Frame
+    from grasptrack.segmentation.candidate import Candidate
     from grasptrack.segmentation.undistortion import Told, Undistortion
 
 
@@ -84,9 +85,14 @@ BackgroundPath = Annotated[
     ),
 ]
 ChooseNumber = Annotated[
-    int,
+    int | None,
     typer.Option(
-        "--choose", metavar="N", min=1, max=3, help="Candidate to take, of those that candidates.png numbers."
+        "--choose",
+        metavar="N",
+        min=1,
+        max=3,
+        help="Candidate to take, of those that candidates.png numbers.  [default: the likeliest]",
+        show_default=False,
     ),
 ]
 Sure = Annotated[
@@ -294,11 +300,11 @@ def sure_rate(sure: float) -> float:
     """The probability from which the choice of an object is sure.
 
     Raises:
-        InputError: not between 0 and 1.
+        InputError: below 0, or 1 and more.
     """
-    if not 0.0 < sure < 1.0:
-        raise InputError(f"--sure is a probability between 0 and 1, not {sure:g}", sure=sure)
-    return sure
+    from grasptrack.segmentation.first_look import check_sure
+
+    return check_sure(sure, "--sure")
 
 
 def object_meant(
@@ -497,25 +503,35 @@ def check_within(shape: tuple[int, ...], meant: ObjectMeant) -> None:
         raise InputError(text, **error.values) from None
 
 
-def find_outlines(scene: Scene, segmenter: str | None = None) -> list[View]:
-    """Outlines in an image, none within another, the object that is meant first.
+def find_outlines(
+    scene: Scene, segmenter: str | None = None, number: int | None = None, sure: float = 0.0
+) -> tuple[list[View], list[Candidate]]:
+    """Outlines in an image, none within another, the object that is meant first; and where that is not sure, what it may be.
+
+    Args:
+        scene: the image.
+        segmenter: proposes regions beside the own search.
+        number: of the candidate that a person took.
+        sure: probability from which the choice is sure.
 
     Raises:
         ObservationError: no object, or none where it should be.
-        InputError: a mask of another size, or no such segmenter.
+        InputError: a mask of another size, no such segmenter, or fewer candidates.
     """
-    from grasptrack.segmentation.first_look import find_objects
+    from grasptrack.segmentation.first_look import distinct_candidates, find_objects, first_look
+    from grasptrack.segmentation.segmenters import segmenter_for
 
     told = scene.told
-    found = find_objects(
-        scene.image,
-        told.object_at,
-        told.box,
-        told.ignore,
-        scene.mask,
-        not_at=told.not_at,
-        outline=told.outline,
-        segmenter=segmenter,
-        background=told.background,
-    )
-    return [candidate.view for candidate in found]
+    asked: dict[str, Any] = {
+        "object_at": told.object_at,
+        "box": told.box,
+        "ignore": told.ignore,
+        "mask": scene.mask,
+        "not_at": told.not_at,
+        "outline": told.outline,
+        "segmenter": segmenter_for(segmenter),
+        "background": told.background,
+    }
+    found = find_objects(scene.image, **asked, number=number)
+    likely = number is not None or found[0].probability >= sure
+    return [c.view for c in found], [] if likely else distinct_candidates(first_look(scene.image, **asked))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import options
+from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import INTERRUPTED, Interruption, Progress, show_run, tell_error
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from grasptrack.io.base import Frame
     from grasptrack.io.run import RunSummary
     from grasptrack.tracking.result import TrackResult
-    from grasptrack.tracking.tracker import GraspTracker
 
 
 def track(
@@ -38,7 +38,7 @@ def track(
     not_: options.NotTexts = None,
     box: options.BoxText = None,
     outline: options.OutlineText = None,
-    choose: options.ChooseNumber = 1,
+    choose: options.ChooseNumber = None,
     sure: options.Sure = 0.9,
     masks: Annotated[
         str | None,
@@ -142,6 +142,7 @@ def track(
         box=meant.box,
         outline=meant.outline,
         number=choose,
+        sure=sure,
         ignore=options.ignore_mask(ignore),
         background=options.background_image(background, masks),
         resynthesize=resynthesize,
@@ -180,30 +181,10 @@ def track(
             raise typer.Exit(INTERRUPTED) from None
     if not summary.grasps:
         raise InputError(_nothing_to_track(summary))
-    notes += _candidates_note(
-        tracker, looks, output, sure, meant=choose > 1 or meant.outline is not None or contacts is not None
-    )
+    said = choose is not None or meant.outline is not None or contacts is not None
+    notes += note_candidates(tracker.candidates, looks[0] if looks else None, output, sure, meant=said)
     if not quiet:
         show_run(summary, output, notes)
-
-
-def _candidates_note(tracker: GraspTracker, looks: list[Any], output: Path, sure: float, *, meant: bool) -> list[str]:
-    """What to say of a choice that is not sure, with a picture of the candidates; nothing where a person has chosen."""
-    picture = output / "candidates.png"
-    picture.unlink(missing_ok=True)
-    found = tracker.candidates
-    if meant or not looks or not found or found[0].probability >= sure:
-        return []
-    from grasptrack.segmentation.first_look import describe_candidate
-    from grasptrack.view.candidates import write_candidates
-
-    write_candidates(picture, looks[0], found)
-    told = f"the object was chosen with a probability of {100.0 * found[0].probability:.0f} %, which is not sure"
-    others = "; ".join(f"{n} lies {describe_candidate(c, found[0])}" for n, c in enumerate(found[1:], 2))
-    also = f" ({others})" if others else ""
-    return [
-        f"{told}: {picture} shows what else it may be{also}; --choose N takes another, --object or --outline say it"
-    ]
 
 
 def _nothing_to_track(summary: RunSummary) -> str:

@@ -90,7 +90,8 @@ def first_look(
         mask: (H, W) nonzero on objects: your own segmentation, which takes the image's place.
         segmenter: as `segmenter_for` takes it: "classical" (default), "onnx:FILE", a name, an object or a function.
         background: an image of the same bench without the object, from the same place up to a few px; the light may differ.
-        sure: probability from which a candidate is called sure: larger asks more often and errs less.
+        sure: probability, 0 or more and below 1, from which a candidate is called sure: larger asks more often and errs
+            less; 0 takes the first without a question.
 
     Returns:
         Candidates with `view`, `probability` and `sure`.
@@ -99,8 +100,7 @@ def first_look(
         ObservationError: no object, or none there.
         InputError: hints, a mask or a background that do not fit the image, a segmenter that cannot be had.
     """
-    if not 0.0 < sure < 1.0:
-        raise InputError(f"sure is a probability between 0 and 1, not {sure:g}", sure=sure)
+    check_sure(sure)
     colours = to_bgr(image)
     hints = make_hints(colours.shape[:2], object_at, not_at, box, outline, ignore, background)
     scene = colours
@@ -135,10 +135,11 @@ def find_objects(
     outline: ArrayLike | None = None,
     segmenter: Any = None,
     background: NDArray[Any] | None = None,
+    number: int | None = None,
 ) -> list[Candidate]:
     """All flat objects in an image, none within another: the one that is meant first, then the likeliest.
 
-    Args and errors as of `first_look`.
+    Args and errors as of `first_look`; `number` as of `numbered_candidate`.
     """
     asked: dict[str, Any] = {
         "ignore": ignore,
@@ -148,12 +149,12 @@ def find_objects(
     }
     meant = first_look(image, object_at, not_at=not_at, box=box, outline=outline, **asked)
     if object_at is None and box is None and outline is None:
-        return remove_nested(meant)
+        return remove_nested([numbered_candidate(meant, number), *meant])
     try:
         others = first_look(image, **asked)
     except ObservationError:
         others = []
-    return remove_nested([meant[0], *others])
+    return remove_nested([numbered_candidate(meant, number), *others])
 
 
 def remove_nested(found: list[Candidate]) -> list[Candidate]:
@@ -172,6 +173,29 @@ def distinct_candidates(found: Sequence[Candidate], most: int = 3) -> list[Candi
         if len(kept) < most and not any(_is_same_region(c.view, o.view) for o in kept):
             kept.append(c)
     return kept
+
+
+def numbered_candidate(found: Sequence[Candidate], number: int | None) -> Candidate:
+    """Of the candidates that a person would tell apart the one with a number, 1 being the likeliest; the likeliest of None.
+
+    Raises:
+        InputError: there are fewer.
+    """
+    told_apart = distinct_candidates(found, number or 1)
+    if len(told_apart) < (number or 1):
+        raise InputError(f"there are {len(told_apart)} candidates, not {number}", number=number)
+    return told_apart[-1]
+
+
+def check_sure(sure: float, what: str = "sure") -> float:
+    """The probability from which the choice of an object is sure.
+
+    Raises:
+        InputError: below 0, or 1 and more, which nothing reaches.
+    """
+    if not 0.0 <= sure < 1.0:
+        raise InputError(f"{what} is a probability, 0 or more and below 1, not {sure:g}", sure=sure)
+    return sure
 
 
 def describe_candidate(candidate: Candidate, first: Candidate) -> str:

@@ -81,6 +81,7 @@ def inspect(
     outline: ArrayLike | None = None,
     segmenter: Any = None,
     background: NDArray[Any] | None = None,
+    number: int | None = None,
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
@@ -105,6 +106,7 @@ def inspect(
         outline: (n, 2) px of a rough polygon round it.
         segmenter: proposes regions beside the own search, as `segmenter_for` takes it.
         background: an image of the same bench without the object; the light may differ.
+        number: of the candidate to take, 1 being the likeliest.
 
     Raises:
         ObservationError: no object.
@@ -132,6 +134,7 @@ def inspect(
         outline=outline,
         segmenter=segmenter_for(segmenter),
         background=background,
+        number=number,
     )
     first = first_view(image, mask, wish, risk, focal)
     view, grey = first.candidate.view, first.grey
@@ -181,6 +184,7 @@ def inspect(
         prediction=prediction,
         view=view,
         edges=edges,
+        candidates=tuple(first.candidates),
     )
 
 

@@ -22,7 +22,7 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import distinct_candidates
+from grasptrack.segmentation.first_look import DEFAULT_SURE, check_sure, distinct_candidates
 from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
@@ -98,7 +98,9 @@ class GraspTracker:
         outline: (n, 2) px of a rough polygon round the object: any object that a person can see is had with it.
         background: an image of the same bench without the object, taken from where the first image is, up to a few px; the
             light may differ.
-        number: of the candidate to take, 1 being the likeliest; see `first_look` and `distinct_candidates`.
+        number: of the candidate that a person took, 1 being the likeliest; see `first_look` and `distinct_candidates`.
+        sure: probability from which the choice of the object is sure, where no person said which is meant: results of a
+            less likely one have `object_sure` False, and a servo does not move. 0 takes the likeliest without a question.
         camera: its calibration. Images are made straight before anything is looked at, and the focal length is known.
             Everything that goes in and comes out stays in px of the images as they are, but for the homography, which is in
             ideal px.
@@ -110,12 +112,13 @@ class GraspTracker:
     Attributes:
         candidates: up to three objects that the first look may take, the likeliest first, with `view` and `probability`; empty
             before. `number` chooses among them.
+        object_sure: a person said which object is meant, or its choice is sure; True before there is one.
 
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
         GraspError: contacts that are none, or fewer than two fingers.
-        InputError: friction not positive, a risk not between 0 and 1, both a pixel and a box, both a grasp and a choice, or
-            a length not above 0.
+        InputError: friction not positive, a risk or probability out of range, both a pixel and a box, both a grasp and a
+            choice, or a length not above 0.
     """
 
     def __init__(
@@ -138,7 +141,8 @@ class GraspTracker:
         not_at: ArrayLike | None = None,
         outline: ArrayLike | None = None,
         background: NDArray[Any] | None = None,
-        number: int = 1,
+        number: int | None = None,
+        sure: float = DEFAULT_SURE,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
@@ -174,6 +178,7 @@ class GraspTracker:
         self._shape: tuple[int, ...] | None = None
         self._observer = OutlineDetector()
         self.candidates: list[Candidate] = []
+        self.object_sure, self._sure = True, check_sure(sure)
         self._frame = -1
         self._grasps = 0
         self._track: Track | None = None
@@ -210,6 +215,7 @@ class GraspTracker:
                 result = replace(self._analyzed(moment, track, moved), mended=share)
             else:
                 result = self._analyzed(moment, track, moved)
+        result = result if self.object_sure else replace(result, object_sure=False)
         return result if self._lens is None else self._lens.result(result)
 
     def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
@@ -221,6 +227,8 @@ class GraspTracker:
         candidate, reason = first.candidate, first.reason
         if candidate is None:
             return _make_result(moment, "searching", reason)
+        if self._wish.before is None:
+            self.object_sure = masked or self._wish.names_object or candidate.probability >= self._sure
         grey = self._observer.choose(candidate)
         start = start_tracking(first, self.strategy, grey, self._observer, moment.time, self.risk, before)
         if start.carrier is None or start.grasp is None:
