@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,9 +16,14 @@ from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from grasptrack.io.base import Frame
     from grasptrack.io.run import RunSummary
     from grasptrack.tracking.result import TrackResult
+
+APART = 4
+"""Images between those that a first look asks where it is not sure: a camera moves little from one to the next."""
 
 
 def track(
@@ -142,6 +148,7 @@ def track(
         box=meant.box,
         outline=meant.outline,
         number=choose,
+        more=() if images.kind == "camera" else _later_images(source),
         sure=sure,
         ignore=options.ignore_mask(ignore),
         background=options.background_image(background, masks),
@@ -185,6 +192,16 @@ def track(
     notes += note_candidates(tracker.candidates, looks[0] if looks else None, output, sure, meant=said)
     if not quiet:
         show_run(summary, output, notes)
+
+
+def _later_images(source: str) -> Iterator[NDArray[Any]]:
+    """Every so many images of a source after its first; it is opened when they are asked for."""
+    from grasptrack.io.sources import open_source
+
+    with open_source(source) as again:
+        for k, frame in enumerate(again):
+            if k and k % APART == 0:
+                yield frame.image
 
 
 def _nothing_to_track(summary: RunSummary) -> str:

@@ -8,7 +8,7 @@ orders all (`grasptrack.segmentation.choice`), and the likeliest become sub-pixe
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -28,6 +28,7 @@ from grasptrack.segmentation.normalized_gradient import Planes, lab_planes
 from grasptrack.segmentation.proposals import GIVEN, THRESHOLD, Proposal, is_alike, propose_silhouettes
 from grasptrack.segmentation.rating import NONE, SilhouetteScorer
 from grasptrack.segmentation.segmenters import OneMask, Region, Segmenter, segmenter_for
+from grasptrack.segmentation.several_frames import ask_more_frames
 from grasptrack.segmentation.shadow import without_shadow
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.snapping import outline_agreement, polygon_silhouette, snap_polygon
@@ -76,6 +77,7 @@ def first_look(
     mask: NDArray[Any] | None = None,
     segmenter: Any = None,
     background: NDArray[Any] | None = None,
+    more: Iterable[NDArray[Any]] = (),
     sure: float = DEFAULT_SURE,
 ) -> list[Candidate]:
     """What in an image may be the object that is meant, the likeliest first; nested ones stay, each region is there once.
@@ -90,6 +92,8 @@ def first_look(
         mask: (H, W) nonzero on objects: your own segmentation, which takes the image's place.
         segmenter: as `segmenter_for` takes it: "classical" (default), "onnx:FILE", a name, an object or a function.
         background: an image of the same bench without the object, from the same place up to a few px; the light may differ.
+        more: images that follow, from a camera that moves: while nothing is sure and no person has said which object is meant,
+            up to four are asked. What lies on the bench gains, reflections lose.
         sure: probability, 0 or more and below 1, from which a candidate is called sure: larger asks more often and errs
             less; 0 takes the first without a question.
 
@@ -107,7 +111,7 @@ def first_look(
     if mask is not None:
         scene = as_scene(to_mask(mask, colours.shape[:2], "mask"))
         hints = replace(hints, masked=True)
-    found = find_candidates(scene, hints, segmenter_for(segmenter))
+    found = find_candidates(scene, hints, segmenter_for(segmenter), more, sure)
     return [c._replace(sure=c.probability >= sure) for c in found]
 
 
@@ -209,7 +213,11 @@ def describe_candidate(candidate: Candidate, first: Candidate) -> str:
 
 
 def find_candidates(
-    image: NDArray[Any], hints: Hints | None = None, segmenter: Segmenter | None = None
+    image: NDArray[Any],
+    hints: Hints | None = None,
+    segmenter: Segmenter | None = None,
+    more: Iterable[NDArray[Any]] = (),
+    sure: float = DEFAULT_SURE,
 ) -> list[Candidate]:
     """As `first_look`, of hints that were checked.
 
@@ -222,7 +230,10 @@ def find_candidates(
     found = look.candidates()
     if not found:
         raise _no_object_error(look.meant, hints)
-    return found
+    if hints.names_object or hints.masked or isinstance(segmenter, OneMask):
+        return found
+    later = replace(hints, not_at=(), background=None)  # they are of the first image
+    return ask_more_frames(found, look.colours, more, lambda seen: find_candidates(seen, later, segmenter), sure)
 
 
 class _Rated(NamedTuple):
@@ -237,7 +248,7 @@ class _Look:
     """One image: what is proposed in it, and what becomes of that."""
 
     def __init__(self, colours: NDArray[np.uint8], hints: Hints, segmenter: Segmenter | None) -> None:
-        self._colours, self._hints = colours, hints
+        self.colours, self._hints = colours, hints
         self._grey = to_grey(colours)
         self._planes: Planes = lab_planes(colours)
         self._edges = ClosedEdgeSegmenter(self._planes, hints.hidden)
@@ -325,7 +336,7 @@ class _Look:
                 break
         if shape is None or max(shape.box[2:]) < MIN_EXTENT:
             raise ObservationError(f"the outline that was drawn is less than {MIN_EXTENT} px across")
-        candidate = of_closed_edges(self._colours, self._planes, shape, self._hints.hidden)
+        candidate = of_closed_edges(self.colours, self._planes, shape, self._hints.hidden)
         if candidate is None:
             raise ObservationError("the outline that was drawn lies beyond the image for the most part")
         return [self._findable(candidate._replace(probability=1.0), shape)]
@@ -363,14 +374,14 @@ class _Look:
             shape = polygon_silhouette(snapped, self._grey.shape)
             if shape is None:
                 return None
-            found = of_closed_edges(self._colours, None if part else self._planes, shape, hidden)
+            found = of_closed_edges(self.colours, None if part else self._planes, shape, hidden)
             return None if found is None else self._findable(found, shape)
         if shaded:
             p, cut = self._out_of_shadow(p)
         if p.recipe == THRESHOLD and not cut:
             found = of_one_level(self._grey, p.silhouette, p.polarity, hidden)
         else:
-            found = of_closed_edges(self._colours, None if part else self._planes, p.silhouette, hidden)
+            found = of_closed_edges(self.colours, None if part else self._planes, p.silhouette, hidden)
         if found is None:
             return None
         return found._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=cut)
@@ -378,7 +389,7 @@ class _Look:
     def _out_of_shadow(self, p: Proposal) -> tuple[Proposal, bool]:
         """A proposal without the shadow that its object casts, and whether it had to be cut out: where another proposal
         is the object alone, that one is taken."""
-        alone = without_shadow(self._colours, p.silhouette)
+        alone = without_shadow(self.colours, p.silhouette)
         if alone is None:
             return p, False
         alike = [other for other in self._proposals if is_alike(other.silhouette, alone)]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
 from grasptrack.grasp.hand import Hand
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import numbered_candidate, remove_nested
+from grasptrack.segmentation.first_look import DEFAULT_SURE, numbered_candidate, remove_nested
 from grasptrack.segmentation.hints import Box, dilate_mask
 from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.segmentation.outline_detector import OutlineDetector
@@ -69,6 +69,8 @@ class Wish:
         outline: (n, 2) px of a rough polygon round it.
         segmenter: proposes regions beside the own search.
         background: an image of the same bench without the object.
+        more: images that follow the first, asked where the choice of the object is not sure.
+        sure: probability from which it is.
         number: of the candidate that a person took, 1 being the likeliest; None takes that one, but nobody has said so.
     """
 
@@ -87,6 +89,8 @@ class Wish:
     outline: ArrayLike | None = None
     segmenter: Segmenter | None = None
     background: NDArray[Any] | None = None
+    more: Iterable[NDArray[Any]] = ()
+    sure: float = DEFAULT_SURE
     number: int | None = None
 
     @property
@@ -117,6 +121,7 @@ class Wish:
             outline=told.outline,
             ignore=told.ignore,
             background=told.background,
+            more=(lens.image(image) for image in self.more),
         )
 
     def again(self, view: View, plane: Callable[[View], Floats]) -> Wish:
@@ -154,7 +159,7 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
     """
     try:
         hints = wish.told._replace(ignore=None).hints(observer.size)  # the observer knows what is hidden
-        found = observer.first(replace(hints, masked=masked), None if masked else wish.segmenter)
+        found = observer.first(replace(hints, masked=masked), None if masked else wish.segmenter, wish.more, wish.sure)
     except ObservationError as error:
         return FirstView(None, [], Reason("no-object", detail=str(error)), [])
     candidate = _choose_candidate(found, wish)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -99,6 +99,8 @@ class GraspTracker:
         background: an image of the same bench without the object, taken from where the first image is, up to a few px; the
             light may differ.
         number: of the candidate that a person took, 1 being the likeliest; see `first_look` and `distinct_candidates`.
+        more: images that follow the first one. Where its choice of the object is not sure and no person said which is meant, up
+            to four of them are asked, see `first_look`; they are not tracked.
         sure: probability from which the choice of the object is sure, where no person said which is meant: results of a
             less likely one have `object_sure` False, and a servo does not move. 0 takes the likeliest without a question.
         camera: its calibration. Images are made straight before anything is looked at, and the focal length is known.
@@ -142,6 +144,7 @@ class GraspTracker:
         outline: ArrayLike | None = None,
         background: NDArray[Any] | None = None,
         number: int | None = None,
+        more: Iterable[NDArray[Any]] = (),
         sure: float = DEFAULT_SURE,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)
@@ -171,6 +174,8 @@ class GraspTracker:
             outline=outline,
             segmenter=regions,
             background=background,
+            more=more,
+            sure=check_sure(sure),
             number=number,
         )
         self._resynthesize, self._camera = resynthesize, camera
@@ -178,7 +183,7 @@ class GraspTracker:
         self._shape: tuple[int, ...] | None = None
         self._observer = OutlineDetector()
         self.candidates: list[Candidate] = []
-        self.object_sure, self._sure = True, check_sure(sure)
+        self.object_sure = True
         self._frame = -1
         self._grasps = 0
         self._track: Track | None = None
@@ -222,13 +227,13 @@ class GraspTracker:
         """Choose the object and a grasp on it."""
         before, self._plane = self._beforehand(), None
         first = first_view(self._observer, replace(self._wish, friction=self.friction), masked)
-        self._wish = replace(self._wish, plane=None)  # later it would lie otherwise
+        self._wish = replace(self._wish, plane=None, more=())  # later they would lie otherwise
         self.candidates = self._seen_candidates(first.found)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
             return _make_result(moment, "searching", reason)
         if self._wish.before is None:
-            self.object_sure = masked or self._wish.names_object or candidate.probability >= self._sure
+            self.object_sure = masked or self._wish.names_object or candidate.probability >= self._wish.sure
         grey = self._observer.choose(candidate)
         start = start_tracking(first, self.strategy, grey, self._observer, moment.time, self.risk, before)
         if start.carrier is None or start.grasp is None:
