@@ -34,6 +34,7 @@ def inspect(
     mask: options.MaskPath = None,
     choose: options.ChooseNumber = None,
     sure: options.Sure = 0.9,
+    first_look_ms: options.FirstLookMs = None,
     segmenter: options.SegmenterName = None,
     background: options.BackgroundPath = None,
     ignore: options.IgnorePath = None,
@@ -79,6 +80,7 @@ def inspect(
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.hand_for_first(scale, lengths, grasp, False)
     options.sure_rate(sure)
+    options.work_limit(first_look_ms)
     calibration = options.load_calibration(camera)
     empty = options.background_image(background, mask)
 
@@ -111,6 +113,7 @@ def inspect(
             segmenter=segmenter,
             background=told.background,
             number=choose,
+            first_look_ms=first_look_ms,
             box=told.box,
             mask=scene.mask,
             ignore=told.ignore,
@@ -129,6 +132,7 @@ def inspect(
         "choose": choose,
         "sure": sure,
         "mask": mask,
+        "first_look_ms": options.work_limit(first_look_ms),
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,

@@ -98,6 +98,15 @@ ChooseNumber = Annotated[
 Sure = Annotated[
     float, typer.Option("--sure", metavar="P", help="Probability from which the choice of the object is called sure.")
 ]
+FirstLookMs = Annotated[
+    float | None,
+    typer.Option(
+        "--first-look-ms",
+        metavar="MS",
+        help="Work that the search for the object may do.  [default: all]",
+        show_default=False,
+    ),
+]
 BoxText = Annotated[
     str | None,
     typer.Option("--box", metavar="X,Y,W,H", help="Rectangle around the object in px: left, top, width, height."),
@@ -307,6 +316,17 @@ def sure_rate(sure: float) -> float:
     return check_sure(sure, "--sure")
 
 
+def work_limit(ms: float | None) -> float | None:
+    """ms of work that the search for the object may do, or None.
+
+    Raises:
+        InputError: not above 0.
+    """
+    from grasptrack.segmentation.work import check_limit_ms
+
+    return check_limit_ms(ms, "--first-look-ms")
+
+
 def object_meant(
     object_: Sequence[str] | None, not_: Sequence[str] | None, box: str | None, outline: str | None
 ) -> ObjectMeant:
@@ -504,7 +524,11 @@ def check_within(shape: tuple[int, ...], meant: ObjectMeant) -> None:
 
 
 def find_outlines(
-    scene: Scene, segmenter: str | None = None, number: int | None = None, sure: float = 0.0
+    scene: Scene,
+    segmenter: str | None = None,
+    number: int | None = None,
+    sure: float = 0.0,
+    first_look_ms: float | None = None,
 ) -> tuple[list[View], list[Candidate]]:
     """Outlines in an image, none within another, the object that is meant first; and where that is not sure, what it may be.
 
@@ -513,6 +537,7 @@ def find_outlines(
         segmenter: proposes regions beside the own search.
         number: of the candidate that a person took.
         sure: probability from which the choice is sure.
+        first_look_ms: work that the search may do.
 
     Raises:
         ObservationError: no object, or none where it should be.
@@ -531,6 +556,7 @@ def find_outlines(
         "outline": told.outline,
         "segmenter": segmenter_for(segmenter),
         "background": told.background,
+        "first_look_ms": first_look_ms,
     }
     found = find_objects(scene.image, **asked, number=number)
     likely = number is not None or found[0].probability >= sure

@@ -47,6 +47,7 @@ def synthesize(
     mask: options.MaskPath = None,
     choose: options.ChooseNumber = None,
     sure: options.Sure = 0.9,
+    first_look_ms: options.FirstLookMs = None,
     segmenter: options.SegmenterName = None,
     background: options.BackgroundPath = None,
     ignore: options.IgnorePath = None,
@@ -92,6 +93,7 @@ def synthesize(
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.build_hand(scale, **lengths)
     options.sure_rate(sure)
+    options.work_limit(first_look_ms)
     calibration = options.load_calibration(camera)
     empty = options.background_image(background, mask)
 
@@ -107,7 +109,7 @@ def synthesize(
     prepare_folder(output)
     scene = options.straighten_scene(picture, told, calibration, own)
     try:
-        views, candidates = options.find_outlines(scene, segmenter, choose, sure)
+        views, candidates = options.find_outlines(scene, segmenter, choose, sure, first_look_ms)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     planned = _plan_grasps(views, all_, fingers, friction, top, hand)
@@ -121,6 +123,7 @@ def synthesize(
         "choose": choose,
         "sure": sure,
         "mask": mask,
+        "first_look_ms": options.work_limit(first_look_ms),
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,

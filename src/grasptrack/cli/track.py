@@ -46,6 +46,7 @@ def track(
     outline: options.OutlineText = None,
     choose: options.ChooseNumber = None,
     sure: options.Sure = 0.9,
+    first_look_ms: options.FirstLookMs = None,
     masks: Annotated[
         str | None,
         typer.Option(metavar="DIR", help="Your own segmentation, one mask per frame, matched by name or by order."),
@@ -111,6 +112,7 @@ def track(
         "choose": choose,
         "sure": options.sure_rate(sure),
         "masks": masks,
+        "first_look_ms": options.work_limit(first_look_ms),
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,
@@ -150,6 +152,7 @@ def track(
         number=choose,
         more=() if images.kind == "camera" else _later_images(source),
         sure=sure,
+        first_look_ms=first_look_ms,
         ignore=options.ignore_mask(ignore),
         background=options.background_image(background, masks),
         resynthesize=resynthesize,

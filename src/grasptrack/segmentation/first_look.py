@@ -32,6 +32,7 @@ from grasptrack.segmentation.several_frames import ask_more_frames
 from grasptrack.segmentation.shadow import without_shadow
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.snapping import outline_agreement, polygon_silhouette, snap_polygon
+from grasptrack.segmentation.work import CONTOUR, CONTOUR_PX, GRADIENTS, PREPARED, Work, check_limit_ms
 from grasptrack.typing import Floats
 
 DEFAULT_SURE = 0.9
@@ -79,6 +80,7 @@ def first_look(
     background: NDArray[Any] | None = None,
     more: Iterable[NDArray[Any]] = (),
     sure: float = DEFAULT_SURE,
+    first_look_ms: float | None = None,
 ) -> list[Candidate]:
     """What in an image may be the object that is meant, the likeliest first; nested ones stay, each region is there once.
 
@@ -96,6 +98,8 @@ def first_look(
             up to four are asked. What lies on the bench gains, reflections lose.
         sure: probability, 0 or more and below 1, from which a candidate is called sure: larger asks more often and errs
             less; 0 takes the first without a question.
+        first_look_ms: work that the own search may do, ms on the machine of the benchmarks; None is no bound but that of the
+            search itself. No clock is read: the same image gives the same answer. A segmenter's net is not counted.
 
     Returns:
         Candidates with `view`, `probability` and `sure`.
@@ -107,6 +111,7 @@ def first_look(
     check_sure(sure)
     colours = to_bgr(image)
     hints = make_hints(colours.shape[:2], object_at, not_at, box, outline, ignore, background)
+    hints = replace(hints, first_look_ms=check_limit_ms(first_look_ms))
     scene = colours
     if mask is not None:
         scene = as_scene(to_mask(mask, colours.shape[:2], "mask"))
@@ -140,6 +145,7 @@ def find_objects(
     segmenter: Any = None,
     background: NDArray[Any] | None = None,
     number: int | None = None,
+    first_look_ms: float | None = None,
 ) -> list[Candidate]:
     """All flat objects in an image, none within another: the one that is meant first, then the likeliest.
 
@@ -150,6 +156,7 @@ def find_objects(
         "mask": mask,
         "segmenter": segmenter_for(segmenter),
         "background": background,
+        "first_look_ms": first_look_ms,
     }
     meant = first_look(image, object_at, not_at=not_at, box=box, outline=outline, **asked)
     if object_at is None and box is None and outline is None:
@@ -261,6 +268,9 @@ class _Look:
                 raise InputError("a background and a mask both say where the object is: give one of them")
             maps += background_maps(colours, hints.background, hints.hidden)
         self._map = np.mean(maps, axis=0).astype(np.float32) if maps and not self._alone else None
+        self._work = Work(hints.first_look_ms)
+        reduced = self._edges.fields[0].strength.size
+        self._work.spend((PREPARED * self._grey.size + GRADIENTS * reduced) / 1e6)
         self._strength = self._edges.fields[0].strength
         self._proposals = self._propose(maps)
         self.meant = [p for p in self._proposals if hints.allows(p.silhouette)]
@@ -278,7 +288,7 @@ class _Look:
             rater = SilhouetteScorer(self._edges.fields[0], self._edges.shrink, self._grey.shape)
             shapes = [polygon for each in maps for polygon in _regions_of(each)]
             return [Proposal(s, rater.rate(s), 0, math.nan, 0.0, GIVEN) for s in shapes]
-        return propose_silhouettes(self._grey, self._edges, hints.hidden, hints.masked, MIN_EXTENT, maps)
+        return propose_silhouettes(self._grey, self._edges, hints.hidden, hints.masked, MIN_EXTENT, maps, self._work)
 
     def _rated(self) -> list[_Rated]:
         """The proposals that are meant, each region once, with probabilities, the likeliest first."""
@@ -356,6 +366,10 @@ class _Look:
             part = _overlaps_found(p.silhouette, taken, found)
             if part and looked >= LOOKED_AT:
                 continue
+            cost = CONTOUR + CONTOUR_PX * self._grey.size / 1e6
+            if found and not self._work.allows(cost):
+                break
+            self._work.spend(cost)
             looked += 1
             candidate = self._localize(p, part, len(found) < SHADOWS and not part and not self._alone)
             if candidate is None or any(_is_same_region(candidate.view, other.view) for other in found):

@@ -34,6 +34,7 @@ class Hints:
         outline: (n, 2) px of a rough polygon round the object, or None.
         hidden: (H, W) nonzero where nothing belongs to the scene, or None.
         background: (H, W) or BGR (H, W, 3) the same bench without the object, or None.
+        first_look_ms: work that the own search may do, see `work`; None is no bound.
         masked: the image is a softened mask, in which objects are white and nothing else is meant.
     """
 
@@ -44,6 +45,7 @@ class Hints:
     hidden: Grey | None = None
     background: NDArray[np.uint8] | None = None
     masked: bool = False
+    first_look_ms: float | None = None
 
     @property
     def names_object(self) -> bool:

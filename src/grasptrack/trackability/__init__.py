@@ -82,6 +82,7 @@ def inspect(
     segmenter: Any = None,
     background: NDArray[Any] | None = None,
     number: int | None = None,
+    first_look_ms: float | None = None,
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
@@ -107,6 +108,7 @@ def inspect(
         segmenter: proposes regions beside the own search, as `segmenter_for` takes it.
         background: an image of the same bench without the object; the light may differ.
         number: of the candidate to take, 1 being the likeliest.
+        first_look_ms: work that the search for the object may do, see `first_look`.
 
     Raises:
         ObservationError: no object.
@@ -135,6 +137,7 @@ def inspect(
         segmenter=segmenter_for(segmenter),
         background=background,
         number=number,
+        first_look_ms=first_look_ms,
     )
     first = first_view(image, mask, wish, risk, focal)
     view, grey = first.candidate.view, first.grey

@@ -71,6 +71,7 @@ class Wish:
         background: an image of the same bench without the object.
         more: images that follow the first, asked where the choice of the object is not sure.
         sure: probability from which it is.
+        first_look_ms: work that the search for the object may do; None is no bound.
         number: of the candidate that a person took, 1 being the likeliest; None takes that one, but nobody has said so.
     """
 
@@ -91,6 +92,7 @@ class Wish:
     background: NDArray[Any] | None = None
     more: Iterable[NDArray[Any]] = ()
     sure: float = DEFAULT_SURE
+    first_look_ms: float | None = None
     number: int | None = None
 
     @property
@@ -159,7 +161,12 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
     """
     try:
         hints = wish.told._replace(ignore=None).hints(observer.size)  # the observer knows what is hidden
-        found = observer.first(replace(hints, masked=masked), None if masked else wish.segmenter, wish.more, wish.sure)
+        found = observer.first(
+            replace(hints, masked=masked, first_look_ms=wish.first_look_ms),
+            None if masked else wish.segmenter,
+            wish.more,
+            wish.sure,
+        )
     except ObservationError as error:
         return FirstView(None, [], Reason("no-object", detail=str(error)), [])
     candidate = _choose_candidate(found, wish)

@@ -27,6 +27,7 @@ from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.segmentation.undistortion import Undistortion
+from grasptrack.segmentation.work import check_limit_ms
 from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.decision import contact_tolerance
 from grasptrack.tracking.estimator import PoseEstimate
@@ -103,6 +104,7 @@ class GraspTracker:
             to four of them are asked, see `first_look`; they are not tracked.
         sure: probability from which the choice of the object is sure, where no person said which is meant: results of a
             less likely one have `object_sure` False, and a servo does not move. 0 takes the likeliest without a question.
+        first_look_ms: work that the search for the object may do, see `first_look`.
         camera: its calibration. Images are made straight before anything is looked at, and the focal length is known.
             Everything that goes in and comes out stays in px of the images as they are, but for the homography, which is in
             ideal px.
@@ -146,6 +148,7 @@ class GraspTracker:
         number: int | None = None,
         more: Iterable[NDArray[Any]] = (),
         sure: float = DEFAULT_SURE,
+        first_look_ms: float | None = None,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
@@ -176,6 +179,7 @@ class GraspTracker:
             background=background,
             more=more,
             sure=check_sure(sure),
+            first_look_ms=check_limit_ms(first_look_ms),
             number=number,
         )
         self._resynthesize, self._camera = resynthesize, camera
