@@ -173,6 +173,10 @@ def track(
                         notes.extend(options.scaling_notes(calibration, frame.image.shape))
                     if not looks and tracker.candidates:
                         looks.append(frame.image)
+                        if result.view is not None and result.view.is_clipped:
+                            notes.append(
+                                "the object is cut by the border of its first image: the part in view is followed"
+                            )
                     done += 1
                     progress.tell("tracking", done, images.count)
                     interruption.check()

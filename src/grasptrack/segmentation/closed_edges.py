@@ -41,7 +41,7 @@ REACH = 0.125
 """Edge ends are linked across gaps of at most this share of the image's longer side, ..."""
 BEND, LOOSE = float(np.radians(25.0)), float(np.radians(70.0))
 """... and may point aside by these angles, rad; the second for gaps of a few px."""
-MAX_SHARE = 0.6
+MAX_SHARE = 0.9
 """Edges that enclose a larger share of the image enclose the background."""
 
 

@@ -51,6 +51,9 @@ WORTH = 0.02
 """Ratings below this are chance, ..."""
 FAINT = 0.3
 """... and those below this share of the best are clutter beside it."""
+CUT = 3
+"""Regions cut by the image's border that are offered although their rating is faint for that, the best rated ones. They come
+after what is whole: the ground is cut too."""
 APART = 0.65
 """Overlap of boxes, and ratio of areas, below which regions are other ones."""
 MOSTLY = 0.75
@@ -212,11 +215,12 @@ def check_sure(sure: float, what: str = "sure") -> float:
 def describe_candidate(candidate: Candidate, first: Candidate) -> str:
     """How a candidate lies to the first one, for a person: "round it, 3.1 times as large", "within it", "elsewhere"."""
     times = candidate.view.outer.area / first.view.outer.area
+    cut = ", cut by the image's border" if candidate.view.is_clipped else ""
     if _share_within(first.view, candidate.view) > MOSTLY:
-        return f"round it, {times:.1f} times as large"
+        return f"round it, {times:.1f} times as large{cut}"
     if _share_within(candidate.view, first.view) > MOSTLY:
-        return f"within it, {100.0 * times:.0f} % of its area"
-    return "elsewhere"
+        return f"within it, {100.0 * times:.0f} % of its area{cut}"
+    return f"elsewhere{cut}"
 
 
 def find_candidates(
@@ -317,6 +321,8 @@ class _Look:
         """The best rated proposals of the image and of those that are meant, of a segmenter's as many."""
         large = [p for p in self._proposals if max(p.silhouette.box[2:]) >= MIN_EXTENT and p.rating is not NONE]
         found: dict[int, Proposal] = {}
+        for p in sorted([p for p in large if _is_cut(p)], key=lambda p: -p.rating.score_in_view)[:CUT]:
+            found[id(p)] = p
         for pool in (large, [p for p in large if self._hints.allows(p.silhouette)]):
             for own in (False, True):
                 for p in [p for p in pool if (p.recipe == GIVEN) is own][:COMPARED]:
@@ -355,16 +361,20 @@ class _Look:
         """The likeliest as contours, each region once."""
         found: list[Candidate] = []
         taken = np.zeros(self._grey.shape, np.uint8)
-        looked = 0
+        looked = cut = 0
         own = max((r.proposal.rating.score for r in rated if r.proposal.recipe != GIVEN), default=0.0)
         least = 0.0 if self._alone else max(WORTH, FAINT * own)
         for p, probability, lead in rated:
             if looked >= MOST:
                 break
+            offered = False
             if p.recipe != GIVEN and p.rating.score < least:
-                continue
+                offered = cut < CUT and _is_cut(p) and p.rating.score_in_view >= least
+                if not offered or not (found or self._hints.names_object):  # alone it is the ground of an empty image
+                    continue
+                cut += 1
             part = _overlaps_found(p.silhouette, taken, found)
-            if part and looked >= LOOKED_AT:
+            if part and looked >= LOOKED_AT and not offered:
                 continue
             cost = CONTOUR + CONTOUR_PX * self._grey.size / 1e6
             if found and not self._work.allows(cost):
@@ -426,6 +436,11 @@ def _is_beside(shape: Silhouette, polygon: Floats) -> bool:
     x, y, w, h = shape.box
     (left, top), (right, bottom) = polygon.min(axis=0).tolist(), polygon.max(axis=0).tolist()
     return bool(max(abs(x - left), abs(y - top), abs(x + w - right), abs(y + h - bottom)) < 3.0 * AGREEING)
+
+
+def _is_cut(p: Proposal) -> bool:
+    """Whether the image's border cuts a region."""
+    return 0.0 < p.rating.complete < 1.0
 
 
 def _is_another(shape: Silhouette, first: Silhouette) -> bool:
