@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the Python blocks of README and docs take as given: a part, its neighbours, a robot, marked fingertips."""
+"""What the Python blocks of README and docs take as given: a part, its neighbours, a robot, marked fingertips and object."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ def _example_robot() -> Robot:
 
 robot = _example_robot()
 fingertips_px = points_px = robot.fingertips()
+clicked_px = gt.first_look(robot.image())[0].view.outer.points.mean(axis=0)
 opening_m = 0.08
 fingers_mask = np.zeros((480, 640), np.uint8)
 

@@ -9,7 +9,8 @@ import pytest
 from grasptrack.bench.simulation import SHAPES, brushed_texture, plain_texture
 from grasptrack.errors import ObservationError
 from grasptrack.geometry.homographies import apply_homography
-from grasptrack.segmentation.first_look import MIN_EXTENT, find_candidates, segment_object
+from grasptrack.segmentation.candidate_search import MIN_EXTENT
+from grasptrack.segmentation.first_look import find_candidates, segment_object
 from grasptrack.segmentation.thresholds import candidate_thresholds, otsu_threshold
 from stages import EVEN, HEIGHT, WIDTH, photo, pose
 

@@ -20,7 +20,7 @@ import grasptrack as gt
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.segmentation import models
-from grasptrack.segmentation.choice import choice_probabilities, load_numbers
+from grasptrack.segmentation.choice import Signs, choice_probabilities, load_numbers
 from grasptrack.segmentation.first_look import distinct_candidates
 from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.regions import Region
@@ -97,7 +97,7 @@ def test_the_tracker_takes_a_drawn_object_and_follows_it() -> None:
         ({"outline": [(1, 2), (3, 4)]}, "three corners"),
         ({"outline": [(1, 2), (3, 4), (5, 6)]}, "no area"),
         ({"outline": square(900, 900, 40)}, "outside the image"),
-        ({"sure": 1.5}, "between 0 and 1"),
+        ({"sure": 1.5}, "0 or more and below 1"),
         ({"segmenter": "u2nep"}, "choose from"),
         ({"segmenter": "onnx:nowhere.onnx"}, "no model file"),
         ({"segmenter": 7}, "segmenter has"),
@@ -130,15 +130,16 @@ def test_nested_regions_stay_and_probabilities_fall() -> None:
     st.lists(st.floats(-12.0, 0.0), min_size=1, max_size=30),
     st.floats(0.0, 20.0),
     st.floats(0.0, 1.0),
+    st.floats(0.0, 0.9),
     st.booleans(),
 )
-def test_probabilities_are_such(worth: list[float], lead: float, rating: float, mapped: bool) -> None:
+def test_probabilities_are_such(worth: list[float], lead: float, rating: float, returned: float, mapped: bool) -> None:
     falling = np.array(sorted(worth, reverse=True))
-    told = choice_probabilities(falling, lead, rating, load_numbers(mapped))
+    told = choice_probabilities(falling, Signs(rating, lead, returned), load_numbers(mapped))
     assert (told >= 0.0).all() and told.sum() <= 1.0 + 1e-9
     assert (np.diff(told) <= 1e-12).all()
-    further = choice_probabilities(falling, lead + 1.0, rating, load_numbers(mapped))
-    assert further[0] >= told[0]
+    for better in (Signs(rating, lead + 1.0, returned), Signs(rating, lead, returned + 0.1)):
+        assert choice_probabilities(falling, better, load_numbers(mapped))[0] >= told[0]
 
 
 def test_candidates_are_shown_and_one_is_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,8 +17,8 @@ import grasptrack as gt
 from grasptrack.cli.main import main
 from grasptrack.errors import InputError
 from grasptrack.segmentation import models
+from grasptrack.segmentation.candidate_search import CandidateSearch
 from grasptrack.segmentation.choice import load_numbers, measure_worth
-from grasptrack.segmentation.first_look import _Look
 from grasptrack.segmentation.hints import Hints, make_hints
 from grasptrack.segmentation.promptable import PromptableNet
 from grasptrack.segmentation.regions import Region
@@ -200,12 +200,12 @@ def test_alternatives_are_no_votes() -> None:
     one, three = Given(Region(plate, 0.9)), Given(Region(plate, 0.9), Region(part, 0.5), Region(table, 0.4))
     worth = []
     for segmenter in (one, three):
-        look = _Look(image, Hints(), segmenter)
+        look = CandidateSearch(image, Hints(), segmenter)
         meant = next(p for p in look.compared() if is_near(p.silhouette.box, LEFT))
         worth.append(measure_worth([meant], look._maps, None, load_numbers(True))[0])
     assert worth[0] == pytest.approx(worth[1])
     votes = Given(*(Region(m, is_vote=True) for m in (plate, part, table)))
-    look = _Look(image, Hints(), votes)
+    look = CandidateSearch(image, Hints(), votes)
     assert len(look._maps) == 1 and look._maps[0].max() == 1.0 and look._maps[0][470, 600] == pytest.approx(1.0 / 3.0)
 
 

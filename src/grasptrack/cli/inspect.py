@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import options
+from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
 
@@ -31,7 +32,11 @@ def inspect(
     box: options.BoxText = None,
     outline: options.OutlineText = None,
     mask: options.MaskPath = None,
+    choose: options.ChooseNumber = None,
+    sure: options.Sure = 0.9,
+    first_look_ms: options.FirstLookMs = None,
     segmenter: options.SegmenterName = None,
+    background: options.BackgroundPath = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     grasp: options.GraspText = None,
@@ -56,7 +61,7 @@ def inspect(
     and the error of the contacts; which motions the outline shows, its symmetries, edges and contrast; which strategies
     can carry the grasp and why the others cannot; a verdict, and what would help.
 
-    Writes inspect.json and inspect.png, the picture of it.
+    Writes inspect.json and inspect.png, the picture of it; and candidates.png, where the choice of the object is not sure.
 
     \b
     Examples:
@@ -74,7 +79,10 @@ def inspect(
     options.strategy_choice(strategy)
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.hand_for_first(scale, lengths, grasp, False)
+    options.sure_rate(sure)
+    options.work_limit(first_look_ms)
     calibration = options.load_calibration(camera)
+    empty = options.background_image(background, mask)
 
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.io.masks import read_mask
@@ -89,7 +97,7 @@ def inspect(
     picture = options.only_image(image, "inspect takes one image").image
     options.check_within(picture.shape, meant)
     own = None if mask is None else read_mask(mask)
-    told = meant.told(contacts, options.ignore_mask(ignore))
+    told = meant.told(contacts, options.ignore_mask(ignore), empty)
     prepare_folder(output)
     scene = options.straighten_scene(picture, told, calibration, own)
     told, lens = scene.told, scene.lens
@@ -103,6 +111,9 @@ def inspect(
             not_at=told.not_at,
             outline=told.outline,
             segmenter=segmenter,
+            background=told.background,
+            number=choose,
+            first_look_ms=first_look_ms,
             box=told.box,
             mask=scene.mask,
             ignore=told.ignore,
@@ -118,8 +129,12 @@ def inspect(
         **options.told_words(object_, not_),
         "box": box,
         "outline": outline,
+        "choose": choose,
+        "sure": sure,
         "mask": mask,
+        "first_look_ms": options.work_limit(first_look_ms),
         "segmenter": segmenter,
+        "background": background,
         "ignore": ignore,
         "camera": camera,
         "grasp": grasp,
@@ -134,6 +149,12 @@ def inspect(
     data, page = output / "inspect.json", output / "inspect.png"
     write_inspection(page, scene.image, found, title=Path(image).name + (", made straight" if lens is not None else ""))
     found = found if lens is None else as_seen(found, lens)
+    said = any(word is not None for word in (choose, outline, grasp, mask))
+    notes = [
+        *note_candidates(found.candidates, picture, output, sure, meant=said),
+        *options.scaling_notes(calibration, picture.shape),
+        f"{data}, {page}",
+    ]
     content = inspection_to_dict(found, image, picture.shape, asked)
     write_json(data, content)
     if json_ and not quiet:
@@ -141,7 +162,7 @@ def inspect(
 
         typer.echo(json.dumps(content, ensure_ascii=False, indent=1))
     elif not quiet:
-        _show_results(found, [*options.scaling_notes(calibration, picture.shape), f"{data}, {page}"])
+        _show_results(found, notes)
 
 
 def _show_results(found: Suitability, last: list[str]) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
     from grasptrack.grasp.hand import Hand
     from grasptrack.io.base import Frame
+    from grasptrack.segmentation.candidate import Candidate
     from grasptrack.segmentation.undistortion import Told, Undistortion
 
 
@@ -75,14 +76,36 @@ SegmenterName = Annotated[
         help="Proposes objects beside the own search: a model (grasptrack models), onnx:FILE, sam:ENCODER,DECODER, a plugin.",
     ),
 ]
-ChooseNumber = Annotated[
-    int,
+BackgroundPath = Annotated[
+    str | None,
     typer.Option(
-        "--choose", metavar="N", min=1, max=3, help="Candidate to take, of those that candidates.png numbers."
+        "--background",
+        metavar="IMAGE",
+        help="Image of the empty bench, from where the (first) image is taken; the light may differ.",
+    ),
+]
+ChooseNumber = Annotated[
+    int | None,
+    typer.Option(
+        "--choose",
+        metavar="N",
+        min=1,
+        max=3,
+        help="Candidate to take, of those that candidates.png numbers.  [default: the likeliest]",
+        show_default=False,
     ),
 ]
 Sure = Annotated[
     float, typer.Option("--sure", metavar="P", help="Probability from which the choice of the object is called sure.")
+]
+FirstLookMs = Annotated[
+    float | None,
+    typer.Option(
+        "--first-look-ms",
+        metavar="MS",
+        help="Work that the search for the object may do.  [default: all]",
+        show_default=False,
+    ),
 ]
 BoxText = Annotated[
     str | None,
@@ -139,11 +162,13 @@ class ObjectMeant(NamedTuple):
         """Whether anything says which object is meant."""
         return bool(self.on or self.off) or self.box is not None or self.outline is not None
 
-    def told(self, contacts: NDArray[Any] | None, ignore: NDArray[Any] | None) -> Told:
-        """The same with contacts that are given, and what to ignore."""
+    def told(
+        self, contacts: NDArray[Any] | None, ignore: NDArray[Any] | None, background: NDArray[Any] | None = None
+    ) -> Told:
+        """The same with contacts that are given, what to ignore, and the empty bench."""
         from grasptrack.segmentation.undistortion import Told
 
-        return Told(contacts, self.on or None, self.off or None, self.box, self.outline, ignore)
+        return Told(contacts, self.on or None, self.off or None, self.box, self.outline, ignore, background)
 
 
 class Scene(NamedTuple):
@@ -284,11 +309,22 @@ def sure_rate(sure: float) -> float:
     """The probability from which the choice of an object is sure.
 
     Raises:
-        InputError: not between 0 and 1.
+        InputError: below 0, or 1 and more.
     """
-    if not 0.0 < sure < 1.0:
-        raise InputError(f"--sure is a probability between 0 and 1, not {sure:g}", sure=sure)
-    return sure
+    from grasptrack.segmentation.first_look import check_sure
+
+    return check_sure(sure, "--sure")
+
+
+def work_limit(ms: float | None) -> float | None:
+    """ms of work that the search for the object may do, or None.
+
+    Raises:
+        InputError: not above 0.
+    """
+    from grasptrack.segmentation.work import check_limit_ms
+
+    return check_limit_ms(ms, "--first-look-ms")
 
 
 def object_meant(
@@ -418,6 +454,23 @@ def ignore_mask(path: str | None) -> NDArray[Any] | None:
     return read_mask(path)
 
 
+def background_image(path: str | None, masks: str | None) -> NDArray[Any] | None:
+    """The image of the empty bench, or None.
+
+    Args:
+        path: of --background.
+        masks: of --mask or --masks, with which it cannot go.
+
+    Raises:
+        SourceError, InputError: it is missing, unreadable or no image, or masks are given.
+    """
+    if path is None:
+        return None
+    if masks is not None:
+        raise InputError("--background and your own masks both say where the object is: give one of them")
+    return only_image(path, "--background takes one image").image
+
+
 def only_image(name: str, taken: str) -> Frame:
     """The image of a file.
 
@@ -470,24 +523,41 @@ def check_within(shape: tuple[int, ...], meant: ObjectMeant) -> None:
         raise InputError(text, **error.values) from None
 
 
-def find_outlines(scene: Scene, segmenter: str | None = None) -> list[View]:
-    """Outlines in an image, none within another, the object that is meant first.
+def find_outlines(
+    scene: Scene,
+    segmenter: str | None = None,
+    number: int | None = None,
+    sure: float = 0.0,
+    first_look_ms: float | None = None,
+) -> tuple[list[View], list[Candidate]]:
+    """Outlines in an image, none within another, the object that is meant first; and where that is not sure, what it may be.
+
+    Args:
+        scene: the image.
+        segmenter: proposes regions beside the own search.
+        number: of the candidate that a person took.
+        sure: probability from which the choice is sure.
+        first_look_ms: work that the search may do.
 
     Raises:
         ObservationError: no object, or none where it should be.
-        InputError: a mask of another size, or no such segmenter.
+        InputError: a mask of another size, no such segmenter, or fewer candidates.
     """
-    from grasptrack.segmentation.first_look import find_objects
+    from grasptrack.segmentation.first_look import distinct_candidates, find_objects, first_look
+    from grasptrack.segmentation.segmenters import segmenter_for
 
     told = scene.told
-    found = find_objects(
-        scene.image,
-        told.object_at,
-        told.box,
-        told.ignore,
-        scene.mask,
-        not_at=told.not_at,
-        outline=told.outline,
-        segmenter=segmenter,
-    )
-    return [candidate.view for candidate in found]
+    asked: dict[str, Any] = {
+        "object_at": told.object_at,
+        "box": told.box,
+        "ignore": told.ignore,
+        "mask": scene.mask,
+        "not_at": told.not_at,
+        "outline": told.outline,
+        "segmenter": segmenter_for(segmenter),
+        "background": told.background,
+        "first_look_ms": first_look_ms,
+    }
+    found = find_objects(scene.image, **asked, number=number)
+    likely = number is not None or found[0].probability >= sure
+    return [c.view for c in found], [] if likely else distinct_candidates(first_look(scene.image, **asked))

@@ -29,6 +29,7 @@ def servo(
     ] = 2,
     law: Annotated[str, typer.Option(metavar="NAME", help="Control law: online, nominal or textbook.")] = "online",
     risk: options.Risk = 1e-3,
+    sure: options.Sure = 0.0,
     trials: Annotated[int | None, typer.Option(metavar="N", min=1, help="Run N random trials, in parallel.")] = None,
     images: Annotated[
         str | None,
@@ -72,6 +73,7 @@ def servo(
         "law": law,
         "seed": seed,
         "risk": options.risk_rate(risk),
+        "sure": options.sure_rate(sure),
     }
     check_options(scenario=scenario, arm=arm, law=law, images=images or "auto", fingers=fingers)
     shapes = _load_shapes(shape, silhouettes)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from grasptrack.cli import options
+from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
 
@@ -44,7 +45,11 @@ def synthesize(
     box: options.BoxText = None,
     outline: options.OutlineText = None,
     mask: options.MaskPath = None,
+    choose: options.ChooseNumber = None,
+    sure: options.Sure = 0.9,
+    first_look_ms: options.FirstLookMs = None,
     segmenter: options.SegmenterName = None,
+    background: options.BackgroundPath = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     fingers: Annotated[int, typer.Option(metavar="K", help="Number of fingers, 2 or 3.")] = 2,
@@ -65,7 +70,7 @@ def synthesize(
     Every grasp closes with the friction given, fits the hand, and leaves room for each finger and its way in.
     A length L is written 120px, 40mm (with --scale) or 30%, a share of the root of the object's area.
 
-    Writes grasps.json and grasps.png, the picture of them.
+    Writes grasps.json and grasps.png, the picture of them; and candidates.png, where the choice of the object is not sure.
 
     \b
     Examples:
@@ -76,8 +81,10 @@ def synthesize(
       grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
     """
     meant = options.object_meant(object_, not_, box, outline)
-    if all_ and meant.is_told:
-        raise InputError("--all takes every object in the image: leave out --object, --not, --box and --outline")
+    if all_ and (meant.is_told or choose is not None):
+        raise InputError(
+            "--all takes every object in the image: leave out --object, --not, --box, --outline and --choose"
+        )
     if fingers not in (2, 3):
         raise InputError(f"--fingers is 2 or 3, not {fingers}", fingers=fingers)
     if top < 1:
@@ -85,7 +92,10 @@ def synthesize(
     options.positive_friction(friction)
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.build_hand(scale, **lengths)
+    options.sure_rate(sure)
+    options.work_limit(first_look_ms)
     calibration = options.load_calibration(camera)
+    empty = options.background_image(background, mask)
 
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.io.masks import read_mask
@@ -95,11 +105,11 @@ def synthesize(
 
     picture = options.only_image(image, "synthesize takes one image").image
     options.check_within(picture.shape, meant)
-    told, own = meant.told(None, options.ignore_mask(ignore)), None if mask is None else read_mask(mask)
+    told, own = meant.told(None, options.ignore_mask(ignore), empty), None if mask is None else read_mask(mask)
     prepare_folder(output)
     scene = options.straighten_scene(picture, told, calibration, own)
     try:
-        views = options.find_outlines(scene, segmenter)
+        views, candidates = options.find_outlines(scene, segmenter, choose, sure, first_look_ms)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     planned = _plan_grasps(views, all_, fingers, friction, top, hand)
@@ -110,8 +120,12 @@ def synthesize(
         **options.told_words(object_, not_),
         "box": box,
         "outline": outline,
+        "choose": choose,
+        "sure": sure,
         "mask": mask,
+        "first_look_ms": options.work_limit(first_look_ms),
         "segmenter": segmenter,
+        "background": background,
         "ignore": ignore,
         "camera": camera,
         "fingers": fingers,
@@ -121,13 +135,15 @@ def synthesize(
         "scale": scale,
         "all": all_,
     }
+    said = all_ or outline is not None or mask is not None
+    notes = note_candidates(candidates, scene.image, output, sure, meant=said)
     data, page = output / "grasps.json", output / "grasps.png"
     write_json(data, grasps_to_dict(planned, image, picture.shape, asked, scale))
     write_grasps(page, picture, planned, fingers=fingers, friction=friction, title=Path(image).name, px_per_mm=scale)
     if not any(found.grasps for found in planned):
         raise InputError(f'"{image}": {_why_none(planned)}')
     if not quiet:
-        _show_results(planned, scale, [*options.scaling_notes(calibration, picture.shape), f"{data}, {page}"])
+        _show_results(planned, scale, [*notes, *options.scaling_notes(calibration, picture.shape), f"{data}, {page}"])
 
 
 def _plan_grasps(views: list[View], every: bool, fingers: int, friction: float, top: int, hand: Hand) -> list[Planned]:

@@ -3,21 +3,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from grasptrack.cli import options
+from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import INTERRUPTED, Interruption, Progress, show_run, tell_error
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from grasptrack.io.base import Frame
     from grasptrack.io.run import RunSummary
     from grasptrack.tracking.result import TrackResult
-    from grasptrack.tracking.tracker import GraspTracker
+
+APART = 4
+"""Images between those that a first look asks where it is not sure: a camera moves little from one to the next."""
 
 
 def track(
@@ -38,13 +44,15 @@ def track(
     not_: options.NotTexts = None,
     box: options.BoxText = None,
     outline: options.OutlineText = None,
-    choose: options.ChooseNumber = 1,
+    choose: options.ChooseNumber = None,
     sure: options.Sure = 0.9,
+    first_look_ms: options.FirstLookMs = None,
     masks: Annotated[
         str | None,
         typer.Option(metavar="DIR", help="Your own segmentation, one mask per frame, matched by name or by order."),
     ] = None,
     segmenter: options.SegmenterName = None,
+    background: options.BackgroundPath = None,
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     length: options.ObjectLength = None,
@@ -104,7 +112,9 @@ def track(
         "choose": choose,
         "sure": options.sure_rate(sure),
         "masks": masks,
+        "first_look_ms": options.work_limit(first_look_ms),
         "segmenter": segmenter,
+        "background": background,
         "ignore": ignore,
         "camera": camera,
         "length": length,
@@ -140,7 +150,11 @@ def track(
         box=meant.box,
         outline=meant.outline,
         number=choose,
+        more=() if images.kind == "camera" else _later_images(source),
+        sure=sure,
+        first_look_ms=first_look_ms,
         ignore=options.ignore_mask(ignore),
+        background=options.background_image(background, masks),
         resynthesize=resynthesize,
         hand=hand,
         segmenter=segmenter_for(segmenter),
@@ -159,6 +173,10 @@ def track(
                         notes.extend(options.scaling_notes(calibration, frame.image.shape))
                     if not looks and tracker.candidates:
                         looks.append(frame.image)
+                        if result.view is not None and result.view.is_clipped:
+                            notes.append(
+                                "the object is cut by the border of its first image: the part in view is followed"
+                            )
                     done += 1
                     progress.tell("tracking", done, images.count)
                     interruption.check()
@@ -177,30 +195,20 @@ def track(
             raise typer.Exit(INTERRUPTED) from None
     if not summary.grasps:
         raise InputError(_nothing_to_track(summary))
-    notes += _candidates_note(
-        tracker, looks, output, sure, meant=choose > 1 or meant.outline is not None or contacts is not None
-    )
+    said = choose is not None or meant.outline is not None or contacts is not None
+    notes += note_candidates(tracker.candidates, looks[0] if looks else None, output, sure, meant=said)
     if not quiet:
         show_run(summary, output, notes)
 
 
-def _candidates_note(tracker: GraspTracker, looks: list[Any], output: Path, sure: float, *, meant: bool) -> list[str]:
-    """What to say of a choice that is not sure, with a picture of the candidates; nothing where a person has chosen."""
-    picture = output / "candidates.png"
-    picture.unlink(missing_ok=True)
-    found = tracker.candidates
-    if meant or not looks or not found or found[0].probability >= sure:
-        return []
-    from grasptrack.segmentation.first_look import describe_candidate
-    from grasptrack.view.candidates import write_candidates
+def _later_images(source: str) -> Iterator[NDArray[Any]]:
+    """Every so many images of a source after its first; it is opened when they are asked for."""
+    from grasptrack.io.sources import open_source
 
-    write_candidates(picture, looks[0], found)
-    told = f"the object was chosen with a probability of {100.0 * found[0].probability:.0f} %, which is not sure"
-    others = "; ".join(f"{n} lies {describe_candidate(c, found[0])}" for n, c in enumerate(found[1:], 2))
-    also = f" ({others})" if others else ""
-    return [
-        f"{told}: {picture} shows what else it may be{also}; --choose N takes another, --object or --outline say it"
-    ]
+    with open_source(source) as again:
+        for k, frame in enumerate(again):
+            if k and k % APART == 0:
+                yield frame.image
 
 
 def _nothing_to_track(summary: RunSummary) -> str:

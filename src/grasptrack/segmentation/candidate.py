@@ -20,7 +20,7 @@ from grasptrack.segmentation.localization import localize_contour
 from grasptrack.segmentation.normalized_gradient import Planes
 from grasptrack.segmentation.silhouettes import Silhouette
 
-MAX_SHARE = 0.85
+MAX_SHARE = 0.9
 """A region that fills a larger share of the image is the background."""
 MIN_STEP = 1.0
 """px; an object differs from the background by at least as much as its edge rises over this distance. The grain of a

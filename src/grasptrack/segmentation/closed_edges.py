@@ -18,6 +18,7 @@ from grasptrack import kernels
 from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.normalized_gradient import NormalizedGradient, Planes
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
+from grasptrack.segmentation.work import CLOSING, RATED, SEARCH_SHARE, Work
 
 WORKING_SIDE = 800
 """px; larger images are reduced first, and outlines are localised in the full image afterwards."""
@@ -40,7 +41,7 @@ REACH = 0.125
 """Edge ends are linked across gaps of at most this share of the image's longer side, ..."""
 BEND, LOOSE = float(np.radians(25.0)), float(np.radians(70.0))
 """... and may point aside by these angles, rad; the second for gaps of a few px."""
-MAX_SHARE = 0.6
+MAX_SHARE = 0.9
 """Edges that enclose a larger share of the image enclose the background."""
 
 
@@ -81,18 +82,24 @@ class ClosedEdgeSegmenter:
         self.planes = image
         self.fields = tuple(NormalizedGradient(image, softening, hidden) for softening in SOFTENING)
 
-    def closures(self, least: float, extent: float) -> list[Closure]:
-        """Regions enclosed by any recipe, of at least `least` px^2 and `extent` px across."""
+    def closures(self, least: float, extent: float, work: Work | None = None) -> list[Closure]:
+        """Regions enclosed by any recipe, of at least `least` px^2 and `extent` px across, as far as `work` allows."""
+        work = Work() if work is None else work
+        cost = CLOSING * self.fields[0].strength.size / 1e6
         px = self.shrink
         found: list[Closure] = []
         edges: dict[tuple[int, float], Grey] = {}
         for recipe, (field, level, radius) in enumerate(RECIPES):
+            if not work.allows(cost, SEARCH_SHARE):
+                break
             if (field, level) not in edges:
                 edges[field, level] = link_edges(self.fields[field].thin(level), self._reach)
             for shape in enclosed_silhouettes(edges[field, level], radius, least / px**2, extent / px):
                 found.append(
                     Closure(_to_full_resolution(shape, px), 2.0 * radius * px, recipe, self.fields[field].unit)
                 )
+                work.spend(RATED)
+            work.spend(cost)
         return found
 
 

@@ -7,59 +7,28 @@ orders all (`grasptrack.segmentation.choice`), and the likeliest become sub-pixe
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
-import cv2
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import View
-from grasptrack.segmentation.candidate import Candidate, contains_pixel, of_closed_edges, of_one_level
-from grasptrack.segmentation.choice import Signs, choice_probabilities, load_numbers, measure_worth
-from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
-from grasptrack.segmentation.hints import BESIDE, Hints, box_iou, make_hints
-from grasptrack.segmentation.images import as_scene, to_bgr, to_grey, to_mask
-from grasptrack.segmentation.normalized_gradient import Planes, lab_planes
-from grasptrack.segmentation.proposals import GIVEN, THRESHOLD, Proposal, is_alike, propose_silhouettes
-from grasptrack.segmentation.quadrangles import find_quadrangles
-from grasptrack.segmentation.rating import NONE, SilhouetteScorer
-from grasptrack.segmentation.regions import Region, Segmenter
+from grasptrack.segmentation.candidate import Candidate, contains_pixel
+from grasptrack.segmentation.candidate_search import MIN_EXTENT, CandidateSearch, is_same_region
+from grasptrack.segmentation.hints import Hints, make_hints
+from grasptrack.segmentation.images import as_scene, to_bgr, to_mask
+from grasptrack.segmentation.proposals import Proposal
+from grasptrack.segmentation.regions import Segmenter
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
-from grasptrack.segmentation.shadow import without_shadow
-from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes, without_spurs
-from grasptrack.segmentation.snapping import OutlineSnapper, outline_agreement, polygon_silhouette
-from grasptrack.typing import Floats
+from grasptrack.segmentation.several_frames import ask_more_frames
+from grasptrack.segmentation.work import check_limit_ms
 
 DEFAULT_SURE = 0.9
 """Probability from which the first look calls a candidate sure."""
-MIN_EXTENT = 20
-"""px across; a smaller object has no outline worth following."""
-COMPARED = 40
-"""Proposals that are compared, the best rated first, and as many of a segmenter's."""
-LOOKED_AT = 8
-"""Proposals that become contours, the likeliest first; after them only those that lie apart from all that was found."""
-SHADOWS = 3
-"""Objects that are looked at for a shadow, the likeliest first."""
-MOST = 60
-"""Proposals that become contours at all."""
-WORTH = 0.02
-"""Ratings below this are chance, ..."""
-FAINT = 0.3
-"""... and those below this share of the best are clutter beside it."""
-APART = 0.65
-"""Overlap of boxes, and ratio of areas, below which regions are other ones."""
 MOSTLY = 0.75
 """Share of an outline within another one that makes it a part of that."""
-ROUGH = 2.0
-"""px of the working image by which a segmenter's outline may be off: its map is coarser than the image."""
-AGREEING, ALL_ROUND = 8.0, 0.97
-"""px from a polygon that a person drew within which a proposal agrees with it, and the share of both outlines that must."""
-FALLBACK_RECIPE = 2
-"""Of `closed_edges.RECIPES`: looks for what no way of looking found by itself."""
 
 
 def first_look(
@@ -72,7 +41,10 @@ def first_look(
     ignore: NDArray[Any] | None = None,
     mask: NDArray[Any] | None = None,
     segmenter: Any = None,
+    background: NDArray[Any] | None = None,
+    more: Iterable[NDArray[Any]] = (),
     sure: float = DEFAULT_SURE,
+    first_look_ms: float | None = None,
 ) -> list[Candidate]:
     """What in an image may be the object that is meant, the likeliest first; nested ones stay, each region is there once.
 
@@ -85,24 +57,30 @@ def first_look(
         ignore: (H, W) nonzero where nothing belongs to the scene.
         mask: (H, W) nonzero on objects: your own segmentation, which takes the image's place.
         segmenter: as `segmenter_for` takes it: "classical" (default), "onnx:FILE", a name, an object or a function.
-        sure: probability from which a candidate is called sure: larger asks more often and errs less.
+        background: an image of the same bench without the object, from the same place up to a few px; the light may differ.
+        more: images that follow, from a camera that moves: while nothing is sure and no person has said which object is meant,
+            up to four are asked. What lies on the bench gains, reflections lose.
+        sure: probability, 0 or more and below 1, from which a candidate is called sure: larger asks more often and errs
+            less; 0 takes the first without a question.
+        first_look_ms: work that the own search may do, ms on the machine of the benchmarks; None is no bound but that of the
+            search itself. No clock is read: the same image gives the same answer. A segmenter's net is not counted.
 
     Returns:
         Candidates with `view`, `probability` and `sure`.
 
     Raises:
         ObservationError: no object, or none there.
-        InputError: hints or a mask that do not fit the image, a segmenter that cannot be had.
+        InputError: hints, a mask or a background that do not fit the image, a segmenter that cannot be had.
     """
-    if not 0.0 < sure < 1.0:
-        raise InputError(f"sure is a probability between 0 and 1, not {sure:g}", sure=sure)
+    check_sure(sure)
     colours = to_bgr(image)
-    hints = make_hints(colours.shape[:2], object_at, not_at, box, outline, ignore)
+    hints = make_hints(colours.shape[:2], object_at, not_at, box, outline, ignore, background)
+    hints = replace(hints, first_look_ms=check_limit_ms(first_look_ms))
     scene = colours
     if mask is not None:
         scene = as_scene(to_mask(mask, colours.shape[:2], "mask"))
         hints = replace(hints, masked=True)
-    found = find_candidates(scene, hints, segmenter_for(segmenter))
+    found = find_candidates(scene, hints, segmenter_for(segmenter), more, sure)
     return [c._replace(sure=c.probability >= sure) for c in found]
 
 
@@ -129,20 +107,29 @@ def find_objects(
     not_at: ArrayLike | None = None,
     outline: ArrayLike | None = None,
     segmenter: Any = None,
+    background: NDArray[Any] | None = None,
+    number: int | None = None,
+    first_look_ms: float | None = None,
 ) -> list[Candidate]:
     """All flat objects in an image, none within another: the one that is meant first, then the likeliest.
 
-    Args and errors as of `first_look`.
+    Args and errors as of `first_look`; `number` as of `numbered_candidate`.
     """
-    asked: dict[str, Any] = {"ignore": ignore, "mask": mask, "segmenter": segmenter_for(segmenter)}
+    asked: dict[str, Any] = {
+        "ignore": ignore,
+        "mask": mask,
+        "segmenter": segmenter_for(segmenter),
+        "background": background,
+        "first_look_ms": first_look_ms,
+    }
     meant = first_look(image, object_at, not_at=not_at, box=box, outline=outline, **asked)
     if object_at is None and box is None and outline is None:
-        return remove_nested(meant)
+        return remove_nested([numbered_candidate(meant, number), *meant])
     try:
         others = first_look(image, **asked)
     except ObservationError:
         others = []
-    return remove_nested([meant[0], *others])
+    return remove_nested([numbered_candidate(meant, number), *others])
 
 
 def remove_nested(found: list[Candidate]) -> list[Candidate]:
@@ -158,23 +145,51 @@ def distinct_candidates(found: Sequence[Candidate], most: int = 3) -> list[Candi
     """The likeliest candidates that a person would tell apart."""
     kept: list[Candidate] = []
     for c in found:
-        if len(kept) < most and not any(_is_same_region(c.view, o.view) for o in kept):
+        if len(kept) < most and not any(is_same_region(c.view, o.view) for o in kept):
             kept.append(c)
     return kept
+
+
+def numbered_candidate(found: Sequence[Candidate], number: int | None) -> Candidate:
+    """Of the candidates that a person would tell apart the one with a number, 1 being the likeliest; the likeliest of None.
+
+    Raises:
+        InputError: there are fewer.
+    """
+    told_apart = distinct_candidates(found, number or 1)
+    if len(told_apart) < (number or 1):
+        raise InputError(f"there are {len(told_apart)} candidates, not {number}", number=number)
+    return told_apart[-1]
+
+
+def check_sure(sure: float, what: str = "sure") -> float:
+    """The probability from which the choice of an object is sure.
+
+    Raises:
+        InputError: below 0, or 1 and more, which nothing reaches.
+    """
+    if not 0.0 <= sure < 1.0:
+        raise InputError(f"{what} is a probability, 0 or more and below 1, not {sure:g}", sure=sure)
+    return sure
 
 
 def describe_candidate(candidate: Candidate, first: Candidate) -> str:
     """How a candidate lies to the first one, for a person: "round it, 3.1 times as large", "within it", "elsewhere"."""
     times = candidate.view.outer.area / first.view.outer.area
+    cut = ", cut by the image's border" if candidate.view.is_clipped else ""
     if _share_within(first.view, candidate.view) > MOSTLY:
-        return f"round it, {times:.1f} times as large"
+        return f"round it, {times:.1f} times as large{cut}"
     if _share_within(candidate.view, first.view) > MOSTLY:
-        return f"within it, {100.0 * times:.0f} % of its area"
-    return "elsewhere"
+        return f"within it, {100.0 * times:.0f} % of its area{cut}"
+    return f"elsewhere{cut}"
 
 
 def find_candidates(
-    image: NDArray[Any], hints: Hints | None = None, segmenter: Segmenter | None = None
+    image: NDArray[Any],
+    hints: Hints | None = None,
+    segmenter: Segmenter | None = None,
+    more: Iterable[NDArray[Any]] = (),
+    sure: float = DEFAULT_SURE,
 ) -> list[Candidate]:
     """As `first_look`, of hints that were checked.
 
@@ -183,261 +198,14 @@ def find_candidates(
         InputError: a segmenter's region of another size.
     """
     hints = Hints() if hints is None else hints
-    look = _Look(to_bgr(image), hints, segmenter)
+    look = CandidateSearch(to_bgr(image), hints, segmenter)
     found = look.candidates()
     if not found:
         raise _no_object_error(look.meant, hints)
-    return found
-
-
-class _Rated(NamedTuple):
-    """A proposal and the logarithm of its worth."""
-
-    proposal: Proposal
-    worth: float
-
-
-class _Look:
-    """One image: what is proposed in it, and what becomes of that."""
-
-    def __init__(self, colours: NDArray[np.uint8], hints: Hints, segmenter: Segmenter | None) -> None:
-        self._colours, self._hints = colours, hints
-        self._grey = to_grey(colours)
-        self._planes: Planes = lab_planes(colours)
-        self._edges = ClosedEdgeSegmenter(self._planes, hints.hidden)
-        self._alone = isinstance(segmenter, OneMask)
-        regions = [] if segmenter is None or hints.masked else segmenter.regions(colours, hints)
-        maps, self._maps = _as_maps(regions, self._grey.shape)
-        self._voted = any(region.is_vote for region in regions)
-        self._snapper = OutlineSnapper(self._edges, self._maps[-1] if self._voted and not self._alone else None)
-        self._proposals = self._propose(maps)
-        self.meant = [p for p in self._proposals if hints.allows(p.silhouette)]
-
-    def candidates(self) -> list[Candidate]:
-        """Contours of the likeliest proposals, the likeliest first."""
-        drawn = self._drawn()
-        if drawn is not None:
-            return drawn
-        rated = self._rated()
-        return self._judged(self._localized(rated), rated)
-
-    def _propose(self, maps: list[NDArray[np.float32]]) -> list[Proposal]:
-        hints = self._hints
-        if self._alone:
-            rater = SilhouetteScorer(self._edges.fields[0], self._edges.shrink, self._grey.shape)
-            shapes = [polygon for each in maps for polygon in _regions_of(each)]
-            return [Proposal(s, rater.rate(s), 0, math.nan, 0.0, GIVEN) for s in shapes]
-        given = self._quadrangles()
-        return propose_silhouettes(self._grey, self._edges, hints.hidden, hints.masked, MIN_EXTENT, maps, given)
-
-    def _quadrangles(self) -> list[Silhouette]:
-        """Quadrangles of straight edges where a person points."""
-        hints, px = self._hints, self._edges.shrink
-        at = hints.object_at[0] if hints.object_at else hints.box_middle()
-        if hints.masked or at is None:
-            return []
-        found = find_quadrangles(self._edges.planes, ((at[0] - 0.5 * (px - 1)) / px, (at[1] - 0.5 * (px - 1)) / px))
-        shapes = (polygon_silhouette(each * px + 0.5 * (px - 1), self._grey.shape) for each in found)
-        return [shape for shape in shapes if shape is not None]
-
-    def _rated(self) -> list[_Rated]:
-        """The proposals that are meant, each region once, the likeliest first."""
-        if self._alone:
-            return [_Rated(p, 0.0) for p in self.meant[:COMPARED]]
-        compared = self.compared()
-        worth = measure_worth(compared, self._maps, self._hints.box, load_numbers(bool(self._maps)))
-        meant = [k for k, p in enumerate(compared) if self._hints.allows(p.silhouette)]
-        kept: list[int] = []
-        for k in sorted(meant, key=lambda k: -worth[k]):
-            if not any(is_alike(compared[k].silhouette, compared[j].silhouette) for j in kept):
-                kept.append(k)
-        return [_Rated(compared[k], float(worth[k])) for k in kept]
-
-    def _judged(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
-        """Candidates with their probabilities."""
-        if not found or self._alone:
-            return [candidate._replace(probability=1.0) for candidate, _ in found]
-        first, own = found[0]
-        rivals = [r.worth for r in rated if _is_another(r.proposal.silhouette, own.proposal.silhouette)]
-        lead = own.worth - max(rivals, default=-math.inf)
-        # without the map, which the outline may have come from
-        returned = OutlineSnapper(self._edges).return_share(first.view.outer.points)
-        worth = np.array([r.worth for _, r in found])
-        signs = Signs(own.proposal.rating.score, lead, returned)
-        # the numbers with a map were fitted to votes: of alternatives the more cautious ones count
-        asked = {bool(self._maps), self._voted}
-        share = np.min([choice_probabilities(worth, signs, load_numbers(mapped)) for mapped in asked], axis=0)
-        judged = [c._replace(probability=float(p)) for (c, _), p in zip(found, share, strict=True)]
-        return [judged[0]._replace(lead=lead, returned=returned), *judged[1:]]
-
-    def compared(self) -> list[Proposal]:
-        """The best rated proposals of the image and of those that are meant, of a segmenter's as many."""
-        large = [p for p in self._proposals if max(p.silhouette.box[2:]) >= MIN_EXTENT and p.rating is not NONE]
-        found: dict[int, Proposal] = {}
-        for pool in (large, [p for p in large if self._hints.allows(p.silhouette)]):
-            for own in (False, True):
-                for p in [p for p in pool if (p.recipe == GIVEN) is own][:COMPARED]:
-                    found[id(p)] = p
-        return list(found.values())
-
-    def _drawn(self) -> list[Candidate] | None:
-        """What a rough polygon is: the best rated proposal that agrees with it all round, else the polygon moved onto the edges
-        beside it. None where there is no polygon.
-
-        Raises:
-            ObservationError: it is too small.
-        """
-        polygon = self._hints.outline
-        if polygon is None:
-            return None
-        for p in sorted(self._proposals, key=lambda p: -p.worth):
-            if _is_beside(p.silhouette, polygon) and outline_agreement(p.silhouette, polygon, AGREEING) >= ALL_ROUND:
-                found = self._localize(p, False, False)
-                if found is not None:
-                    return [found._replace(probability=1.0, rating=p.rating.score)]
-        shape = polygon_silhouette(self._snapper.snap(polygon), self._grey.shape)
-        if shape is None or max(shape.box[2:]) < MIN_EXTENT:
-            raise ObservationError(f"the outline that was drawn is less than {MIN_EXTENT} px across")
-        candidate = of_closed_edges(self._colours, self._planes, shape, self._hints.hidden)
-        if candidate is None:
-            raise ObservationError("the outline that was drawn lies beyond the image for the most part")
-        return [self._findable(candidate._replace(probability=1.0), shape)]
-
-    def _localized(self, rated: list[_Rated]) -> list[tuple[Candidate, _Rated]]:
-        """The likeliest as contours, each region once."""
-        kept: list[tuple[Candidate, _Rated]] = []
-        found: list[Candidate] = []
-        taken = np.zeros(self._grey.shape, np.uint8)
-        looked = 0
-        own = max((r.proposal.rating.score for r in rated if r.proposal.recipe != GIVEN), default=0.0)
-        least = 0.0 if self._alone else max(WORTH, FAINT * own)
-        for each in rated:
-            p = each.proposal
-            if looked >= MOST:
-                break
-            if p.recipe != GIVEN and p.rating.score < least:
-                continue
-            part = _overlaps_found(p.silhouette, taken, found)
-            if part and looked >= LOOKED_AT:
-                continue
-            looked += 1
-            candidate = self._localize(p, part, len(found) < SHADOWS and not part and not self._alone)
-            if candidate is None or any(_is_same_region(candidate.view, other.view) for other in found):
-                continue
-            if self._hints.object_at and not all(_on_or_beside(candidate.view, *at) for at in self._hints.object_at):
-                continue
-            found.append(candidate._replace(rating=p.rating.score))
-            kept.append((found[-1], each))
-            cv2.drawContours(taken, [p.silhouette.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED)
-        return kept
-
-    def _localize(self, p: Proposal, part: bool, shaded: bool) -> Candidate | None:
-        """The sub-pixel contour of a proposal, without the shadow that its object casts."""
-        hidden, cut = self._hints.hidden, False
-        if p.recipe == GIVEN:
-            snapped = self._snapper.snap(p.silhouette.outer.astype(np.float64), ROUGH)
-            shape = polygon_silhouette(snapped, self._grey.shape)
-            if shape is None:
-                return None
-            found = of_closed_edges(self._colours, None if part else self._planes, shape, hidden)
-            return None if found is None else self._findable(found, shape)
-        if shaded:
-            p, cut = self._out_of_shadow(p)
-        if p.recipe != THRESHOLD:
-            p = p._replace(silhouette=without_spurs(p.silhouette, self._edges.shrink))
-        if p.recipe == THRESHOLD and not cut:
-            found = of_one_level(self._grey, p.silhouette, p.polarity, hidden)
-        else:
-            found = of_closed_edges(self._colours, None if part else self._planes, p.silhouette, hidden)
-        if found is None:
-            return None
-        return found._replace(level=p.level, recipe=p.recipe, grain=p.grain, shaded=cut)
-
-    def _out_of_shadow(self, p: Proposal) -> tuple[Proposal, bool]:
-        """A proposal without the shadow that its object casts, and whether it had to be cut out: where another proposal
-        is the object alone, that one is taken."""
-        alone = without_shadow(self._colours, p.silhouette)
-        if alone is None:
-            return p, False
-        alike = [other for other in self._proposals if is_alike(other.silhouette, alone)]
-        return (alike[0], False) if alike else (p._replace(silhouette=alone), True)
-
-    def _findable(self, candidate: Candidate, shape: Silhouette) -> Candidate:
-        """A given candidate with the way in which the own search finds nearly the same region, for later images."""
-        own = [p for p in self._proposals if p.recipe != GIVEN]
-        alike = next((p for p in own if is_alike(p.silhouette, shape)), None)
-        if alike is not None and (alike.recipe != THRESHOLD or candidate.polarity == alike.polarity):
-            return candidate._replace(level=alike.level, recipe=alike.recipe, grain=alike.grain)
-        if candidate.polarity and candidate.inside != candidate.outside:
-            return candidate._replace(level=0.5 * (candidate.inside + candidate.outside), recipe=THRESHOLD)
-        field = self._edges.fields[0]
-        return candidate._replace(recipe=FALLBACK_RECIPE, grain=field.unit)
-
-
-def _is_beside(shape: Silhouette, polygon: Floats) -> bool:
-    """Whether the boxes of a region and a polygon may agree."""
-    x, y, w, h = shape.box
-    (left, top), (right, bottom) = polygon.min(axis=0).tolist(), polygon.max(axis=0).tolist()
-    return bool(max(abs(x - left), abs(y - top), abs(x + w - right), abs(y + h - bottom)) < 3.0 * AGREEING)
-
-
-def _is_another(shape: Silhouette, first: Silhouette) -> bool:
-    """Whether a region is plainly another one."""
-    return box_iou(shape.box, first.box) < APART or not APART < shape.area / first.area < 1.0 / APART
-
-
-def _as_maps(
-    regions: Sequence[Region], size: tuple[int, ...]
-) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
-    """Maps (H, W), 0 to 1, in which regions are looked for, and those that a region may agree with: the mean of all votes, and
-    each alternative times its probability.
-
-    Raises:
-        InputError: a mask of another size.
-    """
-    shown: list[NDArray[np.float32]] = []
-    votes: list[NDArray[np.float32]] = []
-    beliefs: list[NDArray[np.float32]] = []
-    for region in regions:
-        mask = np.asarray(region.mask)
-        if np.issubdtype(mask.dtype, np.floating):
-            if mask.shape != tuple(size):
-                raise InputError(
-                    f"a segmenter's mask is {mask.shape}, but the image is {size[1]}x{size[0]} px", shape=mask.shape
-                )
-            plane = np.clip(np.nan_to_num(mask), 0.0, 1.0).astype(np.float32)
-        else:
-            plane = (to_mask(mask, tuple(size), "segmenter's mask") / 255.0).astype(np.float32)
-        shown.append(plane)
-        believed = plane * np.float32(np.clip(region.probability, 0.0, 1.0))
-        (votes if region.is_vote else beliefs).append(believed)
-    if votes:
-        mean = np.mean(votes, axis=0).astype(np.float32)
-        beliefs.append(mean)
-        if len(votes) > 1:
-            shown.append(mean)
-    return shown, beliefs
-
-
-def _regions_of(map_: NDArray[np.float32]) -> list[Silhouette]:
-    return trace_silhouettes(np.where(map_ > 0.5, np.uint8(255), np.uint8(0)), 30.0, holes=False)
-
-
-def _on_or_beside(view: View, x: float, y: float) -> bool:
-    """Whether a pixel lies within the outer contour or just beside it."""
-    outer = view.outer.points.astype(np.float32)
-    return cv2.pointPolygonTest(outer, (float(x), float(y)), True) >= -BESIDE
-
-
-def _overlaps_found(shape: Silhouette, taken: NDArray[np.uint8], found: list[Candidate]) -> bool:
-    """Whether a silhouette lies within what was taken, or round it, at least for a good part."""
-    if not found:
-        return False
-    column, row = shape.outer.T
-    if taken[row.clip(0, taken.shape[0] - 1), column.clip(0, taken.shape[1] - 1)].mean() > 0.4 * 255.0:
-        return True
-    corners = (c.view.outer.points[k * len(c.view.outer) // 3] for c in found for k in range(3))
-    return any(shape.contains(x, y) for x, y in (corner.tolist() for corner in corners))
+    if hints.names_object or hints.masked or isinstance(segmenter, OneMask):
+        return found
+    later = replace(hints, not_at=(), background=None)  # they are of the first image
+    return ask_more_frames(found, look.colours, more, lambda seen: find_candidates(seen, later, segmenter), sure)
 
 
 def _no_object_error(meant: list[Proposal], hints: Hints) -> ObservationError:
@@ -449,15 +217,6 @@ def _no_object_error(meant: list[Proposal], hints: Hints) -> ObservationError:
             f"the object{where} is {tiny} px across; at least {MIN_EXTENT} px are needed", extent=tiny
         )
     return ObservationError(f"no object stands out{where or ' in the image'}", object_at=hints.object_at, box=hints.box)
-
-
-def _is_same_region(one: View, other: View, share: float = 0.1) -> bool:
-    """Whether two outlines are of the same region, found in different ways."""
-    area, a = one.outer.area, other.outer.area
-    apart_by = one.outer.points.mean(axis=0) - other.outer.points.mean(axis=0)
-    return 1.0 - 2.0 * share < area / a < 1.0 / (1.0 - 2.0 * share) and math.hypot(
-        *apart_by.tolist()
-    ) < share * math.sqrt(a)
 
 
 def _share_within(inner: View, outer: View) -> float:

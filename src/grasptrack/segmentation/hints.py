@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.errors import InputError
-from grasptrack.segmentation.images import Grey, to_mask
+from grasptrack.segmentation.images import Grey, to_bgr, to_mask
 from grasptrack.segmentation.silhouettes import Silhouette
 from grasptrack.typing import Floats
 
@@ -33,6 +33,8 @@ class Hints:
         box: left, top, width and height of the object, px.
         outline: (n, 2) px of a rough polygon round the object, or None.
         hidden: (H, W) nonzero where nothing belongs to the scene, or None.
+        background: (H, W) or BGR (H, W, 3) the same bench without the object, or None.
+        first_look_ms: work that the own search may do, see `work`; None is no bound.
         masked: the image is a softened mask, in which objects are white and nothing else is meant.
     """
 
@@ -41,7 +43,9 @@ class Hints:
     box: Box | None = None
     outline: Floats | None = None
     hidden: Grey | None = None
+    background: NDArray[np.uint8] | None = None
     masked: bool = False
+    first_look_ms: float | None = None
 
     @property
     def names_object(self) -> bool:
@@ -78,6 +82,7 @@ def make_hints(
     box: Any = None,
     outline: Any = None,
     ignore: NDArray[Any] | None = None,
+    background: NDArray[Any] | None = None,
 ) -> Hints:
     """Hints from what users write, checked against an image of (height, width).
 
@@ -88,10 +93,12 @@ def make_hints(
         box: left, top, width and height of the object, px.
         outline: (n, 2) px, n >= 3, a rough polygon round it.
         ignore: (H, W) nonzero where nothing belongs to the scene.
+        background: an image of the same bench without the object.
 
     Raises:
         InputError: a pixel outside the image, a box without area or outside it, an outline of fewer than three corners
-            or without area, a mask of another size.
+            or without area, a mask or background of another size.
+        SourceError: a background that is no image.
     """
     height, width = int(shape[0]), int(shape[1])
     on, off = _points(object_at, "object_at"), _points(not_at, "not_at")
@@ -100,7 +107,8 @@ def make_hints(
             if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
                 raise InputError(f"{name} {x:g},{y:g} is outside the image, which is {width}x{height} px", place=(x, y))
     hidden = None if ignore is None else dilate_mask(to_mask(ignore, (height, width), "ignore mask"))
-    return Hints(on, off, _box(box, width, height), _polygon(outline, width, height), hidden)
+    empty = None if background is None else _background(background, width, height)
+    return Hints(on, off, _box(box, width, height), _polygon(outline, width, height), hidden, empty)
 
 
 def dilate_mask(hidden: Grey | None) -> Grey | None:
@@ -150,6 +158,16 @@ def _box(given: Any, width: int, height: int) -> Box | None:
         told = ",".join(f"{float(v):g}" for v in given)
         raise InputError(f"the box {told} is outside the image, which is {width}x{height} px", given=repr(given))
     return left, top, right - left, bottom - top
+
+
+def _background(given: NDArray[Any], width: int, height: int) -> NDArray[np.uint8]:
+    empty = to_bgr(given)
+    if empty.shape[:2] != (height, width):
+        raise InputError(
+            f"the background is {empty.shape[1]}x{empty.shape[0]} px, but the image is {width}x{height}",
+            shape=empty.shape,
+        )
+    return empty
 
 
 def _polygon(given: Any, width: int, height: int) -> Floats | None:

@@ -17,6 +17,8 @@ from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.rating import NONE, Rating, SilhouetteScorer
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.thresholds import candidate_thresholds
+from grasptrack.segmentation.work import RATED, Work
+from grasptrack.segmentation.work import THRESHOLD as THRESHOLD_COST
 
 PER_THRESHOLD = 8
 """Silhouettes of each threshold that are examined closely, the largest first."""
@@ -73,6 +75,7 @@ def propose_silhouettes(
     extent: float,
     maps: Sequence[NDArray[np.float32]] = (),
     shapes: Sequence[Silhouette] = (),
+    work: Work | None = None,
 ) -> list[Proposal]:
     """All silhouettes of an image, the best rated first, each once.
 
@@ -84,17 +87,20 @@ def propose_silhouettes(
         extent: px across; what is smaller is not rated, and not looked for by closed edges.
         maps: (H, W) each, 0 to 1: a segmenter's regions.
         shapes: regions that were found otherwise.
+        work: bound of the search, in which thresholds come first, being cheap.
     """
+    work = Work() if work is None else work
     rater = SilhouetteScorer(scenery.fields[0], scenery.shrink, grey.shape)
     found: list[Proposal] = []
     soft: Grey = np.asarray(cv2.GaussianBlur(grey, (3, 3), 0), dtype=np.uint8)
     for level in candidate_thresholds(soft if hidden is None else soft[hidden == 0]):
         for polarity in (-1,) if masked else (1, -1):
+            work.spend(THRESHOLD_COST * grey.size / 1e6 + RATED * PER_THRESHOLD)
             for shape in threshold_silhouettes(grey, level, polarity, hidden)[:PER_THRESHOLD]:
                 rating = rater.rate(shape) if max(shape.box[2:]) >= extent else NONE
                 found.append(Proposal(shape, rating, polarity, level, 0.0, THRESHOLD))
     if not masked:
-        for closure in scenery.closures(LEAST_AREA, extent):
+        for closure in scenery.closures(LEAST_AREA, extent, work):
             rating = rater.rate(closure.silhouette, closure.bridge)
             found.append(
                 Proposal(closure.silhouette, rating, 0, math.nan, closure.bridge, closure.recipe, closure.grain)

@@ -42,6 +42,7 @@ class Rating(NamedTuple):
         exact: found without bridging wide gaps.
         size: square root of the convex hull's length over the image's width and height; large outlines are less likely
             to arise by chance.
+        in_view: `closed` times `contrast` of the part of the outline that is not at the image's border.
     """
 
     closed: float
@@ -50,11 +51,17 @@ class Rating(NamedTuple):
     smooth: float
     exact: float
     size: float
+    in_view: float = 0.0
 
     @property
     def score(self) -> float:
-        """The product of all terms."""
+        """The product of the first six."""
         return self.closed * self.contrast * self.complete * self.smooth * self.exact * self.size
+
+    @property
+    def score_in_view(self) -> float:
+        """The same of the part in view, however much the image's border cuts."""
+        return self.in_view * self.smooth * self.exact * self.size
 
 
 NONE = Rating(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -90,7 +97,12 @@ class SilhouetteScorer:
         # a closing shrinks back from the border by its radius
         near = 0.5 * bridge + 2.0 * self._shrink
         sides = self._near_image_sides(chain, near, wide, high)
-        cut = float(sides.any(axis=0).mean())
+        outside = sides.any(axis=0)
+        cut, shown = float(outside.mean()), strength[~outside]
+        in_view = 0.0
+        if len(shown):
+            part = float((np.minimum(shown, ENOUGH) - NOTHING).mean()) / (ENOUGH - NOTHING)
+            in_view = float((shown > CLOSED).mean()) * max(part, 0.0)
         return Rating(
             closed,
             max(contrast, 0.0),
@@ -98,6 +110,7 @@ class SilhouetteScorer:
             math.sqrt(min(1.0, COMPACT * compact)),
             BRIDGED ** (bridge / (16.0 * self._shrink)),
             min(1.0, math.sqrt(around / (wide + high))),
+            in_view,
         )
 
     @staticmethod

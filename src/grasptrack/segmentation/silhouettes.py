@@ -85,8 +85,8 @@ def _chain_points(chain: NDArray[Any]) -> Chain:
 
 
 def without_spurs(shape: Silhouette, radius: int) -> Silhouette:
-    """A silhouette without what is no wider than 2 `radius` px, a crack of the ground that joins it; without its holes. As it is where
-    it consists of such for a good part."""
+    """A silhouette without what is no wider than 2 `radius` px, as a crack of the ground that joins it, and without its holes.
+    As it is where it consists of such for a good part."""
     x, y, w, h = shape.box
     margin = radius + 1
     filled = np.zeros((h + 2 * margin, w + 2 * margin), np.uint8)

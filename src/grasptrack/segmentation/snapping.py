@@ -148,7 +148,7 @@ class OutlineSnapper:
         return np.asarray(points + chosen[:, :, None] * normals[None], dtype=np.float64)
 
     def _colour_odds(self, points: Floats, normals: Floats, count: int, pool: int) -> Floats:
-        """(n, 2 count + 1) log odds that the colour at each offset is the object's, by what lies well inside and well outside."""
+        """(n, 2 count + 1) log odds that the colour at each offset is the object's, by those well inside and well outside."""
         reach = count + math.ceil(ASIDE)
         steps = np.arange(-reach, reach + 1)
         at = points[:, None, :] + steps[None, :, None] * normals[:, None, :]
@@ -194,7 +194,7 @@ def polygon_silhouette(polygon: Floats, size: tuple[int, ...]) -> Silhouette | N
 
 
 def _spaced(polygon: Floats, step: float) -> tuple[Floats, Floats]:
-    """Points along a closed polygon, `step` px apart, and its unit normals, which point outward, of a tangent over a few points."""
+    """Points along a closed polygon, `step` px apart, and its unit normals, outward, of a tangent over a few points."""
     closed = np.vstack([polygon, polygon[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     n = max(16, round(along[-1] / step))

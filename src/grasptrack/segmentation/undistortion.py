@@ -241,6 +241,7 @@ class Told(NamedTuple):
         box: left, top, width and height in px, or None.
         outline: (n, 2) px of a rough polygon round the object, or None.
         ignore: (H, W) nonzero where nothing belongs to the scene, or None.
+        background: an image of the same bench without the object, or None.
     """
 
     contacts: Floats | None = None
@@ -249,12 +250,13 @@ class Told(NamedTuple):
     box: Box | None = None
     outline: ArrayLike | None = None
     ignore: NDArray[Any] | None = None
+    background: NDArray[Any] | None = None
 
     def straight(self, lens: Undistortion) -> Told:
         """The same for the straight image.
 
         Raises:
-            InputError: a mask of another size.
+            InputError: a mask or background of another size.
         """
 
         def moved(points: ArrayLike | None) -> Floats | None:
@@ -267,7 +269,14 @@ class Told(NamedTuple):
             None if self.box is None else lens.box(self.box),
             moved(self.outline),
             lens.ignored(self.ignore),
+            None if self.background is None else self._straight_background(self.background, lens),
         )
+
+    @staticmethod
+    def _straight_background(background: NDArray[Any], lens: Undistortion) -> NDArray[np.uint8]:
+        width, height = lens.size
+        empty = make_hints((height, width), background=background).background  # says so where it is of another size
+        return lens.image(background if empty is None else empty)
 
     def hints(self, shape: Sequence[int]) -> Hints:
         """As the first look takes them, of an image of (height, width).
@@ -275,4 +284,4 @@ class Told(NamedTuple):
         Raises:
             InputError: they do not fit the image.
         """
-        return make_hints(shape, self.object_at, self.not_at, self.box, self.outline, self.ignore)
+        return make_hints(shape, self.object_at, self.not_at, self.box, self.outline, self.ignore, self.background)

@@ -26,6 +26,8 @@ LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
 
 RESTARTS = 2
 """How often an estimate that proved wrong is begun anew before the servo gives up."""
+UNSURE = "not sure which object is meant: name it (object_at, box or outline), confirm it (number=1), or ask for less (sure=0)"
+"""What a servo says while it does not move for that."""
 LONGEST_STEP = 0.2
 """s that count as one step of control at most: after a pause the acceleration limit holds all the same."""
 
@@ -137,6 +139,10 @@ class GraspServo:
         self._poses.add_pose(time, hand)
         if self.over:
             return self._make_command(Intent(self.state, self.reason), 0.0)
+        if not result.object_sure:
+            late = time - self._began > self._time_limit
+            why = f"not done after {self._time_limit:g} s: {UNSURE}" if late else UNSURE
+            return self._make_command(Intent("failed" if late else "unsure", why), step)
         seen, fits = self._observe_result(result, time - self._latency)
         return self._make_command(
             self._decide_intent(result, seen if fits else None, seen is not None, time, hand, step), step

@@ -13,7 +13,7 @@ from grasptrack.errors import InputError
 from grasptrack.servo.law import Aim
 from grasptrack.typing import Floats
 
-State = Literal["approaching", "converged", "holding", "searching", "closing", "done", "failed"]
+State = Literal["unsure", "approaching", "converged", "holding", "searching", "closing", "done", "failed"]
 OVER: tuple[State, ...] = ("done", "failed")
 
 
@@ -23,9 +23,9 @@ class Command:
 
     Attributes:
         twist: (6,) m/s and rad/s in the hand's frame.
-        state: approaching (moves toward the grasp, the first exploratory moves included), converged (at the grasp, making
-            sure), holding (sees nothing it believes: stands, or goes on as predicted), searching (looks for the object),
-            closing, done, failed.
+        state: unsure (stands still: the choice of the object is not sure, and no person said which), approaching (moves
+            toward the grasp, the first exploratory moves included), converged (at the grasp, making sure), holding (sees
+            nothing it believes: stands, or goes on as predicted), searching (looks for the object), closing, done, failed.
         reason: what it does and why, a short sentence.
         close: whether the hand shall close now; true in one command only.
         error: features less those of the goal (x/l, y/l, l*/l, angle in rad; with 6 DoF the normal's two components

@@ -80,6 +80,9 @@ def inspect(
     not_at: ArrayLike | None = None,
     outline: ArrayLike | None = None,
     segmenter: Any = None,
+    background: NDArray[Any] | None = None,
+    number: int | None = None,
+    first_look_ms: float | None = None,
 ) -> Suitability:
     """Tell how well the object in an image can be tracked, and how exactly its contacts will be known.
 
@@ -103,6 +106,9 @@ def inspect(
         not_at: (x, y) px, or several, beside the object.
         outline: (n, 2) px of a rough polygon round it.
         segmenter: proposes regions beside the own search, as `segmenter_for` takes it.
+        background: an image of the same bench without the object; the light may differ.
+        number: of the candidate to take, 1 being the likeliest.
+        first_look_ms: work that the search for the object may do, see `first_look`.
 
     Raises:
         ObservationError: no object.
@@ -129,6 +135,9 @@ def inspect(
         not_at=not_at,
         outline=outline,
         segmenter=segmenter_for(segmenter),
+        background=background,
+        number=number,
+        first_look_ms=first_look_ms,
     )
     first = first_view(image, mask, wish, risk, focal)
     view, grey = first.candidate.view, first.grey
@@ -178,6 +187,7 @@ def inspect(
         prediction=prediction,
         view=view,
         edges=edges,
+        candidates=tuple(first.candidates),
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from grasptrack.errors import ObservationError
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.segmentation.candidate import Candidate
+from grasptrack.segmentation.first_look import distinct_candidates
 from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.images import Grey, to_bgr
 from grasptrack.segmentation.outline_detector import OutlineDetector
@@ -32,6 +33,7 @@ class FirstView(NamedTuple):
         grasp: on the object, or None.
         carrier: takes it to later images; None without a grasp that the strategy can carry.
         reason: why there is none that it can; else empty.
+        candidates: up to three objects that the image may mean, the likeliest first.
     """
 
     candidate: Candidate
@@ -42,6 +44,7 @@ class FirstView(NamedTuple):
     grasp: Grasp | None
     carrier: Carrier | None
     reason: str
+    candidates: list[Candidate]
 
     @property
     def ignore_mask(self) -> Grey | None:
@@ -86,6 +89,6 @@ def first_view(
     if start.carrier is None:
         start = start._replace(grasp=chosen.grasps[0] if chosen.grasps else None)
         reason = f"no grasp that {wish.strategy} can carry: {start.refusal}" if start.refusal else reason
-    return FirstView(
-        candidate, colours, observer, grey, others, start.grasp, start.carrier, "" if start.carrier else reason
-    )
+    reason = "" if start.carrier else reason
+    candidates = distinct_candidates(chosen.found)
+    return FirstView(candidate, colours, observer, grey, others, start.grasp, start.carrier, reason, candidates)

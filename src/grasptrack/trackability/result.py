@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from grasptrack.geometry.contours import View
+from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.undistortion import Undistortion
 from grasptrack.trackability.appearance import Edges
 from grasptrack.trackability.evidence import By, Settled, Symmetry, Usable
@@ -126,6 +127,7 @@ class Suitability:
         prediction: what a run will give; None without a grasp that can be carried.
         view: the outline.
         edges: along it.
+        candidates: up to three objects that the image may mean, the likeliest first.
     """
 
     level: Level
@@ -144,6 +146,7 @@ class Suitability:
     prediction: Prediction | None
     view: View
     edges: Edges
+    candidates: tuple[Candidate, ...] = ()
 
     @property
     def located(self) -> float:
@@ -200,4 +203,5 @@ def as_seen(found: Suitability, lens: Undistortion) -> Suitability:
         view=lens.view(found.view),
         equals=tuple(lens.view(view) for view in found.equals),
         peaks=lens.seen(found.peaks),
+        candidates=tuple(c._replace(view=lens.view(c.view)) for c in found.candidates),
     )

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -15,7 +15,6 @@ from grasptrack.errors import (
     ConditioningError,
     ContourError,
     GraspError,
-    InputError,
     ObservationError,
     StrategyError,
     TransferError,
@@ -27,7 +26,7 @@ from grasptrack.grasp.force_closure import DEFAULT_FRICTION, ON_OUTLINE
 from grasptrack.grasp.hand import Hand
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import distinct_candidates, remove_nested
+from grasptrack.segmentation.first_look import DEFAULT_SURE, numbered_candidate, remove_nested
 from grasptrack.segmentation.hints import Box, dilate_mask
 from grasptrack.segmentation.images import Grey, as_scene, to_bgr, to_mask
 from grasptrack.segmentation.outline_detector import OutlineDetector
@@ -69,7 +68,11 @@ class Wish:
         not_at: (x, y) px, or several, beside the object.
         outline: (n, 2) px of a rough polygon round it.
         segmenter: proposes regions beside the own search.
-        number: of the candidate that is taken, 1 being the likeliest.
+        background: an image of the same bench without the object.
+        more: images that follow the first, asked where the choice of the object is not sure.
+        sure: probability from which it is.
+        first_look_ms: work that the search for the object may do; None is no bound.
+        number: of the candidate that a person took, 1 being the likeliest; None takes that one, but nobody has said so.
     """
 
     fingers: int = 2
@@ -86,13 +89,23 @@ class Wish:
     not_at: ArrayLike | None = None
     outline: ArrayLike | None = None
     segmenter: Segmenter | None = None
-    number: int = 1
+    background: NDArray[Any] | None = None
+    more: Iterable[NDArray[Any]] = ()
+    sure: float = DEFAULT_SURE
+    first_look_ms: float | None = None
+    number: int | None = None
 
     @property
     def told(self) -> Told:
         """What says which object is meant."""
         contacts = None if self.grasp is None else self.grasp.contacts
-        return Told(contacts, self.object_at, self.not_at, self.box, self.outline, self.ignore)
+        return Told(contacts, self.object_at, self.not_at, self.box, self.outline, self.ignore, self.background)
+
+    @property
+    def names_object(self) -> bool:
+        """Whether a person said which object is meant."""
+        told = (self.grasp, self.object_at, self.box, self.outline, self.number)
+        return any(word is not None for word in told)
 
     def straight(self, lens: Undistortion) -> Wish:
         """The same, of the image without its lens's distortion.
@@ -109,11 +122,13 @@ class Wish:
             box=told.box,
             outline=told.outline,
             ignore=told.ignore,
+            background=told.background,
+            more=(lens.image(image) for image in self.more),
         )
 
     def again(self, view: View, plane: Callable[[View], Floats]) -> Wish:
         """Another grasp on the object that has this outline, chosen in its plane."""
-        alone = replace(self, object_at=None, not_at=None, box=None, outline=None, number=1)
+        alone = replace(self, object_at=None, not_at=None, box=None, outline=None, background=None, number=None)
         return replace(alone, grasp=None, before=view, plane=plane)
 
 
@@ -146,7 +161,12 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
     """
     try:
         hints = wish.told._replace(ignore=None).hints(observer.size)  # the observer knows what is hidden
-        found = observer.first(replace(hints, masked=masked), None if masked else wish.segmenter)
+        found = observer.first(
+            replace(hints, masked=masked, first_look_ms=wish.first_look_ms),
+            None if masked else wish.segmenter,
+            wish.more,
+            wish.sure,
+        )
     except ObservationError as error:
         return FirstView(None, [], Reason("no-object", detail=str(error)), [])
     candidate = _choose_candidate(found, wish)
@@ -227,10 +247,7 @@ def _choose_candidate(found: list[Candidate], wish: Wish) -> Candidate | None:
         return object_at_contacts(found, wish.grasp)
     if wish.before is not None:
         return object_at_outline(found, wish.before)
-    told_apart = distinct_candidates(found, wish.number)
-    if len(told_apart) < wish.number:
-        raise InputError(f"there are {len(told_apart)} candidates, not {wish.number}", number=wish.number)
-    return found[0] if wish.number == 1 else told_apart[-1]
+    return numbered_candidate(found, wish.number)
 
 
 def _choose_grasps(candidate: Candidate, found: list[Candidate], wish: Wish) -> tuple[list[Grasp], str]:

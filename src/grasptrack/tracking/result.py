@@ -53,6 +53,7 @@ class TrackResult:
         reason_code: the reason in one word, see `messages.SENTENCES`; empty with the reason.
         notice: what is to be known of a tracked frame, in one word: "tilt-open" where no view has told yet how the object's
             plane is tilted, and whether the grasp closes depends on it; else empty.
+        object_sure: the choice of the object in the first view is sure, or a person said which is meant.
     """
 
     frame: int
@@ -81,6 +82,7 @@ class TrackResult:
     distance_sd: float = math.nan
     mended: float = 0.0
     notice: str = ""
+    object_sure: bool = True
 
     @property
     def located(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -22,11 +22,12 @@ from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check_friction
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.candidate import Candidate
-from grasptrack.segmentation.first_look import distinct_candidates
+from grasptrack.segmentation.first_look import DEFAULT_SURE, check_sure, distinct_candidates
 from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
 from grasptrack.segmentation.undistortion import Undistortion
+from grasptrack.segmentation.work import check_limit_ms
 from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.decision import contact_tolerance
 from grasptrack.tracking.estimator import PoseEstimate
@@ -96,7 +97,14 @@ class GraspTracker:
             mask of every image that comes without one.
         not_at: (x, y) px, or several, beside the object.
         outline: (n, 2) px of a rough polygon round the object: any object that a person can see is had with it.
-        number: of the candidate to take, 1 being the likeliest; see `first_look` and `distinct_candidates`.
+        background: an image of the same bench without the object, taken from where the first image is, up to a few px; the
+            light may differ.
+        number: of the candidate that a person took, 1 being the likeliest; see `first_look` and `distinct_candidates`.
+        more: images that follow the first one. Where its choice of the object is not sure and no person said which is meant, up
+            to four of them are asked, see `first_look`; they are not tracked.
+        sure: probability from which the choice of the object is sure, where no person said which is meant: results of a
+            less likely one have `object_sure` False, and a servo does not move. 0 takes the likeliest without a question.
+        first_look_ms: work that the search for the object may do, see `first_look`.
         camera: its calibration. Images are made straight before anything is looked at, and the focal length is known.
             Everything that goes in and comes out stays in px of the images as they are, but for the homography, which is in
             ideal px.
@@ -108,12 +116,13 @@ class GraspTracker:
     Attributes:
         candidates: up to three objects that the first look may take, the likeliest first, with `view` and `probability`; empty
             before. `number` chooses among them.
+        object_sure: a person said which object is meant, or its choice is sure; True before there is one.
 
     Raises:
         StrategyError: unknown strategy, or more fingers than it can carry.
         GraspError: contacts that are none, or fewer than two fingers.
-        InputError: friction not positive, a risk not between 0 and 1, both a pixel and a box, both a grasp and a choice, or
-            a length not above 0.
+        InputError: friction not positive, a risk or probability out of range, both a pixel and a box, both a grasp and a
+            choice, or a length not above 0.
     """
 
     def __init__(
@@ -135,7 +144,11 @@ class GraspTracker:
         length: float | None = None,
         not_at: ArrayLike | None = None,
         outline: ArrayLike | None = None,
-        number: int = 1,
+        background: NDArray[Any] | None = None,
+        number: int | None = None,
+        more: Iterable[NDArray[Any]] = (),
+        sure: float = DEFAULT_SURE,
+        first_look_ms: float | None = None,
     ) -> None:
         given = None if grasp is None else Grasp(grasp)
         self.fingers = _checked_fingers(fingers if given is None else len(given), strategy, given)
@@ -163,6 +176,10 @@ class GraspTracker:
             not_at=not_at,
             outline=outline,
             segmenter=regions,
+            background=background,
+            more=more,
+            sure=check_sure(sure),
+            first_look_ms=check_limit_ms(first_look_ms),
             number=number,
         )
         self._resynthesize, self._camera = resynthesize, camera
@@ -170,6 +187,7 @@ class GraspTracker:
         self._shape: tuple[int, ...] | None = None
         self._observer = OutlineDetector()
         self.candidates: list[Candidate] = []
+        self.object_sure = True
         self._frame = -1
         self._grasps = 0
         self._track: Track | None = None
@@ -206,17 +224,20 @@ class GraspTracker:
                 result = replace(self._analyzed(moment, track, moved), mended=share)
             else:
                 result = self._analyzed(moment, track, moved)
+        result = result if self.object_sure else replace(result, object_sure=False)
         return result if self._lens is None else self._lens.result(result)
 
     def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
         before, self._plane = self._beforehand(), None
         first = first_view(self._observer, replace(self._wish, friction=self.friction), masked)
-        self._wish = replace(self._wish, plane=None)  # later it would lie otherwise
+        self._wish = replace(self._wish, plane=None, more=())  # later they would lie otherwise
         self.candidates = self._seen_candidates(first.found)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
             return _make_result(moment, "searching", reason)
+        if self._wish.before is None:
+            self.object_sure = masked or self._wish.names_object or candidate.probability >= self._wish.sure
         grey = self._observer.choose(candidate)
         start = start_tracking(first, self.strategy, grey, self._observer, moment.time, self.risk, before)
         if start.carrier is None or start.grasp is None:

@@ -50,6 +50,8 @@ class Case:
         pictures: return a picture of the end of a trial that fails.
         fingers: of the hand, 2 or 3.
         risk: probability below which an answer of the tracker may be wrong.
+        sure: probability from which the choice of the object is sure; the hand does not move below it. 0 takes the likeliest:
+            the bench of these trials holds one part.
     """
 
     shape: Shape
@@ -61,6 +63,7 @@ class Case:
     pictures: bool = True
     fingers: Literal[2, 3] = 2
     risk: float = DEFAULT_RISK
+    sure: float = 0.0
 
     @property
     def name(self) -> str:

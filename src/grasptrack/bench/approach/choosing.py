@@ -73,6 +73,7 @@ def first_look(
     tips: Floats,
     strategy: str = "auto",
     risk: float = DEFAULT_RISK,
+    sure: float = 0.0,
 ) -> tuple[GraspTracker, TrackResult]:
     """A tracker that has chosen its grasp, and what it says of the first image; `searching` where it has none.
 
@@ -84,7 +85,8 @@ def first_look(
         ignore: (H, W), where the hand is in the image.
         hand: its limits.
         tips: (k, 2) px of the fingertips.
-        strategy, risk: of the tracker.
+        strategy, risk, sure: of the tracker. It takes the likeliest object without a question where nothing else is asked:
+            the bench holds one part, and who looks for it again compares its outline.
     """
     fingers, told = len(tips), ""
 
@@ -95,7 +97,7 @@ def first_look(
         return sorted(good, key=lambda g: turn_between(g.contacts, tips))
 
     tracker = GraspTracker(
-        fingers=fingers, strategy=strategy, ignore=ignore, friction=FRICTION, choose=choose_grasps, risk=risk
+        fingers=fingers, strategy=strategy, ignore=ignore, friction=FRICTION, choose=choose_grasps, risk=risk, sure=sure
     )
     result = tracker.update(image, time)
     if result.contacts is None and result.view is not None and told:

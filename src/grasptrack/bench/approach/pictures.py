@@ -25,6 +25,7 @@ _STATES: dict[str, Colour] = {
     "converged": (0, 168, 120),
     "closing": (0, 168, 120),
     "done": (0, 168, 120),
+    "unsure": (240, 170, 20),
     "holding": (240, 170, 20),
     "searching": (240, 170, 20),
     "failed": (222, 84, 24),

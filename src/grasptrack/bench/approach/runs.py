@@ -93,7 +93,7 @@ def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, An
         row, _ = run_trial(case, record)
     finally:
         record.close()
-    blind = [state in ("holding", "searching") for state in record.states]
+    blind = [state in ("unsure", "holding", "searching") for state in record.states]
     title = f"{row.shape}, {row.scenario}, {row.law}: {row.outcome}. {row.reason}"[:110]
     plot_approach(record.time, record.errors, record.error_px, record.twists, blind, title, output / PLOTS)
     told = {name: _finite_or_none(value) for name, value in row.values().items()}
@@ -121,6 +121,7 @@ def draw_cases(
     images: Literal["auto", "mujoco", "planar"] = "planar",
     fingers: Literal[2, 3] = 2,
     risk: float = DEFAULT_RISK,
+    sure: float = 0.0,
 ) -> list[Case]:
     """Trials with shapes in an order that the seed decides, each as often as the others, give or take one.
 
@@ -128,14 +129,14 @@ def draw_cases(
         shapes: to draw from.
         count: of trials.
         seed: of everything; trial k is the same for every law.
-        scenario, arm, law, images, fingers, risk: as in `Case`.
+        scenario, arm, law, images, fingers, risk, sure: as in `Case`.
     """
     rng = np.random.default_rng((seed, 73))
     order: list[int] = []
     while len(order) < count:
         order += rng.permutation(len(shapes)).tolist()
     return [
-        Case(shapes[i], 100_000 * seed + k, scenario, arm, law, images, fingers=fingers, risk=risk)
+        Case(shapes[i], 100_000 * seed + k, scenario, arm, law, images, fingers=fingers, risk=risk, sure=sure)
         for k, i in enumerate(order[:count])
     ]
 

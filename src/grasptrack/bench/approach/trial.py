@@ -79,6 +79,9 @@ class Looking:
         self._wait = 0
         self.again = 0
         self.looked = False
+        self._object_sure = (
+            tracker.object_sure
+        )  # looked for anew it is the same part, no surer to be the one that is meant
 
     def update(self, image: NDArray[Any], time: float, *, look: bool = True) -> TrackResult:
         """What is seen now.
@@ -99,6 +102,7 @@ class Looking:
                 self._tracker, result = tracker, anew
                 self._found.extend([True] * WINDOW)
                 self.again += 1
+        result = replace(result, object_sure=self._object_sure)
         if result.grasp_id is None:
             return result
         return replace(result, grasp_id=result.grasp_id + self.again)
@@ -225,7 +229,7 @@ def _run_approach(run: _Run) -> None:
     for _ in range(PATIENCE):
         image = world.image()
         began = clock.perf_counter()
-        tracker, result = first_look(image, world.time(), ignore, hand, tips, risk=run.case.risk)
+        tracker, result = first_look(image, world.time(), ignore, hand, tips, risk=run.case.risk, sure=run.case.sure)
         run.look_ms.append(1e3 * (clock.perf_counter() - began))
         run.tell(Step("look", world.time(), image, result))
         row.images += 1

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How much a first look may do: steps are counted at what they cost on the machine of the benchmarks, not by a clock.
+
+A clock would let the load of a machine decide what is found. So the same image and bound give the same answer everywhere, and
+a machine that is half as fast takes twice as long.
+"""
+
+from __future__ import annotations
+
+import math
+
+from grasptrack.errors import InputError
+
+PREPARED, GRADIENTS = 8.0, 35.0
+"""ms for each million px: of the image in its colours' planes, and of the reduced image in gradients."""
+THRESHOLD, CLOSING = 2.5, 4.5
+"""ms for each million px of the image, of one threshold; of the reduced image, of one closing of edges."""
+QUADRANGLES = 150.0
+"""ms for each million px of the reduced image, of its quadrangles."""
+RATED = 0.06
+"""ms for each region that is rated."""
+CONTOUR, CONTOUR_PX = 1.0, 3.0
+"""ms of a contour, and for each million px of the image besides."""
+SEARCH_SHARE = 0.6
+"""Of the bound, what proposals may take; the rest is kept for their contours."""
+
+
+class Work:
+    """Counts what was done.
+
+    Args:
+        limit_ms: ms; None is no bound.
+    """
+
+    def __init__(self, limit_ms: float | None = None) -> None:
+        self.limit_ms = math.inf if limit_ms is None else limit_ms
+        self.spent_ms = 0.0
+
+    def spend(self, ms: float) -> None:
+        """Count a step."""
+        self.spent_ms += ms
+
+    def allows(self, ms: float, share: float = 1.0) -> bool:
+        """Whether a step fits within a share of the bound."""
+        return self.spent_ms + ms <= share * self.limit_ms
+
+
+def check_limit_ms(limit_ms: float | None, what: str = "first_look_ms") -> float | None:
+    """The bound of a first look, ms, or None.
+
+    Raises:
+        InputError: not above 0.
+    """
+    if limit_ms is not None and not 0.0 < limit_ms < math.inf:
+        raise InputError(f"{what} is a number of ms above 0, not {limit_ms:g}", limit_ms=limit_ms)
+    return limit_ms

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where it is not sure which object is meant: it is said, it is shown, and no hand moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import grasptrack as gt
+from grasptrack.cli.main import main
+from grasptrack.errors import InputError
+from grasptrack.trackability import inspect
+from scenery import L_PLATE, drawn
+from servo_bench import Bench
+
+TWO = drawn(L_PLATE, L_PLATE, centres=((180.0, 240.0), (460.0, 240.0)), size=(480, 640))
+ALONE = drawn(L_PLATE, centres=((320.0, 240.0),), size=(480, 640))
+
+
+def first_result(image: np.ndarray = TWO, **asked: Any) -> gt.TrackResult:
+    return gt.GraspTracker(**asked).update(image)
+
+
+# --- the tracker --------------------------------------------------------------------------------
+
+
+def test_two_equal_objects_are_not_sure_and_one_alone_is() -> None:
+    assert not first_result().object_sure
+    assert first_result(ALONE).object_sure
+    tracker = gt.GraspTracker()
+    assert tracker.object_sure
+    assert [tracker.update(TWO).object_sure for _ in range(3)] == [False] * 3
+    assert tracker.candidates[0].probability < 0.9
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        {"object_at": (160, 240)},
+        {"box": (100, 180, 160, 120)},
+        {"outline": [(100, 180), (260, 180), (260, 300), (100, 300)]},
+        {"number": 1},
+        {"number": 2},
+        {"sure": 0.0},
+        {"segmenter": lambda seen: (seen < 130) & (np.arange(640) < 320)},
+    ],
+)
+def test_a_word_of_a_person_makes_it_sure(word: dict[str, Any]) -> None:
+    result = first_result(**word)
+    assert result.status == "tracked" and result.object_sure
+
+
+def test_what_is_not_on_the_object_is_no_word_which_is() -> None:
+    """Three are left two."""
+    three = drawn(L_PLATE, L_PLATE, L_PLATE, centres=((110.0, 120.0), (320.0, 240.0), (530.0, 360.0)), size=(480, 640))
+    assert not first_result(three, not_at=(100, 120)).object_sure
+
+
+@pytest.mark.parametrize("sure", [-0.1, 1.0, float("nan")])
+def test_no_probability_is_told(sure: float) -> None:
+    for refused in (lambda: gt.GraspTracker(sure=sure), lambda: gt.first_look(TWO, sure=sure)):
+        with pytest.raises(InputError, match="0 or more and below 1"):
+            refused()
+
+
+# --- the servo ----------------------------------------------------------------------------------
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 20), st.integers(1, 60))
+def test_no_hand_moves_before_it_is_sure(seed: int, frames: int) -> None:
+    """However long it lasts; then it goes as if it had begun there."""
+    bench = Bench(seed=seed % 6)
+    servo = gt.GraspServo(bench.goal(), bench.dof, latency=bench.latency)
+    for _ in range(frames):
+        result = replace(bench.result(), object_sure=False)
+        command = servo.update(result, time=bench.time, pose=bench.hand)
+        assert command.state == "unsure" and not command.twist.any() and not command.close
+        assert "number=1" in command.reason and "\n" not in command.reason
+        bench.move(command.twist)
+    moved = False
+    for _ in range(10):
+        command = servo.update(bench.result(), time=bench.time, pose=bench.hand)
+        bench.move(command.twist)
+        moved = moved or bool(command.twist.any())
+    assert moved and command.state == "approaching"
+
+
+def test_it_does_not_wait_for_ever_and_a_moving_hand_stops() -> None:
+    bench = Bench(seed=1)
+    servo = gt.GraspServo(bench.goal(), bench.dof, time_limit=2.0)
+    for k in range(200):
+        result = replace(bench.result(), object_sure=k < 20)
+        command = servo.update(result, time=bench.time, pose=bench.hand)
+        bench.move(command.twist)
+        if k == 40:
+            assert command.state == "unsure" and not command.twist.any()
+        if servo.over:
+            break
+    assert servo.state == "failed" and "not sure" in servo.reason
+
+
+def test_a_rendered_hand_stands_still_and_says_why(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    from grasptrack.bench.approach.case import Case
+    from grasptrack.bench.approach.trial import Step, run_trial
+    from grasptrack.bench.simulation import SHAPES
+
+    twists = []
+
+    def watch(world: object, step: Step) -> None:
+        if step.command is not None:
+            twists.append(step.command.twist)
+
+    row, _ = run_trial(Case(SHAPES["bracket"](), 3, pictures=False, sure=0.9999), watch)
+    assert row.outcome == "failed" and "not sure which object" in row.reason
+    assert not np.any(twists)
+    assert main(["servo", "--sure", "1.2", "--output", str(tmp_path)]) == 2
+
+
+# --- verbs --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("verb", "more"), [("inspect", ["--runs", "1"]), ("synthesize", []), ("track", ["--no-video"])]
+)
+def test_verbs_show_what_it_may_be_and_take_one(
+    verb: str, more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo, out = tmp_path / "two.png", tmp_path / "out"
+    cv2.imwrite(str(photo), TWO)
+    words = [verb, str(photo), "--output", str(out), *more]
+    assert main(words) == 0
+    assert "is not sure" in capsys.readouterr().out.replace("\n", " ")
+    assert cv2.imread(str(out / "candidates.png")).shape == (480, 640, 3)
+    for word in (["--choose", "1"], ["--choose", "2"], ["--sure", "0"]):
+        assert main([*words, *word]) == 0
+        assert "not sure" not in capsys.readouterr().out
+        assert not (out / "candidates.png").exists()
+    assert main([*words, "--choose", "2", "--outline", "100,180 260,180 260,300 100,300"]) == 2
+    assert "1 candidates, not 2" in capsys.readouterr().err
+    assert main([*words, "--sure", "1"]) == 2
+    if verb == "synthesize":
+        assert main([*words, "--all"]) == 0
+        assert "not sure" not in capsys.readouterr().out
+        assert main([*words, "--all", "--choose", "2"]) == 2
+
+
+def test_candidates_of_an_inspection_are_those_of_the_first_look() -> None:
+    found = inspect(TWO, runs=1)
+    assert len(found.candidates) >= 2
+    other = inspect(TWO, number=2, runs=1)
+    places = [f.view.outer.points[:, 0].mean() > 320 for f in (found, other)]
+    assert places[0] != places[1]
