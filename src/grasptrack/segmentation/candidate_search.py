@@ -15,7 +15,7 @@ from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import View
 from grasptrack.segmentation.background import background_maps
 from grasptrack.segmentation.candidate import Candidate, of_closed_edges, of_one_level
-from grasptrack.segmentation.choice import Signs, choice_probabilities, load_numbers, measure_worth
+from grasptrack.segmentation.choice import Signs, choice_probabilities, drawn_probability, load_numbers, measure_worth
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
 from grasptrack.segmentation.hints import BESIDE, Hints, box_iou
 from grasptrack.segmentation.images import to_grey, to_mask
@@ -176,14 +176,19 @@ class CandidateSearch:
             if _is_beside(p.silhouette, polygon) and outline_agreement(p.silhouette, polygon, AGREEING) >= ALL_ROUND:
                 found = self._localize(p, False, False)
                 if found is not None:
-                    return [found._replace(probability=1.0, rating=p.rating.score)]
+                    return [self._judged_drawn(found)._replace(rating=p.rating.score)]
         shape = polygon_silhouette(self._snapper.snap(polygon), self._grey.shape)
         if shape is None or max(shape.box[2:]) < MIN_EXTENT:
             raise ObservationError(f"the outline that was drawn is less than {MIN_EXTENT} px across")
         candidate = of_closed_edges(self.colours, self._planes, shape, self._hints.hidden)
         if candidate is None:
             raise ObservationError("the outline that was drawn lies beyond the image for the most part")
-        return [self._findable(candidate._replace(probability=1.0), shape)]
+        return [self._judged_drawn(self._findable(candidate, shape))]
+
+    def _judged_drawn(self, candidate: Candidate) -> Candidate:
+        """What a person drew, with its probability to be right."""
+        returned = OutlineSnapper(self._edges).return_share(candidate.view.outer.points)
+        return candidate._replace(probability=drawn_probability(returned), returned=returned)
 
     def _localized(self, rated: list[_Rated]) -> list[tuple[Candidate, _Rated]]:
         """The likeliest as contours, each region once."""

@@ -68,18 +68,39 @@ class Signs(NamedTuple):
     @property
     def terms(self) -> tuple[float, float, float]:
         """What a logistic function weighs."""
-        return (
-            math.log(self.rating + 1e-3),
-            min(self.lead, MOST_LEAD),
-            -math.log(1.0 + ALL_BUT - self.returned),
-        )
+        return math.log(self.rating + 1e-3), min(self.lead, MOST_LEAD), return_term(self.returned)
+
+
+class DrawnNumbers(NamedTuple):
+    """Of a logistic function: constant, and weight of `return_term`."""
+
+    offset: float
+    returned: float
+
+
+def return_term(returned: float) -> float:
+    """What a logistic function weighs of the share of an outline that comes back."""
+    return -math.log(1.0 + ALL_BUT - returned)
+
+
+def drawn_probability(returned: float) -> float:
+    """Probability that an outline is right that a person drew roughly and edges drew nearer, by the share that comes back."""
+    numbers = DrawnNumbers(**_told()["drawn"])
+    return 1.0 / (1.0 + math.exp(-numbers.offset - numbers.returned * return_term(returned)))
 
 
 @lru_cache(maxsize=2)
 def load_numbers(mapped: bool) -> Numbers:
     """The fitted numbers, for choices with or without a segmenter's map."""
-    told = json.loads(files("grasptrack.segmentation").joinpath("choice.json").read_text(encoding="utf-8"))
-    return Numbers(**told["with map" if mapped else "without map"])
+    return Numbers(**_told()["with map" if mapped else "without map"])
+
+
+@lru_cache(maxsize=1)
+def _told() -> dict[str, dict[str, float]]:
+    told: dict[str, dict[str, float]] = json.loads(
+        files("grasptrack.segmentation").joinpath("choice.json").read_text(encoding="utf-8")
+    )
+    return told
 
 
 def measure_worth(

@@ -118,7 +118,7 @@ def _segments(planes: Planes) -> Floats:
     for k in range(planes.shape[2]):
         plane = planes[:, :, k] - planes[:, :, k].min()
         grey = np.clip(plane * (2.55 if k == 0 else CHROMA_STEPS), 0.0, 255.0).astype(np.uint8)
-        ends = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE, 1.0).detect(grey)[0]
+        ends = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE).detect(grey)[0]
         if ends is not None:
             found.append(np.asarray(ends, dtype=np.float64).reshape(-1, 4))
     segments = np.vstack(found)

@@ -102,7 +102,8 @@ class OutlineSnapper:
         Returns:
             (m, 2) px, points about STEP px apart.
         """
-        return self._moved(self._to_working(polygon)[None], STEP, reach)[0] * self._px + 0.5 * (self._px - 1)
+        moved = self._moved(self._to_working(polygon)[None], STEP, reach)[0]
+        return np.asarray(moved * self._px + 0.5 * (self._px - 1), dtype=np.float64)
 
     def return_share(self, outline: Floats) -> float:
         """Share of an outline's points that come back to it when it is displaced as a whole and snapped.

@@ -15,7 +15,7 @@ PREPARED, GRADIENTS = 8.0, 35.0
 """ms for each million px: of the image in its colours' planes, and of the reduced image in gradients."""
 THRESHOLD, CLOSING = 2.5, 4.5
 """ms for each million px of the image, of one threshold; of the reduced image, of one closing of edges."""
-QUADRANGLES = 150.0
+QUADRANGLES = 100.0
 """ms for each million px of the reduced image, of its quadrangles."""
 RATED = 0.06
 """ms for each region that is rated."""

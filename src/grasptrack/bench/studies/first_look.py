@@ -112,7 +112,9 @@ def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked
         bool(right and right[0]),
         any(right),
         first.probability if first else 0.0,
-        Signs(first.rating, first.lead, first.returned) if first else Signs(0.0, 0.0, 0.0),
+        Signs(np.nan_to_num(first.rating), np.nan_to_num(first.lead), first.returned)
+        if first
+        else Signs(0.0, 0.0, 0.0),
         ms,
     )
 
@@ -164,6 +166,10 @@ def report_fit(looked: Sequence[Looked]) -> None:
     names = ("offset", "rating", "lead", "returned")
     numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
     common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
+    drawn = [r for r in looked if r.hint == "polygon"]
+    terms = np.array([[r.signs.terms[2]] for r in drawn])
+    offset, returned = fit_logistic(terms, np.array([r.first for r in drawn])).tolist()
+    common.add_paragraph(f'Fitted to {len(drawn)} polygons: "offset": {offset:.2f}, "returned": {returned:.2f}')
     told = cross_validated(fitted)
     rows = []
     for hint in FITTED:

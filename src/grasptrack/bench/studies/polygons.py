@@ -120,7 +120,7 @@ def fit_numbers(photos: Sequence[Drawn], start: SnapNumbers) -> SnapNumbers:
         if name == "map" and photos[0].map is None:
             continue
         for value in values:
-            tried = start._replace(**{name: value})
+            tried = SnapNumbers(**{**start._asdict(), name: value})
             told = worth(tried)
             if told > best + 0.002:  # less is chance
                 best, start = told, tried
