@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,7 @@ from kernel_calls import NAMES, Call, draw_call, judge_call
 from scene import CLASS, SPECIAL, USUAL, Scene, parameters_of
 
 CASES = sorted(FOLDER.glob("*.json"))
-BAD = ("crash", "hang", "internal", "bad stability", "bad contact")
+PATIENT = 120.0 if "sanitize" in native.__file__ else 10.0  # seconds; under sanitizers all takes ten times as long
 
 
 def test_each_parameter_of_each_kernel_has_a_good_argument_that_is_taken() -> None:
@@ -45,18 +47,18 @@ def test_what_was_found_stays_mended(path: Path) -> None:
             return judge_pair(case)
         return judge_call(case, (native, reference)[module])
 
-    ran = run_trials(trial, 0, 2, patience=30.0)
+    ran = run_trials(trial, 0, 2, patience=120.0)
     assert not ran.findings, ran.findings
 
 
 def test_calls_with_odd_arguments() -> None:
-    ran = run_trials(lambda index: judge_call(draw_call(2, index), native), 0, 3000)
+    ran = run_trials(lambda index: judge_call(draw_call(2, index), native), 0, 3000, PATIENT)
     assert not ran.findings, ran.findings
     assert ran.outcomes["answered"] > 1000 and ran.outcomes["refused"] > 1000
 
 
 def test_degenerate_contours() -> None:
-    ran = run_trials(lambda index: judge_number(2, index), 0, 1000)
+    ran = run_trials(lambda index: judge_number(2, index), 0, 1000, PATIENT)
     assert not ran.findings, ran.findings
     assert ran.outcomes["carried"] > 100 and ran.outcomes["refused"] > 100
 
@@ -79,9 +81,7 @@ def test_both_backends_take_and_refuse_alike() -> None:
 def test_a_trial_that_dies_or_hangs_is_named_and_the_others_go_on() -> None:
     def trial(index: int) -> str:
         if index == 3:
-            import os
-
-            os.abort()
+            os.kill(os.getpid(), signal.SIGKILL)  # without the trace that a broken one would print
         while index == 5:
             pass
         return "internal: raw" if index == 6 else "fine"

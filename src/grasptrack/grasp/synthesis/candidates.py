@@ -85,6 +85,9 @@ def sample_candidates(view: View, area: float, centroid: Floats, width: float) -
     )
 
 
+MOST_OF_TRIPLES = 384
+"""Candidates that triples are made of, however many holes an object has: as many as the kernel takes."""
+
 SAME_PLACE = 1e-6
 """Of a contour's length: places that are farther apart along it are two, wherever their points lie."""
 
@@ -191,6 +194,7 @@ def stable_pairs(at: Candidates, friction: float) -> Stable:
 def stable_triples(at: Candidates, friction: float, count: int) -> Stable:
     """All stable triples of some `count` candidates."""
     few = thin_candidates(at, count)
+    few = few[:: max(1, -(-len(few) // MOST_OF_TRIPLES))]
     cx, cy = at.centroid.tolist()
     index, sense, epsilon = kernels.closing_triples(at.contacts[few], at.normals[few], cx, cy, 0.5 * at.size, friction)
     return Stable(at, few[index], sense, epsilon, friction)

@@ -99,7 +99,7 @@ def _number(name: str, kind: str, value: Any) -> Any:
     given: object = value  # what is asked for decides, not what it was
     if not isinstance(given, types.get(kind, (int, np.integer, float, np.floating))):
         raise TypeError(f"{name} is of type {kind}, not {type(value).__name__}")
-    if kind == "int" and not -(2**63) <= int(value) < 2**63:
+    if kind == "int" and not -(2**63) <= value < 2**63:
         raise TypeError(f"{name} has more than 64 bits")
     return {"float": np.float64, "bool": bool, "int": int}[kind](value)
 
