@@ -85,7 +85,7 @@ def sample_candidates(view: View, area: float, centroid: Floats, width: float) -
     )
 
 
-MOST_OF_TRIPLES = 384
+MOST_OF_TRIPLES = 256
 """Candidates that triples are made of, however many holes an object has: as many as the kernel takes."""
 
 SAME_PLACE = 1e-6

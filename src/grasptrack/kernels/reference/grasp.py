@@ -222,7 +222,7 @@ LEAST_EPSILON = 1e-6
 # Triples looked at together.
 CHUNK = 20_000
 # Candidates of pairs and triples: what takes seconds.
-MOST_TRIPLED, MOST_PAIRED = 384, 20_000
+MOST_TRIPLED, MOST_PAIRED = 256, 20_000
 
 
 def closing_triples(
@@ -231,7 +231,7 @@ def closing_triples(
     """All triples in force closure whose friction cones hold the way to the contacts' mean, or all the way from it.
 
     Args:
-        contacts: (n, 2) px, n <= 384.
+        contacts: (n, 2) px, n <= 256.
         normals: (n, 2) unit, into the material.
         cx: px, the point about which torques are taken.
         cy: px.
@@ -243,7 +243,7 @@ def closing_triples(
         push away from it (spread); (t,) epsilon as in `force_closure`, above 1e-6.
 
     Raises:
-        ValueError: arrays of different lengths or of more than 384, rho or friction not above 0.
+        ValueError: arrays of different lengths or of more than 256, rho or friction not above 0.
     """
     if len(normals) != len(contacts):
         raise ValueError("each candidate needs its normal")
