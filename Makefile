@@ -1,19 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 # make demo   sets up and runs the demonstration     make test   sets up and runs the tests
+# make fuzz   odd arrays and degenerate contours, SECONDS=600 of them by SEED=1
+# make sanitize   kernels that end the process where they read or write beyond an array, and their tests
 # A C++17 compiler makes it fast; without one NumPy takes over. PYTHON=python3.12 chooses another interpreter.
 
 PYTHON ?= python3
+SECONDS := 600
+SEED := 1
 VENV := .venv
 BIN := $(VENV)/bin
 NATIVE := CMakeLists.txt $(wildcard native/* native/*/*)
 
-.PHONY: demo test clean
+.PHONY: demo test fuzz sanitize clean
 
 demo: $(VENV)/.package
 	$(BIN)/grasptrack demo
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n auto -m "not slow"
+
+fuzz: $(VENV)/.dev
+	$(BIN)/python -W ignore tests/fuzz/run.py --seconds $(SECONDS) --seed $(SEED)
+
+sanitize: $(VENV)/.dev
+	$(BIN)/python tests/fuzz/sanitize.py
 
 $(VENV)/.venv:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

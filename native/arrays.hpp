@@ -7,8 +7,10 @@
 #include <nanobind/stl/optional.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <initializer_list>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -39,8 +41,38 @@ inline const Vec *vectors(const PointArray &array) {
 
 inline Points points_of(const PointArray &array) { return {vectors(array), array.shape(0)}; }
 
+// What comes from Python is checked here, once: behind it every size and index is one that an array has. Of coordinates so
+// large the third moments' powers stay finite.
+constexpr double farthest = 1e12;
+
+inline bool all_within(const double *values, std::size_t count, double most) {
+    bool good = true;  // without a way out, so that several are looked at at a time
+    for (std::size_t i = 0; i < count; ++i) good &= std::fabs(values[i]) <= most;  // a NaN is not
+    return good;
+}
+
+inline void check_within(double value, double low, double high, const char *name) {
+    if (!(value >= low && value <= high))
+        throw std::invalid_argument(std::string(name) + " must be from " + number(low) + " to " + number(high) + ", not " + number(value));
+}
+
+inline void check_size(std::size_t size, std::size_t most, const char *what) {
+    if (size > most) throw std::invalid_argument("at most " + std::to_string(most) + " " + what + ", not " + std::to_string(size));
+}
+
+inline void check_finite(const ValueArray &array, const char *name) {
+    if (!all_within(array.data(), array.shape(0), std::numeric_limits<double>::max()))
+        throw std::invalid_argument(std::string(name) + " must be finite");
+}
+
+inline void check_coordinates(const PointArray &array) {
+    if (!all_within(array.data(), 2 * array.shape(0), farthest))
+        throw std::invalid_argument("a contour's coordinates must be finite, and at most 1e12");
+}
+
 inline Points contour_of(const PointArray &array) {
     if (array.shape(0) == 0) throw std::invalid_argument("a contour needs points");
+    check_coordinates(array);
     return points_of(array);
 }
 
@@ -51,6 +83,7 @@ inline Outline outline_of(const PointArray &points, const IndexArray &offsets) {
                 o[entries - 1] == static_cast<std::int64_t>(points.shape(0));
     for (std::size_t c = 1; good && c < entries; ++c) good = o[c - 1] < o[c];
     if (!good) throw std::invalid_argument("offsets must rise from 0 to the number of points");
+    check_coordinates(points);
     return {points_of(points), o, entries - 1};
 }
 
@@ -67,6 +100,10 @@ inline std::size_t count_places(const RowArray &places) {
 inline void check_arc(std::size_t points, const ValueArray &arc) {
     if (points < 1 || arc.shape(0) != points + 1)
         throw std::invalid_argument("arc needs one entry more than the contour has points");
+    const double *s = arc.data();
+    bool good = s[0] == 0 && s[points] > 0 && s[points] <= farthest * static_cast<double>(points);
+    for (std::size_t i = 0; i < points; ++i) good &= s[i] <= s[i + 1];
+    if (!good) throw std::invalid_argument("arc must rise from 0 to a length above 0");
 }
 
 inline void check_indices(const std::int64_t *indices, std::size_t count, std::size_t points) {
@@ -76,8 +113,8 @@ inline void check_indices(const std::int64_t *indices, std::size_t count, std::s
 }
 
 inline void check_power_of_2(std::int64_t count) {
-    if (count < 4 || count > (std::int64_t{1} << 24) || (count & (count - 1)) != 0)
-        throw std::invalid_argument("count must be a power of 2, at least 4, not " + std::to_string(count));
+    if (count < 4 || count > 65536 || (count & (count - 1)) != 0)
+        throw std::invalid_argument("count must be a power of 2, from 4 to 65536, not " + std::to_string(count));
 }
 
 template <typename Value> constexpr const char *type_name() {

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-FOLDERS = ("helpers", "oracle", "laws", "scenarios", "slow")
+FOLDERS = ("helpers", "oracle", "laws", "scenarios", "slow", "fuzz")
 sys.path[:0] = [str(Path(__file__).parent / name) for name in FOLDERS]
 
 

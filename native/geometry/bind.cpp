@@ -2,6 +2,7 @@
 // Contours as curves, their moments and places, and homographies, in Python.
 
 #include "../arrays.hpp"
+#include "crossing.hpp"
 #include "curve.hpp"
 #include "homography.hpp"
 #include "moments.hpp"
@@ -38,11 +39,16 @@ void bind_geometry(nb::module_ &m) {
         return out.array();
     }, "points"_a);
     m.def("resample", [](const PointArray &points, std::int64_t count, double smooth) {
-        if (count < 1) throw std::invalid_argument("count must be at least 1, not " + std::to_string(count));
+        check_within(static_cast<double>(count), 1, 1 << 24, "count");
+        const Points contour = contour_of(points);
         Output<> out(count, 2);
-        resample(contour_of(points), static_cast<std::size_t>(count), smooth, out.vectors());
+        resample(contour, static_cast<std::size_t>(count), smooth, out.vectors());
         return out.array();
     }, "points"_a, "count"_a, "smooth"_a);
+    m.def("first_crossing", [](const PointArray &points) {
+        const auto [i, j] = first_crossing(contour_of(points));
+        return nb::make_tuple(i, j);
+    }, "points"_a);
     m.def("blend_normals", [](const PointArray &points) {
         const Points contour = contour_of(points);
         Output<> out(contour.size, 2);

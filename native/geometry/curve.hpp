@@ -85,6 +85,8 @@ class Integral {
             knot[n + i].prefix = knot[i].prefix + whole;
             knot[n + i].arc = arc[n] + arc[i];
         }
+        // Rounded, the last may be no farther than what is read, and of a contour without length it is not: who reads stops there.
+        knot[n + after_].arc = std::numeric_limits<double>::infinity();
     }
 
     Vec origin() const { return origin_; }
@@ -205,6 +207,7 @@ inline void resample(Points points, std::size_t count, double smooth, Vec *out) 
     const Scratch<double> arc(points.size + 1);
     arc_length(points, arc.get());
     const double whole = arc[points.size];
+    if (!(whole > 0)) throw std::invalid_argument("a contour without length has no equal steps");
     if (!(smooth >= 0 && smooth <= whole))
         throw std::invalid_argument("smooth must be between 0 and the length " + number(whole) + ", not " +
                                     number(smooth));

@@ -32,8 +32,12 @@ nb::object rank_grasps_(const Candidates &candidates, const Input<std::int64_t, 
     if ((fingers != 2 && fingers != 3) || strength.shape(0) != count || bound.shape(0) != count)
         throw std::invalid_argument("grasps have 2 or 3 contacts, each grasp its strength and its bound");
     check_indices(grasps.data(), count * fingers, m);
-    if (!(friction > 0 && rho > 0 && most > 0 && gap >= 0 && top >= 0))
+    if (!(friction > 0 && rho > 0 && most > 0 && std::isfinite(most) && gap >= 0 && top >= 0))
         throw std::invalid_argument("friction, rho and most must be above 0, gap and top at least 0");
+    for (std::size_t c = 0; c < steps.shape(0); ++c)
+        if (!(steps.data()[c] > 0 && std::isfinite(steps.data()[c]))) throw std::invalid_argument("steps must be above 0");
+    check_finite(strength, "strength");
+    check_finite(bound, "bound");
     const Along along(points_of(contacts), vectors(normals), usable.data(), starts.data(), steps.data(), steps.shape(0),
                       friction, {cx, cy}, rho);
     const auto best = Ranking(along, grasps.data(), fingers, strength.data(), most, gap)
@@ -82,6 +86,7 @@ void bind_grasp(nb::module_ &m) {
         const std::size_t m = contacts.shape(0);
         if (normals.shape(0) != m || worth.shape(0) != m)
             throw std::invalid_argument("each candidate needs its normal and its worth");
+        check_size(m, most_paired, "candidates");
         if (group < 1 || m % static_cast<std::size_t>(group) != 0)
             throw std::invalid_argument("candidates must fill their groups");
         if (!(friction > 0 && std::isfinite(friction)))
@@ -100,6 +105,7 @@ void bind_grasp(nb::module_ &m) {
                                 double friction) {
         static const Record record("StableTriples");
         if (normals.shape(0) != contacts.shape(0)) throw std::invalid_argument("each candidate needs its normal");
+        check_size(contacts.shape(0), most_tripled, "candidates");
         if (!(rho > 0 && friction > 0 && std::isfinite(friction)))
             throw std::invalid_argument("rho and friction must be above 0, not " + number(rho) + " and " + number(friction));
         const auto found = closing_triples(points_of(contacts), vectors(normals), {cx, cy}, rho, friction);

@@ -111,6 +111,7 @@ inline Closure force_closure(const Vec *contacts, const Vec *normals, std::size_
 // Triples of contacts that close while all fingers push toward their mean, or all away from it, without slipping.
 
 constexpr double least_epsilon = 1e-6;
+constexpr std::size_t most_tripled = 256, most_paired = 20000;  // candidates: what takes seconds
 
 struct Triple {
     std::array<std::int64_t, 3> index;

@@ -92,7 +92,7 @@ class Along {
   private:
     // Steps that reach as far as `most`: where all of them are good the room is 1, and nothing can be better.
     static std::int64_t steps_within(double most, double step) {
-        return static_cast<std::int64_t>(std::ceil(most / step - 1e-9));
+        return static_cast<std::int64_t>(std::min(std::ceil(most / step - 1e-9), 1e9));
     }
 
     std::int64_t count(std::size_t i) const { return starts_[home_[i] + 1] - starts_[home_[i]]; }

@@ -167,6 +167,10 @@ void search_along_normals(const Image<Pixel> &image, Points points, const Vec *n
             v[j] = image.sample(p);
             return true;
         };
+        const auto finite = [&](const Profile &p) {
+            if constexpr (std::is_integral_v<Pixel>) return true;
+            return std::all_of(p.v + p.first, p.v + p.last + 1, [](double level) { return std::isfinite(level); });
+        };
         out[k] = Edge{};
         // The image is convex, so that what lies in it is one run.
         Profile profile{v, -half, half};
@@ -184,7 +188,7 @@ void search_along_normals(const Image<Pixel> &image, Points points, const Vec *n
                 }
             from = profile.first, to = profile.last;
         }
-        if (profile.last - profile.first + 1 < min_samples) continue;
+        if (profile.last - profile.first + 1 < min_samples || !finite(profile)) continue;
         const std::ptrdiff_t peak = profile.peak(polarity);
         if (peak == profile.first) continue;
         const double strength = profile.slope(peak);
@@ -196,6 +200,7 @@ void search_along_normals(const Image<Pixel> &image, Points points, const Vec *n
         }
         while (wide.first > peak - margin && take(wide.first - 1)) --wide.first;
         while (wide.last < peak + margin && take(wide.last + 1)) ++wide.last;
+        if (!finite(wide)) continue;
         out[k] = profile.edge(wide.centre(strength > 0 ? 1.0 : -1.0, Profile::at(peak)), strength);
     }
 }

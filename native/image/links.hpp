@@ -111,7 +111,10 @@ inline std::vector<Link> edge_links(const std::uint8_t *edges, std::int64_t heig
     std::vector<std::int64_t> best(ends.size(), -1);
     for (std::size_t i = 0; i < ends.size(); ++i) {
         double lowest = std::numeric_limits<double>::infinity();
-        for (std::size_t j = 0; j < ends.size(); ++j) {
+        // In the order of rows: what is within reach is one run.
+        const double far = std::min(reach, REACH_OF_LENGTH * static_cast<double>(ends[i].size)), row = static_cast<double>(ends[i].y);
+        const auto begin = std::partition_point(ends.begin(), ends.end(), [&](const EdgeEnd &e) { return static_cast<double>(e.y) < row - far; });
+        for (auto j = static_cast<std::size_t>(begin - ends.begin()); j < ends.size() && static_cast<double>(ends[j].y) <= row + far; ++j) {
             const auto gx = static_cast<double>(ends[j].x - ends[i].x), gy = static_cast<double>(ends[j].y - ends[i].y);
             const double gap = std::sqrt(gx * gx + gy * gy);
             if (j == i || gap == 0 || gap > reach ||

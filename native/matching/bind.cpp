@@ -74,9 +74,11 @@ void bind_matching(nb::module_ &m) {
     m.def("initial_alignments", [](const PointArray &first, const PointArray &second, const PointArray &bends,
                                    std::int64_t count, double apart, std::int64_t most) {
         check_power_of_2(count);
+        check_size(bends.shape(0), 1000, "bends");
+        check_within(static_cast<double>(most), 0, 1000, "most");
         const auto found = initial_alignments(contour_of(first), contour_of(second), vectors(bends), bends.shape(0),
                                               static_cast<std::size_t>(count), apart,
-                                              static_cast<std::size_t>(std::max<std::int64_t>(most, 0)));
+                                              static_cast<std::size_t>(most));
         Output<> out(found.size(), 11);
         for (std::size_t i = 0; i < found.size(); ++i) {
             double *row = out.values() + 11 * i;

@@ -46,8 +46,9 @@ inline bool move(double *H, const Row8 &x, Vec centre, double radius) {
     return true;
 }
 
-// The middle value, of two the lower one; 0 of none.
+// The middle value, of two the lower one; 0 of none. NaN, which has no place in an order, does not count.
 inline double lower_median(std::vector<double> values) {
+    values.erase(std::remove_if(values.begin(), values.end(), [](double a) { return std::isnan(a); }), values.end());
     if (values.empty()) return 0.0;
     const auto middle = values.begin() + static_cast<std::ptrdiff_t>((values.size() - 1) / 2);
     std::nth_element(values.begin(), middle, values.end());

@@ -51,6 +51,7 @@ std::vector<pose::Point> places(const Doubles &array, const char *name) {
 pose::Pyramid pyramid_of(const std::vector<Bytes> &levels) {
     if (levels.empty()) throw std::invalid_argument("a pyramid has at least one level");
     pose::Pyramid out;
+    for (const Bytes &level : levels) check_size(level.size(), (std::size_t{1} << 31) - 1, "pixels");
     for (const Bytes &level : levels)
         out.push_back({level.data(), static_cast<std::ptrdiff_t>(level.shape(0)), static_cast<std::ptrdiff_t>(level.shape(1))});
     return out;
@@ -70,7 +71,9 @@ pose::PatchSet cut_patches(const pose::Target &target, const pose::Pyramid &pyra
 pose::Numbers numbers_of(const nb::dict &given) {
     const auto number = [&given](const char *name) {
         if (!given.contains(name)) throw std::invalid_argument(std::string("the number ") + name + " is missing");
-        return nb::cast<double>(given[name]);
+        double value = 0;
+        if (!nb::try_cast(given[name], value)) throw std::invalid_argument(std::string("the number ") + name + " is none");
+        return value;
     };
     pose::Numbers n{};
     n.miss = number("edge_missed");
@@ -299,7 +302,7 @@ struct PoseTarget {
 
 // Positions and signed steps of the strongest candidates: what the target is made from.
 nb::object strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, const Doubles &points, const Doubles &normals,
-                          double noise, int reach, int half) {
+                          double noise, std::int64_t asked_reach, std::int64_t asked_half) {
     const pose::Pyramid pyramid = pyramid_of(levels);
     pose::Target target{};
     target.A = fixed<9>(A, "A");
@@ -307,8 +310,9 @@ nb::object strongest_edges(const std::vector<Bytes> &levels, const Doubles &A, c
     target.normals = places(normals, "normals");
     const std::size_t n = target.points.size();
     if (target.normals.size() != n) throw std::invalid_argument("each point needs its normal");
-    if (reach < 0 || reach > pose::farthest) throw std::invalid_argument("the reach is from 0 to 1000");
-    if (half < pose::least_half || half > pose::most_half) throw std::invalid_argument("half a width is from 2 to 12");
+    check_within(static_cast<double>(asked_reach), 0, pose::farthest, "reach");
+    check_within(static_cast<double>(asked_half), pose::least_half, pose::most_half, "half a width");
+    const int reach = static_cast<int>(asked_reach), half = static_cast<int>(asked_half);
     target.noise = noise;
     target.inner.assign(n * pose::inner_pixels, 0.0);
     double cx = 0, cy = 0;

@@ -45,9 +45,9 @@ GRASPTRACK_WIDE inline bool profile(const Seen &seen, Point p, Point n, int span
     const double x0 = h[0] * p.x + h[1] * p.y + h[2], x1 = h[0] * n.x + h[1] * n.y;
     const double y0 = h[3] * p.x + h[4] * p.y + h[5], y1 = h[3] * n.x + h[4] * n.y;
     const double w0 = h[6] * p.x + h[7] * p.y + h[8], w1 = h[6] * n.x + h[7] * n.y;
-    const auto held = [&](int k) {  // with some room for rounding
-        const double w = w0 + k * w1;
-        return w > 0 && seen.level->holds((x0 + k * x1) / w, (y0 + k * y1) / w, 1e-6);
+    const auto held = [&](int k) {  // with some room for rounding; by the reciprocal, which of the least w is infinite
+        const double s = 1.0 / (w0 + k * w1);
+        return s > 0 && seen.level->holds((x0 + k * x1) * s, (y0 + k * y1) * s, 1e-6);
     };
     // what holds both ends holds all between them
     const bool whole = !seen.level->hidden && held(part.first) && held(part.last);

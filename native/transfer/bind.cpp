@@ -17,7 +17,7 @@ using Indices = std::vector<std::int64_t>;
 
 // Of grasptrack.kernels.results.CurvatureVector and MatchWindow.
 using Profile_ = std::tuple<ValueArray, ValueArray>;
-using MatchWindow = std::tuple<double, double, int, double, double>;
+using MatchWindow = std::tuple<double, double, std::int64_t, double, double>;
 
 Cyclic cyclic_of(const Profile_ &profile) {
     const auto &[arc, values] = profile;
@@ -31,10 +31,10 @@ nb::object match_curvature_(const Profile_ &first, const Indices &indices, const
     const auto [kappa, reach, radius, step, tolerance] = window;
     const Cyclic one = cyclic_of(first), other = cyclic_of(second);
     check_indices(indices.data(), indices.size(), static_cast<std::size_t>(one.size));
-    if (radius < 0 || radius > 10000) throw std::invalid_argument("radius must be at least 0");
+    check_within(static_cast<double>(radius), 0, 1000, "radius");
     if (centres.size() != indices.size()) throw std::invalid_argument("each index needs its centre");
     nb::list samples, errors;
-    for (const Match &match : match_curvature(one, indices, other, centres, kappa, reach, radius, step, tolerance)) {
+    for (const Match &match : match_curvature(one, indices, other, centres, kappa, reach, static_cast<int>(radius), step, tolerance)) {
         samples.append(match.sample);
         errors.append(match.error);
     }
@@ -55,6 +55,7 @@ void bind_transfer(nb::module_ &m) {
     m.def("best_quadrilateral", [](const PointArray &points, const ValueArray &weights) {
         static const Record record("Quadrilateral");
         if (weights.shape(0) != points.shape(0)) throw std::invalid_argument("each point needs its weight");
+        check_size(points.shape(0), 32, "points");
         const auto q = best_quadrilateral([&](int i) { return points_of(points)[i]; },
                                           [&](int i) { return weights.data()[i]; }, static_cast<int>(points.shape(0)));
         return record(std::vector<int>(q.index.begin(), q.index.end()), q.triangle);
@@ -78,6 +79,7 @@ void bind_transfer(nb::module_ &m) {
                                 const PointArray &points, const IndexArray &offsets) {
         static const Record record("RefinedContacts");
         const std::size_t count = contacts.shape(0);
+        if (count == 0) throw std::invalid_argument("contacts are needed");
         if (normals ? normals->shape(0) != count : count != 2)
             throw std::invalid_argument(normals ? "each contact needs its normal" : "contacts without normals are two");
         Output<> out(count, 2);

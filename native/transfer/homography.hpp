@@ -141,6 +141,7 @@ inline Selected select_points(Points points, const double *arc, const double *cu
     const auto best = best_quadrilateral([&](int i) { return points[peaks[i]]; },
                                          [&](int i) { return std::abs(curvature[peaks[i]]); },
                                          static_cast<int>(peaks.size()));
+    if (best.index[0] < 0) return {peaks};  // of points that are not finite there are no best
     Selected selected{{}, best.triangle};
     for (int i : best.index) selected.peaks.push_back(peaks[i]);
     for (int i = 0; i < static_cast<int>(peaks.size()); ++i)

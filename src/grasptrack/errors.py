@@ -29,7 +29,7 @@ class SourceError(InputError):
 
 
 class ContourError(InputError):
-    """Points that are no contour: fewer than 8, not finite, or without area."""
+    """Points that are no contour: fewer than 8, not finite, too far away, without area, or crossing themselves."""
 
 
 class GraspError(InputError):

@@ -36,7 +36,7 @@ def seen(shape, H, seed=0, noise=0.2):
         count = max(16, round(Contour(apply_homography(H, dense(polygon)), hole=i > 0).length))
         points = apply_homography(H, dense(polygon, count))
         points = np.roll(points, int(rng.integers(len(points))), axis=0)
-        contours.append(Contour(points + rng.normal(0, noise, points.shape), hole=i > 0))
+        contours.append(Contour.trusted(points + rng.normal(0, noise, points.shape), hole=i > 0))
     return View(contours)
 
 
@@ -128,7 +128,7 @@ def test_a_piece_may_be_cut_off(name, cut):
     H1, H2 = posed(shape, 0.0, 0.0, 0.0, 0.4), posed(shape, 0.4, 1.0, 0.5, 0.4)
     first, whole = seen(shape, H1), seen(shape, H2, 3)
     points = whole.outer.points
-    second = Contour(points[points[:, 0] <= np.quantile(points[:, 0], 1.0 - cut)])
+    second = Contour.trusted(points[points[:, 0] <= np.quantile(points[:, 0], 1.0 - cut)])
     told = judge_hypotheses(match_outlines(first, second))
     assert told.best is not None
     assert apart(told.best.homography, H2 @ np.linalg.inv(H1), first.outer.points) < 0.04 * math.sqrt(whole.outer.area)
@@ -145,7 +145,7 @@ def test_samples_made_before_serve_as_well():
 def test_a_regular_polygon_has_as_many_symmetries_as_corners(corners, turn, seed):
     angle = turn + 2 * math.pi * np.arange(corners) / corners
     points = dense(np.column_stack([np.cos(angle), np.sin(angle)]) * 90.0 + 200.0, 500)
-    found = find_symmetries(Contour(points + np.random.default_rng(seed).normal(0, 0.2, points.shape)))
+    found = find_symmetries(Contour.trusted(points + np.random.default_rng(seed).normal(0, 0.2, points.shape)))
     assert found.order == corners and not found.continuous
     wanted = np.sort(np.abs([math.remainder(2 * math.pi * k / corners, 2 * math.pi) for k in range(1, corners)]))
     np.testing.assert_allclose(np.sort(np.abs([s.turn for s in found.turns])), wanted, atol=0.02)

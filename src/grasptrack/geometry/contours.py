@@ -15,21 +15,35 @@ from grasptrack.errors import ContourError
 from grasptrack.typing import Bools, Floats
 
 MIN_POINTS = 8
+MAX_POINTS = 100_000
+"""More than the outline of an image of 100 megapixels has."""
+FARTHEST = 1e9
+"""px: of a larger coordinate too few digits are left for fractions of a pixel."""
+LEAST_SIZE = 1e-3
+"""px: what is smaller, in width and height together, is a place."""
+THINNEST = 1e-6
+"""Area over the square of width and height together: what is thinner is a line, and only rounding tells on which side of it a
+contact lies."""
 
 
 class Contour:
     """One closed curve.
 
     Args:
-        points: (N, 2) px, N >= 8, x right and y down, the first point not repeated at the end. The direction is
-            normalised: an outer contour gets positive signed area in these axes and a hole negative, the first point
-            staying the first.
+        points: (N, 2) px, x right and y down, up to 100,000 of at most 1e9 px. Points that repeat the one before are merged
+            with it, and so is the first point where it is repeated at the end, as in ``np.linspace(0, 2 * pi, n)``; at least
+            8 must be left. The direction is normalised: an outer contour gets positive signed area in these axes and a hole
+            negative, the first point staying the first. The curve may touch itself, as a chain of pixels round a thin part
+            does, but not cross itself.
         hole: the curve bounds a hole, so that the material lies outside it.
-        strength: (N,) edge strength in grey levels per px where an image was looked at, else None.
-        clipped: (N,) True where the point lies on the image border, that is, where the object goes on outside.
+        strength: (N,) edge strength in grey levels per px where an image was looked at, else None. Of merged points that of
+            the first one stays.
+        clipped: (N,) True where the point lies on the image border, that is, where the object goes on outside. Merged points
+            are clipped where one of them is.
 
     Raises:
-        ContourError: not (N, 2), fewer than 8 points, not finite, or no area.
+        ContourError: points that are no numbers of shape (N, 2), too few or too many, not finite, too far away, all in one
+            place, that enclose no area, or whose curve crosses itself; or a strength or clipped of another length.
     """
 
     __slots__ = ("_arc", "_bounds", "clipped", "hole", "offsets", "points", "signed_area", "strength")
@@ -42,19 +56,73 @@ class Contour:
         strength: ArrayLike | None = None,
         clipped: ArrayLike | None = None,
     ) -> None:
-        pts = np.array(points, dtype=np.float64, order="C")
-        if pts.ndim != 2 or pts.shape[1] != 2:
-            raise ContourError(f"a contour is an array of shape (N, 2), not {pts.shape}", shape=pts.shape)
+        pts = _as_points(points)
+        if len(pts) > MAX_POINTS:
+            raise ContourError(f"a contour has at most {MAX_POINTS} points, not {len(pts)}", count=len(pts))
+        marks = _as_marks("strength", strength, np.float64, len(pts))
+        cut = _as_marks("clipped", clipped, np.bool_, len(pts))
+        fresh = (pts != np.roll(pts, 1, axis=0)).any(axis=1)
+        if not fresh.all():
+            pts, marks, cut = _merge_repeated(pts, fresh, marks, cut)
+        self._settle(pts, bool(hole), marks, cut)
+        width, height = np.ptp(self.points, axis=0).tolist()
+        if width + height < LEAST_SIZE:
+            raise ContourError(
+                f"a contour is at least {LEAST_SIZE:g} px wide and high together, not {width + height:g}",
+                size=width + height,
+            )
+        if self.area < THINNEST * (width + height) ** 2:
+            raise ContourError(
+                f"a contour must enclose an area; these points lie on one line but for {THINNEST:g} of its length",
+                area=self.area,
+            )
+        i, j = kernels.first_crossing(self.points)
+        if i >= 0:
+            (x, y), (u, v) = self.points[i].tolist(), self.points[j].tolist()
+            raise ContourError(
+                f"a contour must not cross itself, as this one does where it goes on from ({x:g}, {y:g}) and ({u:g}, {v:g})",
+                first=i,
+                second=j,
+            )
+
+    @classmethod
+    def trusted(
+        cls,
+        points: ArrayLike,
+        *,
+        hole: bool = False,
+        strength: ArrayLike | None = None,
+        clipped: ArrayLike | None = None,
+    ) -> Contour:
+        """A contour of points that correspond to those of another, or were measured: none is merged, and nothing is refused for
+        crossing itself or being thin. For code that made them from a contour, and in the inner loop.
+
+        Raises:
+            ContourError: fewer than 8 points, not finite, too far away, or no area.
+        """
+        contour = Contour.__new__(Contour)
+        pts = _as_points(points)
+        marks = _as_marks("strength", strength, np.float64, len(pts))
+        contour._settle(pts, hole, marks, _as_marks("clipped", clipped, np.bool_, len(pts)))
+        return contour
+
+    def _settle(self, pts: Floats, hole: bool, marks: Floats | None, cut: Bools | None) -> None:
+        """Take points that are this contour's own, in their right direction."""
         if len(pts) < MIN_POINTS:
             raise ContourError(f"a contour needs at least {MIN_POINTS} points, not {len(pts)}", count=len(pts))
+        farthest = max(float(pts.max()), -float(pts.min()))
+        if not farthest <= FARTHEST:
+            raise ContourError(
+                f"a contour's coordinates must be finite, and at most {FARTHEST:g} px, not {farthest:g}",
+                farthest=farthest,
+            )
         x, y = pts[:, 0] - pts[0, 0], pts[:, 1] - pts[0, 1]
         area = 0.5 * float(np.dot(x[:-1], y[1:]) - np.dot(x[1:], y[:-1]))
-        if not np.isfinite(area):  # as it is with any point that is not
-            raise ContourError("a contour's coordinates must be finite", area=area)
         if abs(area) < len(pts) and abs(area) <= 1e-9 * float(np.ptp(x) + np.ptp(y)) ** 2:
-            raise ContourError("a contour must enclose an area; these points lie on one line", area=area)
-        marks = None if strength is None else np.array(strength, dtype=np.float64)
-        cut = None if clipped is None else np.array(clipped, dtype=np.bool_)
+            raise ContourError(
+                "a contour must enclose an area; these points lie on one line, or go round one way as much as the other",
+                area=area,
+            )
         if (area > 0) is hole:
             pts[1:] = pts[:0:-1].copy()
             area = -area
@@ -62,9 +130,6 @@ class Contour:
                 marks[1:] = marks[:0:-1].copy()
             if cut is not None:
                 cut[1:] = cut[:0:-1].copy()
-        for name, extra in (("strength", marks), ("clipped", cut)):
-            if extra is not None and extra.shape != (len(pts),):
-                raise ContourError(f"{name} needs one value for each of the {len(pts)} points", shape=extra.shape)
         pts.flags.writeable = False
         self.points: Floats = pts
         self.hole = hole
@@ -128,6 +193,47 @@ class Contour:
         return _Transformed.of(self, np.array(H, dtype=np.float64))
 
 
+def _as_points(points: ArrayLike) -> Floats:
+    """An own (N, 2) array."""
+    try:
+        pts = np.array(points, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise ContourError("a contour is an array of numbers of shape (N, 2)") from None
+    if pts.ndim != 2 or pts.shape[1] != 2:
+        raise ContourError(f"a contour is an array of shape (N, 2), not {pts.shape}", shape=pts.shape)
+    return pts
+
+
+def _as_marks(name: str, values: ArrayLike | None, kind: type[Any], count: int) -> NDArray[Any] | None:
+    """An own (count,) array, or None."""
+    if values is None:
+        return None
+    try:
+        marks = np.array(values, dtype=kind)
+    except (TypeError, ValueError):
+        raise ContourError(f"{name} needs one value for each of the {count} points") from None
+    if marks.shape != (count,):
+        raise ContourError(f"{name} needs one value for each of the {count} points", shape=marks.shape)
+    return marks
+
+
+def _merge_repeated(
+    pts: Floats, fresh: Bools, marks: Floats | None, cut: Bools | None
+) -> tuple[Floats, Floats | None, Bools | None]:
+    """Points without those that repeat the one before; `fresh`: which do not."""
+    fresh[0] = True  # who repeats it at the end goes
+    last = len(pts)
+    while last > 1 and (pts[last - 1] == pts[0]).all():
+        last -= 1
+    fresh[last:] = False
+    starts = np.flatnonzero(fresh)
+    if cut is not None:
+        ended = cut[last:].any()
+        cut = np.logical_or.reduceat(cut[:last], starts)
+        cut[0] |= ended
+    return pts[starts], None if marks is None else marks[starts], cut
+
+
 class _Transformed(Contour):
     """A curve under a homography, worked out late."""
 
@@ -166,7 +272,9 @@ class _Transformed(Contour):
 
         source = self._source
         points = apply_homography(self._H, source.points)
-        super().__init__(points, hole=source.hole, strength=source.strength, clipped=source.clipped)
+        strength = None if source.strength is None else source.strength.copy()
+        clipped = None if source.clipped is None else source.clipped.copy()
+        self._settle(points, source.hole, strength, clipped)
 
     @property
     def is_sure(self) -> bool:
@@ -175,11 +283,16 @@ class _Transformed(Contour):
         rows: list[list[float]] = self._H.tolist()
         (a, b, c), (d, e, f), (g, h, i) = rows
         depths = [g * x + h * y + i for x in (left, right) for y in (top, bottom)]
-        farthest = max(depths)
+        nearest, farthest = min(depths), max(depths)
+        across = max(abs(p * x + q * y + r) for p, q, r in rows[:2] for x in (left, right) for y in (top, bottom))
         # area shrinks by at most the determinant over the cube of the depth
         determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
         area = abs(self._source.signed_area * determinant)
-        return min(depths) > 1e-6 * max(farthest, 1.0) and len(self._source) * farthest**3 < area < math.inf
+        return (
+            nearest > 1e-6 * max(farthest, 1.0)
+            and across < FARTHEST * nearest
+            and len(self._source) * farthest**3 < area < math.inf
+        )
 
 
 class View:
@@ -190,7 +303,7 @@ class View:
         image: the image itself, (H, W) or (H, W, 3), where there is one.
 
     Raises:
-        ContourError: no contour, a hole in first place, or a second outer contour.
+        ContourError: no contour, a hole in first place, a second outer contour, or holes as large as the outer contour.
     """
 
     __slots__ = ("_joined", "contours", "image")
@@ -201,6 +314,11 @@ class View:
             raise ContourError("a view needs at least one contour")
         if listed[0].hole or not all(c.hole for c in listed[1:]):
             raise ContourError("a view has one outer contour, in first place, and then only holes")
+        if len(listed) > 1 and not sum(c.signed_area for c in listed) > 0.0:
+            raise ContourError("a view's holes must leave some of the area within its outer contour")
+        self._take(listed, image)
+
+    def _take(self, listed: tuple[Contour, ...], image: NDArray[Any] | None) -> None:
         self.contours = listed
         self.image = image
         self._joined: tuple[Floats, NDArray[np.int64]] | None = None
@@ -231,7 +349,9 @@ class View:
     def transformed(self, H: ArrayLike) -> View:
         """The same outlines under a homography (3, 3), see `Contour.transformed`."""
         own = np.array(H, dtype=np.float64)
-        return View([_Transformed.of(c, own) for c in self.contours])
+        view = View.__new__(View)  # as many contours in the same order: the areas are left to be worked out late
+        view._take(tuple(_Transformed.of(c, own) for c in self.contours), None)
+        return view
 
     @property
     def outer(self) -> Contour:

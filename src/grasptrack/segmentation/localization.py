@@ -63,7 +63,7 @@ def localize_contour(
     points, strength, cut, inside, outside = kernels.trace_edges(grey, chain, hidden, how)
     if hidden is not None:
         cut = cut | _is_near_hidden(points, hidden)
-    return Localised(Contour(points, hole=hole, strength=strength, clipped=cut), inside, outside)
+    return Localised(Contour.trusted(points, hole=hole, strength=strength, clipped=cut), inside, outside)
 
 
 def _is_near_hidden(points: Floats, hidden: Grey) -> NDArray[np.bool_]:

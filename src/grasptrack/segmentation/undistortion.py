@@ -158,7 +158,10 @@ class Undistortion:
     def view(self, view: View) -> View:
         """An outline of the straight image in px of the original one."""
         return View(
-            [Contour(self.seen(c.points), hole=c.hole, strength=c.strength, clipped=c.clipped) for c in view.contours]
+            [
+                Contour.trusted(self.seen(c.points), hole=c.hole, strength=c.strength, clipped=c.clipped)
+                for c in view.contours
+            ]
         )
 
     def grasp(self, grasp: RankedGrasp) -> SeenGrasp:

@@ -112,7 +112,7 @@ class Snake:
         """The sampled outline where the filter believes it, or where a fit found it, point i that of the template."""
         points = self.space.curve(self._motion.state) if fit is None else fit.points
         pieces = np.split(points, self.template.offsets[1:-1])
-        return View([Contour(p, hole=c.hole) for p, c in zip(pieces, self.template.contours, strict=True)])
+        return View([Contour.trusted(p, hole=c.hole) for p, c in zip(pieces, self.template.contours, strict=True)])
 
     def predict(self, dt: float = 1.0) -> Floats:
         """Move on by dt frames at the velocity that the filter believes, and give the (3, 3) H_current_reference.

@@ -52,7 +52,7 @@ def sampled_outline(view: Outline, tolerance: float, contacts: ArrayLike | None 
             spline, gap = fit_spline(contour.points, max(8, math.ceil(spans * contour.length / longest)))
             splines.append(spline)
             rms = max(rms, gap)
-        curves = [Contour(s.sample(), hole=c.hole) for s, c in zip(splines, view.contours, strict=True)]
+        curves = [Contour.trusted(s.sample(), hole=c.hole) for s, c in zip(splines, view.contours, strict=True)]
         sampled = View(curves, view.image)
         gap = rms
         if contacts is not None:

@@ -406,7 +406,9 @@ def _refusal_sentence(decision: Decision) -> str:
 
 
 def _shift_contour(contour: Contour, corner: Floats) -> Contour:
-    return Contour(contour.points - corner, hole=contour.hole, strength=contour.strength, clipped=contour.clipped)
+    return Contour.trusted(
+        contour.points - corner, hole=contour.hole, strength=contour.strength, clipped=contour.clipped
+    )
 
 
 def _by_turn(made: list[tuple[Match, PoseEstimate]], outline: Sampled) -> list[tuple[Match, PoseEstimate]]:

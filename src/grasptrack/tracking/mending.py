@@ -361,7 +361,7 @@ def _share_on_outline(candidate: Candidate, edges: Floats) -> float:
 def _shift_view(view: View, by: Floats) -> View:
     """The same outline moved by (x, y) px."""
     contours: Sequence[Contour] = view.contours
-    return View([Contour(c.points + by, hole=c.hole, strength=c.strength, clipped=c.clipped) for c in contours])
+    return View([Contour.trusted(c.points + by, hole=c.hole, strength=c.strength, clipped=c.clipped) for c in contours])
 
 
 def _material_mask(view: View, shape: tuple[int, ...]) -> Grey:

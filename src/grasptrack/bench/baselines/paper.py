@@ -199,7 +199,12 @@ def outline_of(shape: Silhouette) -> View:
     """
     if len(shape.outer) < 16:
         raise TransferError("the silhouette is a speck")
-    return View([Contour(shape.outer), *(Contour(chain, hole=True) for chain in shape.holes if len(chain) >= 16)])
+    return View(
+        [
+            Contour.trusted(shape.outer),
+            *(Contour.trusted(chain, hole=True) for chain in shape.holes if len(chain) >= 16),
+        ]
+    )
 
 
 def view_of(polygons: tuple[Floats, ...]) -> View:

@@ -99,7 +99,7 @@ def sample_view(polygons: tuple[Floats, ...]) -> View:
     counts = [max(LEAST_POINTS, round(POINTS * length / lengths[0])) for length in lengths]
     counts[0] = POINTS
     rings = [kernels.resample(p, count, 0.0) for p, count in zip(polygons, counts, strict=True)]
-    return View([Contour(ring, hole=i > 0) for i, ring in enumerate(rings)])
+    return View([Contour.trusted(ring, hole=i > 0) for i, ring in enumerate(rings)])
 
 
 def make_part(name: str, seed: int) -> Part:
@@ -214,7 +214,7 @@ def pixel_chain_view(view: View) -> View:
 
 def round_to_pixels(view: View) -> View:
     """Every point at the middle of its pixel."""
-    return View([Contour(np.rint(c.points), hole=c.hole) for c in view.contours])
+    return View([Contour.trusted(np.rint(c.points), hole=c.hole) for c in view.contours])
 
 
 def on_grid(contacts: Floats, view: View) -> Floats:

@@ -72,7 +72,7 @@ def outline_of(polygons: Iterable[Floats], spacing: float = 1.0) -> View:
     for i, polygon in enumerate(polygons):
         length = float(np.hypot(*(np.roll(polygon, -1, axis=0) - polygon).T).sum())
         points = kernels.resample(np.ascontiguousarray(polygon), max(24, round(length / spacing)), 0.0)
-        contours.append(Contour(points, hole=i > 0))
+        contours.append(Contour.trusted(points, hole=i > 0))
     return View(contours)
 
 

@@ -84,7 +84,7 @@ def noisy_outline(shape: Shape, H: Floats, rng: np.random.Generator, noise: floa
         start = np.roll(fine, -int(rng.integers(len(fine))), axis=0)
         count = max(12, round(float(kernels.arc_length(np.ascontiguousarray(start))[-1])))
         points = kernels.resample(np.ascontiguousarray(start), count, 0.0)
-        contours.append(Contour(points + rng.normal(0.0, noise, points.shape), hole=i > 0))
+        contours.append(Contour.trusted(points + rng.normal(0.0, noise, points.shape), hole=i > 0))
     return View(contours)
 
 
@@ -257,7 +257,7 @@ def show_cut(shapes: dict[str, Shape], count: int, seed: int) -> None:
             way = np.array([math.cos(angle), math.sin(angle)])
             edge = np.quantile(whole.outer.points @ way, 1.0 - share)
             holes = [h for h in whole.contours[1:] if (h.points @ way).max() <= edge]
-            second = View([Contour(whole.outer.points[whole.outer.points @ way <= edge]), *holes])
+            second = View([Contour.trusted(whole.outer.points[whole.outer.points @ way <= edge]), *holes])
             found = judge_hypotheses(match_outlines(first, second))
             size = math.sqrt(whole.outer.area)
             right = found.best is not None and not has_wrong_contact(

@@ -84,7 +84,7 @@ def in_plane(scene: Scene, contacts: NDArray[np.float64], friction: float = FRIC
     """rad, the margin of contacts (k, 2) px of the first image on the true outline, in the table's own plane."""
     back = np.linalg.inv(scene.path.table_to_image(scene.camera)[0])
     polygons = [UNIT * apply_homography(back, p) for p in scene[0].outline]
-    outline = View([Contour(sample_outline([p], 1.0)[0], hole=i > 0) for i, p in enumerate(polygons)])
+    outline = View([Contour.trusted(sample_outline([p], 1.0)[0], hole=i > 0) for i, p in enumerate(polygons)])
     return analyze(gt.Grasp(UNIT * apply_homography(back, contacts)), outline, friction).margin
 
 

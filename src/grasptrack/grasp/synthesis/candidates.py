@@ -30,7 +30,8 @@ class Candidates(NamedTuple):
         normals: (m, 2) unit, into the material, over the width of a finger.
         roughness: (m,) rms distance of the outline from a straight line in finger widths: under the pad, or half of
             that over twice the width where this is more, for a finger that slips should still stand on something flat.
-        usable: (m,) False within a finger's width of where the image border cuts the object.
+        usable: (m,) False within a finger's width of where the image border cuts the object, and where the outline touches
+            itself.
         starts: (C + 1,) contour c has the candidates ``starts[c]:starts[c + 1]``.
         steps: (C,) px of arc length between neighbours.
         size: px, sqrt(area).
@@ -67,19 +68,50 @@ def sample_candidates(view: View, area: float, centroid: Floats, width: float) -
         starts.append(starts[-1] + n)
         steps.append(contour.length / n)
     places = np.concatenate(rows)
+    contacts = kernels.point_at(view.points, view.offsets, places)
+    clear = ~_is_doubled(view, places, contacts, np.array(steps))
     frames = kernels.contact_frames(view.points, view.offsets, places, width)
     beside = kernels.contact_frames(view.points, view.offsets, places, 2.0 * width)[:, 2]
     return Candidates(
         places,
-        kernels.point_at(view.points, view.offsets, places),
+        contacts,
         np.ascontiguousarray(frames[:, :2]),
         np.maximum(frames[:, 2], 0.5 * beside),
-        np.concatenate(usable),
+        np.concatenate(usable) & clear,
         np.array(starts, dtype=np.int64),
         np.array(steps),
         math.sqrt(area),
         centroid,
     )
+
+
+MOST_OF_TRIPLES = 256
+"""Candidates that triples are made of, however many holes an object has: as many as the kernel takes."""
+
+SAME_PLACE = 1e-6
+"""Of a contour's length: places that are farther apart along it are two, wherever their points lie."""
+
+
+def _is_doubled(view: View, places: Floats, contacts: Floats, steps: Floats) -> NDArray[np.bool_]:
+    """(m,) where the outline lies on itself, as on a way out and back of no width: nobody can tell the side of a contact."""
+    lengths = np.array([c.length for c in view.contours])
+
+    def along(at: Floats) -> Floats:
+        s = np.empty(len(at))
+        for c, contour in enumerate(view.contours):
+            own = at[:, 0] == c
+            s[own] = np.interp(at[own, 1], np.arange(len(contour) + 1.0), contour.arc_length)
+        return s
+
+    found = kernels.project_to_contour(view.points, view.offsets, contacts)
+    home, there = places[:, 0].astype(np.int64), found[:, 0].astype(np.int64)
+    s, t = along(places), along(found)
+    gap = np.abs(s - t)
+    doubled: NDArray[np.bool_] = (home != there) | (np.minimum(gap, lengths[home] - gap) > SAME_PLACE * lengths[home])
+    for c, at in zip(there[doubled].tolist(), t[doubled].tolist(), strict=True):  # the other side, which is found first
+        far = np.abs(s - at)
+        doubled |= (home == c) & (np.minimum(far, lengths[c] - far) <= steps[c])
+    return doubled
 
 
 def thin_candidates(at: Candidates, count: int) -> NDArray[np.int64]:
@@ -162,6 +194,7 @@ def stable_pairs(at: Candidates, friction: float) -> Stable:
 def stable_triples(at: Candidates, friction: float, count: int) -> Stable:
     """All stable triples of some `count` candidates."""
     few = thin_candidates(at, count)
+    few = few[:: max(1, -(-len(few) // MOST_OF_TRIPLES))]
     cx, cy = at.centroid.tolist()
     index, sense, epsilon = kernels.closing_triples(at.contacts[few], at.normals[few], cx, cy, 0.5 * at.size, friction)
     return Stable(at, few[index], sense, epsilon, friction)

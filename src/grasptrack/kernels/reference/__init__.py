@@ -11,7 +11,19 @@ position on a contour of n points is a vertex index plus the fraction of the seg
 
 from typing import TYPE_CHECKING
 
-from grasptrack.kernels.reference import geometry, grasp, homography, image, matching, registration, synthesis, transfer
+from grasptrack.kernels.reference import (
+    crossing,
+    geometry,
+    grasp,
+    homography,
+    image,
+    matching,
+    registration,
+    synthesis,
+    transfer,
+)
+from grasptrack.kernels.reference.arguments import typed
+from grasptrack.kernels.reference.crossing import *  # noqa: F403
 from grasptrack.kernels.reference.geometry import *  # noqa: F403
 from grasptrack.kernels.reference.grasp import *  # noqa: F403
 from grasptrack.kernels.reference.homography import *  # noqa: F403
@@ -22,5 +34,7 @@ from grasptrack.kernels.reference.synthesis import *  # noqa: F403
 from grasptrack.kernels.reference.transfer import *  # noqa: F403
 
 if not TYPE_CHECKING:  # who checks types follows the imports
-    _parts = geometry, grasp, homography, image, matching, registration, synthesis, transfer
+    _parts = crossing, geometry, grasp, homography, image, matching, registration, synthesis, transfer
     __all__ = [name for part in _parts for name in part.__all__]
+    # among themselves the definitions call each other as they are
+    globals().update({name: typed(globals()[name]) for name in __all__ if name != "PoseTarget"})

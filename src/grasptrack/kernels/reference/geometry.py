@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.kernels.reference.checks import check_contour, check_outline, check_within
 from grasptrack.kernels.results import CurvatureVector, PolygonMoments
 from grasptrack.typing import Floats
 
@@ -29,6 +30,7 @@ __all__ = [
 
 def arc_length(points: Floats) -> Floats:
     """(N + 1,) arc length s in px at each vertex of one closed contour (N, 2); the last entry is the whole length."""
+    check_contour(points)
     sides = np.roll(points, -1, axis=0) - points
     out = np.zeros(len(points) + 1)
     np.cumsum(np.hypot(sides[:, 0], sides[:, 1]), out=out[1:])
@@ -132,11 +134,13 @@ def resample(points: Floats, count: int, smooth: float) -> Floats:
         (count, 2) px.
 
     Raises:
-        ValueError: count below 1, or smooth negative or above the length.
+        ValueError: count below 1 or above 16,777,216, a contour without length, or smooth negative or above the length.
     """
+    check_contour(points)
+    check_within(count, 1, 1 << 24, "count")
     F = _Integral(points)
-    if count < 1:
-        raise ValueError(f"count must be at least 1, not {count}")
+    if not F.length > 0:
+        raise ValueError("a contour without length has no equal steps")
     if not 0 <= smooth <= F.length:
         raise ValueError(f"smooth must be between 0 and the length {F.length:g}, not {smooth:g}")
     s = np.arange(count, dtype=np.float64) * (F.length / count)
@@ -151,6 +155,7 @@ def blend_normals(points: Floats) -> Floats:
 
     Where the neighbours coincide the segment that follows is taken; where that has no length either, (0, 0).
     """
+    check_contour(points)
     following = np.roll(points, -1, axis=0)
     chord = following - np.roll(points, 1, axis=0)
     length = np.hypot(chord[:, 0], chord[:, 1])
@@ -178,6 +183,7 @@ def polygon_moments(points: Floats, offsets: NDArray[np.int64]) -> PolygonMoment
     Returns:
         Not finite where there is no area.
     """
+    check_outline(points, offsets)
     following = np.arange(1, len(points) + 1)
     following[offsets[1:] - 1] = offsets[:-1]
     x, y = (points - points[0]).T
@@ -239,6 +245,7 @@ def project_to_contour(points: Floats, offsets: NDArray[np.int64], queries: Floa
     Returns:
         (k, 3) contour, position, distance in px. Of equally near places, the first.
     """
+    check_outline(points, offsets)
     side = points[_segment_end_indices(offsets, len(points))] - points
     square = np.einsum("ij,ij->i", side, side)
     square[square == 0] = 1.0
@@ -292,6 +299,9 @@ def point_at(points: Floats, offsets: NDArray[np.int64], places: Floats) -> Floa
     Raises:
         ValueError: a contour or a position out of range.
     """
+    check_outline(points, offsets)
+    if places.ndim != 2 or places.shape[1] < 2:
+        raise ValueError("a place is a contour and a position")
     out = np.empty((len(places), 2))
     for row, place in zip(out, places, strict=True):
         first, n, i, f = find_place(offsets, place)

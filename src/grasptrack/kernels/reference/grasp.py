@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.kernels.reference.checks import check_outline, check_size
 from grasptrack.kernels.reference.geometry import find_place
 from grasptrack.kernels.results import Closure, StablePairs, StableTriples
 from grasptrack.typing import Floats
@@ -66,6 +67,9 @@ def contact_frames(points: Floats, offsets: NDArray[np.int64], places: Floats, w
     """
     if not (width > 0 and math.isfinite(width)):
         raise ValueError(f"width must be above 0, not {width:g}")
+    check_outline(points, offsets)
+    if places.ndim != 2 or places.shape[1] < 2:
+        raise ValueError("a place is a contour and a position")
     out = np.empty((len(places), 4))
     lengths: dict[int, float] = {}
     for row, where in zip(out, places, strict=True):
@@ -217,6 +221,8 @@ def force_closure(contacts: Floats, normals: Floats, cx: float, cy: float, rho: 
 LEAST_EPSILON = 1e-6
 # Triples looked at together.
 CHUNK = 20_000
+# Candidates of pairs and triples: what takes seconds.
+MOST_TRIPLED, MOST_PAIRED = 256, 20_000
 
 
 def closing_triples(
@@ -225,7 +231,7 @@ def closing_triples(
     """All triples in force closure whose friction cones hold the way to the contacts' mean, or all the way from it.
 
     Args:
-        contacts: (n, 2) px.
+        contacts: (n, 2) px, n <= 256.
         normals: (n, 2) unit, into the material.
         cx: px, the point about which torques are taken.
         cy: px.
@@ -237,10 +243,11 @@ def closing_triples(
         push away from it (spread); (t,) epsilon as in `force_closure`, above 1e-6.
 
     Raises:
-        ValueError: arrays of different lengths, rho or friction not above 0.
+        ValueError: arrays of different lengths or of more than 256, rho or friction not above 0.
     """
     if len(normals) != len(contacts):
         raise ValueError("each candidate needs its normal")
+    check_size(len(contacts), MOST_TRIPLED, "candidates")
     if not rho > 0 or not (friction > 0 and math.isfinite(friction)):
         raise ValueError(f"rho and friction must be above 0, not {rho:g} and {friction:g}")
     every = np.array(list(itertools.combinations(range(len(contacts)), 3)), dtype=np.int64).reshape(-1, 3)
@@ -302,7 +309,7 @@ def opposed_pairs(contacts: Floats, normals: Floats, worth: Floats, group: int, 
     worth of its two contacts.
 
     Args:
-        contacts: (m, 2) px, m a multiple of `group`.
+        contacts: (m, 2) px, m a multiple of `group`, m <= 20,000.
         normals: (m, 2) unit, into the material.
         worth: (m,) above 0; a candidate without worth is left out.
         group: candidates in a group, those next to each other.
@@ -318,6 +325,7 @@ def opposed_pairs(contacts: Floats, normals: Floats, worth: Floats, group: int, 
     m = len(contacts)
     if len(normals) != m or len(worth) != m:
         raise ValueError("each candidate needs its normal and its worth")
+    check_size(m, MOST_PAIRED, "candidates")
     if group < 1 or m % group:
         raise ValueError("candidates must fill their groups")
     if not (friction > 0 and math.isfinite(friction)):

@@ -87,8 +87,10 @@ def distortion(H: Floats, points: Floats) -> Distortion:
 
     Args:
         H: (3, 3).
-        points: (N, 2) px.
+        points: (N, 2) px; of none, the first two values are infinite.
     """
+    if not len(points):
+        return Distortion(math.inf if np.isfinite(H).all() else math.nan, math.inf, 1.0)
     x, y = points.T
     (a, b, _), (d, e, _), (g, h, _) = H.tolist()
     with np.errstate(all="ignore"):

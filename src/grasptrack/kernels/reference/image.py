@@ -28,7 +28,7 @@ MARGIN = int((WINDOW + 1) / SPACING) + 1  # samples that the window of an edge m
 
 
 def _sample_profile(image: Image, x: float, y: float, nx: float, ny: float, half: int) -> Floats:
-    """Bilinear samples at SPACING * (-half..half) along (nx, ny); NaN outside the image."""
+    """Bilinear samples at SPACING * (-half..half) along (nx, ny); NaN outside the image, infinite where its levels are none."""
     height, width = image.shape
     along = SPACING * np.arange(-half, half + 1)
     px, py = x + along * nx, y + along * ny
@@ -40,7 +40,8 @@ def _sample_profile(image: Image, x: float, y: float, nx: float, ny: float, half
     jx, jy = np.minimum(ix + 1, width - 1), np.minimum(iy + 1, height - 1)
     top = image[iy, ix] + fx * (image[iy, jx].astype(np.float64) - image[iy, ix])
     bottom = image[jy, ix] + fx * (image[jy, jx].astype(np.float64) - image[jy, ix])
-    out[inside] = top + fy * (bottom - top)
+    level = top + fy * (bottom - top)
+    out[inside] = np.where(np.isfinite(level), level, np.inf)
     return out
 
 
@@ -78,8 +79,8 @@ def search_along_normals(image: Image, points: Floats, normals: Floats, reach: f
     Returns:
         (n, 4) offset px along the normal, strength (grey levels per px at the peak, signed along the normal), mean
         grey inside and outside (1.5 px or farther from the edge within reach, the last sample where there is none).
-        NaN, 0, NaN, NaN where fewer than 7 samples lie in the image, nothing rises as asked, or the strongest rise
-        is at the end of the profile, so that the edge may lie beyond.
+        NaN, 0, NaN, NaN where fewer than 7 samples lie in the image, one of them is no number, nothing rises as asked, or
+        the strongest rise is at the end of the profile, so that the edge may lie beyond.
 
     Raises:
         ValueError: reach not above 0, or as many points as normals are not given.
@@ -93,9 +94,9 @@ def search_along_normals(image: Image, points: Floats, normals: Floats, reach: f
     for row, (x, y), (nx, ny) in zip(out, points, normals, strict=True):
         # Beyond its reach an edge is not looked for, but the window of one found near the end needs its samples.
         samples = _sample_profile(image, x, y, nx, ny, half + MARGIN)
-        valid = np.flatnonzero(np.isfinite(samples))
+        valid = np.flatnonzero(~np.isnan(samples))
         within = valid[(valid >= MARGIN) & (valid <= 2 * half + MARGIN)]
-        if len(within) < MIN_SAMPLES:
+        if len(within) < MIN_SAMPLES or np.isinf(samples[within]).any():
             continue
         profile, along = samples[within], SPACING * (within - half - MARGIN)
         slope = (profile[2:] - profile[:-2]) / (2 * SPACING)
@@ -105,6 +106,8 @@ def search_along_normals(image: Image, points: Floats, normals: Floats, reach: f
             continue
         at = int(within[peak + 1])
         wide = valid[(valid >= at - MARGIN) & (valid <= at + MARGIN)]
+        if np.isinf(samples[wide]).any():
+            continue
         sign = 1.0 if slope[peak] > 0 else -1.0
         offset = _gradient_centroid(
             samples[wide], SPACING * (int(wide[0]) - half - MARGIN), sign, float(along[peak + 1])
@@ -121,7 +124,7 @@ def search_along_normals(image: Image, points: Floats, normals: Floats, reach: f
 
 # --- NumPy reference of the step from the chain of pixels round a silhouette to sub-pixel points -----
 
-MOST_POINTS = 1_000_000
+MOST_POINTS = 65_536
 
 
 def settle_edges(
@@ -175,8 +178,12 @@ def trace_edges(
     if hidden is not None and hidden.shape != image.shape:
         raise ValueError("what is hidden needs the image's size")
     hole, polarity, spacing, most, smoothing, reach, border, outlier = options
-    if not spacing > 0 or not 16 <= most <= MOST_POINTS or not 0 < reach <= 1000:
-        raise ValueError("spacing must be above 0, reach too and at most 1000 px, points 16 or more")
+    if not image.size:
+        raise ValueError("an image has pixels")
+    if not spacing > 0 or not 16 <= most <= MOST_POINTS or not 0 < reach <= 1000 or not smoothing >= 0:
+        raise ValueError(
+            "spacing must be above 0, reach too and at most 1000 px, points 16 to 65536, smoothing at least 0"
+        )
     rough = chain.astype(np.float64)
     x, y = (rough - rough[0]).T
     area = float(x @ np.roll(y, -1) - np.roll(x, -1) @ y)
@@ -224,7 +231,12 @@ def edge_links(edges: NDArray[np.uint8], reach: float, bend: float, loose: float
 
     Returns:
         (n, 4) x and y of both ends of each link, in the order of the image's rows.
+
+    Raises:
+        ValueError: reach, bend or loose is NaN.
     """
+    if math.isnan(reach) or math.isnan(bend) or math.isnan(loose):
+        raise ValueError("reach, bend and loose must be numbers")
     ends, ways, sizes = _edge_ends(edges)
     if len(ends) < 2:
         return np.zeros((0, 4), np.int64)
@@ -329,7 +341,15 @@ def blur_threshold(
 
     Returns:
         (bottom - top, right - left) of 0 and 255.
+
+    Raises:
+        ValueError: a window that is empty or not in the image, or a level that is NaN.
     """
+    height, width = image.shape
+    if not (0 <= left < right <= width and 0 <= top < bottom <= height):
+        raise ValueError("the window must lie in the image and hold a pixel")
+    if math.isnan(level):
+        raise ValueError("the level must be a number")
     p = np.pad(image, 1, mode="edge")[top : bottom + 2, left : right + 2].astype(np.int32)
     across = p[:, :-2] + 2 * p[:, 1:-1] + p[:, 2:]
     total = across[:-2] + 2 * across[1:-1] + across[2:]

@@ -8,6 +8,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.kernels.reference.checks import (
+    check_arc,
+    check_contour,
+    check_outline,
+    check_power_of_2,
+    check_size,
+    check_within,
+)
 from grasptrack.kernels.reference.geometry import polygon_moments, resample
 from grasptrack.kernels.reference.homography import carry_normals, displacement_fields, lower_median, near_identity
 from grasptrack.kernels.results import AlignmentSteps, CyclicShift
@@ -32,7 +40,7 @@ def align_outlines(
     Args:
         points1, points2: (N, 2), (N', 2) px.
         arc1, arc2: (N + 1,), (N' + 1,) arc length, px.
-        count: number of shifts, a power of 2, at least 4.
+        count: number of shifts, a power of 2 from 4 to 65536.
         tie: what may be left beyond the least that is left by any shift.
 
     Returns:
@@ -41,8 +49,9 @@ def align_outlines(
     Raises:
         ValueError: no such count, or arc lengths of another contour.
     """
-    if count < 4 or count & (count - 1):
-        raise ValueError(f"count must be a power of 2, at least 4, not {count}")
+    check_power_of_2(count)
+    check_arc(len(points1), arc1)
+    check_arc(len(points2), arc2)
     a, b = _normalized_samples(points1, arc1, count), _normalized_samples(points2, arc2, count)
     c = np.fft.ifft(np.fft.fft(b) * np.conj(np.fft.fft(a)))
     square = c.real**2 + c.imag**2
@@ -53,8 +62,6 @@ def align_outlines(
 
 
 def _normalized_samples(points: Floats, arc: Floats, count: int) -> NDArray[np.complex128]:
-    if len(arc) != len(points) + 1:
-        raise ValueError("arc needs one entry more than the contour has points")
     closed = np.append(points, points[:1], axis=0) - points[0]
     s = np.arange(count) * (arc[-1] / count)
     z = np.interp(s, arc, closed[:, 0]) + 1j * np.interp(s, arc, closed[:, 1])
@@ -79,10 +86,10 @@ def initial_alignments(first: Floats, second: Floats, bends: Floats, count: int,
 
     Args:
         first, second: (N, 2), (N', 2) px, of positive signed area.
-        bends: (T, 2).
-        count: samples, a power of 2, at least 4.
+        bends: (T, 2), T <= 1000.
+        count: samples, a power of 2 from 4 to 65536.
         apart: lengths of the outline; of alignments whose shifts differ by less only the best is kept.
-        most: alignments that are kept.
+        most: alignments that are kept, at most 1000.
 
     Returns:
         (k, 11), k <= most: the share of the second outline's norm that is left, the shift in lengths of the outline, and
@@ -91,8 +98,11 @@ def initial_alignments(first: Floats, second: Floats, bends: Floats, count: int,
     Raises:
         ValueError: no such count, or a contour without area.
     """
-    if count < 4 or count & (count - 1):
-        raise ValueError(f"count must be a power of 2, at least 4, not {count}")
+    check_power_of_2(count)
+    check_size(len(bends), 1000, "bends")
+    check_within(most, 0, 1000, "most")
+    check_contour(first)
+    check_contour(second)
     to_first, to_second = _whitening_transform(first), _whitening_transform(second)
     white = first @ to_first[:2, :2].T + to_first[:2, 2]
     b = np.fft.fft(_resampled_samples(second @ to_second[:2, :2].T + to_second[:2, 2], count))
@@ -307,9 +317,6 @@ def _check_arguments(
 ) -> None:
     if not len(points) or len(points) != len(normals) or len(targets) != len(target_normals):
         raise ValueError("points are needed, each with its normal")
-    if len(offsets) < 2 or offsets[0] != 0 or offsets[-1] != len(targets) or (np.diff(offsets) <= 0).any():
-        raise ValueError("offsets must rise from 0 to the number of points")
-    if not np.isfinite(targets).all():
-        raise ValueError("targets must be finite")
+    check_outline(targets, offsets)
     if not reach > 0:
         raise ValueError(f"reach must be above 0, not {reach:g}")

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.kernels.reference.checks import check_finite, check_indices, check_outline
 from grasptrack.kernels.reference.geometry import find_place
 from grasptrack.kernels.results import RankedCandidates, RankedGrasps, RankingLimits, WrenchSpace
 from grasptrack.typing import Bools, Floats, Ints
@@ -61,6 +62,7 @@ def finger_clearance(
         raise ValueError("each contact needs its direction and its place")
     if not (width > 0 and math.isfinite(width)) or not 0 <= depth < math.inf or not 0 <= reach < math.inf:
         raise ValueError(f"width must be above 0, depth and reach at least 0, not {width:g}, {depth:g} and {reach:g}")
+    check_outline(points, offsets)
     ends = points[_segment_end_indices(offsets)]
     out = np.empty((count, 2))
     for k, (row, contact, direction) in enumerate(zip(out, contacts, directions, strict=True)):
@@ -230,7 +232,8 @@ class Along:
         if k > 0:
             return min(k * step, most)
         spare = math.atan(self.friction) - math.atan(needed)
-        change = max(float(self.turn[a]), float(self.turn[b])) + 2 * slip / distance
+        swing = 2 * slip / distance if distance > 0 else math.inf
+        change = max(float(self.turn[a]), float(self.turn[b])) + swing
         return min(step, most, step * spare / (2 * change))
 
     def _all_pairs_close(self, first: list[int], second: list[int], sense: float, slant: float, lean: float) -> bool:
@@ -313,16 +316,18 @@ def rank_grasps(
     m, (count, fingers) = len(contacts), grasps.shape
     if len(normals) != m or len(usable) != m:
         raise ValueError("each candidate needs its normal and its flag")
-    if len(starts) < 2 or starts[0] != 0 or starts[-1] != m or (np.diff(starts) <= 0).any():
-        raise ValueError("offsets must rise from 0 to the number of points")
+    check_outline(contacts, starts)
     if len(steps) + 1 != len(starts):
         raise ValueError("each contour needs its step")
     if fingers not in (2, 3) or len(strength) != count or len(bound) != count:
         raise ValueError("grasps have 2 or 3 contacts, each grasp its strength and its bound")
-    if count and (grasps.min() < 0 or grasps.max() >= m):
-        raise ValueError("index out of range")
-    if not (friction > 0 and rho > 0 and most > 0 and gap >= 0 and top >= 0):
+    check_indices(grasps, m)
+    if not (friction > 0 and rho > 0 and 0 < most < math.inf and gap >= 0 and top >= 0):
         raise ValueError("friction, rho and most must be above 0, gap and top at least 0")
+    if not ((steps > 0) & (steps < math.inf)).all():
+        raise ValueError("steps must be above 0")
+    check_finite(strength, "strength")
+    check_finite(bound, "bound")
     along = Along(contacts, normals, usable, starts, steps, friction, (cx, cy), rho)
     queue: list[tuple[float, bool, int, list[float]]] = [(-float(b), False, g, []) for g, b in enumerate(bound)]
     heapq.heapify(queue)

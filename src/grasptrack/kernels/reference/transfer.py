@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.kernels.reference.checks import check_arc, check_indices, check_outline, check_size, check_within
 from grasptrack.kernels.reference.geometry import nearest_crossings, polygon_moments
 from grasptrack.kernels.results import (
     CarriedLine,
@@ -35,6 +36,7 @@ __all__ = [
 # --- Peaks of curvature, and the four of them that fix a homography best (Section IV-C) -----
 
 MAX_PEAKS = 8
+MOST_CHOSEN_FROM = 32
 
 
 def curvature_peaks(curvature: Floats, arc: Floats, separation: float, prominence: float) -> Ints:
@@ -80,8 +82,14 @@ def best_quadrilateral(points: Floats, weights: Floats) -> Quadrilateral:
     """Four of m points that fix a homography best, and the smallest area (px^2) of a triangle among them.
 
     The smallest triangle, times the root of the smallest weight, decides; the first in order of the list wins a tie.
-    Indices come in rising order. With m < 4 the indices are -1.
+    Indices come in rising order. With m < 4 the indices are -1, as they are where no four are finite.
+
+    Raises:
+        ValueError: more than 32 points, or not as many weights.
     """
+    check_size(len(points), MOST_CHOSEN_FROM, "points")
+    if len(weights) != len(points):
+        raise ValueError("each point needs its weight")
     best, score, area = (-1, -1, -1, -1), -1.0, 0.0
     for a, b, c, d in combinations(range(len(points)), 4):
         least = min(_triangle_area(points[[i, j, k]]) for i, j, k in ((a, b, c), (a, b, d), (a, c, d), (b, c, d)))
@@ -110,11 +118,18 @@ def select_points(
     Returns:
         Indices of the peaks, the best four first in rising order of strength rank, then the others, strongest
         first; and the smallest triangle of the four in px^2. With fewer than four peaks, these and 0.
+
+    Raises:
+        ValueError: arrays of other lengths, or an arc length that does not rise.
     """
+    check_arc(len(points), arc)
+    check_arc(len(curvature), arc)
     peaks = curvature_peaks(curvature, arc, separation, prominence)
     if len(peaks) < 4:
         return SelectedPoints(peaks.tolist(), 0.0)
     four, triangle = best_quadrilateral(points[peaks], np.abs(curvature[peaks]))
+    if four[0] < 0:
+        return SelectedPoints(peaks.tolist(), 0.0)
     return SelectedPoints([*peaks[four].tolist(), *np.delete(peaks, four).tolist()], triangle)
 
 
@@ -138,9 +153,18 @@ def match_curvature(
 
     Returns:
         The least matching errors are divided by 2 n + 1.
+
+    Raises:
+        ValueError: an index out of range, a radius above 1000, lengths that differ, or an arc length that does not rise.
     """
     (arc1, v1), (arc2, v2) = first, second
     kappa, reach, radius, step, tolerance = window
+    check_arc(len(v1), arc1)
+    check_arc(len(v2), arc2)
+    check_indices(indices, len(v1))
+    check_within(radius, 0, 1000, "radius")
+    if len(centres) != len(indices):
+        raise ValueError("each index needs its centre")
     closed1, closed2 = np.append(v1, v1[0]), np.append(v2, v2[0])
     length1, length2 = arc1[-1], arc2[-1]
     k = np.arange(-radius, radius + 1)
@@ -177,10 +201,13 @@ def refine_contacts(
         offsets: (C + 1,).
 
     Raises:
-        ValueError: without normals, other than two contacts.
+        ValueError: no contacts, or without normals other than two.
     """
-    if normals is None and len(contacts) != 2:
-        raise ValueError("contacts without normals are two")
+    if not len(contacts):
+        raise ValueError("contacts are needed")
+    if (normals is None and len(contacts) != 2) or (normals is not None and len(normals) != len(contacts)):
+        raise ValueError("contacts without normals are two, others have their normals")
+    check_outline(points, offsets)
     with np.errstate(all="ignore"):
         depth = contacts @ H[2, :2] + H[2, 2]
         carried = (contacts @ H[:2, :2].T + H[:2, 2]) / depth[:, None]
@@ -234,7 +261,7 @@ def grasp_line(points: Floats, offsets: NDArray[np.int64], contacts: Floats) -> 
         root = np.sqrt(area)
         opening = np.hypot(x2 - x1, y2 - y1)
         ux, uy = (x2 - x1) / opening, (y2 - y1) / opening
-        ex, ey = math.cos(theta), math.sin(theta)
+        ex, ey = np.cos(theta), np.sin(theta)
         sine, cosine = ex * uy - ey * ux, ex * ux + ey * uy
         along, left = (cx - x1) * ux + (cy - y1) * uy, (cx - x1) * uy - (cy - y1) * ux
         # along the line, I_min passes the centroid's foot by left * cot(alpha)
@@ -271,17 +298,19 @@ def carry_grasp_line(
     told = True
     with np.errstate(all="ignore"):
         if ahead != (0.0, 0.0):
-            same = ahead[0] * math.cos(theta) + ahead[1] * math.sin(theta) > 0.0
+            same = ahead[0] * np.cos(theta) + ahead[1] * np.sin(theta) > 0.0
         else:
             agreement, norm, now = np.dot(before, skewness), np.linalg.norm(before), np.linalg.norm(skewness)
             told = bool(
-                norm >= least_skewness and norm * now >= least_skewness**2 and abs(agreement) >= 0.5 * norm * now
+                norm >= least_skewness
+                and norm * now >= least_skewness * least_skewness
+                and abs(agreement) >= 0.5 * norm * now
             )
             same = not told or agreement > 0.0
         theta += 0.0 if same else math.pi
         root = float(np.sqrt(area))
-        ex, ey = math.cos(theta), math.sin(theta)
-        cosine, sine = math.cos(alpha_m), math.sin(alpha_m)
+        ex, ey = np.cos(theta), np.sin(theta)
+        cosine, sine = np.cos(alpha_m), np.sin(alpha_m)
         ux, uy = ex * cosine - ey * sine, ey * cosine + ex * sine
         # from the centroid along I_min to where the line of that d_c crosses it
         shift = float(np.divide(-d_c * root, sine))
@@ -290,7 +319,7 @@ def carry_grasp_line(
         x, y, u, v = nearest_crossings(points, offsets, qx, qy, ux, uy, t1, t2)
         missed = max(abs((x - qx) * ux + (y - qy) * uy - t1), abs((u - qx) * ux + (v - qy) * uy - t2))
         missed = math.inf if x == u and y == v else missed
-        scale = root / math.sqrt(area1)
-        c, s = scale * math.cos(theta - theta1), scale * math.sin(theta - theta1)
+        scale = float(np.divide(root, np.sqrt(area1)))
+        c, s = scale * np.cos(theta - theta1), scale * np.sin(theta - theta1)
         H = np.array([[c, -s, cx - c * x1 + s * y1], [s, c, cy - s * x1 - c * y1], [0.0, 0.0, 1.0]])
     return CarriedLine(np.array([[x, y], [u, v]]), H, float(missed), area, major, minor, told)

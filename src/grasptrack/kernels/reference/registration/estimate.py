@@ -81,7 +81,7 @@ def _level_evidence(r: Floats, usual: Floats, shares: Floats, match_spread: floa
     """(m,) of one level, all of whose patches are seen, each counting."""
     usual = np.clip(usual, 0.0, 1.0)
     # what usually agrees little may agree by chance today, and not tomorrow
-    spread = np.sqrt(usual**2 * match_spread**2 + (1.0 - usual**2) * chance_spread**2)
+    spread = np.sqrt(usual**2 * match_spread * match_spread + (1.0 - usual**2) * chance_spread * chance_spread)
     ratio = (chance_spread / spread) * np.exp(0.5 * ((r / chance_spread) ** 2 - ((r - usual) / spread) ** 2))
     return np.asarray(np.log((1.0 - shares[:, None]) * ratio + shares[:, None]).sum(axis=1))
 

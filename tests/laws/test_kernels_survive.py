@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every kernel survives any array: an answer or a refusal, of both backends alike; what once crashed is played again."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import grasptrack as gt
+from children import run_trials
+from compiled import native
+from contour_trials import judge_number, judge_pair
+from corpus import FOLDER, read_case
+from grasptrack import kernels
+from grasptrack.kernels import reference
+from kernel_calls import NAMES, Call, draw_call, judge_call
+from scene import CLASS, SPECIAL, USUAL, Scene, parameters_of
+
+CASES = sorted(FOLDER.glob("*.json"))
+PATIENT = 120.0 if "sanitize" in native.__file__ else 10.0  # seconds; under sanitizers all takes ten times as long
+
+
+def test_each_parameter_of_each_kernel_has_a_good_argument_that_is_taken() -> None:
+    for seed, name in enumerate(NAMES):
+        rng = np.random.default_rng(seed)
+        scene = Scene(rng)
+        while len(np.unique(scene.outer, axis=0)) < len(scene.outer):  # one of the odd outlines
+            scene = Scene(rng)
+        of_class = CLASS if "." in name else name
+        assert all(f"{of_class}.{p}" in SPECIAL or p in USUAL for p in parameters_of(of_class))
+        arguments = [scene.argument(name.partition(".")[2] or name, p) for p in parameters_of(name)]
+        made = [scene.argument(CLASS, p) for p in parameters_of(CLASS)] if "." in name else []
+        for module in (native, reference):
+            assert judge_call(Call(name, arguments, made), module) == "answered", name
+
+
+@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
+def test_what_was_found_stays_mended(path: Path) -> None:
+    case = read_case(path)
+
+    def trial(module: int) -> str:
+        if not isinstance(case, Call):
+            return judge_pair(case)
+        return judge_call(case, (native, reference)[module])
+
+    ran = run_trials(trial, 0, 2, patience=120.0)
+    assert not ran.findings, ran.findings
+
+
+def test_calls_with_odd_arguments() -> None:
+    ran = run_trials(lambda index: judge_call(draw_call(2, index), native), 0, 3000, PATIENT)
+    assert not ran.findings, ran.findings
+    assert ran.outcomes["answered"] > 1000 and ran.outcomes["refused"] > 1000
+
+
+def test_degenerate_contours() -> None:
+    ran = run_trials(lambda index: judge_number(2, index), 0, 1000, PATIENT)
+    assert not ran.findings, ran.findings
+    assert ran.outcomes["carried"] > 100 and ran.outcomes["refused"] > 100
+
+
+def test_both_backends_take_and_refuse_alike() -> None:
+    slow = {"closing_triples", "rank_grasps", "opposed_pairs", "trace_edges"}
+    # a width of which rounding makes nothing; shares of any shape
+    differ = {"contact_frames", "surface_evidence"}
+    apart = []
+    for index in range(2000):
+        call = draw_call(3, index)
+        if call.kernel.partition(".")[0] in {*slow, *differ, CLASS}:
+            continue
+        ends = [judge_call(call, module) for module in (native, reference)]
+        if ends[0] != ends[1]:
+            apart.append((index, call.kernel, ends))
+    assert not apart, apart
+
+
+def test_a_trial_that_dies_or_hangs_is_named_and_the_others_go_on() -> None:
+    def trial(index: int) -> str:
+        if index == 3:
+            os.kill(os.getpid(), signal.SIGKILL)  # without the trace that a broken one would print
+        while index == 5:
+            pass
+        return "internal: raw" if index == 6 else "fine"
+
+    ran = run_trials(trial, 0, 8, patience=0.5)
+    assert [(f.index, f.how.partition(":")[0]) for f in ran.findings] == [(3, "crash"), (5, "hang"), (6, "internal")]
+    assert ran.outcomes == {"fine": 5, "crash": 1, "hang": 1, "internal": 1}
+
+
+def test_the_circle_that_crashed() -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    circle = 300.0 + 80.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    assert len(gt.Contour(circle)) == 199
+    for module in (native, reference):  # a side of no length at the end, and a step of which rounding made a sum
+        _, curvature = module.curvature_vector(circle, None, 0.25)
+        assert np.isfinite(curvature).all()
+    assert kernels.BACKEND == "native"
