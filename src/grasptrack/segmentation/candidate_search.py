@@ -59,10 +59,11 @@ FALLBACK_RECIPE = 2
 
 
 class _Rated(NamedTuple):
-    """A proposal and the logarithm of its worth."""
+    """A proposal and the logarithm of its worth, with the segmenter's maps and without."""
 
     proposal: Proposal
     worth: float
+    unmapped: float
 
 
 class CandidateSearch:
@@ -120,7 +121,7 @@ class CandidateSearch:
     def _rated(self) -> list[_Rated]:
         """The proposals that are meant, each region once, the likeliest first."""
         if self._alone:
-            return [_Rated(p, 0.0) for p in self.meant[:COMPARED]]
+            return [_Rated(p, 0.0, 0.0) for p in self.meant[:COMPARED]]
         compared = self.compared()
         numbers = load_numbers(bool(self._maps))
         if self._hints.background is not None:  # a person's word, as a box is
@@ -131,15 +132,18 @@ class CandidateSearch:
         for k in sorted(meant, key=lambda k: -worth[k]):
             if not any(is_alike(compared[k].silhouette, compared[j].silhouette) for j in kept):
                 kept.append(k)
-        return [_Rated(compared[k], float(worth[k])) for k in kept]
+        unmapped = measure_worth(compared, [], self._hints.box, numbers)
+        return [_Rated(compared[k], float(worth[k]), float(unmapped[k])) for k in kept]
 
     def _judged(self, found: list[tuple[Candidate, _Rated]], rated: list[_Rated]) -> list[Candidate]:
         """Candidates with their probabilities."""
         if not found or self._alone:
             return [candidate._replace(probability=1.0) for candidate, _ in found]
         first, own = found[0]
-        rivals = [r.worth for r in rated if _is_another(r.proposal.silhouette, own.proposal.silhouette)]
-        lead = own.worth - max(rivals, default=-math.inf)
+        rivals = [r for r in rated if _is_another(r.proposal.silhouette, own.proposal.silhouette)]
+        # what stands out for a net, as a person does, need not be what is meant: the outline alone has a say
+        leads = [min(own.worth - r.worth, own.unmapped - r.unmapped) for r in rivals]
+        lead = min(leads, default=math.inf)
         # without the map, which the outline may have come from
         returned = OutlineSnapper(self._edges).return_share(first.view.outer.points)
         worth = np.array([r.worth for _, r in found])

@@ -27,6 +27,9 @@ from grasptrack.typing import Floats
 FLOOR, LEAST_OVERLAP = 1e-6, 0.02
 """What logarithms' arguments are raised to, at least: of a rating, and of an overlap."""
 MOST_LEAD = 2.0
+TIE = 15.0
+"""For each unit of the lead: of two regions that are worth the same either may be meant, a fifth more settles it. A choice: the
+photos that the rest is fitted to show one object each."""
 ALL_BUT = 0.02
 """Share of an outline of which it tells nothing that it did not return."""
 ENOUGH = 48
@@ -39,7 +42,8 @@ class Numbers(NamedTuple):
     Attributes:
         map_power: of the overlap with a segmenter's map.
         box_power: of the overlap of boxes.
-        offset, rating, lead, returned: of a logistic function: constant, and weights of `Signs.terms`.
+        offset, rating, lead, returned: of a logistic function: constant, and weights of `Signs.terms`. Times `tie_factor` it is
+            the probability.
         among: share of cases with a wrong first one in which another one is right.
     """
 
@@ -86,7 +90,7 @@ def return_term(returned: float) -> float:
 def drawn_probability(returned: float) -> float:
     """Probability that an outline is right that a person drew roughly and edges drew nearer, by the share that comes back."""
     numbers = DrawnNumbers(**_told()["drawn"])
-    return 1.0 / (1.0 + math.exp(-numbers.offset - numbers.returned * return_term(returned)))
+    return logistic(numbers.offset + numbers.returned * return_term(returned))
 
 
 @lru_cache(maxsize=2)
@@ -140,10 +144,20 @@ def choice_probabilities(worth: Floats, signs: Signs, numbers: Numbers) -> Float
         return np.zeros(0)
     weights = (numbers.rating, numbers.lead, numbers.returned)
     told = numbers.offset + sum(w * t for w, t in zip(weights, signs.terms, strict=True))
-    first = 1.0 / (1.0 + math.exp(-told))
+    first = logistic(told) * tie_factor(signs.lead)
     rest = np.exp(worth[1:] - worth[0])
     shares = (1.0 - first) * numbers.among * rest / max(float(rest.sum()), 1e-9)
     return np.concatenate([[first], np.minimum(shares, first)])
+
+
+def tie_factor(lead: float) -> float:
+    """Share of the first beside the best that is another region: a half where both are worth the same."""
+    return logistic(TIE * lead)
+
+
+def logistic(told: float) -> float:
+    """Probability of log odds."""
+    return 1.0 / (1.0 + math.exp(-min(max(told, -50.0), 50.0)))
 
 
 def map_overlap(p: Proposal, map_: NDArray[np.float32], total: float) -> float:

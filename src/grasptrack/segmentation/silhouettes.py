@@ -13,8 +13,8 @@ from grasptrack.segmentation.images import Grey
 
 Chain = NDArray[np.int32]
 
-KEPT = 0.9
-"""Share of a silhouette's area that is left without its spurs."""
+KEPT, LONG = 0.9, 4.0
+"""Share of a silhouette's area that is left without its spurs, and how far these reach in half their width, at least."""
 
 
 class Silhouette(NamedTuple):
@@ -86,7 +86,7 @@ def _chain_points(chain: NDArray[Any]) -> Chain:
 
 def without_spurs(shape: Silhouette, radius: int) -> Silhouette:
     """A silhouette without what is no wider than 2 `radius` px, as a crack of the ground that joins it, and without its holes.
-    As it is where it consists of such for a good part."""
+    As it is where none is long, or where it consists of such for a good part."""
     x, y, w, h = shape.box
     margin = radius + 1
     filled = np.zeros((h + 2 * margin, w + 2 * margin), np.uint8)
@@ -94,4 +94,8 @@ def without_spurs(shape: Silhouette, radius: int) -> Silhouette:
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     opened = np.asarray(cv2.morphologyEx(filled, cv2.MORPH_OPEN, disc), dtype=np.uint8)
     found = trace_silhouettes(opened, 0.0, (x - margin, y - margin), holes=False)
-    return found[0] if found and found[0].area > KEPT * shape.area else shape
+    if not found or found[0].area < KEPT * shape.area:
+        return shape
+    away = np.asarray(cv2.distanceTransform(255 - opened, cv2.DIST_L2, 5))
+    column, row = (shape.outer - (x - margin, y - margin)).T
+    return found[0] if float(away[row, column].max()) > LONG * radius else shape

@@ -27,19 +27,20 @@ from grasptrack.bench.metrics.mask_agreement import (
     mask_of,
 )
 from grasptrack.bench.studies import common
+from grasptrack.bench.studies.polygons import mask_corners, move_corners
 from grasptrack.bench.studies.segmentation import Photo, read_photos
 from grasptrack.errors import ObservationError
-from grasptrack.segmentation.choice import Signs
+from grasptrack.segmentation.candidate_search import CandidateSearch
+from grasptrack.segmentation.choice import Signs, tie_factor
 from grasptrack.segmentation.first_look import distinct_candidates, first_look
-from grasptrack.segmentation.hints import Hints
+from grasptrack.segmentation.hints import Hints, make_hints
+from grasptrack.segmentation.proposals import GIVEN, THRESHOLD
 from grasptrack.segmentation.regions import Region, Segmenter
 from grasptrack.segmentation.segmenters import SalientNet, segmenter_for
 from grasptrack.typing import Bools, Floats, Pixels
 
 HINTS = ("nothing", "pixel", "box", "polygon")
 BINS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
-CORNERS, DRAWN_OFF = 2.5, 6.0
-"""px: a polygon has the corners that keep it so near the mask's outline, each moved so far in any direction."""
 FITTED = ("nothing", "pixel", "box")
 SURE = 0.9
 RIDGE = 1.5
@@ -75,16 +76,12 @@ class Remembered:
 
 def is_found(truth: Bools, view: Any) -> bool:
     """Whether an outline counts as the object: boundary and area agree with its mask."""
-    mask = mask_of(view, (truth.shape[0], truth.shape[1]))
+    return is_mask_found(truth, mask_of(view, (truth.shape[0], truth.shape[1])))
+
+
+def is_mask_found(truth: Bools, mask: Bools) -> bool:
+    """The same of a mask (H, W)."""
     return boundary_f(truth, mask) >= ENOUGH_F and intersection_over_union(truth, mask) >= ENOUGH_IOU
-
-
-def drawn_polygon(truth: Bools) -> Floats:
-    """(n, 2) px, a polygon round a mask as a hurried person draws it."""
-    chains = cv2.findContours(truth.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-    corners = np.asarray(cv2.approxPolyDP(max(chains, key=cv2.contourArea), CORNERS, True)).reshape(-1, 2)
-    angle = np.random.default_rng(len(corners)).uniform(0.0, 2.0 * math.pi, len(corners))
-    return np.asarray(corners + DRAWN_OFF * np.column_stack([np.cos(angle), np.sin(angle)]), dtype=np.float64)
 
 
 def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked:
@@ -96,7 +93,7 @@ def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked
         y, x = np.nonzero(photo.truth)
         told["box"] = float(x.min()), float(y.min()), float(np.ptp(x)) + 1.0, float(np.ptp(y)) + 1.0
     if hint == "polygon":
-        told["outline"] = drawn_polygon(photo.truth)
+        told["outline"] = move_corners(mask_corners(photo.truth), 0)
     start = time.perf_counter()
     try:
         found = first_look(photo.image, segmenter=segmenter, **told)
@@ -112,23 +109,45 @@ def evaluate_photo(photo: Photo, kind: str, hint: str, segmenter: Any) -> Looked
         bool(right and right[0]),
         any(right),
         first.probability if first else 0.0,
-        Signs(np.nan_to_num(first.rating), np.nan_to_num(first.lead), first.returned)
+        Signs(np.nan_to_num(first.rating), np.nan_to_num(first.lead, posinf=math.inf), first.returned)
         if first
         else Signs(0.0, 0.0, 0.0),
         ms,
     )
 
 
-def fit_logistic(terms: Floats, right: Bools) -> Floats:
-    """(1 + k,) constant and weights of a logistic function of terms (n, k), with a ridge."""
+def generator_rows(photos: Sequence[Photo], segmenter: Segmenter | None) -> list[list[Any]]:
+    """For each source of proposals: of how many photos it holds a right one, given the pixel, and of how many no other does."""
+    held: dict[str, list[bool]] = {}
+    for photo in photos:
+        hints = make_hints(photo.image.shape[:2], photo.deepest())
+        right = dict.fromkeys(("thresholds", "closed edges", "quadrangles and the segmenter"), False)
+        for proposal in CandidateSearch(photo.image, hints, segmenter).meant:
+            source = list(right)[2 if proposal.recipe == GIVEN else int(proposal.recipe != THRESHOLD)]
+            mask = np.zeros(photo.truth.shape, np.uint8)
+            cv2.drawContours(mask, [proposal.silhouette.outer.reshape(-1, 1, 2)], -1, (1,), cv2.FILLED)
+            right[source] |= is_mask_found(photo.truth, mask > 0)
+        for source, one in right.items():
+            held.setdefault(source, []).append(one)
+    table = np.array(list(held.values()))
+    alone = table & (table.sum(axis=0) == 1)
+    rows: list[list[Any]] = [
+        [source, 100.0 * float(one.mean()), 100.0 * float(own.mean())]
+        for source, one, own in zip(held, table, alone, strict=True)
+    ]
+    return [*rows, ["all together", 100.0 * float(table.any(axis=0).mean()), math.nan]]
+
+
+def fit_logistic(terms: Floats, right: Bools, factor: Floats | float = 1.0) -> Floats:
+    """(1 + k,) constant and weights of a logistic function of terms (n, k), with a ridge; what it is multiplied by is given."""
     from scipy.optimize import minimize  # of the development extras
 
     middle, spread = terms.mean(axis=0), terms.std(axis=0) + 1e-9
     scaled = np.column_stack([np.ones(len(terms)), (terms - middle) / spread])
-    sign = np.where(right, 1.0, -1.0)
 
     def logistic_cost(weights: Floats) -> float:
-        return float(np.logaddexp(0.0, -sign * (scaled @ weights)).sum() + RIDGE * (weights[1:] ** 2).sum())
+        told = np.clip(factor / (1.0 + np.exp(-scaled @ weights)), 1e-9, 1.0 - 1e-9)
+        return float(RIDGE * (weights[1:] ** 2).sum() - np.log(np.where(right, told, 1.0 - told)).sum())
 
     found = np.asarray(minimize(logistic_cost, np.zeros(scaled.shape[1])).x, dtype=np.float64)
     slopes = found[1:] / spread
@@ -137,12 +156,13 @@ def fit_logistic(terms: Floats, right: Bools) -> Floats:
 
 def cross_validated(looked: Sequence[Looked]) -> Floats:
     """(n,) probabilities of being right, those of each kind of object by a fit to the others."""
-    terms = np.array([r.signs.terms for r in looked])
+    terms, ties = np.array([r.signs.terms for r in looked]), np.array([tie_factor(r.signs.lead) for r in looked])
     right, kinds = np.array([r.first for r in looked]), np.array([r.kind for r in looked])
     told = np.zeros(len(looked))
     for kind in set(kinds.tolist()):
-        weights = fit_logistic(terms[kinds != kind], right[kinds != kind])
-        told[kinds == kind] = 1.0 / (1.0 + np.exp(-weights[0] - terms[kinds == kind] @ weights[1:]))
+        mine = kinds == kind
+        weights = fit_logistic(terms[~mine], right[~mine], ties[~mine])
+        told[mine] = ties[mine] / (1.0 + np.exp(-weights[0] - terms[mine] @ weights[1:]))
     return told
 
 
@@ -158,15 +178,16 @@ def reliability_rows(told: Floats, right: Bools) -> list[list[Any]]:
 
 def report_fit(looked: Sequence[Looked]) -> None:
     """The numbers of probabilities fitted to all hints but polygons, and what they are worth on kinds that were left out."""
-    fitted = [r for r in looked if r.hint in FITTED]
+    fitted = [r for r in looked if r.hint in FITTED and r.probability > 0.0]
     right = np.array([r.first for r in fitted])
-    weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right)
+    ties = np.array([tie_factor(r.signs.lead) for r in fitted])
+    weights = fit_logistic(np.array([r.signs.terms for r in fitted]), right, ties)
     wrong = [r for r in fitted if not r.first]
     among = float(np.mean([r.three for r in wrong])) if wrong else 0.0
     names = ("offset", "rating", "lead", "returned")
     numbers = ", ".join(f'"{name}": {w:.2f}' for name, w in zip(names, weights.tolist(), strict=True))
     common.add_paragraph(f'Fitted to {len(fitted)} looks: {numbers}, "among": {among:.2f}')
-    drawn = [r for r in looked if r.hint == "polygon"]
+    drawn = [r for r in looked if r.hint == "polygon" and r.probability > 0.0]
     terms = np.array([[r.signs.terms[2]] for r in drawn])
     offset, returned = fit_logistic(terms, np.array([r.first for r in drawn])).tolist()
     common.add_paragraph(f'Fitted to {len(drawn)} polygons: "offset": {offset:.2f}, "returned": {returned:.2f}')
@@ -215,6 +236,8 @@ def main() -> None:
     mine = [r for r in looked if r.hint == "nothing"]
     told, right = np.array([r.probability for r in mine]), np.array([r.first for r in mine])
     common.add_table(["probability, no hint", "photos", "right as told", "right"], reliability_rows(told, right))
+    common.add_paragraph("Photos with a right region among all that are proposed, given the pixel:")
+    common.add_table(["source", "holds one, %", "alone, %"], generator_rows(photos, segmenter))
     if args.fit:
         report_fit(looked)
     common.write_sections(args.output)
