@@ -13,7 +13,7 @@ from grasptrack.segmentation.images import Grey
 
 Chain = NDArray[np.int32]
 
-KEPT, LONG = 0.9, 4.0
+KEPT, LONG = 0.9, 12.0
 """Share of a silhouette's area that is left without its spurs, and how far these reach in half their width, at least."""
 
 
