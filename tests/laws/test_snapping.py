@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from grasptrack.segmentation.closed_edges import ClosedEdgeSegmenter
 from grasptrack.segmentation.normalized_gradient import lab_planes
 from grasptrack.segmentation.quadrangles import find_quadrangles, join_segments
-from grasptrack.segmentation.silhouettes import trace_silhouettes, without_spurs
 from grasptrack.segmentation.snapping import OutlineSnapper, SnapNumbers, _smoothest_paths
 
 QUAD = np.array([[200.0, 140.0], [430.0, 170.0], [410.0, 330.0], [180.0, 300.0]])
@@ -89,7 +88,7 @@ def test_the_smoothest_path_is_the_best_of_all(seed: int, rows: int, columns: in
         assert each[np.arange(rows), path].sum() - bend * steps >= straight - bend * (columns - 1) - 1e-9
 
 
-# --- quadrangles and spurs -----------------------------------------------------------------------
+# --- quadrangles ---------------------------------------------------------------------------------
 
 
 @settings(max_examples=20, deadline=None)
@@ -124,16 +123,3 @@ def test_segments_of_one_line_are_joined() -> None:
     assert np.diff(first.spans, axis=1).ravel() == pytest.approx([30.0, 70.0])
     assert abs(float(first.direction @ along)) == pytest.approx(1.0)
     assert np.diff(second.spans, axis=1).sum() == pytest.approx(50.0)
-
-
-def test_a_spur_is_cut_off_and_a_thin_object_is_not() -> None:
-    mask = np.zeros((200, 300), np.uint8)
-    cv2.rectangle(mask, (50, 50), (150, 150), (255,), cv2.FILLED)
-    (plain,) = trace_silhouettes(mask, 10.0, holes=False)
-    cv2.line(mask, (150, 100), (260, 120), (255,), 1)
-    (spurred,) = trace_silhouettes(mask, 10.0, holes=False)
-    assert spurred.box[2] > 200 and without_spurs(spurred, 1).box == pytest.approx(plain.box, abs=2)
-    thin = np.zeros((200, 300), np.uint8)
-    cv2.line(thin, (20, 20), (260, 150), (255,), 2)
-    (wire,) = trace_silhouettes(thin, 10.0, holes=False)
-    assert without_spurs(wire, 2) is wire

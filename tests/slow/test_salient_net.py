@@ -40,14 +40,14 @@ def test_the_net_finds_tools_that_reflections_hide(net: str) -> None:
     if not (DATA / "tools" / "index.csv").is_file():
         pytest.skip(f"no photos of tools in {DATA}")
     with (DATA / "tools" / "index.csv").open() as file:
-        names = [row["name"] for row in csv.DictReader(file) if row["scene"] == "black-table"][::2]
+        names = [row["name"] for row in csv.DictReader(file) if row["scene"] == "black-table"]
     first = three = 0
     for name in names:
         image = cv2.imread(str(DATA / "tools" / "images" / f"{name}.jpg"))
         truth = cv2.imread(str(DATA / "tools" / "masks" / f"{name}.png"), cv2.IMREAD_GRAYSCALE) > 0
         right = [is_found(truth, c.view) for c in distinct_candidates(gt.first_look(image, segmenter=net))]
         first, three = first + right[0], three + any(right)
-    assert first / len(names) >= 0.7  # 0.85 of all; 0.41 without the net
+    assert first / len(names) >= 0.7  # 0.89; 0.41 without the net
     assert three / len(names) >= 0.8
 
 

@@ -26,7 +26,7 @@ from grasptrack.segmentation.rating import NONE, SilhouetteScorer
 from grasptrack.segmentation.regions import Region, Segmenter
 from grasptrack.segmentation.segmenters import OneMask
 from grasptrack.segmentation.shadow import without_shadow
-from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes, without_spurs
+from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.segmentation.snapping import OutlineSnapper, outline_agreement, polygon_silhouette
 from grasptrack.segmentation.work import CONTOUR, CONTOUR_PX, GRADIENTS, PREPARED, QUADRANGLES, Work
 from grasptrack.typing import Floats
@@ -242,8 +242,6 @@ class CandidateSearch:
             return None if found is None else self._findable(found, shape)
         if shaded:
             p, cut = self._out_of_shadow(p)
-        if p.recipe != THRESHOLD:
-            p = p._replace(silhouette=without_spurs(p.silhouette, self._edges.shrink))
         if p.recipe == THRESHOLD and not cut:
             found = of_one_level(self._grey, p.silhouette, p.polarity, hidden)
         else:

@@ -13,9 +13,6 @@ from grasptrack.segmentation.images import Grey
 
 Chain = NDArray[np.int32]
 
-KEPT, LONG = 0.9, 12.0
-"""Share of a silhouette's area that is left without its spurs, and how far these reach in half their width, at least."""
-
 
 class Silhouette(NamedTuple):
     """One connected region.
@@ -82,20 +79,3 @@ def trace_silhouettes(
 def _chain_points(chain: NDArray[Any]) -> Chain:
     """(N, 2) of OpenCV's (N, 1, 2)."""
     return np.asarray(chain, dtype=np.int32).reshape(-1, 2)
-
-
-def without_spurs(shape: Silhouette, radius: int) -> Silhouette:
-    """A silhouette without what is no wider than 2 `radius` px, as a crack of the ground that joins it, and without its holes.
-    As it is where none is long, or where it consists of such for a good part."""
-    x, y, w, h = shape.box
-    margin = radius + 1
-    filled = np.zeros((h + 2 * margin, w + 2 * margin), np.uint8)
-    cv2.drawContours(filled, [shape.outer.reshape(-1, 1, 2)], -1, (255,), cv2.FILLED, offset=(margin - x, margin - y))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    opened = np.asarray(cv2.morphologyEx(filled, cv2.MORPH_OPEN, disc), dtype=np.uint8)
-    found = trace_silhouettes(opened, 0.0, (x - margin, y - margin), holes=False)
-    if not found or found[0].area < KEPT * shape.area:
-        return shape
-    away = np.asarray(cv2.distanceTransform(255 - opened, cv2.DIST_L2, 5))
-    column, row = (shape.outer - (x - margin, y - margin)).T
-    return found[0] if float(away[row, column].max()) > LONG * radius else shape

@@ -196,7 +196,7 @@ def report_fit(looked: Sequence[Looked]) -> None:
     for hint in FITTED:
         mine = np.array([r.hint == hint for r in fitted])
         sure, order = mine & (told >= SURE), np.flatnonzero(mine)[np.argsort(-told[mine])]
-        half = right[order[: len(order) // 2]]
+        half = right[order[: (len(order) + 1) // 2]]
         rows.append([hint, int(mine.sum()), int(sure.sum()), int(right[sure].sum()), 100.0 * float(half.mean())])
     common.add_paragraph("Each kind of object by a fit to the others:")
     common.add_table(["hint", "photos", f"sure at {SURE:g}", "of these right", "right of the surest half, %"], rows)
