@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
 
@@ -25,6 +26,7 @@ _FAR = 3.0
 _STEP = 1e-6
 
 
+@compared_by_value
 class Camera:
     """Intrinsics of a pinhole camera with a lens, as OpenCV and ROS write them.
 
@@ -69,6 +71,12 @@ class Camera:
                 "its distortion is not that of these images",
                 radius=self.holds,
             )
+
+    def __repr__(self) -> str:
+        """One line: focal lengths, lens and size."""
+        fx, fy = self.matrix[0, 0], self.matrix[1, 1]
+        size = "" if self.size is None else f", {self.size[0]}x{self.size[1]} px"
+        return f"Camera({fx:.1f} {fy:.1f} px, {self.model}, {len(self.distortion)} coefficients{size})"
 
     @property
     def distorted(self) -> bool:

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack import kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError
 from grasptrack.geometry.contours import Outline
 from grasptrack.typing import Floats
 
 
+@compared_by_value
 class Grasp:
     """Contacts in one view, one for each finger, in an order that is kept.
 
@@ -99,6 +101,7 @@ class Terms(NamedTuple):
     span: float
 
 
+@compared_by_value
 class RankedGrasp(Grasp):
     """A grasp as synthesis found it.
 
@@ -134,6 +137,7 @@ class RankedGrasp(Grasp):
         self.directions, self.regions, self.fingers, self.swept = directions, regions, fingers, swept
 
 
+@compared_by_value
 class GraspList(list[RankedGrasp]):
     """Grasps, best first, and why others were refused.
 

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError, InputError
 from grasptrack.geometry.contours import Outline
 from grasptrack.grasp.contacts import Grasp
@@ -21,6 +22,7 @@ ON_OUTLINE = 0.05
 """A contact further from the outline than this fraction of sqrt(area) is not on the object."""
 
 
+@compared_by_value
 class GraspAnalysis(NamedTuple):
     """The analysis of one grasp on one outline.
 
@@ -49,6 +51,13 @@ class GraspAnalysis(NamedTuple):
     friction: float
     judged_in: Literal["reference", "image", "plane"]
     reason: str
+
+    def __repr__(self) -> str:
+        """One line: stable or why not, and by how much."""
+        verdict = "stable" if self.stable else f'"{self.reason}"'
+        return (
+            f"GraspAnalysis({verdict}, margin {self.margin:.3f} rad, epsilon {self.epsilon:.3f}, in {self.judged_in})"
+        )
 
 
 class Closure(NamedTuple):

@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import SourceError
 
 Image = NDArray[Any]
 
 
+@compared_by_value
 @dataclass(frozen=True, slots=True)
 class Frame:
     """One image of a source.
@@ -34,6 +36,11 @@ class Frame:
     time: float | None
     image: NDArray[np.uint8]
     name: str
+
+    def __repr__(self) -> str:
+        """One line, without the pixels."""
+        when = "" if self.time is None else f", {self.time:g} s"
+        return f'Frame({self.index}, "{self.name}", {_format_size(self.image.shape)} px{when})'
 
 
 class Source(ABC):

@@ -68,12 +68,11 @@ class SalientNet:
 
     def __init__(self, path: str | Path, side: int = 320) -> None:
         self.path, self.side = Path(path), side
-        if not self.path.is_file():
-            raise InputError(f'there is no model file "{path}"', path=str(path))
-        try:
-            self._net = cv2.dnn.readNetFromONNX(str(self.path))
-        except cv2.error:  # its text names files of OpenCV's own
-            raise InputError(f'"{path}" cannot be read as an ONNX model', path=str(path)) from None
+        self._net = _read_net(self.path)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy reads the file again."""
+        return SalientNet, (self.path, self.side)
 
     def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
         """The map of the image, and that of its mirror image; a net knows nothing of hints, which choose afterwards."""
@@ -104,6 +103,15 @@ class SalientNet:
         size = (image.shape[1], image.shape[0])
         large = np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
         return np.clip(large, 0.0, 1.0)
+
+
+def _read_net(path: Path) -> Any:
+    if not path.is_file():
+        raise InputError(f'there is no model file "{path}"', path=str(path))
+    try:
+        return cv2.dnn.readNetFromONNX(str(path))
+    except cv2.error:  # its text names files of OpenCV's own
+        raise InputError(f'"{path}" cannot be read as an ONNX model', path=str(path)) from None
 
 
 def segmenter_for(what: Any) -> Segmenter | None:

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import HandCamera, align_rigid
 from grasptrack.servo.features import SMALL, rms_diameter
@@ -25,6 +26,7 @@ ALIKE = 1.15
 """Orders of the fingers that leave up to so many times the least misfit fit alike."""
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class Goal:
     """A goal of the servo. Make one by `Goal.fingertips` or `Goal.taught`.
@@ -42,6 +44,10 @@ class Goal:
     opening: float | None = None
     beyond: float = 0.0
     symmetric: bool = True
+
+    def __repr__(self) -> str:
+        """One line: kind and places."""
+        return f"Goal({self.kind}, {' '.join(f'{x:.2f},{y:.2f}' for x, y in self.points.tolist())})"
 
     @classmethod
     def fingertips(

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.law import Aim
 from grasptrack.typing import Floats
@@ -17,6 +18,7 @@ State = Literal["unsure", "approaching", "converged", "holding", "searching", "c
 OVER: tuple[State, ...] = ("done", "failed")
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class Command:
     """One answer.
@@ -44,7 +46,13 @@ class Command:
     height: float = math.nan
     goal: Floats | None = None
 
+    def __repr__(self) -> str:
+        """One line: state, twist and why."""
+        twist = " ".join(f"{v:.4g}" for v in self.twist.tolist())
+        return f'Command({self.state}, twist {twist}{", close" if self.close else ""}, "{self.reason}")'
 
+
+@compared_by_value
 @dataclass(frozen=True)
 class Intent:
     """What is wanted.

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.servo.camera import interpolate_pose
@@ -57,6 +58,7 @@ REACH = 0.7
 """Half the side of the reference square, in distances of the contacts."""
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class Observation:
     """One image's points.
