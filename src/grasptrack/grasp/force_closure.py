@@ -8,10 +8,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from grasptrack import kernels
+from grasptrack import arguments, kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError, InputError
-from grasptrack.geometry.contours import Outline
+from grasptrack.geometry.contours import Contour, Outline, View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.typing import Bools, Floats
 
@@ -96,11 +96,18 @@ def check_friction(friction: float) -> None:
 
 
 def check_width(finger_width: float | None) -> None:
-    """Raise InputError unless the width is positive and finite, or None for the default."""
-    if finger_width is not None and not 0.0 < finger_width < math.inf:
+    """Raise InputError unless the width is positive and no wider than any image, or None for the default."""
+    if finger_width is not None and not 0.0 < finger_width < arguments.LARGEST:
         raise InputError(f"finger_width must be a positive number of px, not {finger_width}", finger_width=finger_width)
 
 
+@arguments.checked(
+    grasp=arguments.instance(Grasp),
+    outline=arguments.instance(Contour, View),
+    friction=arguments.number,
+    finger_width=arguments.optional(arguments.number),
+    judged_in=arguments.text,
+)
 def analyze(
     grasp: Grasp,
     outline: Outline,

@@ -123,7 +123,7 @@ def segmenter_for(what: Any) -> Segmenter | None:
     Raises:
         InputError: no such model or segmenter, or one that cannot be had.
     """
-    if what is None or what == CLASSICAL:
+    if what is None or (isinstance(what, str) and what == CLASSICAL):
         return None
     if isinstance(what, str):
         if what.startswith("onnx:"):

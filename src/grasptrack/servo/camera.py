@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grasptrack import arguments
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
@@ -170,6 +171,11 @@ class HandCamera:
         return np.concatenate([-by_point, by_point @ skew_matrices(points)], axis=2)
 
 
+@arguments.checked(
+    focal=arguments.finite,
+    mounting=arguments.optional(arguments.array(4, 4)),
+    distance=arguments.finite,
+)
 @compared_by_value
 @dataclass(frozen=True)
 class NominalCamera:

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from grasptrack import arguments
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.law import Aim
@@ -77,6 +78,12 @@ class Intent:
         return Command(twist, self.state, self.reason, self.close, f.error, f.error_px, f.height, f.final)
 
 
+@arguments.checked(
+    linear=arguments.number,
+    angular=arguments.number,
+    linear_acceleration=arguments.number,
+    angular_acceleration=arguments.number,
+)
 @dataclass(frozen=True)
 class Limits:
     """What the hand may do.
