@@ -166,8 +166,8 @@ def array(*shape: int | EllipsisType | None, unbounded: bool = False) -> Check:
         *shape: that it has, None being any length, and ... in front any number of axes; without any, every shape will do.
         unbounded: entries may be infinite or NaN.
     """
-    marks = {None: "n", ...: "..."}
-    named = f" of shape ({', '.join(marks.get(n, str(n)) for n in shape)})" if shape else ""
+    marks = ", ".join("n" if n is None else "..." if n is ... else str(n) for n in shape)
+    named = f" of shape ({marks})" if shape else ""
     open_ended = bool(shape) and shape[0] is ...
     last = shape[1:] if open_ended else shape
     wanted = f"an array of {'' if unbounded else 'finite '}numbers{named}"

@@ -149,7 +149,7 @@ def _told_end(container: Any) -> float | None:
     if stream.duration:
         return begins + float(stream.duration * stream.time_base)
     if len(container.streams) == 1 and container.duration:
-        return begins + container.duration * 1e-6
+        return begins + float(container.duration) * 1e-6
     return None
 
 
