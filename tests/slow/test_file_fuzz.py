@@ -10,24 +10,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grasptrack.bench.studies import file_fuzz
+import damaged_files
 
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_damaged_file_is_told_in_a_line(tmp_path: Path, seed: int) -> None:
-    found = [finding for _, finding in islice(file_fuzz.fuzz(tmp_path, seed), 250)]
+    found = [finding for _, finding in islice(damaged_files.fuzz(tmp_path, seed), 250)]
     assert [f for f in found if f is not None] == []
 
 
 def test_the_same_seed_damages_alike() -> None:
     data = [bytes(range(200)), b"x" * 90]
-    one, other, third = (file_fuzz.damaged(data[0], np.random.default_rng(s), data) for s in (5, 5, 6))
+    one, other, third = (damaged_files.damaged(data[0], np.random.default_rng(s), data) for s in (5, 5, 6))
     assert one == other != third
 
 
 def test_what_ends_badly_is_counted(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(file_fuzz, "command_line", lambda arguments: 1)
-    monkeypatch.setattr(sys, "argv", ["file_fuzz", "--count", "7"])
-    assert file_fuzz.main() == 1
+    monkeypatch.setattr(damaged_files, "command_line", lambda arguments: 1)
+    monkeypatch.setattr(sys, "argv", ["damaged_files", "--count", "7"])
+    assert damaged_files.main() == 1
     assert "7 damaged files" in capsys.readouterr().out
