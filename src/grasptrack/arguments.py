@@ -16,8 +16,6 @@ from collections.abc import Callable, Iterable
 from types import EllipsisType
 from typing import Any, TypeVar
 
-import numpy as np
-
 from grasptrack.errors import InputError
 
 Check = Callable[[Any], str]
@@ -69,6 +67,8 @@ def _guarded(function: Callable[..., Any], checks: dict[str, Check]) -> Callable
 
 def _shown(value: object) -> str:
     """A value in a few words, whatever it is."""
+    import numpy as np
+
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype}, shape {value.shape}"
     if isinstance(value, (str, bytes, float, bool, complex)) or value is None:
@@ -94,7 +94,7 @@ def number(value: Any) -> str:
     """A real number, infinite and NaN included: those who ask for a range refuse them."""
     if type(value) is float:
         return ""
-    if isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_)):
+    if isinstance(value, numbers.Real) and not isinstance(value, bool):
         try:
             float(value)
             return ""
@@ -111,7 +111,7 @@ def finite(value: Any) -> str:
 def whole(value: Any) -> str:
     """A whole number."""
     try:
-        fits = not isinstance(value, (bool, np.bool_, np.ndarray)) and -LARGEST < operator.index(value) < LARGEST
+        fits = not isinstance(value, bool) and -LARGEST < operator.index(value) < LARGEST
     except TypeError:
         fits = False
     return "" if fits else "a whole number"
@@ -119,7 +119,7 @@ def whole(value: Any) -> str:
 
 def truth(value: Any) -> str:
     """True or False."""
-    return "" if isinstance(value, (bool, np.bool_)) else "True or False"
+    return "" if isinstance(value, bool) or type(value).__name__ in ("bool", "bool_") else "True or False"  # NumPy's
 
 
 def text(value: Any) -> str:
@@ -173,6 +173,8 @@ def array(*shape: int | EllipsisType | None, unbounded: bool = False) -> Check:
     wanted = f"an array of {'' if unbounded else 'finite '}numbers{named}"
 
     def of_numbers(value: Any) -> str:
+        import numpy as np  # late: what is checked loads quickly
+
         try:
             made = value if isinstance(value, np.ndarray) else np.asarray(value)
         except (ValueError, TypeError, OverflowError):

@@ -79,8 +79,8 @@ class LiveWire:
         return self._to_image(np.vstack(chain))
 
     @arguments.checked(
-        x=arguments.finite,
-        y=arguments.finite,
+        x=arguments.number,
+        y=arguments.number,
     )
     def start(self, x: float, y: float) -> tuple[float, float]:
         """Begin at a click; what was drawn before is gone.
@@ -95,8 +95,8 @@ class LiveWire:
         return self.points[0]
 
     @arguments.checked(
-        x=arguments.finite,
-        y=arguments.finite,
+        x=arguments.number,
+        y=arguments.number,
     )
     def path_to(self, x: float, y: float) -> Floats:
         """(n, 2) px from the last click to where the pointer is, both included. It is not kept.
@@ -108,8 +108,8 @@ class LiveWire:
         return self._to_image(self._piece(self._points[-1], self._snapped(x, y)))
 
     @arguments.checked(
-        x=arguments.finite,
-        y=arguments.finite,
+        x=arguments.number,
+        y=arguments.number,
     )
     def add(self, x: float, y: float) -> Floats:
         """Fix the path to a click.
@@ -144,8 +144,8 @@ class LiveWire:
 
     @arguments.checked(
         k=arguments.whole,
-        x=arguments.finite,
-        y=arguments.finite,
+        x=arguments.number,
+        y=arguments.number,
     )
     def move(self, k: int, x: float, y: float) -> Floats:
         """Drag click k somewhere else; only the two pieces that end there are found again.
