@@ -3,17 +3,21 @@
 
 from __future__ import annotations
 
+import re
+
+_LINE_ENDS = re.compile(r"\s*[\r\n]\s*")
+
 
 class GraspTrackError(Exception):
     """Root of all errors of this package.
 
     Args:
-        message: one line that says what was wrong and what would be right.
+        message: one line that says what was wrong and what would be right; ends of lines, as in an array, become spaces.
         **values: the values behind it, kept in `values` for programs that react to them.
     """
 
     def __init__(self, message: str, **values: object) -> None:
-        super().__init__(message)
+        super().__init__(_LINE_ENDS.sub(" ", message))
         self.values = values
 
 

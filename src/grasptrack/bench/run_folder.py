@@ -246,7 +246,7 @@ def fill_run_folder(
     if before is None:
         _remove_old_cases(folder)
     head["started"] = before["started"] if before else datetime.now(UTC).isoformat(timespec="seconds")
-    (folder / CASES).mkdir(exist_ok=True)
+    prepare_folder(folder / CASES)
     missing = [job for job in jobs if not case_file(folder, job.name).exists()]
     run.resumed = len(jobs) - len(missing)
     total, done = sum(job.frames for job in jobs), sum(job.frames for job in jobs) - sum(job.frames for job in missing)

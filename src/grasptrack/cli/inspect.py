@@ -53,6 +53,7 @@ def inspect(
     runs: Runs = 4,
     output: Output = Path(),
     json_: Json = False,
+    max_megapixels: options.MaxMegapixels = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Predict how well the object in an image can be tracked.

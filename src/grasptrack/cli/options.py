@@ -140,6 +140,28 @@ Silhouettes = Annotated[
 ]
 Workers = Annotated[int | None, typer.Option(metavar="N", help="Number of processes.  [default: one per core]")]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Address of a Dask scheduler.")]
+
+
+def _limit_megapixels(most: float | None) -> float | None:
+    from grasptrack.io.limits import limit_megapixels
+
+    try:
+        limit_megapixels(most)
+    except InputError:
+        raise InputError(f"--max-megapixels must be a positive number, not {most:g}", most=most) from None
+    return most
+
+
+MaxMegapixels = Annotated[
+    float | None,
+    typer.Option(
+        "--max-megapixels",
+        metavar="N",
+        callback=_limit_megapixels,
+        help="Refuse larger images, in 10^6 px, before they are decoded.  [default: 100]",
+        show_default=False,
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 

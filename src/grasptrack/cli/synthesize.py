@@ -63,6 +63,7 @@ def synthesize(
     scale: options.Scale = None,
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for grasps.json and grasps.png.")] = Path(),
     all_: Annotated[bool, typer.Option("--all", help="Grasps on every object in the image.")] = False,
+    max_megapixels: options.MaxMegapixels = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Choose the best grasps on the object in an image, for a hand of a given size.

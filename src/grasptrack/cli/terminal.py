@@ -73,25 +73,25 @@ def held_warnings() -> list[str]:
 
 
 class Interruption:
-    """Ctrl-C, held back until a frame is finished; pressed a second time it strikes at once.
+    """Ctrl-C or SIGTERM, held back until a frame is finished; a second one strikes at once.
 
     `check` raises KeyboardInterrupt when it was pressed.
     """
 
     def __init__(self) -> None:
         self._pressed = False
-        self._before: Any = None
+        self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Interruption:
-        """Take over SIGINT, where Python lets us: in the main thread."""
+        """Take over both signals, where Python lets us: in the main thread."""
         if threading.current_thread() is threading.main_thread():
-            self._before = signal.signal(signal.SIGINT, self._on_signal)
+            self._before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Hand SIGINT back."""
-        if self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
+        """Hand them back."""
+        for number, before in self._before.items():
+            signal.signal(number, before)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if self._pressed:

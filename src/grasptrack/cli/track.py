@@ -70,6 +70,7 @@ def track(
         bool, typer.Option("--resynthesize", help="Choose a new grasp when the current one is no longer stable.")
     ] = False,
     no_video: options.NoVideo = False,
+    max_megapixels: options.MaxMegapixels = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Track a grasp through a sequence of images, or say for each image why not.
@@ -195,6 +196,8 @@ def track(
             raise typer.Exit(INTERRUPTED) from None
     if not summary.grasps:
         raise InputError(_nothing_to_track(summary))
+    if images.shortfall:
+        notes.append(f'"{source}": {images.shortfall}')
     said = choose is not None or meant.outline is not None or contacts is not None
     notes += note_candidates(tracker.candidates, looks[0] if looks else None, output, sure, meant=said)
     if not quiet:

@@ -47,6 +47,7 @@ def transfer(
     ignore: options.IgnorePath = None,
     camera: options.CameraPath = None,
     json_: Annotated[bool, typer.Option("--json", help="Print transfer.json instead of the table.")] = False,
+    max_megapixels: options.MaxMegapixels = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Transfer a grasp from one view of an object to another: each strategy's contacts, or why they are rejected.

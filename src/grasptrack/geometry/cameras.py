@@ -11,6 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grasptrack import arguments
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
 
@@ -25,6 +27,7 @@ _FAR = 3.0
 _STEP = 1e-6
 
 
+@compared_by_value
 class Camera:
     """Intrinsics of a pinhole camera with a lens, as OpenCV and ROS write them.
 
@@ -43,6 +46,12 @@ class Camera:
             the image within half of its smaller side.
     """
 
+    @arguments.checked(
+        matrix=arguments.array(unbounded=True),
+        distortion=arguments.array(unbounded=True),
+        model=arguments.text,
+        size=arguments.optional(arguments.array(2)),
+    )
     def __init__(
         self, matrix: ArrayLike, distortion: ArrayLike = (), model: Model = "brown", size: tuple[int, int] | None = None
     ) -> None:
@@ -70,11 +79,21 @@ class Camera:
                 radius=self.holds,
             )
 
+    def __repr__(self) -> str:
+        """One line: focal lengths, lens and size."""
+        fx, fy = self.matrix[0, 0], self.matrix[1, 1]
+        size = "" if self.size is None else f", {self.size[0]}x{self.size[1]} px"
+        return f"Camera({fx:.1f} {fy:.1f} px, {self.model}, {len(self.distortion)} coefficients{size})"
+
     @property
     def distorted(self) -> bool:
         """Whether straight lines are seen bent."""
         return self.model == "fisheye" or bool(self.distortion.any())
 
+    @arguments.checked(
+        width=arguments.whole,
+        height=arguments.whole,
+    )
     def resized(self, width: int, height: int) -> Camera:
         """The same camera with its images scaled to another size of the same shape.
 
@@ -96,11 +115,17 @@ class Camera:
             K[axis, 2] += 0.5 * scale[axis] - 0.5
         return Camera(K, self.distortion, self.model, (width, height))
 
+    @arguments.checked(
+        points=arguments.array(..., 2),
+    )
     def distort(self, points: ArrayLike) -> Floats:
         """(N, 2) px seen, of points (N, 2) in ideal px."""
         p = np.asarray(points, dtype=np.float64)
         return self._rays_to_pixels(self._seen(self._pixels_to_rays(p))) if self.distorted else p.copy()
 
+    @arguments.checked(
+        points=arguments.array(..., 2),
+    )
     def undistort(self, points: ArrayLike) -> Floats:
         """(N, 2) ideal px, of points (N, 2) in px seen: the inverse of `distort`, by Newton's method, to rounding."""
         p = np.asarray(points, dtype=np.float64)
@@ -115,6 +140,9 @@ class Camera:
                 break
         return self._rays_to_pixels(rays)
 
+    @arguments.checked(
+        points=arguments.array(..., 2),
+    )
     def jacobian(self, points: ArrayLike) -> Floats:
         """(N, 2, 2) derivatives of the px seen by the ideal px, at points (N, 2) in ideal px."""
         p = np.asarray(points, dtype=np.float64)
@@ -126,6 +154,9 @@ class Camera:
         )
         return np.asarray(A @ slopes @ np.linalg.inv(A), dtype=np.float64)
 
+    @arguments.checked(
+        points=arguments.array(..., 2),
+    )
     def within(self, points: ArrayLike) -> NDArray[np.bool_]:
         """(N,) whether the calibration itself holds at points (N, 2) in ideal px, and not its tangent."""
         return np.asarray(np.hypot(*np.moveaxis(self._pixels_to_rays(np.asarray(points)), -1, 0)) <= self.holds)

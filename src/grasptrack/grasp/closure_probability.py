@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import HORIZON, behind_camera_error
@@ -62,6 +63,7 @@ FRONTAL = Rectifications.sure(np.eye(3))
 """The view of the choice taken as frontal, and nothing said of how sure that is."""
 
 
+@compared_by_value
 class Judgement(NamedTuple):
     """Whether a grasp closes.
 

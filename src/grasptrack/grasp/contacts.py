@@ -9,12 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from grasptrack import kernels
+from grasptrack import arguments, kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError
-from grasptrack.geometry.contours import Outline
+from grasptrack.geometry.contours import Contour, Outline, View
 from grasptrack.typing import Floats
 
 
+@compared_by_value
 class Grasp:
     """Contacts in one view, one for each finger, in an order that is kept.
 
@@ -28,6 +30,10 @@ class Grasp:
 
     __slots__ = ("contacts", "quality")
 
+    @arguments.checked(
+        contacts=arguments.array(unbounded=True),
+        quality=arguments.number,
+    )
     def __init__(self, contacts: ArrayLike, quality: float = math.nan) -> None:
         pts = np.array(contacts, dtype=np.float64, order="C")
         if pts.ndim != 2 or pts.shape[1:] != (2,) or len(pts) < 2:
@@ -57,10 +63,16 @@ class Grasp:
         """Distance in px between the first two contacts."""
         return math.dist(self.contacts[0], self.contacts[1])
 
+    @arguments.checked(
+        outline=arguments.instance(Contour, View),
+    )
     def on(self, outline: Outline) -> Floats:
         """(k, 3) where each contact lies on an outline: contour index, position (point index + fraction), distance px."""
         return kernels.project_to_contour(outline.points, outline.offsets, self.contacts)
 
+    @arguments.checked(
+        outline=arguments.instance(Contour, View),
+    )
     def snapped(self, outline: Outline) -> Grasp:
         """The same grasp with each contact moved to the nearest point of the outline."""
         return Grasp.of(kernels.point_at(outline.points, outline.offsets, self.on(outline)), self.quality)
@@ -99,6 +111,7 @@ class Terms(NamedTuple):
     span: float
 
 
+@compared_by_value
 class RankedGrasp(Grasp):
     """A grasp as synthesis found it.
 
@@ -134,6 +147,7 @@ class RankedGrasp(Grasp):
         self.directions, self.regions, self.fingers, self.swept = directions, regions, fingers, swept
 
 
+@compared_by_value
 class GraspList(list[RankedGrasp]):
     """Grasps, best first, and why others were refused.
 

@@ -8,9 +8,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from grasptrack import kernels
+from grasptrack import arguments, kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError, InputError
-from grasptrack.geometry.contours import Outline
+from grasptrack.geometry.contours import Contour, Outline, View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.typing import Bools, Floats
 
@@ -21,6 +22,7 @@ ON_OUTLINE = 0.05
 """A contact further from the outline than this fraction of sqrt(area) is not on the object."""
 
 
+@compared_by_value
 class GraspAnalysis(NamedTuple):
     """The analysis of one grasp on one outline.
 
@@ -49,6 +51,13 @@ class GraspAnalysis(NamedTuple):
     friction: float
     judged_in: Literal["reference", "image", "plane"]
     reason: str
+
+    def __repr__(self) -> str:
+        """One line: stable or why not, and by how much."""
+        verdict = "stable" if self.stable else f'"{self.reason}"'
+        return (
+            f"GraspAnalysis({verdict}, margin {self.margin:.3f} rad, epsilon {self.epsilon:.3f}, in {self.judged_in})"
+        )
 
 
 class Closure(NamedTuple):
@@ -87,11 +96,18 @@ def check_friction(friction: float) -> None:
 
 
 def check_width(finger_width: float | None) -> None:
-    """Raise InputError unless the width is positive and finite, or None for the default."""
-    if finger_width is not None and not 0.0 < finger_width < math.inf:
+    """Raise InputError unless the width is positive and no wider than any image, or None for the default."""
+    if finger_width is not None and not 0.0 < finger_width < arguments.LARGEST:
         raise InputError(f"finger_width must be a positive number of px, not {finger_width}", finger_width=finger_width)
 
 
+@arguments.checked(
+    grasp=arguments.instance(Grasp),
+    outline=arguments.instance(Contour, View),
+    friction=arguments.number,
+    finger_width=arguments.optional(arguments.number),
+    judged_in=arguments.text,
+)
 def analyze(
     grasp: Grasp,
     outline: Outline,

@@ -6,8 +6,9 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
+from grasptrack import arguments
 from grasptrack.errors import InputError
 
 Unit = Literal["px", "mm", "size"]
@@ -24,6 +25,10 @@ class Length(NamedTuple):
     value: float
     unit: Unit = "px"
 
+    @arguments.checked(
+        size=arguments.number,
+        px_per_mm=arguments.optional(arguments.number),
+    )
     def in_px(self, size: float, px_per_mm: float | None) -> float:
         """The length in px on an object of sqrt(area) = size px.
 
@@ -37,6 +42,17 @@ class Length(NamedTuple):
         if px_per_mm is None:
             raise InputError(f"{self.value:g} mm needs the scale of the image in px per mm", value=self.value)
         return self.value * px_per_mm
+
+
+def _check_length(self: Length, value: float, unit: Unit = "px") -> None:
+    wanted = arguments.number(value)
+    if wanted:
+        raise InputError(f"value must be {wanted}, not {value!r}", value=value)
+    if not isinstance(unit, str) or unit not in get_args(Unit):
+        raise InputError(f"unit must be one of {', '.join(get_args(Unit))}, not {unit!r}", unit=unit)
+
+
+setattr(Length, "__init__", _check_length)  # noqa: B010  a named tuple takes none in its body
 
 
 FINGER = Length(0.1, "size")
@@ -105,6 +121,9 @@ class HandPx(NamedTuple):
     clearance: float
 
 
+@arguments.checked(
+    px_per_mm=arguments.optional(arguments.number),
+)
 @dataclass(frozen=True)
 class Hand:
     """Limits of a gripper whose fingers come down beside the object, or into a hole, and then close or spread.
@@ -134,7 +153,11 @@ class Hand:
     def __post_init__(self) -> None:
         """Check what can be checked without an object."""
         for name in ("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance"):
-            value = as_length(getattr(self, name)).value
+            given = getattr(self, name)
+            wanted = "" if isinstance(given, Length) else arguments.number(given)
+            if wanted:
+                raise InputError(f"{name} must be {wanted} of px, or a Length, not {given!r}", name=name)
+            value = as_length(given).value
             if not value >= 0.0 or (name == "finger_width" and not 0.0 < value < math.inf):
                 raise InputError(f"{name} must be a positive length, not {value:g}", name=name, value=value)
             if name in ("finger_thickness", "clearance") and not math.isfinite(value):
@@ -142,6 +165,9 @@ class Hand:
         if self.px_per_mm is not None and not 0.0 < self.px_per_mm < math.inf:
             raise InputError(f"the scale must be a positive number of px per mm, not {self.px_per_mm}")
 
+    @arguments.checked(
+        size=arguments.number,
+    )
     def in_px(self, size: float) -> HandPx:
         """The hand on an object of sqrt(area) = size px.
 
@@ -161,4 +187,4 @@ class Hand:
 
 def as_length(value: Length | float) -> Length:
     """A bare number counts px."""
-    return value if isinstance(value, Length) else Length(float(value))
+    return value if isinstance(value, Length) else Length(value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
@@ -14,18 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import SourceError
 
 Image = NDArray[Any]
 
 
+@compared_by_value
 @dataclass(frozen=True, slots=True)
 class Frame:
     """One image of a source.
 
     Attributes:
         index: number of the frame in the order of decoding, from 0.
-        time: s; None where the source has no times.
+        time: s, later than those before; None where the source has no times, or one that does not go on.
         image: uint8, grey (H, W) or BGR (H, W, 3).
         name: what to call it in a message: the file's name, or the source's name and the frame's number.
     """
@@ -35,13 +38,18 @@ class Frame:
     image: NDArray[np.uint8]
     name: str
 
+    def __repr__(self) -> str:
+        """One line, without the pixels."""
+        when = "" if self.time is None else f", {self.time:g} s"
+        return f'Frame({self.index}, "{self.name}", {_format_size(self.image.shape)} px{when})'
+
 
 class Source(ABC):
     """Frames of one size, one at a time: memory does not grow with their number.
 
     Args:
         spec: what the user named.
-        fps: frames/s that give frame i the time i / fps s, in place of the source's own times; None leaves these.
+        fps: frames/s, above 0, that give frame i the time i / fps s, in place of the source's own times; None leaves these.
 
     Attributes:
         kind: "folder", "glob", "image", "video" or "camera".
@@ -49,6 +57,7 @@ class Source(ABC):
         exact: whether `count` is certain; for some videos it is estimated from the duration.
         fps: frames/s, or None.
         names: the frames' file names where frames are files, else empty.
+        shortfall: after the last frame: one sentence if there were fewer than the source tells of, else empty.
 
     Raises:
         SourceError: at the start when there is nothing to read, on the way when a frame cannot be read or changes size.
@@ -64,7 +73,9 @@ class Source(ABC):
         self.exact = False
         self.fps = fps
         self.names: tuple[str, ...] = ()
+        self.shortfall = ""
         self._period = None if fps is None else 1.0 / fps
+        self._times_warned = False
         self._running: Generator[tuple[Image, float | None, str], None, None] | None = None
 
     @abstractmethod
@@ -76,6 +87,7 @@ class Source(ABC):
         self.close()
         self._running = running = self._read()
         size: tuple[int, ...] | None = None
+        latest = -math.inf
         with contextlib.closing(running):
             for index, (image, time, name) in enumerate(running):
                 if size is None:
@@ -89,7 +101,24 @@ class Source(ABC):
                         shape=image.shape[:2],
                         expected=size,
                     )
-                yield Frame(index, time if self._period is None else index * self._period, image, name)
+                if self._period is not None:
+                    time = index * self._period
+                elif time is not None and latest < time < math.inf:
+                    latest = time
+                elif time is not None:
+                    self._warn_of_time(name, time, latest)
+                    time = None
+                yield Frame(index, time, image, name)
+
+    def _warn_of_time(self, name: str, time: float, latest: float) -> None:
+        """Say once of a source that its times do not go on."""
+        if not self._times_warned:
+            self._times_warned = True
+            warnings.warn(
+                f'"{self.spec}": the time of {name}, {time:g} s, is not after {latest:g} s; '
+                "such frames are taken to have none (--fps gives all frames one)",
+                stacklevel=4,
+            )
 
     def close(self) -> None:
         """Release what the source holds open; iterating again starts over."""

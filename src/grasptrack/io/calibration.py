@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.geometry.cameras import Camera, Model
 
@@ -25,6 +26,7 @@ _MODELS: dict[str, Model] = {
 }
 
 
+@arguments.checked(path=arguments.instance(str, os.PathLike))
 def read_camera(path: str | os.PathLike[str]) -> Camera:
     """A camera from a calibration file.
 

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
+from grasptrack.io.image_header import image_size_in_header
+from grasptrack.io.limits import check_size
 
 
 def is_whole_image(data: bytes) -> bool:
@@ -85,7 +87,7 @@ def read_image(path: Path) -> Image:
     """An image as its file has it: any depth, grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4).
 
     Raises:
-        SourceError: missing, truncated, or no image.
+        SourceError: missing, truncated, no image, or above the limit of size (`grasptrack.io.limits`).
     """
     import cv2
 
@@ -95,14 +97,19 @@ def read_image(path: Path) -> Image:
         raise SourceError(f'image "{path}" cannot be read: {error.strerror}', path=str(path)) from None
     if not data:
         raise SourceError(f'image "{path}" is empty', path=str(path))
+    size = image_size_in_header(data)
+    if size is not None:
+        check_size(*size, f'image "{path}"')
     if not is_whole_image(data):
         raise SourceError(f'image "{path}" is truncated', path=str(path))
+    if size is None:  # OpenCV reads more formats, of which nothing tells the size beforehand
+        raise SourceError(f'image "{path}" cannot be read: it is damaged, or no image ({NAMED})', path=str(path))
     # IMREAD_UNCHANGED alone keeps alpha, and alone ignores EXIF rotation; no JPEG has alpha.
     upright = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
     flags = upright if data.startswith(b"\xff\xd8") else cv2.IMREAD_UNCHANGED
     try:
         image: Image | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
+    except (cv2.error, MemoryError):
         image = None
     if image is None or image.size == 0:
         raise SourceError(f'image "{path}" cannot be read: it is damaged, or no image', path=str(path))

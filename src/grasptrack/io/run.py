@@ -261,7 +261,7 @@ class _Run:
         from grasptrack import kernels
         from grasptrack.view.summary import Filmstrip
 
-        self._output = output
+        self._output, self._source = output, source
         self._head = {
             "options": options,
             "versions": software_versions(),
@@ -306,7 +306,8 @@ class _Run:
             name: self._output / name for name in FILES if (self._output / name).exists() and name != "summary.png"
         }
         summary = self._tally.summary(seconds, ended, files)
-        content = {"ended": ended, **({"error": error} if error else {}), **self._head, **summary.figures()}
+        said = {"error": error, "shortfall": self._source.shortfall}
+        content = {"ended": ended, **{k: v for k, v in said.items() if v}, **self._head, **summary.figures()}
         write_json(self._output / "run.json", content)
         if summary.frames:
             from grasptrack.view.summary import write_summary

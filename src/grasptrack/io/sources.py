@@ -16,6 +16,10 @@ from grasptrack.io.video import VideoSource
 __all__ = ["CameraSource", "Frame", "Source", "open_source"]
 
 
+MOST_CAMERAS = 99
+"""OpenCV takes the hundreds of a camera's number for a way to talk to it."""
+
+
 class CameraSource(Source):
     """`camera:0` and so on; endless. Times are s since the first image, by a clock that never goes back."""
 
@@ -26,12 +30,19 @@ class CameraSource(Source):
         number = spec.partition(":")[2]
         if not number.isdecimal():
             raise SourceError(f'a camera is named by its number, as in camera:0, not "{spec}"', spec=spec)
+        if int(number) > MOST_CAMERAS:
+            raise SourceError(
+                f"there is no camera {number[:12]}: they are numbered from 0 to {MOST_CAMERAS}", spec=spec
+            )
         self._number = int(number)
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
         import cv2
 
-        camera = cv2.VideoCapture(self._number)
+        try:
+            camera = cv2.VideoCapture(self._number)
+        except cv2.error:
+            raise SourceError(f"camera {self._number} cannot be opened", camera=self._number) from None
         try:
             if not camera.isOpened():
                 raise SourceError(
@@ -68,12 +79,21 @@ def open_source(spec: str | os.PathLike[str], fps: float | None = None) -> Sourc
         SourceError: nothing there, or nothing that can be read; while iterating, a frame that cannot be read or is of
             another size than the frames before it.
     """
-    text = os.fspath(spec)
+    try:
+        text = os.fsdecode(spec)
+    except TypeError:
+        raise SourceError(f"a source is a path, a pattern or camera:0, not {type(spec).__name__}") from None
+    if "\0" in text:
+        raise SourceError("the source's name holds a character that no file's name can have (NUL)")
     if not text:
         raise SourceError("the source has no name: give a folder, a glob, a video file, camera:0 or an image")
     if text.startswith("camera:"):
         return CameraSource(text, fps)
     path = Path(text)
+    try:
+        path.exists()
+    except OSError as error:
+        raise SourceError(f'"{text[:80]}" cannot be looked for: {error.strerror}', path=text) from None
     if path.is_dir():
         return ImageSource(text, images_in(path), "folder", fps)
     if path.is_file():

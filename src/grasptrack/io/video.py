@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Generator, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 
 from grasptrack.errors import InputError, SourceError
 from grasptrack.io.base import Image, Source
+from grasptrack.io.limits import check_size, max_megapixels
 
 _TEXT_ART = frozenset({"ansi", "bintext", "xbin", "idf"})
 """Decoders with which FFmpeg draws any text file as a video of letters."""
@@ -34,6 +37,7 @@ class VideoSource(Source):
             raise SourceError(f'video "{path}" is empty', path=str(path))
         with self._open_container() as container:
             stream = container.streams.video[0]
+            self._warn_of_metadata(container)
             rate = float(stream.average_rate or 0)
             self.fps = fps or (rate if rate > 0 else None)
             self.exact = stream.frames > 0
@@ -42,9 +46,10 @@ class VideoSource(Source):
     def _open_container(self) -> Any:
         import av
 
+        most = {"max_pixels": str(math.ceil(max_megapixels() * 1e6))}  # decoders see to it themselves
         try:
-            container = av.open(str(self._path))
-        except (av.FFmpegError, OSError) as error:
+            container = av.open(str(self._path), options=most, metadata_errors="replace")
+        except (av.FFmpegError, OSError, ValueError) as error:
             if not is_whole_video(self._path):
                 reason = "is truncated: no frame of it can be read"
             elif isinstance(error, PermissionError):
@@ -57,18 +62,36 @@ class VideoSource(Source):
             container.close()
             why = "it has no video stream" if codec is None else "it is text"
             raise SourceError(f'"{self._path}" is no video that can be read: {why}', path=str(self._path))
+        try:
+            check_size(codec.width, codec.height, f'video "{self._path}"')
+        except SourceError:
+            container.close()
+            raise
+        codec.options = {**codec.options, **most}
         return container
+
+    def _warn_of_metadata(self, container: Any) -> None:
+        """Say that texts of the file, as its title, are not in UTF-8, as they should be; nothing depends on them."""
+        texts = [(k, v) for part in (container, *container.streams) for k, v in part.metadata.items()]
+        broken = sorted({key for key, value in texts if "\ufffd" in key + value})
+        if broken:
+            told = ", ".join(broken).encode("ascii", "replace").decode()
+            warnings.warn(f'video "{self._path}": its {told} is not in UTF-8, and is not read', stacklevel=3)
 
     def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
         import av
 
-        index = 0
+        index, longest, last = 0, 0.0, math.nan
+        self.shortfall = ""
         with self._open_container() as container:
+            told = _told_end(container)
             try:
                 base = container.streams.video[0].time_base
                 for frame in _decode_frames(container):
                     time = None if frame.pts is None else float(frame.pts * (frame.time_base or base))
                     yield _upright_image(frame), time, f"frame {index} of {self._path.name}"
+                    if time is not None:
+                        longest, last = max(longest, time - last if index else 0.0), time
                     index += 1
             except av.FFmpegError:
                 kind = "damaged" if is_whole_video(self._path) else "truncated"
@@ -83,6 +106,12 @@ class VideoSource(Source):
             )
         if index == 0:
             raise SourceError(f'video "{self._path}" holds no frame that can be read', path=str(self._path))
+        if self.exact and self.count is not None and index < self.count:
+            self.shortfall = f"it ends early: its header tells of {self.count} frames, {index} could be read"
+        elif (
+            told is not None and last + 2.0 * longest < told
+        ):  # the last frame lasts as long as the longest, and rounding
+            self.shortfall = f"it ends early: its header tells of {told:.2f} s, its last frame is at {last:.2f} s"
 
 
 def _decode_frames(container: Any) -> Iterator[Any]:
@@ -111,6 +140,17 @@ def _upright_image(frame: Any) -> Image:
     image: Image = frame.to_ndarray(format="gray" if grey else "bgr24")
     quarters = round(getattr(frame, "rotation", 0) / 90) % 4
     return np.ascontiguousarray(np.rot90(image, quarters)) if quarters else image
+
+
+def _told_end(container: Any) -> float | None:
+    """s at which the last frame's time is over, as the header tells; None where it does not, or may mean another stream."""
+    stream = container.streams.video[0]
+    begins = float((stream.start_time or 0) * stream.time_base)
+    if stream.duration:
+        return begins + float(stream.duration * stream.time_base)
+    if len(container.streams) == 1 and container.duration:
+        return begins + float(container.duration) * 1e-6
+    return None
 
 
 def _estimate_frame_count(container: Any, rate: float) -> int | None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import ContourError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.segmentation.color_projection import best_color_projection
@@ -31,6 +32,7 @@ ONE_SIGN = 0.9
 """Where at least this share of an outline rises outward, or falls, the object is dark, or light; otherwise it is mixed."""
 
 
+@compared_by_value
 class Candidate(NamedTuple):
     """A candidate object.
 
@@ -64,6 +66,11 @@ class Candidate(NamedTuple):
     channel: Channel = PLAIN
     grain: float = math.nan
     shaded: bool = False
+
+    def __repr__(self) -> str:
+        """One line: what it looks like, and how probably it is meant."""
+        look = {1: "dark", -1: "light"}.get(self.polarity, "mixed")
+        return f"Candidate({self.view!r}, {look}, probability {self.probability:.3f}{', sure' if self.sure else ''})"
 
 
 def is_plausible_object(shape: Silhouette, size: tuple[int, ...]) -> bool:

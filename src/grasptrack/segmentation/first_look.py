@@ -13,6 +13,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
+from grasptrack import arguments
 from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import View
 from grasptrack.segmentation.candidate import Candidate, contains_pixel
@@ -31,6 +32,19 @@ MOSTLY = 0.75
 """Share of an outline within another one that makes it a part of that."""
 
 
+@arguments.checked(
+    image=arguments.array(unbounded=True),
+    object_at=arguments.optional(arguments.array(unbounded=True)),
+    not_at=arguments.optional(arguments.array(unbounded=True)),
+    box=arguments.optional(arguments.array(unbounded=True)),
+    outline=arguments.optional(arguments.array(unbounded=True)),
+    ignore=arguments.optional(arguments.array(unbounded=True)),
+    background=arguments.optional(arguments.array(unbounded=True)),
+    mask=arguments.optional(arguments.array(unbounded=True)),
+    more=arguments.several,
+    sure=arguments.number,
+    first_look_ms=arguments.optional(arguments.number),
+)
 def first_look(
     image: NDArray[Any],
     object_at: ArrayLike | None = None,

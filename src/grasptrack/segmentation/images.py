@@ -102,6 +102,8 @@ def to_mask(mask: NDArray[Any], shape: tuple[int, ...], what: str) -> Grey:
     array = np.asarray(mask)
     if array.ndim == 3:
         array = np.asarray(np.any(array[:, :, :3], axis=2))
+    if array.ndim != 2:
+        raise InputError(f"the {what} must be an array (H, W), not of shape {np.shape(mask)}", shape=np.shape(mask))
     if array.shape != shape:
         raise InputError(
             f"the {what} is {array.shape[-1]}x{array.shape[0]} px, but the images are {shape[1]}x{shape[0]}",

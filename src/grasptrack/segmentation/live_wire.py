@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.segmentation.closed_edges import RECIPES, ClosedEdgeSegmenter
 from grasptrack.segmentation.images import to_bgr
@@ -41,6 +42,10 @@ class LiveWire:
         InputError: no image, or `snap` below 0.
     """
 
+    @arguments.checked(
+        image=arguments.array(unbounded=True),
+        snap=arguments.optional(arguments.number),
+    )
     def __init__(self, image: NDArray[Any], *, snap: float | None = None) -> None:
         colours = to_bgr(image)
         edges = ClosedEdgeSegmenter(lab_planes(colours))
@@ -73,6 +78,10 @@ class LiveWire:
         chain = [*(piece[:-1] for piece in self._pieces), np.array(last, np.int32).reshape(-1, 2)]
         return self._to_image(np.vstack(chain))
 
+    @arguments.checked(
+        x=arguments.number,
+        y=arguments.number,
+    )
     def start(self, x: float, y: float) -> tuple[float, float]:
         """Begin at a click; what was drawn before is gone.
 
@@ -85,6 +94,10 @@ class LiveWire:
         self._points, self._pieces = [self._snapped(x, y)], []
         return self.points[0]
 
+    @arguments.checked(
+        x=arguments.number,
+        y=arguments.number,
+    )
     def path_to(self, x: float, y: float) -> Floats:
         """(n, 2) px from the last click to where the pointer is, both included. It is not kept.
 
@@ -94,6 +107,10 @@ class LiveWire:
         self._check_open()
         return self._to_image(self._piece(self._points[-1], self._snapped(x, y)))
 
+    @arguments.checked(
+        x=arguments.number,
+        y=arguments.number,
+    )
     def add(self, x: float, y: float) -> Floats:
         """Fix the path to a click.
 
@@ -125,6 +142,11 @@ class LiveWire:
         self._pieces.append(self._piece(self._points[-1], self._points[0]))
         return self.path
 
+    @arguments.checked(
+        k=arguments.whole,
+        x=arguments.number,
+        y=arguments.number,
+    )
     def move(self, k: int, x: float, y: float) -> Floats:
         """Drag click k somewhere else; only the two pieces that end there are found again.
 

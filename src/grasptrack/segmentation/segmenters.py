@@ -68,12 +68,11 @@ class SalientNet:
 
     def __init__(self, path: str | Path, side: int = 320) -> None:
         self.path, self.side = Path(path), side
-        if not self.path.is_file():
-            raise InputError(f'there is no model file "{path}"', path=str(path))
-        try:
-            self._net = cv2.dnn.readNetFromONNX(str(self.path))
-        except cv2.error:  # its text names files of OpenCV's own
-            raise InputError(f'"{path}" cannot be read as an ONNX model', path=str(path)) from None
+        self._net = _read_net(self.path)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy reads the file again."""
+        return SalientNet, (self.path, self.side)
 
     def regions(self, image: Pixels, hints: Hints) -> Sequence[Region]:
         """The map of the image, and that of its mirror image; a net knows nothing of hints, which choose afterwards."""
@@ -106,6 +105,15 @@ class SalientNet:
         return np.clip(large, 0.0, 1.0)
 
 
+def _read_net(path: Path) -> Any:
+    if not path.is_file():
+        raise InputError(f'there is no model file "{path}"', path=str(path))
+    try:
+        return cv2.dnn.readNetFromONNX(str(path))
+    except cv2.error:  # its text names files of OpenCV's own
+        raise InputError(f'"{path}" cannot be read as an ONNX model', path=str(path)) from None
+
+
 def segmenter_for(what: Any) -> Segmenter | None:
     """The segmenter that a user means; None where the own search is all.
 
@@ -115,7 +123,7 @@ def segmenter_for(what: Any) -> Segmenter | None:
     Raises:
         InputError: no such model or segmenter, or one that cannot be had.
     """
-    if what is None or what == CLASSICAL:
+    if what is None or (isinstance(what, str) and what == CLASSICAL):
         return None
     if isinstance(what, str):
         if what.startswith("onnx:"):

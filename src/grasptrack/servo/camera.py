@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grasptrack import arguments
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.typing import Floats
 
@@ -125,6 +127,7 @@ NEAREST = 1e-3
 """m in front of the camera within which nothing is projected."""
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class HandCamera:
     """Camera and mounting.
@@ -168,6 +171,12 @@ class HandCamera:
         return np.concatenate([-by_point, by_point @ skew_matrices(points)], axis=2)
 
 
+@arguments.checked(
+    focal=arguments.finite,
+    mounting=arguments.optional(arguments.array(4, 4)),
+    distance=arguments.finite,
+)
+@compared_by_value
 @dataclass(frozen=True)
 class NominalCamera:
     """What somebody believes about the camera: enough to begin without exploratory moves.
@@ -185,6 +194,11 @@ class NominalCamera:
     focal: float
     mounting: ArrayLike | None = None
     distance: float = 0.4
+
+    def __repr__(self) -> str:
+        """One line: focal length, distance, and where it is mounted."""
+        at = " ".join(f"{v:g}" for v in self.pose()[:3, 3].tolist())
+        return f"NominalCamera({self.focal:g} px, {self.distance:g} m away, mounted at {at} m)"
 
     def __post_init__(self) -> None:
         if not (self.focal > 0.0 and self.distance > 0.0):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.servo.features import rms_diameter
 from grasptrack.tracking.messages import SENTENCES
@@ -16,6 +17,15 @@ HIDING = 0.5
 """Contacts so near to their goal, in lengths of the goal, may be hidden by the fingers."""
 
 
+@arguments.checked(
+    tolerance=arguments.finite,
+    images=arguments.whole,
+    confidence=arguments.number,
+    seen=arguments.number,
+    memory=arguments.number,
+    patience=arguments.number,
+    loosest=arguments.finite,
+)
 @dataclass(frozen=True)
 class Closing:
     """What it takes.

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import NominalCamera, check_pose
 from grasptrack.servo.closing import CloseGate, Closing
@@ -56,6 +57,21 @@ class GraspServo:
             latency or time limit that is none.
     """
 
+    @arguments.checked(
+        goal=arguments.instance(Goal),
+        dof=arguments.whole,
+        law=arguments.text,
+        camera=arguments.optional(arguments.instance(NominalCamera)),
+        size=arguments.array(2),
+        limits=arguments.optional(arguments.instance(Limits)),
+        gain=arguments.optional(arguments.instance(Gain)),
+        loss=arguments.optional(arguments.instance(LossPolicy)),
+        exploration=arguments.optional(arguments.instance(Exploration)),
+        closing=arguments.optional(arguments.instance(Closing)),
+        standoff=arguments.finite,
+        latency=arguments.finite,
+        time_limit=arguments.number,
+    )
     def __init__(
         self,
         goal: Goal,
@@ -116,6 +132,11 @@ class GraspServo:
         if not self.over and self.state != "closing":
             self.state, self.reason = "failed", "the hand touched something on its way"
 
+    @arguments.checked(
+        result=arguments.instance(TrackResult),
+        time=arguments.number,
+        pose=arguments.array(unbounded=True),
+    )
     def update(self, result: TrackResult, *, time: float, pose: ArrayLike) -> Command:
         """One step of control.
 
@@ -143,12 +164,28 @@ class GraspServo:
             late = time - self._began > self._time_limit
             why = f"not done after {self._time_limit:g} s: {UNSURE}" if late else UNSURE
             return self._make_command(Intent("failed" if late else "unsure", why), step)
-        seen, fits = self._observe_result(result, time - self._latency)
-        return self._make_command(
-            self._decide_intent(result, seen if fits else None, seen is not None, time, hand, step), step
-        )
+        return self._make_command(self._checked_intent(result, time, hand, step), step)
 
     # --- steps ------------------------------------------------------------------------------------
+
+    def _checked_intent(self, result: TrackResult, time: float, hand: Floats, step: float) -> Intent:
+        """What to do; to stand, where what was told leads to no finite twist: poses that jump, contacts that cannot be."""
+        observed = False
+        try:
+            with np.errstate(all="ignore"):
+                seen, fits = self._observe_result(result, time - self._latency)
+                observed = True
+                wanted = self._decide_intent(result, seen if fits else None, seen is not None, time, hand, step)
+            if np.isfinite(wanted.twist).all():
+                return wanted
+        except (ArithmeticError, np.linalg.LinAlgError):
+            pass
+        except InputError:  # by an estimate, not by the caller
+            if not observed:
+                raise
+        self._doubt.reset_count()
+        self.calibration.restart_estimate()
+        return Intent("holding", "what is told of hand and object does not fit together: begins anew")
 
     def _observe_result(self, result: TrackResult, shot: float) -> tuple[Observation | None, bool]:
         """The sighting of a result, and whether it fits what is known."""

@@ -15,6 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grasptrack import arguments
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import HandCamera, align_rigid
 from grasptrack.servo.features import SMALL, rms_diameter
@@ -25,6 +27,7 @@ ALIKE = 1.15
 """Orders of the fingers that leave up to so many times the least misfit fit alike."""
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class Goal:
     """A goal of the servo. Make one by `Goal.fingertips` or `Goal.taught`.
@@ -43,7 +46,17 @@ class Goal:
     beyond: float = 0.0
     symmetric: bool = True
 
+    def __repr__(self) -> str:
+        """One line: kind and places."""
+        return f"Goal({self.kind}, {' '.join(f'{x:.2f},{y:.2f}' for x, y in self.points.tolist())})"
+
     @classmethod
+    @arguments.checked(
+        points_px=arguments.array(unbounded=True),
+        opening_m=arguments.number,
+        beyond_m=arguments.number,
+        symmetric=arguments.truth,
+    )
     def fingertips(
         cls, points_px: ArrayLike, opening_m: float, *, beyond_m: float = 0.0, symmetric: bool = True
     ) -> Goal:
@@ -65,6 +78,9 @@ class Goal:
         return cls("fingertips", _check_points(points_px), float(opening_m), float(beyond_m), symmetric)
 
     @classmethod
+    @arguments.checked(
+        symmetric=arguments.truth,
+    )
     def taught(cls, result: TrackResult | ArrayLike, *, symmetric: bool = True) -> Goal:
         """The contacts shall be seen as they were in a view in which the hand was right.
 
@@ -116,6 +132,9 @@ class Goal:
         return np.asarray(camera.offset + depth * flat)
 
 
+@arguments.checked(
+    points=arguments.array(unbounded=True),
+)
 def _check_points(points: ArrayLike) -> Floats:
     given = np.asarray(points, dtype=np.float64)
     if given.ndim != 2 or given.shape[1:] != (2,) or len(given) < 2 or not np.isfinite(given).all():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.servo.camera import HandCamera, skew_matrix, turn_between
 from grasptrack.servo.estimate import ClassicalIBVS, Estimate
@@ -20,6 +21,11 @@ AXES = {4: (0, 1, 2, 5), 6: (0, 1, 2, 3, 4, 5)}
 """Components of the twist that a hand of so many degrees of freedom has."""
 
 
+@arguments.checked(
+    near=arguments.finite,
+    far=arguments.finite,
+    fall=arguments.finite,
+)
 @dataclass(frozen=True)
 class Gain:
     """The gain falls from `near` at the goal to `far` away from it: quick at the end, calm at the beginning.

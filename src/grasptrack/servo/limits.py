@@ -9,6 +9,8 @@ from typing import Literal
 
 import numpy as np
 
+from grasptrack import arguments
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import InputError
 from grasptrack.servo.law import Aim
 from grasptrack.typing import Floats
@@ -17,6 +19,7 @@ State = Literal["unsure", "approaching", "converged", "holding", "searching", "c
 OVER: tuple[State, ...] = ("done", "failed")
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class Command:
     """One answer.
@@ -44,7 +47,13 @@ class Command:
     height: float = math.nan
     goal: Floats | None = None
 
+    def __repr__(self) -> str:
+        """One line: state, twist and why."""
+        twist = " ".join(f"{v:.4g}" for v in self.twist.tolist())
+        return f'Command({self.state}, twist {twist}{", close" if self.close else ""}, "{self.reason}")'
 
+
+@compared_by_value
 @dataclass(frozen=True)
 class Intent:
     """What is wanted.
@@ -69,6 +78,12 @@ class Intent:
         return Command(twist, self.state, self.reason, self.close, f.error, f.error_px, f.height, f.final)
 
 
+@arguments.checked(
+    linear=arguments.number,
+    angular=arguments.number,
+    linear_acceleration=arguments.number,
+    angular_acceleration=arguments.number,
+)
 @dataclass(frozen=True)
 class Limits:
     """What the hand may do.

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.servo.law import Aim
 from grasptrack.servo.limits import Intent, Limits
@@ -18,6 +19,15 @@ from grasptrack.typing import Floats
 Step = Literal["coast", "hold", "back off", "give up"]
 
 
+@arguments.checked(
+    coast=arguments.number,
+    hold=arguments.number,
+    back_off=arguments.number,
+    speed=arguments.finite,
+    away=arguments.number,
+    follow=arguments.number,
+    start=arguments.number,
+)
 @dataclass(frozen=True)
 class LossPolicy:
     """Steps after a loss, each for its time, in this order.

@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import ConditioningError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.servo.camera import interpolate_pose
+from grasptrack.servo.features import rms_diameter
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
@@ -57,6 +59,7 @@ REACH = 0.7
 """Half the side of the reference square, in distances of the contacts."""
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class Observation:
     """One image's points.
@@ -136,6 +139,8 @@ class ResultObserver:
             return None
         points = np.asarray(result.contacts, dtype=np.float64)
         k = len(points)
+        if not rms_diameter(points) > FLOOR:  # one point, by all that is known, or none
+            return None
         noise = FLOORS.repeat(k, axis=0)
         if result.covariance is not None:
             noise += (
@@ -152,7 +157,7 @@ class ResultObserver:
                     return None
                 points = np.vstack([points, apply_homography(H, self._reference)])
                 noise = np.concatenate([noise, np.broadcast_to(4.0 * noise.mean(axis=0), (4, 2, 2))])
-        except ConditioningError:
+        except (ConditioningError, np.linalg.LinAlgError):
             return None
         return Observation(time, hand, points, noise, k) if np.isfinite(points).all() else None
 

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import arguments
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.servo.camera import HandCamera, NominalCamera, inverse_pose
@@ -46,6 +47,11 @@ ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
 """Components of the twist in turn. The first alone tells mounting angle and length, so that a moving object can be followed."""
 
 
+@arguments.checked(
+    way=arguments.finite,
+    turn=arguments.finite,
+    seconds=arguments.finite,
+)
 @dataclass(frozen=True)
 class Exploration:
     """How the moves are made.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasptrack import kernels
+from grasptrack import arguments, kernels
 from grasptrack.errors import InputError
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.closure_probability import chance_of_closing
@@ -62,6 +62,26 @@ from grasptrack.typing import Floats
 __all__ = ["Reason", "Suitability", "inspect"]
 
 
+@arguments.checked(
+    image=arguments.array(unbounded=True),
+    grasp=arguments.optional(arguments.array(unbounded=True)),
+    fingers=arguments.whole,
+    friction=arguments.number,
+    object_at=arguments.optional(arguments.array(unbounded=True)),
+    not_at=arguments.optional(arguments.array(unbounded=True)),
+    box=arguments.optional(arguments.array(unbounded=True)),
+    outline=arguments.optional(arguments.array(unbounded=True)),
+    ignore=arguments.optional(arguments.array(unbounded=True)),
+    background=arguments.optional(arguments.array(unbounded=True)),
+    mask=arguments.optional(arguments.array(unbounded=True)),
+    hand=arguments.optional(arguments.instance(Hand)),
+    strategy=arguments.text,
+    risk=arguments.number,
+    focal=arguments.optional(arguments.instance(Beforehand)),
+    runs=arguments.whole,
+    number=arguments.optional(arguments.whole),
+    first_look_ms=arguments.optional(arguments.number),
+)
 def inspect(
     image: NDArray[Any],
     *,

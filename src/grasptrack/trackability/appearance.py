@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import View
 from grasptrack.kernels.reference.homography import lower_median
 from grasptrack.segmentation.images import Grey
@@ -29,6 +30,7 @@ LEAST = 5
 """Stretches in a row that their directions' noise is measured on."""
 
 
+@compared_by_value
 class Edges(NamedTuple):
     """Edges at points of an outline, about one each px.
 
@@ -120,6 +122,7 @@ DOUBT = 3.0
 """Structure counts as far as it exceeds what noise makes by so many standard deviations of that."""
 
 
+@compared_by_value
 class Relief(NamedTuple):
     """Slopes of one part of an image.
 

@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspTrackError
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import rotation_at
@@ -52,6 +53,7 @@ UNTEXTURED = replace(NUMBERS, texture_contrast=math.inf)
 """The core's numbers for a target that is looked at by its outline alone."""
 
 
+@compared_by_value
 class Settled(NamedTuple):
     """How far the tracker's evidence fixes the contacts.
 
@@ -158,6 +160,7 @@ EQUAL = 0.03
 """Share of sqrt(area), rms, by which outlines may differ under the best similarity to be looked at as equals."""
 
 
+@compared_by_value
 class Symmetry(NamedTuple):
     """How often an object fits itself.
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from grasptrack.equality import compared_by_value
 from grasptrack.kernels.reference.homography import displacement_fields, whitening_matrix
 from grasptrack.typing import Floats
 
@@ -31,6 +32,7 @@ FREE = 0.4
 """A motion is not shown when so much of it, by its square, lies among those that slide the outline along itself."""
 
 
+@compared_by_value
 class Motion(NamedTuple):
     """One motion.
 
@@ -46,6 +48,7 @@ class Motion(NamedTuple):
     observed: tuple[str, ...]
 
 
+@compared_by_value
 class Model(NamedTuple):
     """A model of the motion.
 
@@ -83,6 +86,7 @@ class Frame(NamedTuple):
         return np.asarray((points - self.centre) @ self.axes.T / self.size)
 
 
+@compared_by_value
 class Motions(NamedTuple):
     """What an outline shows.
 

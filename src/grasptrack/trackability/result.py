@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import View
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.undistortion import Undistortion
@@ -107,6 +108,7 @@ class Held(NamedTuple):
     tolerance: float
 
 
+@compared_by_value
 @dataclass(frozen=True, eq=False)
 class Suitability:
     """How well an object can be tracked, told from one image.
@@ -147,6 +149,10 @@ class Suitability:
     view: View
     edges: Edges
     candidates: tuple[Candidate, ...] = ()
+
+    def __repr__(self) -> str:
+        """One line: the verdict."""
+        return f'Suitability("{self.verdict}")'
 
     @property
     def located(self) -> float:

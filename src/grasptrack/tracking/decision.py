@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.tracking.numbers import NUMBERS, Numbers
 from grasptrack.typing import Floats
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from grasptrack.tracking.state import TrackState
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class Decision:
     """What is decided of one image.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.equality import compared_by_value
 from grasptrack.tracking.decision import pose_evidence, surface_expected
 from grasptrack.tracking.numbers import Numbers
 from grasptrack.tracking.target import Grey, Target
@@ -23,6 +24,7 @@ CONTINUOUS = ("texture", "background", "at rest", "moving on")
 """Origins of hypotheses that continue what was."""
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class Hypothesis:
     """Where the object may be.
@@ -40,6 +42,7 @@ class Hypothesis:
     reach: float = 0.0
 
 
+@compared_by_value
 @dataclass(frozen=True)
 class PoseEstimate:
     """A hypothesis made exact.

@@ -45,13 +45,25 @@ class Keypoints:
     def __init__(self, target: Target, grey: Grey, level: int = 0) -> None:
         self._target = target
         self._enlarge = np.diag([2.0**level, 2.0**level, 1.0])
-        self._detector: Any = cv2.ORB.create(1200 >> level, fastThreshold=8)
+        self._level = level
+        self._detector = self._create_detector()
         mask = np.zeros_like(grey)
         outline = target.view.outer.points / 2.0**level
         cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 255)
-        self._points, self._descriptors = self._detector.detectAndCompute(
-            grey, cv2.dilate(mask, np.ones((9, 9), np.uint8))
-        )
+        points, self._descriptors = self._detector.detectAndCompute(grey, cv2.dilate(mask, np.ones((9, 9), np.uint8)))
+        self._points = np.array([point.pt for point in points], np.float32)
+
+    def _create_detector(self) -> Any:
+        return cv2.ORB.create(1200 >> self._level, fastThreshold=8)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """OpenCV's detectors have no copy."""
+        return {name: value for name, value in self.__dict__.items() if name != "_detector"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the detector anew."""
+        self.__dict__.update(state)
+        self._detector = self._create_detector()
 
     def find(self, grey: Grey) -> Floats | None:
         """(3, 3) a pose on which enough keypoints of an image (H, W), at the same level, agree, or None."""
@@ -64,7 +76,7 @@ class Keypoints:
         good = [a for a, b in (p for p in pairs if len(p) == 2) if a.distance < 0.8 * b.distance]
         if len(good) < 8:
             return None
-        source = np.array([self._points[m.queryIdx].pt for m in good], np.float32)
+        source = self._points[[m.queryIdx for m in good]]
         place = np.array([points[m.trainIdx].pt for m in good], np.float32)
         H, inliers = cv2.findHomography(source, place, cv2.USAC_FAST, 4.0)
         if H is None or inliers.sum() < 8:

@@ -4,21 +4,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.force_closure import GraspAnalysis
 
 Status = Literal["searching", "tracked", "unstable", "lost"]
 
 
+@compared_by_value
 @dataclass(frozen=True, slots=True)
 class TrackResult:
-    """One frame's answer.
+    """One frame's answer. Two are equal where all but `latency_ms` is.
 
     Attributes:
         frame: index of the update, from 0.
@@ -39,7 +41,7 @@ class TrackResult:
         homography_covariance: (9, 9) of its entries, row by row, the last one being 1, where it is known.
         covariance: (k, 2, 2) px^2 of the contacts where it is known.
         view: the outline that was observed, for drawing; None when nothing was.
-        latency_ms: time that the update took.
+        latency_ms: time that the update took; equal results may differ in it.
         margin_sd: rad, standard deviation of the analysis's margin, by what is not known of the object's plane and outline.
         margin_image: rad, the margin in the image as it is, where perspective bends friction cones.
         tilt: rad, between the optical axis and the normal of the object's plane, by all views so far.
@@ -70,7 +72,7 @@ class TrackResult:
     covariance: NDArray[np.float64] | None = None
     view: View | None = None
     chance: float = math.nan
-    latency_ms: float = math.nan
+    latency_ms: float = field(default=math.nan, compare=False)
     homography_covariance: NDArray[np.float64] | None = None
     reason_code: str = ""
     margin_sd: float = math.nan
@@ -83,6 +85,12 @@ class TrackResult:
     mended: float = 0.0
     notice: str = ""
     object_sure: bool = True
+
+    def __repr__(self) -> str:
+        """One line: the frame, what it says, and where the contacts are."""
+        at = "" if self.contacts is None else ", " + " ".join(f"{x:.2f},{y:.2f}" for x, y in self.contacts.tolist())
+        why = f" ({self.reason_code})" if self.reason_code else ""
+        return f"TrackResult(frame {self.frame}: {self.status}{why}{at}, confidence {self.confidence:.3f})"
 
     @property
     def located(self) -> bool:

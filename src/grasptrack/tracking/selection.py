@@ -21,7 +21,7 @@ from grasptrack.kernels.reference.registration.texture import SIDE as PATCH
 from grasptrack.kernels.reference.registration.texture import noise_of
 from grasptrack.statistics import MAD_TO_SD
 from grasptrack.tracking.numbers import Numbers
-from grasptrack.tracking.target import Grey, Target, as_grey, hidden_levels
+from grasptrack.tracking.target import Grey, Recipe, Target, as_grey, hidden_levels
 from grasptrack.transfer.alignment import TIE, as_similarity, find_alignments
 from grasptrack.typing import Floats
 
@@ -209,7 +209,7 @@ def make_target(
     surface_mask = as_grey(cv2.erode(mask, np.ones((beyond, beyond), np.uint8)))
     surface = surface_samples(surface_mask)
     work_contacts = (contacts - low) * s
-    target = kernels.PoseTarget(
+    arguments = (
         numbers.table(),
         A,
         np.ascontiguousarray(frame.centre),
@@ -226,8 +226,8 @@ def make_target(
         np.ascontiguousarray(work_contacts),
         *_region_cells(image, mask, points, normals, size),
     )
-    if hidden is not None and hidden.any():
-        target.hide(hidden_levels(hidden))
+    recipe = Recipe(arguments, hidden_levels(hidden) if hidden is not None and hidden.any() else None)
+    target = recipe.build()
     patches, counts = np.zeros((0, 2)), []
     stride, reduced, count = 1, image, PATCHES
     while stride == 1 or stride <= size / 16.0:
@@ -237,7 +237,9 @@ def make_target(
         centres = select_textured_patches(
             reduced, inside, stride, noise_of(noise, stride), numbers.texture_contrast, count
         )
-        counts.append(target.add_texture(levels, centres, float(stride)))
+        texture = levels, centres, float(stride)
+        recipe.textures.append(texture)
+        counts.append(target.add_texture(*texture))
         if stride == 1:
             patches = centres
         reduced, stride, count = as_grey(cv2.pyrDown(reduced)), 2 * stride, max(30, count // 2)
@@ -273,6 +275,7 @@ def make_target(
         noise,
         numbers,
         target,
+        recipe,
     )
 
 

@@ -125,8 +125,17 @@ class Silhouettes:
     segments = True
 
     def __init__(self, name: str, grasp: Grasp, reference: View) -> None:
+        self._name = name
         self._strategy = strategy_named(name)
         self._description: Any = self._strategy.describe(grasp, reference)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The strategy may be a module, which has no copy."""
+        return {"_name": self._name, "_description": self._description}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Find the strategy again by its name."""
+        self.__dict__.update(state, _strategy=strategy_named(state["_name"]))
 
     def carry(self, grey: Grey, view: View | None, prior: Floats | None) -> Carried:
         """See Extractor."""

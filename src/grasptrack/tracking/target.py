@@ -52,6 +52,30 @@ def hidden_levels(hidden: Grey) -> list[Grey]:
     return levels
 
 
+@dataclass
+class Recipe:
+    """What a kernel's target is made of, so that a copy of it can be made in another process.
+
+    Attributes:
+        arguments: of `kernels.PoseTarget`.
+        hidden: pyramid of what is hidden, or None.
+        textures: of each `add_texture`: the pyramid of the first image, (n, 2) work px, and work px between pixels.
+    """
+
+    arguments: tuple[Any, ...]
+    hidden: list[Grey] | None = None
+    textures: list[tuple[list[Grey], Floats, float]] = field(default_factory=list)
+
+    def build(self) -> Any:
+        """A kernel's target; the same recipe always gives the same one."""
+        made = kernels.PoseTarget(*self.arguments)
+        if self.hidden is not None:
+            made.hide(self.hidden)
+        for texture in self.textures:
+            made.add_texture(*texture)
+        return made
+
+
 @dataclass(frozen=True)
 class Target:
     """The object and the grasp in the first view.
@@ -77,6 +101,7 @@ class Target:
         edge_share: of the outline's samples, which have an edge; edge_width: work px, their standard deviation, the median.
         noise: grey levels, of the camera.
         handle: the same for the kernel.
+        recipe: of the handle, which cannot be copied itself.
     """
 
     view: View
@@ -103,6 +128,15 @@ class Target:
     noise: float
     numbers: Numbers
     handle: Any = field(repr=False)
+    recipe: Recipe = field(repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the kernel's own memory."""
+        return {name: value for name, value in self.__dict__.items() if name != "handle"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the kernel's target anew."""
+        self.__dict__.update(state, handle=state["recipe"].build())
 
     @cached_property
     def noise_of_motion(self) -> Floats:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time as clock
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasptrack import kernels
+from grasptrack import arguments, kernels
 from grasptrack.errors import ConditioningError, GraspError, InputError, SourceError, StrategyError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import View
@@ -122,9 +123,31 @@ class GraspTracker:
         StrategyError: unknown strategy, or more fingers than it can carry.
         GraspError: contacts that are none, or fewer than two fingers.
         InputError: friction not positive, a risk or probability out of range, both a pixel and a box, both a grasp and a
-            choice, or a length not above 0.
+            choice, a length not above 0, or a number below 1.
     """
 
+    @arguments.checked(
+        fingers=arguments.whole,
+        strategy=arguments.text,
+        friction=arguments.number,
+        grasp=arguments.optional(arguments.array(unbounded=True)),
+        object_at=arguments.optional(arguments.array(unbounded=True)),
+        not_at=arguments.optional(arguments.array(unbounded=True)),
+        box=arguments.optional(arguments.array(unbounded=True)),
+        outline=arguments.optional(arguments.array(unbounded=True)),
+        ignore=arguments.optional(arguments.array(unbounded=True)),
+        background=arguments.optional(arguments.array(unbounded=True)),
+        hand=arguments.optional(arguments.instance(Hand)),
+        choose=arguments.optional(arguments.function),
+        camera=arguments.optional(arguments.instance(Camera)),
+        risk=arguments.number,
+        length=arguments.optional(arguments.number),
+        number=arguments.optional(arguments.whole),
+        more=arguments.several,
+        sure=arguments.number,
+        first_look_ms=arguments.optional(arguments.number),
+        resynthesize=arguments.truth,
+    )
     def __init__(
         self,
         *,
@@ -159,6 +182,8 @@ class GraspTracker:
             raise InputError("a grasp and a choice of one both say which grasp is meant: give one of them")
         if length is not None and not 0.0 < length < math.inf:
             raise InputError(f"the object's length must be a positive number, not {length:g}", length=length)
+        if number is not None and number < 1:
+            raise InputError(f"number counts candidates from 1, not {number}", number=number)
         self.length = length
         self.strategy, self.friction, self.risk = strategy, friction, check_risk(risk)
         regions = segmenter_for(segmenter)
@@ -191,10 +216,24 @@ class GraspTracker:
         self._frame = -1
         self._grasps = 0
         self._track: Track | None = None
+        self._turn = threading.Lock()
         self._plane: Beforehand | None = None  # of another grasp: what the one before has told
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the lock, which has no copy."""
+        return {name: value for name, value in self.__dict__.items() if name != "_turn"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy has a lock of its own."""
+        self.__dict__.update(state, _turn=threading.Lock())
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
 
+    @arguments.checked(
+        image=arguments.array(unbounded=True),
+        time=arguments.optional(arguments.finite),
+        mask=arguments.optional(arguments.array(unbounded=True)),
+    )
     def update(self, image: NDArray[Any], time: float | None = None, mask: NDArray[Any] | None = None) -> TrackResult:
         """Look at the next image.
 
@@ -207,9 +246,21 @@ class GraspTracker:
         Raises:
             SourceError: an image of another size than the first, or one that cannot be used.
             GraspError: given contacts that are not on an object.
-            InputError: a mask of another size than the image.
+            InputError: a mask of another size than the image, a time that is no finite number, or another thread's update of
+                this tracker is not over. Trackers in different threads do not mind each other.
         """
         started = clock.perf_counter()
+        if not self._turn.acquire(blocking=False):
+            raise InputError("a tracker looks at one image after another: call update from one thread at a time")
+        try:
+            return self._update(image, time, mask, started)
+        finally:
+            self._turn.release()
+
+    def _update(
+        self, image: NDArray[Any], time: float | None, mask: NDArray[Any] | None, started: float
+    ) -> TrackResult:
+        """The same, `started` at a time of the clock in s."""
         mask = self._masks.segment(image) if mask is None and self._masks else mask
         grey = self._look(image, mask)
         moment = _Moment(self._frame, time, started)

@@ -9,8 +9,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import arguments
 from grasptrack.errors import StrategyError
-from grasptrack.geometry.contours import Outline
+from grasptrack.geometry.contours import Contour, Outline, View
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.plugins import load_plugin, plugin_names
 from grasptrack.transfer import grasp_line, homography, rrp
@@ -41,6 +42,13 @@ def strategy_named(name: str) -> TransferStrategy:
     return cast(TransferStrategy, found)
 
 
+@arguments.checked(
+    grasp=arguments.instance(Grasp),
+    reference=arguments.instance(Contour, View),
+    current=arguments.instance(Contour, View),
+    strategy=arguments.text,
+    prior=arguments.optional(arguments.array(3, 3)),
+)
 def transfer(
     grasp: Grasp, reference: Outline, current: Outline, strategy: str, prior: NDArray[np.float64] | None = None
 ) -> Transfer:

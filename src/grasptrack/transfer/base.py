@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
+from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import Outline
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.typing import Floats
 
 
+@compared_by_value
 class Transfer(NamedTuple):
     """A grasp carried to another view.
 
@@ -26,6 +28,10 @@ class Transfer(NamedTuple):
     homography: Floats | None
     covariance: Floats | None
     residual: float
+
+    def __repr__(self) -> str:
+        """One line: the contacts."""
+        return f"Transfer({self.grasp!r}, residual {self.residual:.2f} px)"
 
 
 class TransferStrategy(Protocol):

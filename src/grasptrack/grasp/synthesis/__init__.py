@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from grasptrack import arguments
 from grasptrack.errors import InputError, StrategyError
-from grasptrack.geometry.contours import Outline, as_view
+from grasptrack.geometry.contours import Contour, Outline, View, as_view
 from grasptrack.grasp.contacts import GraspList, RankedGrasp, Terms
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, check_friction, check_width
 from grasptrack.grasp.hand import Hand
@@ -16,6 +17,15 @@ from grasptrack.grasp.synthesis.search import find_grasps
 __all__ = ["GraspList", "RankedGrasp", "Terms", "synthesize"]
 
 
+@arguments.checked(
+    outline=arguments.instance(Contour, View),
+    fingers=arguments.whole,
+    friction=arguments.number,
+    finger_width=arguments.optional(arguments.number),
+    top=arguments.whole,
+    hand=arguments.optional(arguments.instance(Hand)),
+    neighbours=arguments.each(arguments.instance(Contour, View)),
+)
 def synthesize(
     outline: Outline,
     fingers: int = 2,

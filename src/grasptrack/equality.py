@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Equality of values that hold arrays, where NumPy's own answer is an array and no truth value; NaN equals NaN."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+
+Class = TypeVar("Class", bound=type)
+
+
+def are_equal(first: object, second: object) -> bool:
+    """Whether two values are equal, arrays and what holds arrays included.
+
+    Arrays are equal where shapes and entries are. Records of this package are equal where the fields are that take part in
+    a comparison; what measures the clock does not, see `dataclasses.field`.
+    """
+    if first is second:
+        return True
+    if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
+        return _arrays_equal(first, second)
+    if isinstance(first, float) and isinstance(second, float):
+        return first == second or (first != first and second != second)
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        return first.keys() == second.keys() and all(are_equal(first[key], second[key]) for key in first)
+    if isinstance(first, (list, tuple)) and isinstance(second, (list, tuple)):
+        alike = isinstance(first, list) is isinstance(second, list) and len(first) == len(second)
+        return alike and all(map(are_equal, first, second)) and _parts_equal(first, second)
+    if _is_record(first) and _is_record(second):
+        return _parts_equal(first, second)
+    return bool(first == second)
+
+
+def compared_by_value(cls: Class) -> Class:
+    """A class whose objects are equal where their public parts are; works for data classes, named tuples and plain classes."""
+
+    def equals(self: object, other: object) -> bool:
+        return are_equal(self, other) if _of_one_kind(self, other) else NotImplemented
+
+    def differs(self: object, other: object) -> bool:
+        return not are_equal(self, other) if _of_one_kind(self, other) else NotImplemented
+
+    _set(cls, "__eq__", equals)
+    _set(cls, "__ne__", differs)  # a tuple has one of its own, which would be found first
+    _set(cls, "__hash__", _hash)
+    return cls
+
+
+def _set(cls: type, name: str, function: Callable[..., object]) -> None:
+    function.__name__, function.__qualname__ = name, f"{cls.__qualname__}.{name}"
+    setattr(cls, name, function)
+
+
+def _of_one_kind(first: object, second: object) -> bool:
+    return isinstance(second, type(first)) or isinstance(first, type(second))
+
+
+def _arrays_equal(first: object, second: object) -> bool:
+    if not isinstance(first, np.ndarray) or not isinstance(second, np.ndarray) or first.shape != second.shape:
+        return False
+    inexact = first.dtype.kind in "fc" and second.dtype.kind in "fc"
+    return bool(np.array_equal(first, second, equal_nan=inexact))
+
+
+def _is_record(value: object) -> bool:
+    return type(value).__module__.partition(".")[0] == "grasptrack" and not isinstance(value, type)
+
+
+def _parts_equal(first: object, second: object) -> bool:
+    """Of two that are neither arrays nor numbers: their attributes, besides what they hold as a sequence."""
+    if not _of_one_kind(first, second):
+        return not (_is_record(first) or _is_record(second))
+    mine, other = _parts(first), _parts(second)
+    return mine.keys() == other.keys() and all(are_equal(mine[name], other[name]) for name in mine)
+
+
+def _parts(value: object) -> dict[str, Any]:
+    if dataclasses.is_dataclass(value):
+        return {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.compare}
+    slots = [n for c in type(value).__mro__ for n in _slots_of(c)] if _is_record(value) else []
+    names = [n for n in (*slots, *getattr(value, "__dict__", {})) if not n.startswith("_")]
+    late = {n for c in type(value).__mro__ for n, part in vars(c).items() if isinstance(part, cached_property)}
+    return {name: getattr(value, name, None) for name in sorted(set(names) - late)}
+
+
+def _slots_of(cls: type) -> tuple[str, ...]:
+    slots = cls.__dict__.get("__slots__", ())
+    return (slots,) if isinstance(slots, str) else tuple(slots)
+
+
+def _hash(value: object) -> int:
+    """The same for equal values."""
+    return hash(_key(value))
+
+
+def _key(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        numbers = value.astype(np.float64) if value.dtype.kind in "biuf" else np.zeros(0)
+        return value.shape, (np.nan_to_num(numbers) + 0.0).tobytes()  # -0 is 0
+    if isinstance(value, float) and value != value:
+        return "nan"
+    if isinstance(value, Mapping):
+        return frozenset((key, _key(part)) for key, part in value.items())
+    if isinstance(value, (list, tuple)):
+        return tuple(map(_key, value))
+    if _is_record(value):
+        return tuple((name, _key(part)) for name, part in _parts(value).items())
+    return value

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Damaged files through the command line: bits flipped, pieces cut, doubled or spliced. Asked is one line, status 0 or 2.
+
+    python tests/fuzz/damaged_files.py --seconds 600 --seed 1
+
+The same seed damages alike.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import tempfile
+import time
+from argparse import ArgumentParser
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.cli.main import main as command_line
+from grasptrack.io.video import VideoWriter
+
+IMAGES = (".png", ".jpg", ".bmp", ".tif", ".pgm")
+VIDEOS = (".mp4", ".avi", ".mkv")
+LENSES = {
+    ".yaml": "image_width: 160\nimage_height: 120\ncamera_matrix: [180, 0, 80, 0, 180, 60, 0, 0, 1]\n"
+    "distortion_model: plumb_bob\ndistortion_coefficients: [-0.1, 0.01, 0, 0, 0]\n",
+    ".json": json.dumps({"K": [180, 0, 80, 0, 180, 60, 0, 0, 1], "D": [-0.1, 0.01, 0, 0], "width": 160, "height": 120}),
+}
+
+
+class Finding(NamedTuple):
+    """A damaged file on which a command did not end well.
+
+    Attributes:
+        case: its number, which makes it again with the seed.
+        command: what was called.
+        status: its exit status.
+        said: what it said, one string.
+    """
+
+    case: int
+    command: tuple[str, ...]
+    status: int
+    said: str
+
+
+def whole_files(folder: Path) -> list[Path]:
+    """Files of all kinds as they should be, in a folder."""
+    at = np.array([[40, 30], [115, 35], [112, 62], [70, 60], [68, 92], [37, 90]], np.int32)
+    frames: list[NDArray[np.uint8]] = []
+    for k in range(4):
+        frame = np.full((120, 160, 3), 200, np.uint8)
+        cv2.fillPoly(frame, [at + np.array([2 * k, k], np.int32)], (60, 70, 80), cv2.LINE_AA)
+        frames.append(np.asarray(cv2.GaussianBlur(frame, (0, 0), 0.8), dtype=np.uint8))
+    files = []
+    for suffix in IMAGES:
+        files.append(folder / f"whole{suffix}")
+        cv2.imwrite(str(files[-1]), frames[0][:, :, 0] if suffix == ".pgm" else frames[0])
+    for suffix in VIDEOS:
+        files.append(folder / f"whole{suffix}")
+        writer = VideoWriter(files[-1])
+        for frame in frames:
+            writer.write(frame)
+        writer.close()
+    for suffix, text in LENSES.items():
+        files.append(folder / f"whole{suffix}")
+        files[-1].write_text(text)
+    mask = np.zeros((120, 160), np.uint8)
+    cv2.fillPoly(mask, [at], 255)
+    files.append(folder / "mask.png")
+    cv2.imwrite(str(files[-1]), mask)
+    return files
+
+
+def damaged(data: bytes, rng: np.random.Generator, others: list[bytes]) -> bytes:
+    """A file's bytes with one to four kinds of damage."""
+    for _ in range(int(rng.integers(1, 5))):
+        size = len(data)
+        if size < 2:
+            break
+        first, last = sorted(int(i) for i in rng.integers(0, size, 2))
+        match int(rng.integers(0, 6)):
+            case 0:  # bits, most often in the header
+                at = int(rng.integers(0, min(size, 64) if rng.random() < 0.5 else size))
+                data = data[:at] + bytes([data[at] ^ (1 << int(rng.integers(0, 8)))]) + data[at + 1 :]
+            case 1:
+                data = data[: last or 1]
+            case 2:
+                data = data[:first] + data[last:]
+            case 3:
+                data = data[:last] + data[first:]
+            case 4:
+                data = data[:first] + bytes(rng.integers(0, 256, min(last - first, 16), dtype=np.uint8)) + data[last:]
+            case _:
+                other = others[int(rng.integers(0, len(others)))]
+                data = data[:first] + other[int(rng.integers(0, len(other))) :]
+    return data
+
+
+def commands(file: Path, folder: Path, rng: np.random.Generator) -> tuple[str, ...]:
+    """A command that reads a damaged file."""
+    out, image = str(folder / "out"), str(folder / "whole.png")
+    if file.suffix in LENSES:
+        return "synthesize", image, "--camera", str(file), "--output", out
+    if file.suffix in VIDEOS:
+        return "track", str(file), "--no-video", "--output", out
+    if file.stem == "mask":
+        return "synthesize", image, str(rng.choice(["--mask", "--ignore"])), str(file), "--output", out
+    return "synthesize", str(file), "--output", out
+
+
+def called(arguments: tuple[str, ...]) -> tuple[int, str]:
+    """Exit status of a command, and what it said on stderr."""
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        status = command_line([*arguments, "--quiet"])
+    return status, said.getvalue()
+
+
+def fuzz(folder: Path, seed: int) -> Iterator[tuple[Path, Finding | None]]:
+    """Damaged files without end, and what was found with each; the same seed gives the same."""
+    files = whole_files(folder)
+    contents = [file.read_bytes() for file in files]
+    case = 0
+    while True:
+        rng = np.random.default_rng((seed, case))
+        kind = int(rng.integers(0, len(files)))
+        stem = "mask" if files[kind].stem == "mask" else "damaged"
+        file = folder / f"{stem}-in" / f"{stem}{files[kind].suffix}"
+        file.parent.mkdir(exist_ok=True)
+        file.write_bytes(damaged(contents[kind], rng, contents))
+        command = commands(file, folder, rng)
+        status, said = called(command)
+        lines = said.count("\n")
+        good = (status == 0 and lines == 0) or (status == 2 and lines == 1 and said.startswith("grasptrack: "))
+        yield file, None if good else Finding(case, command, status, said)
+        case += 1
+
+
+def main() -> int:
+    """Fuzz for a while, print counts and findings; status 1 where there is a finding."""
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0, help="how long")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=10**9, help="files at most")
+    asked = parser.parse_args()
+    counts: Counter[str] = Counter()
+    findings: list[Finding] = []
+    until = time.monotonic() + asked.seconds
+    with tempfile.TemporaryDirectory() as folder:
+        for file, finding in fuzz(Path(folder), asked.seed):
+            counts["mask" if file.stem == "mask" else file.suffix[1:]] += 1
+            if finding is not None:
+                findings.append(finding)
+                print(
+                    f"case {finding.case}, status {finding.status}: {' '.join(finding.command[:2])}: {finding.said!r}"
+                )
+            if sum(counts.values()) >= asked.count or time.monotonic() > until:
+                break
+    told = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
+    print(f"{sum(counts.values())} damaged files ({told}): {len(findings)} findings")
+    return 1 if findings else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

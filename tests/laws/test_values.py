@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is returned is a value: it compares, prints in a line, and is pickled; a tracker is copied in the middle of a run."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import grasptrack as gt
+from grasptrack.bench.simulation import SHAPES
+from grasptrack.equality import are_equal
+from stages import photo, pose
+
+BRACKET = SHAPES["bracket"]()
+IMAGES = [photo([(BRACKET, pose(150.0 + 4 * k, 115.0 + 2 * k, 4.0 * k))], seed=k) for k in range(8)]
+STRATEGIES = ("auto", "homography", "grasp-line", "rrp")
+CAMERA = gt.Camera(np.array([[350.0, 0.0, 160.0], [0.0, 350.0, 120.0], [0.0, 0.0, 1.0]]), (-0.05, 0.01, 0.0, 0.0))
+GRASP = np.array([[215.0, 110.0], [104.5, 113.3]])
+
+
+def unpickled(value: Any) -> Any:
+    return pickle.loads(pickle.dumps(value))
+
+
+# --- trackers ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, unpickled], ids=["deepcopy", "pickle"])
+@pytest.mark.parametrize(
+    "options", [{"strategy": s, "grasp": GRASP} for s in STRATEGIES] + [{"camera": CAMERA}], ids=str
+)
+@pytest.mark.parametrize("after", [0, 1, 4])
+def test_a_copied_tracker_goes_on_alike(copied: Callable[[Any], Any], options: dict[str, Any], after: int) -> None:
+    images = [*IMAGES[:5], np.full_like(IMAGES[0], 90), *IMAGES[5:]]
+    tracker = gt.GraspTracker(**options)
+    for image in images[:after]:
+        tracker.update(image)
+    twin = copied(tracker)
+    mine = [tracker.update(image) for image in images[after:]]
+    other = [twin.update(image) for image in images[after:]]
+    assert mine == other
+    assert any(r.located for r in mine[2:])
+    assert tracker.candidates == twin.candidates
+
+
+def test_a_tracker_knows_no_buffer_of_its_callers() -> None:
+    grey = [image if image.ndim == 2 else image[:, :, 1] for image in IMAGES]
+    apart, reused = gt.GraspTracker(), gt.GraspTracker()
+    buffer = np.empty_like(grey[0])
+    for image in grey:
+        mine = apart.update(image.copy())
+        buffer[:] = image
+        assert reused.update(buffer) == mine
+        buffer[:] = 0
+
+
+# --- results -------------------------------------------------------------------------------------
+
+
+def results() -> list[Any]:
+    tracker = gt.GraspTracker(fingers=2)
+    found: list[Any] = [tracker.update(image) for image in (*IMAGES[:2], np.zeros_like(IMAGES[0]))]
+    view = found[0].view
+    grasps = gt.synthesize(view)
+    found += [view, view.outer, found[0].analysis, found[1].analysis, grasps[0], grasps, gt.Grasp(GRASP), CAMERA]
+    found += tracker.candidates
+    found += gt.first_look(IMAGES[0])[:1]
+    found += [gt.transfer(grasps[0], view, view, "grasp-line"), gt.inspect(IMAGES[0])]
+    found += [gt.Frame(0, 0.5, IMAGES[0], "a.png"), gt.Goal.taught(found[0]), gt.Hand(), gt.Length(3.0), gt.Limits()]
+    found += [gt.Command(np.zeros(6), "holding", "why"), gt.NominalCamera(300.0, np.eye(4))]
+    return found
+
+
+RESULTS = results()
+
+
+@pytest.mark.parametrize("value", RESULTS, ids=lambda v: type(v).__name__)
+def test_a_result_is_a_value(value: Any) -> None:
+    for copied in (copy.deepcopy(value), unpickled(value)):
+        assert are_equal(copied, value) and are_equal(value, copied)
+        if isinstance(value, (gt.Contour, gt.View)):
+            continue
+        assert copied == value and not (copied != value)  # noqa: SIM202
+        if type(value).__hash__ is not None:
+            assert hash(copied) == hash(value)
+    line = repr(value)
+    assert "\n" not in line and len(line) < (2000 if isinstance(value, list) else 250), line
+
+
+def test_comparing_any_two_results_answers_yes_or_no() -> None:
+    for i, first in enumerate(RESULTS):
+        for j, second in enumerate(RESULTS):
+            assert (first == second) in (True, False)
+            if i == j:
+                assert first == second
+        assert first != "something else" and first is not None
+
+
+def test_what_differs_is_not_equal() -> None:
+    first, second, lost = RESULTS[:3]
+    assert first != second and second != lost
+    assert gt.Grasp(GRASP) != gt.Grasp(GRASP + 0.001)
+    assert gt.Grasp(GRASP, 0.5) != gt.Grasp(GRASP, 0.6)
+    assert gt.GraspList([], "a") != gt.GraspList([], "b")
+    assert not are_equal(gt.Contour(circle(8)), gt.Contour(circle(8) * 2))
+
+
+def circle(n: int) -> np.ndarray:
+    angles = np.arange(n) * 2 * np.pi / n
+    return 20.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+NESTED = st.recursive(
+    st.one_of(
+        st.integers(),
+        st.floats(),
+        st.text(max_size=3),
+        hnp.arrays(np.float64, hnp.array_shapes(max_dims=2, max_side=3)),
+    ),
+    lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=2), inner, max_size=3)),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(NESTED, NESTED)
+def test_equality_is_reflexive_and_symmetric(first: Any, second: Any) -> None:
+    assert are_equal(first, copy.deepcopy(first))
+    assert are_equal(first, second) is are_equal(second, first)
