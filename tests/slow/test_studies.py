@@ -27,7 +27,7 @@ SMALLEST = {
     "closure_probability": "--shapes bracket --draws 20 --grasps 1",
     "confidence": "RUN --picture PICTURE",
     "first_look": "--data DATA --fit",
-    "polygons": "--data DATA --only 15-34",
+    "polygons": "--data DATA --fit",
     "first_outline": "--shapes bracket --kinds gap --frames 4 --never",
     "loop": "--frames 4 --repeat 1 --long 0 --starts 1",
     "matching": "--shapes bracket --pairs 1 --cut 1 --images 1",

@@ -159,7 +159,8 @@ def main() -> None:
     if args.fit:
         left_out = np.zeros((len(photos), len(DRAWN)), dtype=np.bool_)
         each = np.array([photo.kind for photo in photos])
-        for kind in sorted(set(each.tolist())):
+        kinds_seen = sorted(set(each.tolist()))
+        for kind in kinds_seen if len(kinds_seen) > 1 else []:
             numbers = fit_numbers([p for p in photos if p.kind != kind], used)
             left_out[each == kind] = snapped_well([p for p in photos if p.kind == kind], numbers)[0]
         rows.append(["fitted to other kinds", *(100.0 * left_out.mean(axis=0)), math.nan])
