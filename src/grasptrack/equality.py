@@ -29,7 +29,10 @@ def are_equal(first: object, second: object) -> bool:
         return first.keys() == second.keys() and all(are_equal(first[key], second[key]) for key in first)
     if isinstance(first, (list, tuple)) and isinstance(second, (list, tuple)):
         alike = isinstance(first, list) is isinstance(second, list) and len(first) == len(second)
-        return alike and all(map(are_equal, first, second)) and _parts_equal(first, second)
+        if not (alike and all(map(are_equal, first, second))):
+            return False
+        plain = type(first) in (list, tuple) or type(second) in (list, tuple)  # a list of results equals a list
+        return plain or _parts_equal(first, second)
     if _is_record(first) and _is_record(second):
         return _parts_equal(first, second)
     return bool(first == second)

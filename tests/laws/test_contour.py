@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from compiled import native
-from grasptrack.errors import ContourError, GraspTrackError
+from grasptrack.errors import ContourError, GraspTrackError, InputError
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.kernels import reference
@@ -164,3 +165,25 @@ def test_marks_of_another_length_and_holes_as_large_as_the_object_are_refused() 
             Contour(CIRCLE, **marks)  # type: ignore[arg-type]
     with pytest.raises(ContourError, match="leave some of the area"):
         View([Contour(CIRCLE), Contour(CIRCLE, hole=True)])
+
+
+@pytest.mark.parametrize("H", [None, "x", np.eye(2), [1.0, 2.0], object()])
+def test_what_is_no_homography_is_told(H: Any) -> None:
+    angles = np.arange(40) * 2 * np.pi / 40
+    curve = Contour(100.0 + 30.0 * np.column_stack([np.cos(angles), np.sin(angles)]))
+    for each in (curve, View([curve])):
+        with pytest.raises(InputError, match=r"\(3, 3\)"):
+            each.transformed(H)
+
+
+@pytest.mark.parametrize("contours", [None, 3, "x", [3], [np.zeros((9, 2))]])
+def test_what_is_no_contour_makes_no_view(contours: Any) -> None:
+    with pytest.raises(InputError, match="made of a Contour"):
+        View(contours)
+
+
+@pytest.mark.parametrize("kind", [complex, str])
+def test_numbers_in_other_clothes_are_no_points(kind: type) -> None:
+    angles = np.arange(40) * 2 * np.pi / 40
+    with pytest.raises(ContourError, match="array of numbers"):
+        Contour(np.column_stack([np.cos(angles), np.sin(angles)]).astype(kind))

@@ -88,7 +88,7 @@ def test_the_tracker_takes_a_drawn_object_and_follows_it() -> None:
     ("told", "said"),
     [
         ({"object_at": (900, 3)}, "outside the image"),
-        ({"object_at": "here"}, "in px"),
+        ({"object_at": "here"}, "object_at must be an array of numbers"),
         ({"object_at": (np.nan, 3)}, "in px"),
         ({"not_at": (3, -9)}, "not_at"),
         ({"box": (1, 2, 0, 5)}, "above 0"),

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import os
 import random
 import signal
 import subprocess
@@ -45,3 +47,32 @@ def test_a_run_that_is_interrupted_keeps_what_it_computed(images: Path, tmp_path
         assert told["ended"] == "interrupted" and process.returncode == 130
         assert said.count("\n") == 1 and f"interrupted after {len(found)} frames" in said
         assert told["frames"] == len(found) < FRAMES
+
+
+def evaluated(folder: Path) -> list[dict[str, str]]:
+    """All frames that an evaluation scored, without what the clock says."""
+    found: list[dict[str, str]] = []
+    for path in sorted(folder.glob("*.csv")):
+        with path.open(newline="", encoding="utf-8") as file:
+            found += [
+                {k: v for k, v in row.items() if "ms" not in k and k != "seconds"} for row in csv.DictReader(file)
+            ]
+    return found
+
+
+def test_an_evaluation_that_is_killed_again_and_again_ends_as_one_that_is_not(tmp_path: Path) -> None:
+    asked = ["evaluate", "scenes", "--methods", "auto", "--shapes", "bracket", "--frames", "12", "--seed", "3"]
+    asked += ["--disturbances", "clean-4dof,noise,bar,hand", "--workers", "1"]
+    command = [sys.executable, "-m", "grasptrack.cli.main", *asked, "--output"]
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    subprocess.run([*command, str(whole)], check=True, capture_output=True)
+    moments = random.Random(5)
+    for _ in range(4):
+        with subprocess.Popen(
+            [*command, str(killed)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        ) as process:
+            time.sleep(moments.uniform(1.0, 3.0))
+            os.killpg(process.pid, signal.SIGKILL)
+    last = subprocess.run([*command, str(killed)], check=True, capture_output=True, text=True)
+    assert not last.stderr
+    assert evaluated(killed) == evaluated(whole) != []

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasptrack import kernels
-from grasptrack.errors import ContourError
+from grasptrack.errors import ContourError, InputError
 from grasptrack.typing import Bools, Floats
 
 MIN_POINTS = 8
@@ -187,16 +187,52 @@ class Contour:
         Its points are worked out when they are first asked for: a tracker's outline is mostly there to be drawn.
 
         Raises:
+            InputError: H is no array of numbers (3, 3).
             ConditioningError: H sends part of the curve to infinity.
             ContourError: what comes out has no area.
         """
-        return _Transformed.of(self, np.array(H, dtype=np.float64))
+        return _Transformed.of(self, _as_homography(H))
+
+    def __eq__(self, other: object) -> bool:
+        """Whether it is the same curve with the same marks, point for point."""
+        if not isinstance(other, Contour):
+            return NotImplemented
+        return self is other or (
+            self.hole == other.hole
+            and np.array_equal(self.points, other.points)
+            and _are_same(self.strength, other.strength)
+            and _are_same(self.clipped, other.clipped)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.hole, len(self.points), *self.points[0].tolist()))
+
+
+def _are_same(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
+    """Whether two arrays are equal, or both absent."""
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+
+
+def _as_homography(H: ArrayLike) -> Floats:
+    """An own (3, 3) array."""
+    try:
+        own = np.array(H, dtype=np.float64)
+    except (TypeError, ValueError):
+        own = np.zeros(0)
+    if own.shape != (3, 3):
+        raise InputError("H is a homography, an array of numbers of shape (3, 3)")
+    return own
 
 
 def _as_points(points: ArrayLike) -> Floats:
     """An own (N, 2) array."""
     try:
-        pts = np.array(points, dtype=np.float64, order="C")
+        given = np.asarray(points)
+        if given.dtype.kind in "cSU":  # which NumPy would make numbers of
+            raise TypeError
+        pts = np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError):
         raise ContourError("a contour is an array of numbers of shape (N, 2)") from None
     if pts.ndim != 2 or pts.shape[1] != 2:
@@ -303,13 +339,19 @@ class View:
         image: the image itself, (H, W) or (H, W, 3), where there is one.
 
     Raises:
+        InputError: something that is no contour.
         ContourError: no contour, a hole in first place, a second outer contour, or holes as large as the outer contour.
     """
 
     __slots__ = ("_joined", "contours", "image")
 
     def __init__(self, contours: Sequence[Contour] | Contour, image: NDArray[Any] | None = None) -> None:
-        listed = (contours,) if isinstance(contours, Contour) else tuple(contours)
+        try:
+            listed = (contours,) if isinstance(contours, Contour) else tuple(contours)
+        except TypeError:
+            listed = (None,)  # type: ignore[assignment]
+        if not all(isinstance(c, Contour) for c in listed):
+            raise InputError("a view is made of a Contour, or of several: the outer one, then its holes")
         if not listed:
             raise ContourError("a view needs at least one contour")
         if listed[0].hole or not all(c.hole for c in listed[1:]):
@@ -322,6 +364,15 @@ class View:
         self.contours = listed
         self.image = image
         self._joined: tuple[Floats, NDArray[np.int64]] | None = None
+
+    def __eq__(self, other: object) -> bool:
+        """Whether it is of the same contours, and of the same image where there is one."""
+        if not isinstance(other, View):
+            return NotImplemented
+        return self is other or (self.contours == other.contours and _are_same(self.image, other.image))
+
+    def __hash__(self) -> int:
+        return hash(self.contours)
 
     def __repr__(self) -> str:
         return f"View({len(self.contours)} contours, {len(self.points)} points)"
@@ -348,7 +399,7 @@ class View:
 
     def transformed(self, H: ArrayLike) -> View:
         """The same outlines under a homography (3, 3), see `Contour.transformed`."""
-        own = np.array(H, dtype=np.float64)
+        own = _as_homography(H)
         view = View.__new__(View)  # as many contours in the same order: the areas are left to be worked out late
         view._take(tuple(_Transformed.of(c, own) for c in self.contours), None)
         return view

@@ -54,7 +54,7 @@ def check_size(width: int, height: int, name: str) -> None:
     most = max_megapixels()
     if width * height > most * 1e6:
         raise SourceError(
-            f"{name} is {width}x{height} px, {width * height / 1e6:.0f} megapixels; "
+            f"{name} is {width}x{height} px, {width * height / 1e6:.3g} megapixels; "
             f"at most {most:g} are read (--max-megapixels)",
             width=width,
             height=height,
