@@ -21,7 +21,7 @@ FARTHEST = 1e9
 """px: of a larger coordinate too few digits are left for fractions of a pixel."""
 LEAST_SIZE = 1e-3
 """px: what is smaller, in width and height together, is a place."""
-THINNEST = 1e-6
+THINNEST = 1e-5
 """Area over the square of width and height together: what is thinner is a line, and only rounding tells on which side of it a
 contact lies."""
 
