@@ -26,6 +26,12 @@ from test_cli_bad_input import refused
 SUFFIXES = (".png", ".jpg", ".bmp", ".tif", ".pgm", ".ppm", ".webp")
 
 
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a verb writes without being told where stays out of the folder of the sources."""
+    monkeypatch.chdir(tmp_path)
+
+
 def huge_png(path: Path, side: int = 30_000) -> Path:
     """A small file of side x side px, all of one level."""
 
