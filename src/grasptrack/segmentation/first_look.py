@@ -18,7 +18,7 @@ from grasptrack.errors import InputError, ObservationError
 from grasptrack.geometry.contours import View
 from grasptrack.segmentation.candidate import Candidate, contains_pixel
 from grasptrack.segmentation.candidate_search import MIN_EXTENT, CandidateSearch, is_same_region
-from grasptrack.segmentation.hints import Hints, make_hints
+from grasptrack.segmentation.hints import HINT_CHECKS, Hints, make_hints
 from grasptrack.segmentation.images import as_scene, to_bgr, to_mask
 from grasptrack.segmentation.proposals import Proposal
 from grasptrack.segmentation.regions import Segmenter
@@ -34,12 +34,7 @@ MOSTLY = 0.75
 
 @arguments.checked(
     image=arguments.array(unbounded=True),
-    object_at=arguments.optional(arguments.array(unbounded=True)),
-    not_at=arguments.optional(arguments.array(unbounded=True)),
-    box=arguments.optional(arguments.array(unbounded=True)),
-    outline=arguments.optional(arguments.array(unbounded=True)),
-    ignore=arguments.optional(arguments.array(unbounded=True)),
-    background=arguments.optional(arguments.array(unbounded=True)),
+    **HINT_CHECKS,
     mask=arguments.optional(arguments.array(unbounded=True)),
     more=arguments.several,
     sure=arguments.number,

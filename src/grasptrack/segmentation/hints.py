@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.segmentation.images import Grey, to_bgr, to_mask
 from grasptrack.segmentation.silhouettes import Silhouette
@@ -19,6 +20,11 @@ from grasptrack.typing import Floats
 Box = tuple[float, float, float, float]
 """Left, top, width and height, px."""
 Point = tuple[float, float]
+HINT_CHECKS = dict.fromkeys(
+    ("object_at", "not_at", "box", "outline", "ignore", "background"),
+    arguments.optional(arguments.array(unbounded=True)),
+)
+"""Types of what a person may say, by the names that public functions give it; `make_hints` checks the values."""
 BESIDE = 3.0
 """px: a click may lie so far beside a thin part."""
 

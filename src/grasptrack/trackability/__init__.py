@@ -17,6 +17,7 @@ from grasptrack.grasp.contact_regions import regions_of
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, analyze
 from grasptrack.grasp.hand import Hand
+from grasptrack.segmentation.hints import HINT_CHECKS
 from grasptrack.segmentation.images import PLAIN
 from grasptrack.segmentation.segmenters import segmenter_for
 from grasptrack.statistics import robust_sd
@@ -67,12 +68,7 @@ __all__ = ["Reason", "Suitability", "inspect"]
     grasp=arguments.optional(arguments.array(unbounded=True)),
     fingers=arguments.whole,
     friction=arguments.number,
-    object_at=arguments.optional(arguments.array(unbounded=True)),
-    not_at=arguments.optional(arguments.array(unbounded=True)),
-    box=arguments.optional(arguments.array(unbounded=True)),
-    outline=arguments.optional(arguments.array(unbounded=True)),
-    ignore=arguments.optional(arguments.array(unbounded=True)),
-    background=arguments.optional(arguments.array(unbounded=True)),
+    **HINT_CHECKS,
     mask=arguments.optional(arguments.array(unbounded=True)),
     hand=arguments.optional(arguments.instance(Hand)),
     strategy=arguments.text,

@@ -24,6 +24,7 @@ from grasptrack.grasp.force_closure import DEFAULT_FRICTION, FINGER_WIDTH, check
 from grasptrack.grasp.hand import Hand
 from grasptrack.segmentation.candidate import Candidate
 from grasptrack.segmentation.first_look import DEFAULT_SURE, check_sure, distinct_candidates
+from grasptrack.segmentation.hints import HINT_CHECKS
 from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.segmenters import OneMask, segmenter_for
@@ -131,12 +132,7 @@ class GraspTracker:
         strategy=arguments.text,
         friction=arguments.number,
         grasp=arguments.optional(arguments.array(unbounded=True)),
-        object_at=arguments.optional(arguments.array(unbounded=True)),
-        not_at=arguments.optional(arguments.array(unbounded=True)),
-        box=arguments.optional(arguments.array(unbounded=True)),
-        outline=arguments.optional(arguments.array(unbounded=True)),
-        ignore=arguments.optional(arguments.array(unbounded=True)),
-        background=arguments.optional(arguments.array(unbounded=True)),
+        **HINT_CHECKS,
         hand=arguments.optional(arguments.instance(Hand)),
         choose=arguments.optional(arguments.function),
         camera=arguments.optional(arguments.instance(Camera)),
