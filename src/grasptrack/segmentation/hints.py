@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -69,10 +69,6 @@ class Hints:
     def box_middle(self) -> Point | None:
         """(x, y) px, the middle of the box, or None."""
         return None if self.box is None else (self.box[0] + 0.5 * self.box[2], self.box[1] + 0.5 * self.box[3])
-
-    def without_object(self) -> Hints:
-        """The same of the whole image: nothing says which object is meant."""
-        return replace(self, object_at=(), not_at=(), box=None, outline=None)
 
     def where(self) -> str:
         """The place in words, for messages: " at 10,20", " in the box", or empty."""
