@@ -40,6 +40,8 @@ class Bench:
         regrasp: s at which another grasp is chosen on it.
         narrowing: share by which the object seems to narrow on the way, as one does whose side showed at first, and in which
             direction, rad from that of the grasp.
+        every: control periods from one image to the next.
+        frozen: s from which the camera gives no image any more.
         turn, aside, distance: the start: largest turn in degrees, share of the view, times the distance at the goal.
     """
 
@@ -54,6 +56,8 @@ class Bench:
     push: tuple[float, float] = (math.inf, 0.0)
     regrasp: float = math.inf
     narrowing: tuple[float, float] = (0.0, 0.0)
+    every: int = 1
+    frozen: float = math.inf
     turn: float = 45.0
     aside: float = 0.4
     distance: float = 2.5
@@ -219,7 +223,11 @@ class Bench:
     def run(self, servo: gt.GraspServo, seconds: float = 30.0) -> gt.GraspServo:
         """Until it closes, or is over."""
         while not servo.over and self.time < seconds:
-            command = servo.update(self.result(), time=self.time, pose=self.hand)
+            if len(self.commands) % self.every == 0 and self.time < self.frozen:
+                command = servo.update(self.result(), time=self.time, pose=self.hand)
+            else:
+                command = servo.between(time=self.time, pose=self.hand)
+                assert not command.close
             self.commands.append(command)
             if command.close:
                 across, along, turn = self.off()

@@ -39,6 +39,7 @@ numbers = st.one_of(st.floats(-500.0, 1000.0), st.sampled_from([math.nan, math.i
 small = st.floats(-1.0, 1.0)
 results = st.one_of(
     st.just(LOST),
+    st.none(),
     st.builds(
         lambda x, y, dx, dy: seen([[x, y], [x + dx, y + dy]]),
         *[st.floats(0.0, 640.0)] * 2,
@@ -70,6 +71,11 @@ def check(command: Command, before: np.ndarray, step: float) -> np.ndarray:
     return command.twist
 
 
+def told_to(hand: GraspServo, result: TrackResult | None, time: float, pose: np.ndarray) -> Command:
+    """The step of control with a result, or the one without an image."""
+    return hand.between(time=time, pose=pose) if result is None else hand.update(result, time=time, pose=pose)
+
+
 def servo(law: str, dof: int, goal: Goal, **more: Any) -> GraspServo:
     camera = None if law == "online" else NominalCamera(500.0)
     return GraspServo(goal, dof, law=law, camera=camera, limits=LIMITS, **more)  # type: ignore[arg-type]
@@ -85,23 +91,26 @@ def test_whatever_is_told_the_twist_is_finite_and_within_limits(law: str, dof: i
     twist, time = np.zeros(6), 0.0
     for result, pose, step in told:
         time += step
-        twist = check(hand.update(result, time=time, pose=pose), twist, step)
+        twist = check(told_to(hand, result, time, pose), twist, step)
 
 
 @pytest.mark.parametrize("law", ["online", "nominal"])
 @settings(max_examples=20, deadline=None)
-@given(first=st.lists(st.tuples(results, poses), min_size=1, max_size=8))
-def test_without_anything_seen_it_stops_in_the_end(law: str, first: list[Any]) -> None:
+@given(first=st.lists(st.tuples(results, poses), min_size=1, max_size=8), after=st.sampled_from([LOST, None]))
+def test_without_anything_seen_or_any_image_it_stops_in_the_end(
+    law: str, first: list[Any], after: TrackResult | None
+) -> None:
     hand = servo(
-        law, 4, Goal.taught(CONTACTS + 70.0), loss=LossPolicy(coast=0.2, hold=0.2, back_off=0.5, follow=0.5, start=1.0)
-    )
+        law, 4, Goal.taught(CONTACTS + 70.0), time_limit=4.0,
+        loss=LossPolicy(coast=0.2, hold=0.2, back_off=0.5, follow=0.5, start=1.0),
+    )  # fmt: skip
     twist, time = np.zeros(6), 0.0
     for result, pose in first:
         time += 0.04
-        twist = check(hand.update(result, time=time, pose=pose), twist, 0.04)
+        twist = check(told_to(hand, result, time, pose), twist, 0.04)
     for _ in range(120):
         time += 0.04
-        twist = check(hand.update(LOST, time=time, pose=first[-1][1]), twist, 0.04)
+        twist = check(told_to(hand, after, time, first[-1][1]), twist, 0.04)
     assert hand.over and not twist.any()
 
 

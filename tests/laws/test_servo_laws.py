@@ -74,7 +74,7 @@ def test_a_held_twist_goes_on_where_it_was(seed: int) -> None:
 
 
 def test_poses_between_reports() -> None:
-    poses, twist = Poses(kept=3), np.array([0.1, 0.0, 0.2, 0.0, 0.0, 0.5])
+    poses, twist = Poses(kept=0.25), np.array([0.1, 0.0, 0.2, 0.0, 0.0, 0.5])
     for t in (0.0, 0.1, 0.2, 0.3):
         poses.add_pose(t, apply_twist(np.eye(4), twist, t))
     assert np.abs(poses.pose_at(0.26)[:3, :3] - apply_twist(np.eye(4), twist, 0.26)[:3, :3]).max() < 1e-9

@@ -7,6 +7,7 @@ import copy
 import itertools
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -272,6 +273,42 @@ def test_a_loss_goes_through_every_step_and_ends_in_time() -> None:
     assert all(c.reason for c in bench.commands) and not any(c.close for c in bench.commands)
     back = sum(-c.twist[2] * PERIOD for c in bench.commands if c.state == "searching")
     assert back <= 0.05 + 0.01
+
+
+@pytest.mark.parametrize("what", [{}, {"belt": 60.0}, {"dof": 6}])
+@pytest.mark.parametrize("seed", range(3))
+def test_it_goes_on_between_images(seed: int, what: dict[str, Any]) -> None:
+    """Every third period brings an image, 8 a second: it closes where it should, and the hand moves on in between."""
+    bench = Bench(seed=seed, every=3, **what)
+    servo = bench.run(gt.GraspServo(bench.goal(), dof=bench.dof), 40.0)
+    assert servo.state == "done", servo.reason
+    between = [c for i, c in enumerate(bench.commands) if i % 3]
+    assert np.mean([c.twist.any() for c in between]) > 0.8
+    assert not any(c.close for c in between)
+
+
+def test_a_camera_that_gives_no_image_any_more_is_a_loss() -> None:
+    bench = Bench(seed=0, frozen=2.0)
+    servo = bench.run(gt.GraspServo(bench.goal()), 40.0)
+    states = [c.state for c in bench.commands]
+    assert servo.state == "failed" and "no image since" in servo.reason
+    first = states.index("holding")
+    assert 0.2 <= first * PERIOD - 2.0 <= 0.4  # an image may be missing for that long
+    assert states.index("searching", first) > first
+    assert all(c.twist[2] <= 1e-9 or i < first + 10 for i, c in enumerate(bench.commands))  # down no more
+
+
+def test_between_images_before_the_first_it_waits() -> None:
+    servo = gt.GraspServo(gt.Goal.fingertips([[300.0, 250.0], [360.0, 250.0]], 0.06))
+    command = servo.between(time=0.0, pose=np.eye(4))
+    assert command.state == "searching" and "no image yet" in command.reason and not command.twist.any()
+    with pytest.raises(gt.InputError, match="times go on"):
+        servo.between(time=0.0, pose=np.eye(4))
+
+
+def test_an_opening_in_mm_is_refused() -> None:
+    with pytest.raises(gt.InputError, match=r"in m: 85 m is no gripper's \(0\.085, if mm were meant\)"):
+        gt.Goal.fingertips([[300.0, 250.0], [360.0, 250.0]], 85)
 
 
 def test_without_a_first_grasp_it_waits_and_gives_up() -> None:

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Callable, Iterator
 from typing import Literal
 
 import numpy as np
@@ -31,6 +33,15 @@ UNSURE = "not sure which object is meant: name it (object_at, box or outline), c
 """What a servo says while it does not move for that."""
 LONGEST_STEP = 0.2
 """s that count as one step of control at most: after a pause the acceleration limit holds all the same."""
+
+
+@contextlib.contextmanager
+def _own_errors() -> Iterator[None]:
+    """Arguments that are refused within come of an estimate, not from the caller."""
+    try:
+        yield
+    except InputError as error:
+        raise ArithmeticError(str(error)) from error
 
 
 class GraspServo:
@@ -116,6 +127,7 @@ class GraspServo:
         self._began = self._time = math.nan
         self._order: tuple[int, ...] | None = None
         self._grasp: int | None = None
+        self._result: TrackResult | None = None
 
     @property
     def over(self) -> bool:
@@ -151,6 +163,57 @@ class GraspServo:
         Raises:
             InputError: a time that is not later than the last one, or a pose that is none.
         """
+        hand, step = self._take_pose(time, pose)
+        self._result = result
+        if self.over:
+            return self._make_command(Intent(self.state, self.reason), 0.0)
+        if not result.object_sure:
+            return self._make_command(self._unsure_intent(time), step)
+
+        def decide() -> Intent:
+            seen, fits = self._observe_result(result, time - self._latency)
+            with _own_errors():
+                return self._decide_intent(result, seen if fits else None, seen is not None, time, hand, step)
+
+        return self._make_command(self._finite_intent(decide), step)
+
+    @arguments.checked(
+        time=arguments.number,
+        pose=arguments.array(unbounded=True),
+    )
+    def between(self, *, time: float, pose: ArrayLike) -> Command:
+        """One step of control without a new image: where the robot wants twists more often than the camera gives images.
+
+        It goes on toward the goal as the moves so far predict it, for as long as an image may be missing anyway
+        (`loss.BLINK`); after that it is a loss, and the loss policy says what is done. It never closes the hand: only an
+        image lets it.
+
+        Args:
+            time: s, now, on the clock of `update`.
+            pose: (4, 4) of the hand in the robot's base, now.
+
+        Returns:
+            What to do until the next call of either.
+
+        Raises:
+            InputError: a time that is not later than the last one of either, or a pose that is none.
+        """
+        hand, step = self._take_pose(time, pose)
+        if self.over:
+            return self._make_command(Intent(self.state, self.reason), 0.0)
+        if self.state == "unsure":
+            return self._make_command(self._unsure_intent(time), step)
+
+        def decide() -> Intent:
+            with _own_errors():
+                return self._intent_between(time, hand, step)
+
+        return self._make_command(self._finite_intent(decide), step)
+
+    # --- steps ------------------------------------------------------------------------------------
+
+    def _take_pose(self, time: float, pose: ArrayLike) -> tuple[Floats, float]:
+        """The pose as it was checked, and the s since the last call that count."""
         hand = check_pose(pose)
         if not math.isfinite(time) or time <= self._time:
             raise InputError(f"times go on: {time} s after {self._time} s", time=time, last=self._time)
@@ -158,31 +221,22 @@ class GraspServo:
         self._began = time if math.isnan(self._began) else self._began
         self._time = time
         self._poses.add_pose(time, hand)
-        if self.over:
-            return self._make_command(Intent(self.state, self.reason), 0.0)
-        if not result.object_sure:
-            late = time - self._began > self._time_limit
-            why = f"not done after {self._time_limit:g} s: {UNSURE}" if late else UNSURE
-            return self._make_command(Intent("failed" if late else "unsure", why), step)
-        return self._make_command(self._checked_intent(result, time, hand, step), step)
+        return hand, step
 
-    # --- steps ------------------------------------------------------------------------------------
+    def _unsure_intent(self, time: float) -> Intent:
+        late = time - self._began > self._time_limit
+        why = f"not done after {self._time_limit:g} s: {UNSURE}" if late else UNSURE
+        return Intent("failed" if late else "unsure", why)
 
-    def _checked_intent(self, result: TrackResult, time: float, hand: Floats, step: float) -> Intent:
+    def _finite_intent(self, decide: Callable[[], Intent]) -> Intent:
         """What to do; to stand, where what was told leads to no finite twist: poses that jump, contacts that cannot be."""
-        observed = False
         try:
             with np.errstate(all="ignore"):
-                seen, fits = self._observe_result(result, time - self._latency)
-                observed = True
-                wanted = self._decide_intent(result, seen if fits else None, seen is not None, time, hand, step)
+                wanted = decide()
             if np.isfinite(wanted.twist).all():
                 return wanted
         except (ArithmeticError, np.linalg.LinAlgError):
             pass
-        except InputError:  # by an estimate, not by the caller
-            if not observed:
-                raise
         self._doubt.reset_count()
         self.calibration.restart_estimate()
         return Intent("holding", "what is told of hand and object does not fit together: begins anew")
@@ -208,13 +262,9 @@ class GraspServo:
         self, result: TrackResult, seen: Observation | None, located: bool, time: float, hand: Floats, step: float
     ) -> Intent:
         """What the states say, the most urgent first."""
-        known = self.calibration
-        if time - self._began > self._time_limit:
-            return Intent("failed", f"not done after {self._time_limit:g} s: {self.reason}")
-        if known.failed or known.restarts > RESTARTS:
-            return Intent("failed", known.failed or "what is seen does not fit the motion of the hand")
-        if self.state == "closing":
-            return Intent("closing", "waits to be told whether something is held", self._following_twist(hand))
+        known, urgent = self.calibration, self._urgent_intent(time, hand)
+        if urgent is not None:
+            return urgent
         if seen is not None:
             self._unseen.note_seen(time)
         else:
@@ -222,9 +272,42 @@ class GraspServo:
             if not (known.exploring and self._unseen.seen_recently(time)):
                 return self._handle_loss(result, located, time, hand, step)
         if seen is None or known.exploring:
-            twist = known.exploratory_twist(time - self._latency) + self._following_twist(hand)
-            return Intent("approaching", f"exploratory move: {known.move_name()}", twist)
+            return self._exploring_intent(time, hand)
         return self._approach_goal(result, seen, time, hand)
+
+    def _urgent_intent(self, time: float, hand: Floats) -> Intent | None:
+        """What comes first whether something is seen or not."""
+        known = self.calibration
+        if time - self._began > self._time_limit:
+            return Intent("failed", f"not done after {self._time_limit:g} s: {self.reason}")
+        if known.failed or known.restarts > RESTARTS:
+            return Intent("failed", known.failed or "what is seen does not fit the motion of the hand")
+        if self.state == "closing":
+            return Intent("closing", "waits to be told whether something is held", self._following_twist(hand))
+        return None
+
+    def _exploring_intent(self, time: float, hand: Floats) -> Intent:
+        known = self.calibration
+        twist = known.exploratory_twist(time - self._latency) + self._following_twist(hand)
+        return Intent("approaching", f"exploratory move: {known.move_name()}", twist)
+
+    def _intent_between(self, time: float, hand: Floats, step: float) -> Intent:
+        """What to do before the next image."""
+        known, urgent, last = self.calibration, self._urgent_intent(time, hand), self._result
+        if urgent is not None:
+            return urgent
+        if last is None:
+            return self._unseen.choose_intent("no image yet", time, time - self._began, step, np.zeros(6), None)
+        if self._unseen.seen_recently(time) and self.state in ("approaching", "converged"):
+            if known.exploring:
+                return self._exploring_intent(time, hand)
+            found = self._compute_aim(time, hand, None)
+            if found is not None:
+                twist = self.limits.joined(found.twist, self._following_twist(hand))
+                return Intent(self.state, self.reason, twist, found)
+        if not self._unseen.seen_recently(time):
+            self._doubt.reset_count()
+        return self._handle_loss(last, False, time, hand, step, "no image since" if last.contacts is not None else "")
 
     def _approach_goal(self, result: TrackResult, seen: Observation, time: float, hand: Floats) -> Intent:
         found = self._compute_aim(time, hand, seen)
@@ -241,7 +324,9 @@ class GraspServo:
         twist = self.limits.joined(found.twist, carried)
         return Intent("converged" if at_goal else "approaching", why if at_goal else found.doing, twist, found)
 
-    def _handle_loss(self, result: TrackResult, located: bool, time: float, hand: Floats, step: float) -> Intent:
+    def _handle_loss(
+        self, result: TrackResult, located: bool, time: float, hand: Floats, step: float, cause: str = ""
+    ) -> Intent:
         """Nothing is seen that fits."""
         known = self.calibration
         if known.exploring:
@@ -250,7 +335,7 @@ class GraspServo:
         def coasting_aim() -> Aim | None:
             return None if known.exploring else self._compute_aim(time, hand, None)
 
-        why = "what is seen does not fit what is known" if located else result.reason or result.status
+        why = cause or ("what is seen does not fit what is known" if located else result.reason or result.status)
         carried = self._following_twist(hand)
         knows = coasting_aim if known.estimate is not None else None
         return self._unseen.choose_intent(why, time, time - self._began, step, carried, knows)

@@ -23,6 +23,8 @@ from grasptrack.servo.features import SMALL, rms_diameter
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
+WIDEST = 1.0
+"""m; what opens wider is no gripper on an arm, and 1 mm is below what any opens: lengths in mm are told apart by it."""
 ALIKE = 1.15
 """Orders of the fingers that leave up to so many times the least misfit fit alike."""
 
@@ -69,10 +71,15 @@ class Goal:
             symmetric: whether fingers can take each other's places, which saves large turns.
 
         Raises:
-            InputError: not (k, 2), fewer than two, not finite, not apart, or an opening that is not positive.
+            InputError: not (k, 2), fewer than two, not finite, not apart, or an opening that is not positive or wider than 1 m.
         """
         if not (np.isfinite(opening_m) and opening_m > 0.0):
             raise InputError(f"an opening is positive, in m, not {opening_m}", opening=opening_m)
+        if opening_m > WIDEST:
+            raise InputError(
+                f"an opening is in m: {opening_m:g} m is no gripper's ({opening_m / 1000.0:g}, if mm were meant)",
+                opening=opening_m,
+            )
         if not np.isfinite(beyond_m):
             raise InputError("beyond_m is a finite number of m", beyond=beyond_m)
         return cls("fingertips", _check_points(points_px), float(opening_m), float(beyond_m), symmetric)

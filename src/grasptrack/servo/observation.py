@@ -25,15 +25,19 @@ class Poses:
     """The last poses that the robot reported, and those between them.
 
     Args:
-        kept: how many.
+        kept: s for which they are kept, however often they come.
     """
 
-    def __init__(self, kept: int = 100) -> None:
-        self._times: deque[float] = deque(maxlen=kept)
-        self._poses: deque[Floats] = deque(maxlen=kept)
+    def __init__(self, kept: float = 4.0) -> None:
+        self._kept = kept
+        self._times: deque[float] = deque()
+        self._poses: deque[Floats] = deque()
 
     def add_pose(self, time: float, pose: Floats) -> None:
         """A pose (4, 4) at a time, s, later than those before."""
+        while self._times and self._times[0] < time - self._kept:
+            self._times.popleft()
+            self._poses.popleft()
         self._times.append(time)
         self._poses.append(pose)
 
