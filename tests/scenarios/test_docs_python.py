@@ -54,7 +54,7 @@ def test_blocks_and_examples_pass_pyright(tmp_path: Path) -> None:
     pytest.importorskip("basedpyright")
     for name, code in blocks().items():
         (tmp_path / f"{name}.py").write_text(complete(code))
-    paths = [str(ROOT / "src"), str(ROOT / "tests" / "helpers")]
+    paths = [str(ROOT / "src"), str(ROOT / "tests" / "helpers"), str(ROOT / "examples")]
     settings = {"typeCheckingMode": "standard", "extraPaths": paths, "reportMissingModuleSource": False}
     (tmp_path / "pyrightconfig.json").write_text(
         json.dumps({**settings, "include": [str(tmp_path), str(ROOT / "examples")]})
