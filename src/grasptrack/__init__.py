@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
     from grasptrack.tracking.tracker import GraspTracker
     from grasptrack.transfer import Transfer, transfer
+    from grasptrack.view.drawing import Drawing, draw
 
     __version__: str
 
@@ -105,6 +106,7 @@ _HOME = {
     "tracking.result": ("TrackResult",),
     "tracking.tracker": ("GraspTracker",),
     "transfer": ("Transfer", "transfer"),
+    "view.drawing": ("Drawing", "draw"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
@@ -120,6 +122,7 @@ __all__ = [
     "Contour",
     "ContourError",
     "CrossingError",
+    "Drawing",
     "Exploration",
     "Frame",
     "Gain",
@@ -151,6 +154,7 @@ __all__ = [
     "View",
     "__version__",
     "analyze",
+    "draw",
     "first_look",
     "inspect",
     "open_source",

@@ -33,7 +33,7 @@ def are_equal(first: object, second: object) -> bool:
             return False
         plain = type(first) in (list, tuple) or type(second) in (list, tuple)  # a list of results equals a list
         return plain or _parts_equal(first, second)
-    if _is_record(first) and _is_record(second):
+    if is_record(first) and is_record(second):
         return _parts_equal(first, second)
     return bool(first == second)
 
@@ -69,22 +69,31 @@ def _arrays_equal(first: object, second: object) -> bool:
     return bool(np.array_equal(first, second, equal_nan=inexact))
 
 
-def _is_record(value: object) -> bool:
+def is_record(value: object) -> bool:
+    """Whether it is an object of a class of this package."""
     return type(value).__module__.partition(".")[0] == "grasptrack" and not isinstance(value, type)
 
 
 def _parts_equal(first: object, second: object) -> bool:
     """Of two that are neither arrays nor numbers: their attributes, besides what they hold as a sequence."""
     if not _of_one_kind(first, second):
-        return not (_is_record(first) or _is_record(second))
-    mine, other = _parts(first), _parts(second)
+        return not (is_record(first) or is_record(second))
+    mine, other = public_parts(first), public_parts(second)
     return mine.keys() == other.keys() and all(are_equal(mine[name], other[name]) for name in mine)
 
 
-def _parts(value: object) -> dict[str, Any]:
+def public_parts(value: object, *, whole: bool = False) -> dict[str, Any]:
+    """What is public of a record, by name: fields of data classes and named tuples, or else attributes.
+
+    Args:
+        value: the record.
+        whole: with the fields that take no part in a comparison.
+    """
     if dataclasses.is_dataclass(value):
-        return {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.compare}
-    slots = [n for c in type(value).__mro__ for n in _slots_of(c)] if _is_record(value) else []
+        return {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.compare or whole}
+    if whole and hasattr(value, "_asdict"):
+        return dict(value._asdict())
+    slots = [n for c in type(value).__mro__ for n in _slots_of(c)] if is_record(value) else []
     names = [n for n in (*slots, *getattr(value, "__dict__", {})) if not n.startswith("_")]
     late = {n for c in type(value).__mro__ for n, part in vars(c).items() if isinstance(part, cached_property)}
     return {name: getattr(value, name, None) for name in sorted(set(names) - late)}
@@ -110,6 +119,6 @@ def _key(value: object) -> object:
         return frozenset((key, _key(part)) for key, part in value.items())
     if isinstance(value, (list, tuple)):
         return tuple(map(_key, value))
-    if _is_record(value):
-        return tuple((name, _key(part)) for name, part in _parts(value).items())
+    if is_record(value):
+        return tuple((name, _key(part)) for name, part in public_parts(value).items())
     return value

@@ -146,6 +146,16 @@ class Contour:
     def __repr__(self) -> str:
         return f"Contour({len(self)} points, area {self.area:.1f} px^2{', hole' if self.hole else ''})"
 
+    def to_dict(self) -> dict[str, Any]:
+        """Points (N, 2) px as lists, whether it is a hole, and its area in px^2."""
+        return {"points": self.points.tolist(), "hole": self.hole, "area": self.area}
+
+    def _repr_png_(self) -> bytes:
+        """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
+        from grasptrack.view.drawing import draw, png_bytes
+
+        return png_bytes(draw(None, self))
+
     @property
     def area(self) -> float:
         """Enclosed area in px^2, positive also for a hole."""
@@ -376,6 +386,16 @@ class View:
 
     def __repr__(self) -> str:
         return f"View({len(self.contours)} contours, {len(self.points)} points)"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its contours as plain values, the outer one first; the image is left out."""
+        return {"contours": [c.to_dict() for c in self.contours]}
+
+    def _repr_png_(self) -> bytes:
+        """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
+        from grasptrack.view.drawing import draw, png_bytes
+
+        return png_bytes(draw(None, self))
 
     @property
     def points(self) -> Floats:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +57,12 @@ class Grasp:
     def __repr__(self) -> str:
         listed = " ".join(f"{x:.2f},{y:.2f}" for x, y in self.contacts)
         return f'Grasp("{listed}")'
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
+        from grasptrack.plain_values import to_dict
+
+        return to_dict(self)
 
     @property
     def opening(self) -> float:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -51,6 +51,12 @@ class GraspAnalysis(NamedTuple):
     friction: float
     judged_in: Literal["reference", "image", "plane"]
     reason: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
+        from grasptrack.plain_values import to_dict
+
+        return to_dict(self)
 
     def __repr__(self) -> str:
         """One line: stable or why not, and by how much."""

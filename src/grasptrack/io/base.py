@@ -43,6 +43,12 @@ class Frame:
         when = "" if self.time is None else f", {self.time:g} s"
         return f'Frame({self.index}, "{self.name}", {_format_size(self.image.shape)} px{when})'
 
+    def _repr_png_(self) -> bytes:
+        """The image, for notebooks."""
+        from grasptrack.view.drawing import png_bytes
+
+        return png_bytes(self.image)
+
 
 class Source(ABC):
     """Frames of one size, one at a time: memory does not grow with their number.

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -66,6 +66,18 @@ class Candidate(NamedTuple):
     channel: Channel = PLAIN
     grain: float = math.nan
     shaded: bool = False
+
+    def _repr_png_(self) -> bytes:
+        """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
+        from grasptrack.view.drawing import draw, png_bytes
+
+        return png_bytes(draw(None, self))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
+        from grasptrack.plain_values import to_dict
+
+        return to_dict(self)
 
     def __repr__(self) -> str:
         """One line: what it looks like, and how probably it is meant."""

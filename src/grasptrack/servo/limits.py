@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -46,6 +46,12 @@ class Command:
     error_px: float = math.nan
     height: float = math.nan
     goal: Floats | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
+        from grasptrack.plain_values import to_dict
+
+        return to_dict(self)
 
     def __repr__(self) -> str:
         """One line: state, twist and why."""

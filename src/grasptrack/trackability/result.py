@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -149,6 +149,12 @@ class Suitability:
     view: View
     edges: Edges
     candidates: tuple[Candidate, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
+        from grasptrack.plain_values import to_dict
+
+        return to_dict(self)
 
     def __repr__(self) -> str:
         """One line: the verdict."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +91,18 @@ class TrackResult:
         at = "" if self.contacts is None else ", " + " ".join(f"{x:.2f},{y:.2f}" for x, y in self.contacts.tolist())
         why = f" ({self.reason_code})" if self.reason_code else ""
         return f"TrackResult(frame {self.frame}: {self.status}{why}{at}, confidence {self.confidence:.3f})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
+        from grasptrack.plain_values import to_dict
+
+        return to_dict(self)
+
+    def _repr_png_(self) -> bytes:
+        """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
+        from grasptrack.view.drawing import draw, png_bytes
+
+        return png_bytes(draw(None, self))
 
     @property
     def located(self) -> bool:

@@ -29,6 +29,12 @@ class Transfer(NamedTuple):
     covariance: Floats | None
     residual: float
 
+    def to_dict(self) -> dict[str, Any]:
+        """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
+        from grasptrack.plain_values import to_dict
+
+        return to_dict(self)
+
     def __repr__(self) -> str:
         """One line: the contacts."""
         return f"Transfer({self.grasp!r}, residual {self.residual:.2f} px)"

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.geometry.contours import Outline, View, as_view
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.typing import Floats
 from grasptrack.view.style import (
@@ -170,6 +172,9 @@ def _draw_figures(
 MIN_WIDTH, MAX_SIDE = 480, 1920
 """px; a smaller image is drawn enlarged, a larger one reduced: text can be read, and browsers play the video."""
 
+MOST_BESIDE = 8
+"""Grasps that are drawn beside the best."""
+
 _SHIFT = 4
 _FAR = 1e6
 
@@ -186,11 +191,10 @@ def draw_overlay(image: NDArray[Any], result: TrackResult, number: int | None = 
         (H', W', 3) uint8 BGR, W' and the image's share of H' being those of the image where its longer side is at most
         1920 px and its width at least 480.
     """
-    canvas, scale = _scaled_canvas(image)
-    unit = math.sqrt(canvas.shape[0] * canvas.shape[1] / (640 * 480))
-    unit = min(max(unit, 0.8), 3.0)
+    canvas, scale, unit = _scaled_canvas(image)
     colour = STATUS_RGB[result.status]
-    _draw_outline(canvas, result, scale, unit)
+    if result.view is not None:
+        _draw_outline(canvas, result.view, scale, unit)
     if result.contacts is not None:
         contacts = (result.contacts + 0.5) * scale - 0.5
         _draw_cones(canvas, result, scale, unit, colour)
@@ -198,6 +202,27 @@ def draw_overlay(image: NDArray[Any], result: TrackResult, number: int | None = 
         seen = np.ones(len(contacts)) if result.seen is None else result.seen
         _draw_contacts(canvas, contacts, seen, unit, colour)
     return add_strip(canvas, result, result.frame if number is None else number)
+
+
+def draw_grasps(image: NDArray[Any], grasps: Sequence[Floats], outline: Outline | None = None) -> Picture:
+    """The image with an outline and grasps, the first of which stands out.
+
+    Args:
+        image: as for `draw_overlay`; the picture is of the same size as there, without the strip.
+        grasps: contacts (k, 2) px of each; up to 9 are drawn.
+        outline: in the image.
+    """
+    canvas, scale, unit = _scaled_canvas(image)
+    if outline is not None:
+        _draw_outline(canvas, as_view(outline), scale, unit)
+    for contacts in grasps[1 : 1 + MOST_BESIDE]:
+        for spoke in grasp_spokes((contacts + 0.5) * scale - 0.5):
+            draw_polyline(canvas, spoke, MUTED_RGB, 1.2 * unit)
+    if len(grasps):
+        best, colour = (grasps[0] + 0.5) * scale - 0.5, STATUS_RGB["tracked"]
+        _draw_grasp_line(canvas, best, unit, colour)
+        _draw_contacts(canvas, best, np.ones(len(best)), unit, colour)
+    return canvas
 
 
 def as_bgr(image: NDArray[Any]) -> Picture:
@@ -231,7 +256,8 @@ def grasp_spokes(contacts: Floats) -> list[Floats]:
     return [contacts] if len(contacts) == 2 else [np.vstack([middle, c]) for c in contacts]
 
 
-def _scaled_canvas(image: NDArray[Any]) -> tuple[Picture, float]:
+def _scaled_canvas(image: NDArray[Any]) -> tuple[Picture, float, float]:
+    """A copy to draw on, how much larger than the image it is, and the size of marks on it."""
     height, width = image.shape[:2]
     scale = 1.0
     if max(height, width) > MAX_SIDE:
@@ -239,17 +265,16 @@ def _scaled_canvas(image: NDArray[Any]) -> tuple[Picture, float]:
     elif width < MIN_WIDTH:
         scale = float(min(math.ceil(MIN_WIDTH / width), max(1, MAX_SIDE // height)))
     picture = as_bgr(image)
-    if scale == 1.0:
-        return picture, scale
-    how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_NEAREST
-    size = (round(width * scale), round(height * scale))
-    return np.asarray(cv2.resize(picture, size, interpolation=how), dtype=np.uint8), scale
+    if scale != 1.0:
+        how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_NEAREST
+        size = (round(width * scale), round(height * scale))
+        picture = np.asarray(cv2.resize(picture, size, interpolation=how), dtype=np.uint8)
+    unit = math.sqrt(picture.shape[0] * picture.shape[1] / (640 * 480))
+    return picture, scale, min(max(unit, 0.8), 3.0)
 
 
-def _draw_outline(canvas: Picture, result: TrackResult, scale: float, unit: float) -> None:
-    if result.view is None:
-        return
-    curves = [(c.points + 0.5) * scale - 0.5 for c in result.view.contours]
+def _draw_outline(canvas: Picture, view: View, scale: float, unit: float) -> None:
+    curves = [(c.points + 0.5) * scale - 0.5 for c in view.contours]
     for curve in curves:
         draw_polyline(canvas, curve, DARK_RGB, 3.2 * unit, closed=True)
     for curve in curves:

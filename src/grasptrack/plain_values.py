@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results as plain values: what `to_dict` of each gives, for JSON and for data frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from grasptrack.equality import is_record, public_parts
+
+
+def to_dict(record: object, *, leave: tuple[str, ...] = ()) -> dict[str, Any]:
+    """The public parts of a result by name, as `plain_value` gives them, in the units that the attributes have.
+
+    Args:
+        record: a result of this package.
+        leave: names that are left out.
+    """
+    return {name: plain_value(part) for name, part in public_parts(record, whole=True).items() if name not in leave}
+
+
+def plain_value(value: Any) -> Any:
+    """A value as JSON has it: dictionaries, lists, text, numbers, truth values; None for what is not finite."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain_value(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): plain_value(part) for key, part in value.items()}
+    own = getattr(value, "to_dict", None)
+    if own is not None:
+        return own()
+    if is_record(value) and (hasattr(value, "_fields") or not isinstance(value, (list, tuple))):
+        return to_dict(value)
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain_value(part) for part in value]
+    return str(value) if isinstance(value, Path) else repr(value)
