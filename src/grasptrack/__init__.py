@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from grasptrack._aliases import install as _install
+from grasptrack.presentation import draw_by as _draw_by
 
 if TYPE_CHECKING:
     from grasptrack.errors import (
@@ -61,6 +62,15 @@ if TYPE_CHECKING:
     __version__: str
 
 _install()
+
+
+def _png_of(result: object) -> bytes:
+    from grasptrack.view.drawing import draw, png_bytes
+
+    return png_bytes(draw(None, result))  # type: ignore[arg-type]
+
+
+_draw_by(_png_of)
 
 _HOME = {
     "grasp.force_closure": ("GraspAnalysis", "analyze"),

@@ -60,8 +60,10 @@ def test_results_show_themselves(found: dict[str, Any], kind: str) -> None:
     assert found[kind]._repr_png_().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("kind", ["result", "lost", "grasp", "transfer", "outline", "contour", "analysis", "suitability"])
-def test_plain_values_are_json_by_the_names_of_the_attributes(found: dict[str, Any], kind: str) -> None:
+@pytest.mark.parametrize(
+    "kind", ["result", "lost", "grasp", "transfer", "outline", "contour", "analysis", "suitability"]
+)
+def test_presentation_are_json_by_the_names_of_the_attributes(found: dict[str, Any], kind: str) -> None:
     told = found[kind].to_dict()
     assert json.loads(json.dumps(told, allow_nan=False)) == told
     for name, value in told.items():

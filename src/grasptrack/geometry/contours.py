@@ -152,9 +152,9 @@ class Contour:
 
     def _repr_png_(self) -> bytes:
         """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
-        from grasptrack.view.drawing import draw, png_bytes
+        from grasptrack.presentation import png_of
 
-        return png_bytes(draw(None, self))
+        return png_of(self)
 
     @property
     def area(self) -> float:
@@ -393,9 +393,9 @@ class View:
 
     def _repr_png_(self) -> bytes:
         """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
-        from grasptrack.view.drawing import draw, png_bytes
+        from grasptrack.presentation import png_of
 
-        return png_bytes(draw(None, self))
+        return png_of(self)
 
     @property
     def points(self) -> Floats:

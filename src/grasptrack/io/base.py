@@ -45,9 +45,9 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """The image, for notebooks."""
-        from grasptrack.view.drawing import png_bytes
+        import cv2
 
-        return png_bytes(self.image)
+        return bytes(cv2.imencode(".png", self.image)[1])
 
 
 class Source(ABC):

@@ -69,13 +69,13 @@ class Candidate(NamedTuple):
 
     def _repr_png_(self) -> bytes:
         """A picture of it for notebooks, on plain ground; `gt.draw` puts it on its image."""
-        from grasptrack.view.drawing import draw, png_bytes
+        from grasptrack.presentation import png_of
 
-        return png_bytes(draw(None, self))
+        return png_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.plain_values import to_dict
+        from grasptrack.presentation import to_dict
 
         return to_dict(self)
 

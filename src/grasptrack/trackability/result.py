@@ -152,7 +152,7 @@ class Suitability:
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
-        from grasptrack.plain_values import to_dict
+        from grasptrack.presentation import to_dict
 
         return to_dict(self)
 

@@ -32,6 +32,10 @@ EMPTY, AROUND = 235, 24
 class Drawing(NDArray[np.uint8]):
     """A picture, uint8 BGR (H, W, 3): an array like any other, but that a notebook shows it."""
 
+    def __repr__(self) -> str:
+        """One line: its size."""
+        return f"Drawing({self.shape[1]}x{self.shape[0]} px)" if self.ndim == 3 else repr(np.asarray(self))
+
     def _repr_png_(self) -> bytes | None:
         return png_bytes(self) if self.ndim == 3 and self.shape[2] == 3 and self.size else None
 

@@ -1,16 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results as plain values: what `to_dict` of each gives, for JSON and for data frames."""
+"""How results show themselves: as plain values for JSON and data frames, as a picture in a notebook."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+_drawing: list[Callable[[object], bytes]] = []
 
-from grasptrack.equality import is_record, public_parts
+
+def draw_by(function: Callable[[object], bytes]) -> None:
+    """Which function makes the PNG of a result: given by the package, for results know nothing of pictures."""
+    _drawing[:] = [function]
+
+
+def png_of(value: object) -> bytes:
+    """A result as the bytes of a PNG, on plain ground."""
+    return _drawing[0](value)
 
 
 def to_dict(record: object, *, leave: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -20,11 +28,17 @@ def to_dict(record: object, *, leave: tuple[str, ...] = ()) -> dict[str, Any]:
         record: a result of this package.
         leave: names that are left out.
     """
+    from grasptrack.equality import public_parts
+
     return {name: plain_value(part) for name, part in public_parts(record, whole=True).items() if name not in leave}
 
 
 def plain_value(value: Any) -> Any:
     """A value as JSON has it: dictionaries, lists, text, numbers, truth values; None for what is not finite."""
+    import numpy as np
+
+    from grasptrack.equality import is_record
+
     if isinstance(value, (np.ndarray, np.generic)):
         return plain_value(value.tolist())
     if isinstance(value, float):
