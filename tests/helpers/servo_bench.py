@@ -42,6 +42,7 @@ class Bench:
             direction, rad from that of the grasp.
         every: control periods from one image to the next.
         frozen: s from which the camera gives no image any more.
+        stamped: the servo is told when each image was taken, and not of a latency.
         turn, aside, distance: the start: largest turn in degrees, share of the view, times the distance at the goal.
     """
 
@@ -58,6 +59,7 @@ class Bench:
     narrowing: tuple[float, float] = (0.0, 0.0)
     every: int = 1
     frozen: float = math.inf
+    stamped: bool = False
     turn: float = 45.0
     aside: float = 0.4
     distance: float = 2.5
@@ -224,7 +226,8 @@ class Bench:
         """Until it closes, or is over."""
         while not servo.over and self.time < seconds:
             if len(self.commands) % self.every == 0 and self.time < self.frozen:
-                command = servo.update(self.result(), time=self.time, pose=self.hand)
+                taken = self.time - self.latency if self.stamped else None
+                command = servo.update(self.result(), time=self.time, pose=self.hand, taken=taken)
             else:
                 command = servo.between(time=self.time, pose=self.hand)
                 assert not command.close

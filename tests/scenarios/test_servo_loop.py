@@ -287,6 +287,15 @@ def test_it_goes_on_between_images(seed: int, what: dict[str, Any]) -> None:
     assert not any(c.close for c in between)
 
 
+def test_time_stamps_of_images_stand_for_a_latency() -> None:
+    one, other = (Bench(seed=4, latency=0.08, stamped=told) for told in (True, False))
+    one.run(gt.GraspServo(one.goal()))
+    other.run(gt.GraspServo(other.goal(), latency=0.08))
+    assert one.commands == other.commands and one.commands[-1].close
+    with pytest.raises(gt.InputError, match="one clock"):
+        gt.GraspServo(one.goal()).update(one.results[0], time=1.0, pose=one.hand, taken=1.1)
+
+
 def test_a_camera_that_gives_no_image_any_more_is_a_loss() -> None:
     bench = Bench(seed=0, frozen=2.0)
     servo = bench.run(gt.GraspServo(bench.goal()), 40.0)

@@ -115,7 +115,8 @@ class GraspServo:
         self.limits, self.gain, self.loss = limits or Limits(), gain or Gain(), loss or LossPolicy()
         self._unseen = LossHandler(self.loss, self.limits)
         self._centre = np.array([size[0] - 1.0, size[1] - 1.0]) / 2.0
-        self._side, self._latency, self._time_limit = float(max(size)), latency, time_limit
+        self._side, self._time_limit = float(max(size)), time_limit
+        self._latency = self._age = latency  # by itself, and of the last image
         self.calibration = SelfCalibration(
             exploration or Exploration(), dof, None if law == "online" else camera, fixed=law == "textbook"
         )
@@ -148,22 +149,28 @@ class GraspServo:
         result=arguments.instance(TrackResult),
         time=arguments.number,
         pose=arguments.array(unbounded=True),
+        taken=arguments.optional(arguments.finite),
     )
-    def update(self, result: TrackResult, *, time: float, pose: ArrayLike) -> Command:
+    def update(self, result: TrackResult, *, time: float, pose: ArrayLike, taken: float | None = None) -> Command:
         """One step of control.
 
         Args:
             result: what the tracker said of the latest image.
-            time: s, now; the image was taken `latency` earlier.
+            time: s, now.
             pose: (4, 4) of the hand in the robot's base, now.
+            taken: s, when the image was taken, where its time stamp is on the robot's clock; default, `latency` before `time`.
 
         Returns:
             What to do until the next call.
 
         Raises:
-            InputError: a time that is not later than the last one, or a pose that is none.
+            InputError: a time that is not later than the last one, an image from after `time`, or a pose that is none.
         """
+        if taken is not None and taken > time:
+            raise InputError(f"an image taken at {taken:g} s cannot be seen at {time:g} s: are both on one clock?")
         hand, step = self._take_pose(time, pose)
+        shot = time - self._latency if taken is None else taken
+        self._age = time - shot
         self._result = result
         if self.over:
             return self._make_command(Intent(self.state, self.reason), 0.0)
@@ -171,7 +178,7 @@ class GraspServo:
             return self._make_command(self._unsure_intent(time), step)
 
         def decide() -> Intent:
-            seen, fits = self._observe_result(result, time - self._latency)
+            seen, fits = self._observe_result(result, shot)
             with _own_errors():
                 return self._decide_intent(result, seen if fits else None, seen is not None, time, hand, step)
 
@@ -288,7 +295,7 @@ class GraspServo:
 
     def _exploring_intent(self, time: float, hand: Floats) -> Intent:
         known = self.calibration
-        twist = known.exploratory_twist(time - self._latency) + self._following_twist(hand)
+        twist = known.exploratory_twist(time - self._age) + self._following_twist(hand)
         return Intent("approaching", f"exploratory move: {known.move_name()}", twist)
 
     def _intent_between(self, time: float, hand: Floats, step: float) -> Intent:
