@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every reason has its remedy, in the program and on the page; advice is given where many frames were lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grasptrack.cli.advice import MANY, MOST, REMEDIES, advice_for
+from grasptrack.tracking.messages import SENTENCES
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "troubleshooting.md"
+
+
+def test_every_code_has_a_remedy_here_and_on_the_page() -> None:
+    assert REMEDIES.keys() == SENTENCES.keys()
+    rows = [
+        [c.strip() for c in line.strip("|").split("|")]
+        for line in PAGE.read_text().splitlines()
+        if line.startswith("| `")
+    ]
+    told = {row[0].strip("`"): row for row in rows if row[0].strip("`") in SENTENCES}
+    assert told.keys() == SENTENCES.keys()
+    for code, (_, meaning, remedy) in told.items():
+        assert remedy == REMEDIES[code] and meaning in (SENTENCES[code], meaning if not SENTENCES[code] else "")
+
+
+@given(codes=st.dictionaries(st.sampled_from(sorted(SENTENCES)), st.integers(0, 50)), more=st.integers(0, 500))
+def test_advice_names_the_most_frequent_reasons(codes: dict[str, int], more: int) -> None:
+    frames = sum(codes.values()) + more
+    told = advice_for(codes, frames)
+    if sum(codes.values()) <= MANY * frames:
+        assert told == []
+        return
+    assert 0 < len(told) <= MOST or max(codes.values()) <= 0.05 * frames
+    if told:
+        assert told[0].startswith(f"{max(codes.values())} of {frames} frames")
