@@ -55,14 +55,15 @@ void bind_geometry(nb::module_ &m) {
         blend_normals(contour, out.vectors());
         return out.array();
     }, "points"_a);
-    m.def("curvature_vector", [](const PointArray &points, const std::optional<FlagArray> &clipped, double smoothing) {
+    m.def("curvature_vector", [](const PointArray &points, const std::optional<FlagArray> &clipped, double smoothing,
+                                 double whole) {
         static const Record record("CurvatureVector");
         const Points contour = contour_of(points);
         if (clipped && clipped->shape(0) != contour.size) throw std::invalid_argument("each point needs its flag");
         Output<> arc(contour.size + 1), out(contour.size);
-        curvature_vector(contour, clipped ? clipped->data() : nullptr, smoothing, arc.values(), out.values());
+        curvature_vector(contour, clipped ? clipped->data() : nullptr, smoothing, whole, arc.values(), out.values());
         return record(arc.array(), out.array());
-    }, "points"_a, "clipped"_a.none(), "smoothing"_a);
+    }, "points"_a, "clipped"_a.none(), "smoothing"_a, "whole"_a = 0.0);
     m.def("polygon_moments", [](const PointArray &points, const IndexArray &offsets) {
         static const Record record("PolygonMoments");
         const Moments a = polygon_moments(outline_of(points, offsets));

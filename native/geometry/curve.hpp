@@ -185,13 +185,14 @@ inline void curvature(Points points, double step, double *out) {
     curvature(points, arc.get(), step, 1.0, out);
 }
 
-inline void curvature_vector(Points points, const bool *clipped, double smoothing, double *arc, double *out) {
+// Smoothing and curvature refer to the length `whole`, or to the contour's own where it is 0.
+inline void curvature_vector(Points points, const bool *clipped, double smoothing, double whole, double *arc, double *out) {
     arc_length(points, arc);
     const std::size_t n = points.size;
-    const double whole = arc[n], step = smoothing * whole;
-    curvature(points, arc, step, whole, out);
+    const double scale = whole > 0 ? whole : arc[n], step = smoothing * scale;
+    curvature(points, arc, step, scale, out);
     if (!clipped) return;
-    const double reach = std::ceil(1.5 * step / (whole / static_cast<double>(n)));
+    const double reach = std::ceil(1.5 * step / (arc[n] / static_cast<double>(n)));
     // Counted from the last clipped point, once along the contour and once back.
     for (int way = 0; way < 2; ++way) {
         double since = std::numeric_limits<double>::infinity();

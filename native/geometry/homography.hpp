@@ -66,6 +66,18 @@ inline void homography_4(const Vec *source, const Vec *target, double *H) {
     for (int i = 0; i < 9; ++i) H[i] /= scale;
 }
 
+// A closed contour at a place: Hermite's cubic, its tangents across the neighbours' chords.
+inline Vec cubic_point(Points points, double place) {
+    const std::size_t n = points.size, i = static_cast<std::size_t>(place);
+    const double f = place - static_cast<double>(i);
+    const Vec b = points[i];
+    if (f == 0.0) return b;
+    const Vec a = points[(i + n - 1) % n], c = points[(i + 1) % n], d = points[(i + 2) % n];
+    const double ab = length(b - a), bc = length(c - b), cd = length(d - c);
+    const Vec m = (ab + bc > 0 ? bc / (ab + bc) : 0.0) * (c - a), k = (bc + cd > 0 ? bc / (bc + cd) : 0.0) * (d - b);
+    return b + f * (m + f * (3.0 * (c - b) - 2.0 * m - k + f * (2.0 * (b - c) + m + k)));
+}
+
 // Eq. (2) about one point: where it goes, the derivatives there, and lambda.
 struct Local {
     Vec at;

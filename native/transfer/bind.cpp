@@ -33,12 +33,13 @@ nb::object match_curvature_(const Profile_ &first, const Indices &indices, const
     check_indices(indices.data(), indices.size(), static_cast<std::size_t>(one.size));
     check_within(static_cast<double>(radius), 0, 1000, "radius");
     if (centres.size() != indices.size()) throw std::invalid_argument("each index needs its centre");
-    nb::list samples, errors;
+    nb::list samples, errors, places;
     for (const Match &match : match_curvature(one, indices, other, centres, kappa, reach, static_cast<int>(radius), step, tolerance)) {
         samples.append(match.sample);
         errors.append(match.error);
+        places.append(match.place);
     }
-    return record(samples, errors);
+    return record(samples, errors, places);
 }
 
 }  // namespace
@@ -62,19 +63,22 @@ void bind_transfer(nb::module_ &m) {
     }, "points"_a, "weights"_a);
     m.def("match_curvature", &match_curvature_, "first"_a, "indices"_a, "second"_a, "centres"_a, "window"_a);
     m.def("fit_homography", [](const PointArray &points1, const Indices &indices1, const PointArray &points2,
-                               const Indices &indices2) {
+                               const std::vector<double> &places2) {
         static const Record record("FittedHomography");
-        if (indices1.size() != 4 || indices2.size() != 4)
+        if (indices1.size() != 4 || places2.size() != 4)
             throw std::invalid_argument("four points of each contour are needed");
         check_indices(indices1.data(), 4, points1.shape(0));
-        check_indices(indices2.data(), 4, points2.shape(0));
+        for (const double place : places2)
+            if (!(place >= 0.0 && place < static_cast<double>(points2.shape(0))))
+                throw std::invalid_argument("a place on the second contour is out of range");
         Vec source[4], target[4];
-        for (int i = 0; i < 4; ++i) source[i] = vectors(points1)[indices1[i]], target[i] = vectors(points2)[indices2[i]];
+        for (int i = 0; i < 4; ++i)
+            source[i] = vectors(points1)[indices1[i]], target[i] = cubic_point(points_of(points2), places2[i]);
         Output<> H(3, 3);
         homography_4(source, target, H.values());
         const Distortion worst = distortion(H.values(), {source, 4});
         return record(H.array(), worst.in_front, worst.determinant, worst.ratio);
-    }, "points1"_a, "indices1"_a, "points2"_a, "indices2"_a);
+    }, "points1"_a, "indices1"_a, "points2"_a, "places2"_a);
     m.def("refine_contacts", [](const MatrixArray &H, const PointArray &contacts, const std::optional<PointArray> &normals,
                                 const PointArray &points, const IndexArray &offsets) {
         static const Record record("RefinedContacts");

@@ -179,8 +179,38 @@ struct Cyclic {
 
 struct Match {
     std::int64_t sample;
-    double error;
+    double error, place;
 };
+
+// The place near a sample about which a sequence is most like the one wanted: two steps of Gauss and Newton, of one side
+// at most. here[k] is a sample near the k-th neighbour, or negative where none is known.
+inline double place_between_samples(const Cyclic &second, const std::vector<double> &wanted, const std::vector<double> &ahead,
+                                    double kappa, std::int64_t sample, std::vector<std::int64_t> &here) {
+    const double middle = second.arc[sample], after = second.arc[sample + 1] - middle;
+    const double before = middle - (sample > 0 ? second.arc[sample - 1] : second.arc[second.size - 1] - second.length());
+    // slopes across both sides: they are the same whichever way the contour runs
+    thread_local std::vector<double> slope;
+    slope.resize(wanted.size());
+    double shift = 0.0, weight = 0.0;
+    std::fill(here.begin(), here.end(), -1);
+    for (std::size_t k = 0; k < wanted.size(); ++k) {
+        if (here[k] < 0) here[k] = k > 1 ? here[k - 2] : sample;
+        const double at = middle + kappa * ahead[k], low = second.read(at - before, here[k]);
+        slope[k] = (second.read(at + after, here[k]) - low) / (before + after);
+        weight += slope[k] * slope[k];
+    }
+    for (int round = 0; round < 2; ++round) {
+        double sum = 0.0;
+        for (std::size_t k = 0; k < wanted.size(); ++k)
+            sum += slope[k] * (wanted[k] - second.read(middle + shift + kappa * ahead[k], here[k]));
+        const double moved = shift + sum / weight;
+        if (!std::isfinite(moved)) break;
+        shift = std::min(std::max(moved, -before), after);
+    }
+    const double size = static_cast<double>(second.size);
+    const double place = static_cast<double>(sample) + (shift == 0.0 ? 0.0 : shift / (shift > 0.0 ? after : before));
+    return place < 0.0 ? place + size : place < size ? place : place - size;
+}
 
 // Eq. (3) for some samples of the first contour.
 inline std::vector<Match> match_curvature(const Cyclic &first, const std::vector<std::int64_t> &indices,
@@ -227,7 +257,10 @@ inline std::vector<Match> match_curvature(const Cyclic &first, const std::vector
         for (; left > 0 && weigh(j); --left) j = j > 0 ? j - 1 : second.size - 1;
         best /= size;
         const bool good = best <= tolerance * std::max(std::abs(first.values[i]), circle);
-        out.push_back({good ? chosen : -1, best});
+        if (!good) chosen = -1;
+        out.push_back({chosen, best,
+                       good ? place_between_samples(second, wanted, ahead, kappa, chosen, here)
+                            : std::numeric_limits<double>::quiet_NaN()});
     }
     return out;
 }

@@ -6,6 +6,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from grasptrack import kernels
+from grasptrack.bench.simulation.outlines import round_corners
 from grasptrack.errors import (
     AmbiguousError,
     AxesError,
@@ -17,7 +19,7 @@ from grasptrack.errors import (
     TransferError,
 )
 from grasptrack.geometry.contours import Contour, View
-from grasptrack.geometry.homographies import apply_homography
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.synthesis import synthesize
 from grasptrack.transfer import STRATEGIES, grasp_line, homography, transfer
@@ -78,18 +80,63 @@ def test_rrp_is_exact_under_similarities_and_reversible(points, S):
     assert (again.contacts == there.contacts).all()
 
 
-@FEW
-@given(stars(), frame_motions())
-def test_homography_is_exact_where_samples_correspond(points, H):
-    reference, current = Contour(points), Contour(apply_homography(H, points))
-    grasp = some_grasp(reference)
+def by_homography(grasp, reference, current, prior=None):
     try:
-        moved = transfer(grasp, reference, current, "homography")
+        return transfer(grasp, reference, current, "homography", prior)
     except PeaksError as error:
         assert "peaks" in str(error) or "row" in str(error)
         assume(False)
+
+
+@FEW
+@given(stars(), similarities())
+def test_homography_is_exact_under_similarities_where_samples_correspond(points, H):
+    reference, current = Contour(points), Contour(apply_homography(H, points))
+    grasp = some_grasp(reference)
+    try:
+        moved = by_homography(grasp, reference, current)
+    except AmbiguousError:
+        assume(False)
     close(moved.grasp.contacts, apply_homography(H, grasp.contacts), current)
     np.testing.assert_allclose(apply_homography(moved.homography, points), current.points, atol=1e-4)
+
+
+@FEW
+@given(stars(), frame_motions())
+def test_homography_is_exact_with_a_prior_that_is(points, H):
+    """Curvature is not invariant to perspective, but the prior carries the first outline before it is compared."""
+    reference, current = Contour(points), Contour(apply_homography(H, points))
+    grasp = some_grasp(reference)
+    moved = by_homography(grasp, reference, current, H)
+    close(moved.grasp.contacts, apply_homography(H, grasp.contacts), current)
+    np.testing.assert_allclose(apply_homography(moved.homography, points), current.points, atol=1e-4)
+
+
+def sampled(points, count, start):
+    """Equal steps along a closed polygon, from a share of a step onward."""
+    arc = kernels.arc_length(np.ascontiguousarray(points))
+    at = np.mod((start + np.arange(count)) * arc[-1] / count, arc[-1])
+    closed = np.append(points, points[:1], axis=0)
+    return np.column_stack([np.interp(at, arc, column) for column in closed.T])
+
+
+def test_homography_matches_between_samples():
+    """Each view sampled on its own at steps of about 2.5 px: whole samples would be off by up to half a step."""
+    off = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        angle = 2 * np.pi * (np.arange(7) + rng.uniform(-0.25, 0.25, 7)) / 7
+        corners = np.column_stack([1.6 * np.cos(angle), np.sin(angle)]) * 100 * rng.uniform(0.45, 1.4, (7, 1)) + 300
+        points = dense(round_corners(corners, 8.0), 4000)
+        tilt = np.eye(3)
+        tilt[2, :2] = rng.uniform(-1e-4, 1e-4, 2)
+        H = similarity_transform(rng.uniform(0.95, 1.05), rng.uniform(-0.1, 0.1), (300, 300), (305, 298)) @ tilt
+        reference = Contour(sampled(points, 300, 0.0))
+        current = Contour(sampled(apply_homography(H, points), 300, rng.uniform(0, 300)))
+        moved = transfer(some_grasp(reference), reference, current, "homography")
+        four = reference.points[homography.describe(some_grasp(reference), reference).peaks[:4]]
+        off.extend(np.hypot(*(apply_homography(moved.homography, four) - apply_homography(H, four)).T))
+    assert np.median(off) < 0.15 and np.max(off) < 1.5
 
 
 @FEW
@@ -132,7 +179,7 @@ def test_three_contacts_move_along_their_normals_onto_the_outline():
     contacts = Grasp(reference.points[[40, 200, 420]])
     H = np.array([[1.02, 0.03, 5.0], [-0.02, 0.99, -3.0], [2e-5, 1e-5, 1.0]])
     current = Contour(apply_homography(H, reference.points))
-    moved = transfer(contacts, reference, current, "homography").grasp
+    moved = transfer(contacts, reference, current, "homography", prior=H).grasp
     np.testing.assert_allclose(moved.contacts, apply_homography(H, contacts.contacts), atol=1e-5)
     assert moved.on(current)[:, 2].max() < 1e-6
     with pytest.raises(StrategyError, match="two fingers, not 3"):

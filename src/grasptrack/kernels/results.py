@@ -159,10 +159,17 @@ class MatchWindow(NamedTuple):
 
 
 class CurvatureMatches(NamedTuple):
-    """Of each sample its match on the other contour, -1 of none, and the least error, infinite of none comparable."""
+    """Of each sample of the first contour its match on the second.
+
+    Attributes:
+        samples: the sample of the least error, -1 of none.
+        errors: the least error, infinite of none comparable.
+        places: the same between samples: the sample, and as its fraction the share of the side that follows; NaN of none.
+    """
 
     samples: list[int]
     errors: list[float]
+    places: list[float]
 
 
 class RefinedContacts(NamedTuple):

@@ -13,7 +13,7 @@ from grasptrack.errors import ClippedError, ConditioningError, CrossingError, Pe
 from grasptrack.geometry.contours import Contour, Outline
 from grasptrack.geometry.homographies import apply_homography, check_in_front, judge_distortion
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.kernels.results import CurvatureVector, MatchWindow
+from grasptrack.kernels.results import CurvatureMatches, CurvatureVector, MatchWindow
 from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
@@ -114,8 +114,8 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
 
 def _match_peaks(
     description: HomographyDescription, current: Contour, prior: Floats | None
-) -> tuple[list[int], list[int]]:
-    """Four selected samples of the reference and the four that match them: the search of Section IV-C.1."""
+) -> tuple[list[int], list[float]]:
+    """Four selected samples of the reference and the four places that match them: the search of Section IV-C.1."""
     first, peaks = description.outline, description.peaks
     if prior is None and current.clipped is not None:
         raise ClippedError("the image border cuts the object, and nothing says how large it is")
@@ -139,16 +139,16 @@ def _match_peaks(
         places = kernels.project_to_contour(current.points, current.offsets, carried[peaks])
         centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), there.arc).tolist()
 
-    def match(count: int) -> list[int]:
-        """Eq. (3) for the first peaks: the samples of the current contour that match them, or -1."""
+    def match(count: int) -> CurvatureMatches:
+        """Eq. (3) for the first peaks."""
         reach, step = SEARCH * length, NEIGHBOURHOOD * length / RADIUS
         window = MatchWindow(kappa, reach, RADIUS, step, MAX_ERROR)
-        return kernels.match_curvature(here, peaks[:count], there, centres[:count], window).samples
+        return kernels.match_curvature(here, peaks[:count], there, centres[:count], window)
 
-    samples = match(4)
-    if min(samples) >= 0:
-        return peaks[:4], samples
-    usable = [(i, j) for i, j in zip(peaks, match(len(peaks)), strict=True) if j >= 0]
+    found = match(4)
+    if min(found.samples) >= 0:
+            return peaks[:4], found.places
+    usable = [(i, j) for i, j in zip(peaks, match(len(peaks)).places, strict=True) if not math.isnan(j)]
     if len(usable) < 4:
         raise PeaksError(
             f"only {len(usable)} peaks of the reference outline have a match in this view; four are needed"

@@ -97,7 +97,7 @@ def _match_samples(
         ).shift
         * length
     )
-    matched, errors = kernels.match_curvature(
+    matched, errors, _ = kernels.match_curvature(
         CurvatureVector(description.arc, description.curvature),
         selected,
         CurvatureVector(arc2, v2),

@@ -94,13 +94,17 @@ def curvature(points: Floats, step: float) -> Floats:
     return np.asarray(np.arctan2(cross, (before * after).sum(axis=1)) / step)
 
 
-def curvature_vector(points: Floats, clipped: NDArray[np.bool_] | None, smoothing: float) -> CurvatureVector:
+def curvature_vector(
+    points: Floats, clipped: NDArray[np.bool_] | None, smoothing: float, whole: float = 0.0
+) -> CurvatureVector:
     """Scale-free curvature of one closed contour and the arc length it is a function of.
 
     Args:
         points: (N, 2) px.
         clipped: (N,) True where the image border shapes the contour instead of the object, or None.
         smoothing: step of `curvature` as a fraction of the length, above 0 and at most a quarter.
+        whole: px, the length that smoothing and curvature refer to; 0 for the contour's own. What is left of a clipped
+            outline has another length than the whole.
 
     Returns:
         (N + 1,) arc length, px; (N,) curvature times length, NaN within 1.5 steps of a clipped point.
@@ -110,8 +114,9 @@ def curvature_vector(points: Floats, clipped: NDArray[np.bool_] | None, smoothin
     """
     arc = arc_length(points)
     length = float(arc[-1])
-    step = smoothing * length
-    out = curvature(points, step) * length
+    scale = whole if whole > 0.0 else length
+    step = smoothing * scale
+    out = curvature(points, step) * scale
     if clipped is not None:
         if len(clipped) != len(points):
             raise ValueError("each point needs its flag")

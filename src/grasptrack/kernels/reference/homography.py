@@ -104,21 +104,36 @@ def distortion(H: Floats, points: Floats) -> Distortion:
         return Distortion(front, float(det.min()), max(1.0, float((larger / det).max())))
 
 
-def fit_homography(points1: Floats, indices1: list[int], points2: Floats, indices2: list[int]) -> FittedHomography:
-    """`homography_4` of four points of each of two contours, and its `distortion` at those of the first.
+def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places2: list[float]) -> FittedHomography:
+    """`homography_4` of four samples of one contour and four places on another, and its `distortion` at the samples.
 
     Args:
         points1, points2: (N, 2), (N', 2) px.
-        indices1, indices2: four each.
+        indices1: four samples of the first contour.
+        places2: four samples of the second, with the share of the side that follows as their fraction. Between samples
+            the contour is taken as the cubic curve through them, which cuts no corners as its sides do.
 
     Raises:
-        ValueError: as `homography_4`, or other than four indices, or one out of range.
+        ValueError: as `homography_4`, or other than four, or one out of range.
     """
-    for points, indices in ((points1, indices1), (points2, indices2)):
-        if len(indices) != 4 or not 0 <= min(indices) <= max(indices) < len(points):
+    places: list[tuple[Floats, list[int] | list[float]]] = [(points1, indices1), (points2, places2)]
+    for points, chosen in places:
+        if len(chosen) != 4 or not all(0 <= place < len(points) for place in chosen):
             raise ValueError("four points of each contour are needed")
-    H = homography_4(points1[indices1], points2[indices2])
+    H = homography_4(points1[indices1], np.array([_cubic_point(points2, place) for place in places2]))
     return FittedHomography(H, *distortion(H, points1[indices1]))
+
+
+def _cubic_point(points: Floats, place: float) -> Floats:
+    """(2,) of a closed contour at a place: Hermite's cubic, its tangents across the neighbours' chords."""
+    n, i = len(points), int(place)
+    f = place - i
+    a, b, c, d = (points[(i + k) % n] for k in (-1, 0, 1, 2))
+    if f == 0.0:
+        return np.asarray(b)
+    ab, bc, cd = (float(np.hypot(*(q - p))) for p, q in ((a, b), (b, c), (c, d)))
+    m, k = ((q - p) * (bc / run) if run > 0.0 else 0.0 * p for p, q, run in ((a, c, ab + bc), (b, d, bc + cd)))
+    return np.asarray(b + f * (m + f * (3.0 * (c - b) - 2.0 * m - k + f * (2.0 * (b - c) + m + k))))
 
 
 # --- Normals under a homography, and homographies near the identity -----

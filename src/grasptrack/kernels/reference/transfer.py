@@ -143,7 +143,10 @@ def match_curvature(
     centres: list[float],
     window: MatchWindow,
 ) -> CurvatureMatches:
-    """Eq. (3): the sample j of the second contour whose neighbourhood is most like that of sample i of the first.
+    """Eq. (3): the place on the second contour whose neighbourhood is most like that of sample i of the first.
+
+    The sample with the least sum of differences is found first. From there two steps of Gauss and Newton, of one side at
+    most, go to the place between samples where the differences are least.
 
     Args:
         first, second: curvature of both contours, scale-free.
@@ -168,7 +171,7 @@ def match_curvature(
     closed1, closed2 = np.append(v1, v1[0]), np.append(v2, v2[0])
     length1, length2 = arc1[-1], arc2[-1]
     k = np.arange(-radius, radius + 1)
-    samples, errors = [], []
+    samples, errors, places = [], [], []
     for i, centre in zip(indices, centres, strict=True):
         wanted = np.interp(np.mod(arc1[i] + k * step, length1), arc1, closed1)
         gap = np.mod(arc2[:-1] - centre + 0.5 * length2, length2) - 0.5 * length2
@@ -181,7 +184,34 @@ def match_curvature(
         good = np.isfinite(least) and least <= tolerance * max(abs(v1[i]), 2.0 * np.pi)
         samples.append(int(near[best]) if good else -1)
         errors.append(least)
-    return CurvatureMatches(samples, errors)
+        places.append(_place_between_samples(wanted, arc2, closed2, samples[-1], kappa * step * k) if good else math.nan)
+    return CurvatureMatches(samples, errors, places)
+
+
+def _place_between_samples(wanted: Floats, arc: Floats, closed: Floats, sample: int, ahead: Floats) -> float:
+    """The place near a sample about which the closed sequence is most like the one wanted."""
+    n, length = len(arc) - 1, float(arc[-1])
+    middle = float(arc[sample])
+
+    def read(shift: float) -> Floats:
+        return np.asarray(np.interp(np.mod(middle + shift + ahead, length), arc, closed))
+
+    after = float(arc[sample + 1]) - middle
+    before = middle - (float(arc[sample - 1]) if sample else float(arc[n - 1]) - length)
+    with np.errstate(all="ignore"):
+        # slopes across both sides: they are the same whichever way the contour runs
+        slope = (read(after) - read(-before)) / (before + after)
+        weight = slope @ slope
+    shift = 0.0
+    for _ in range(2):
+        with np.errstate(all="ignore"):
+            moved = shift + float(np.divide(slope @ (wanted - read(shift)), weight))
+        if not math.isfinite(moved):
+            break
+        shift = min(max(moved, -before), after)
+    share = shift / (after if shift > 0.0 else before) if shift != 0.0 else 0.0
+    place = sample + share
+    return place + n if place < 0.0 else place if place < n else place - n
 
 
 # --- Contacts carried by a homography and moved onto the outline (Fig. 11) -----
