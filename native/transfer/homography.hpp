@@ -183,11 +183,14 @@ struct Match {
 };
 
 // The place near a sample about which a sequence is most like the one wanted: two steps of Gauss and Newton, of one side
-// at most. here[k] is a sample near the k-th neighbour, or negative where none is known.
+// at most. NaN where the minimum lies beyond the window, or beyond what can be compared. `here` is room for an index of each.
 inline double place_between_samples(const Cyclic &second, const std::vector<double> &wanted, const std::vector<double> &ahead,
-                                    double kappa, std::int64_t sample, std::vector<std::int64_t> &here) {
+                                    double kappa, double centre, double limit, std::int64_t sample,
+                                    std::vector<std::int64_t> &here) {
     const double middle = second.arc[sample], after = second.arc[sample + 1] - middle;
     const double before = middle - (sample > 0 ? second.arc[sample - 1] : second.arc[second.size - 1] - second.length());
+    double offset = middle - centre;
+    offset -= std::round(offset / second.length()) * second.length();
     // slopes across both sides: they are the same whichever way the contour runs
     thread_local std::vector<double> slope;
     slope.resize(wanted.size());
@@ -199,14 +202,17 @@ inline double place_between_samples(const Cyclic &second, const std::vector<doub
         slope[k] = (second.read(at + after, here[k]) - low) / (before + after);
         weight += slope[k] * slope[k];
     }
+    if (std::isnan(weight)) return weight;
     for (int round = 0; round < 2; ++round) {
         double sum = 0.0;
         for (std::size_t k = 0; k < wanted.size(); ++k)
             sum += slope[k] * (wanted[k] - second.read(middle + shift + kappa * ahead[k], here[k]));
+        if (!(weight > 0.0)) break;
         const double moved = shift + sum / weight;
-        if (!std::isfinite(moved)) break;
+        if (!std::isfinite(moved)) return std::numeric_limits<double>::quiet_NaN();
         shift = std::min(std::max(moved, -before), after);
     }
+    if (!(std::abs(offset + shift) <= limit)) return std::numeric_limits<double>::quiet_NaN();
     const double size = static_cast<double>(second.size);
     const double place = static_cast<double>(sample) + (shift == 0.0 ? 0.0 : shift / (shift > 0.0 ? after : before));
     return place < 0.0 ? place + size : place < size ? place : place - size;
@@ -259,7 +265,7 @@ inline std::vector<Match> match_curvature(const Cyclic &first, const std::vector
         const bool good = best <= tolerance * std::max(std::abs(first.values[i]), circle);
         if (!good) chosen = -1;
         out.push_back({chosen, best,
-                       good ? place_between_samples(second, wanted, ahead, kappa, chosen, here)
+                       good ? place_between_samples(second, wanted, ahead, kappa, centre, limit, chosen, here)
                             : std::numeric_limits<double>::quiet_NaN()});
     }
     return out;

@@ -164,7 +164,8 @@ class CurvatureMatches(NamedTuple):
     Attributes:
         samples: the sample of the least error, -1 of none.
         errors: the least error, infinite of none comparable.
-        places: the same between samples: the sample, and as its fraction the share of the side that follows; NaN of none.
+        places: the same between samples: the sample, and as its fraction the share of the side that follows; NaN of
+            none, and where the least error is no minimum but the end of the search.
     """
 
     samples: list[int]

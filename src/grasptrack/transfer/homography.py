@@ -13,7 +13,7 @@ from grasptrack.errors import ClippedError, ConditioningError, CrossingError, Pe
 from grasptrack.geometry.contours import Contour, Outline
 from grasptrack.geometry.homographies import apply_homography, check_in_front, judge_distortion
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.kernels.results import CurvatureMatches, CurvatureVector, MatchWindow
+from grasptrack.kernels.results import CurvatureVector, MatchWindow
 from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
@@ -35,6 +35,10 @@ NEIGHBOURHOOD = 0.03
 MAX_ERROR = 0.5
 """A match whose mean curvature difference exceeds this share of the peak's own curvature, or of a circle's if that is
 more, is none."""
+GATE = 3.0
+"""Standard deviations by which a match may miss its prediction, as far as the outline shows how good that is."""
+PROBES = 40
+"""Points of the outline that show it."""
 MAX_REFINEMENT = 0.05
 """The outline must lie within this fraction of sqrt(area) of where the homography puts a contact."""
 
@@ -119,8 +123,9 @@ def _match_peaks(
     first, peaks = description.outline, description.peaks
     if prior is None and current.clipped is not None:
         raise ClippedError("the image border cuts the object, and nothing says how large it is")
-    there = kernels.curvature_vector(current.points, current.clipped, SMOOTHING)
+    predicted, gate = None, math.inf
     if prior is None:
+        there = kernels.curvature_vector(current.points, current.clipped, SMOOTHING)
         here = CurvatureVector(description.arc, description.curvature)
         length = here.arc.item(-1)
         kappa = there.arc.item(-1) / length
@@ -133,22 +138,34 @@ def _match_peaks(
         centres = [kappa * (here.arc.item(i) + shift) for i in peaks]
     else:
         carried = apply_homography(prior, first.points)
-        here = kernels.curvature_vector(carried, None, SMOOTHING)
-        length = here.arc.item(-1)
-        kappa = 1.0
-        places = kernels.project_to_contour(current.points, current.offsets, carried[peaks])
+        here = kernels.curvature_vector(carried, first.clipped, SMOOTHING)
+        length, kappa = here.arc.item(-1), 1.0
+        if first.clipped is None and current.clipped is None:
+            there = kernels.curvature_vector(current.points, None, SMOOTHING)
+            kappa = there.arc.item(-1) / length
+        else:  # what is left of an outline has another length: one scale for both
+            if SMOOTHING * length > 0.25 * current.length:
+                raise ClippedError("the image border leaves too little of the outline to compare its curvature")
+            there = kernels.curvature_vector(current.points, current.clipped, SMOOTHING, length)
+        predicted = carried[peaks]
+        places = kernels.project_to_contour(current.points, current.offsets, predicted)
+        gate = max(GATE * _prediction_error(carried, current), SMOOTHING * length)
         centres = np.interp(places[:, 1], np.arange(len(current) + 1.0), there.arc).tolist()
 
-    def match(count: int) -> CurvatureMatches:
-        """Eq. (3) for the first peaks."""
+    def match(count: int) -> list[float]:
+        """Eq. (3) for the first peaks: places on the current contour, NaN of none, or of one beyond the gate."""
         reach, step = SEARCH * length, NEIGHBOURHOOD * length / RADIUS
         window = MatchWindow(kappa, reach, RADIUS, step, MAX_ERROR)
-        return kernels.match_curvature(here, peaks[:count], there, centres[:count], window)
+        found = kernels.match_curvature(here, peaks[:count], there, centres[:count], window)
+        if predicted is None:
+            return found.places
+        off = np.hypot(*(current.points[found.samples] - predicted[:count]).T)
+        return np.where(off <= gate, found.places, math.nan).tolist()
 
     found = match(4)
-    if min(found.samples) >= 0:
-            return peaks[:4], found.places
-    usable = [(i, j) for i, j in zip(peaks, match(len(peaks)).places, strict=True) if not math.isnan(j)]
+    if not any(map(math.isnan, found)):
+        return peaks[:4], found
+    usable = [(i, j) for i, j in zip(peaks, match(len(peaks)), strict=True) if not math.isnan(j)]
     if len(usable) < 4:
         raise PeaksError(
             f"only {len(usable)} peaks of the reference outline have a match in this view; four are needed"
@@ -158,3 +175,10 @@ def _match_peaks(
     if triangle < MIN_TRIANGLE * first.area:
         raise PeaksError("three of the curvature peaks that this view shows lie in a row")
     return [usable[k][0] for k in best], [usable[k][1] for k in best]
+
+
+def _prediction_error(carried: Floats, current: Contour) -> float:
+    """px, robust standard deviation of the distance between an outline as predicted, (N, 2), and as observed."""
+    some = np.ascontiguousarray(carried[:: max(1, len(carried) // PROBES)])
+    gaps = kernels.project_to_contour(current.points, current.offsets, some)[:, 2]
+    return float(np.median(gaps)) / 0.6745

@@ -146,7 +146,8 @@ def match_curvature(
     """Eq. (3): the place on the second contour whose neighbourhood is most like that of sample i of the first.
 
     The sample with the least sum of differences is found first. From there two steps of Gauss and Newton, of one side at
-    most, go to the place between samples where the differences are least.
+    most, go to the place between samples where the differences are least. Where that lies beyond the window, or beyond
+    what can be compared, there is a sample and no place.
 
     Args:
         first, second: curvature of both contours, scale-free.
@@ -184,12 +185,18 @@ def match_curvature(
         good = np.isfinite(least) and least <= tolerance * max(abs(v1[i]), 2.0 * np.pi)
         samples.append(int(near[best]) if good else -1)
         errors.append(least)
-        places.append(_place_between_samples(wanted, arc2, closed2, samples[-1], kappa * step * k) if good else math.nan)
+        place = math.nan
+        if good:
+            ahead = kappa * step * k
+            place = _place_between_samples(wanted, arc2, closed2, samples[-1], ahead, centre, kappa * reach)
+        places.append(place)
     return CurvatureMatches(samples, errors, places)
 
 
-def _place_between_samples(wanted: Floats, arc: Floats, closed: Floats, sample: int, ahead: Floats) -> float:
-    """The place near a sample about which the closed sequence is most like the one wanted."""
+def _place_between_samples(
+    wanted: Floats, arc: Floats, closed: Floats, sample: int, ahead: Floats, centre: float, limit: float
+) -> float:
+    """The place near a sample about which the closed sequence is most like the one wanted; NaN if it is none."""
     n, length = len(arc) - 1, float(arc[-1])
     middle = float(arc[sample])
 
@@ -201,14 +208,20 @@ def _place_between_samples(wanted: Floats, arc: Floats, closed: Floats, sample: 
     with np.errstate(all="ignore"):
         # slopes across both sides: they are the same whichever way the contour runs
         slope = (read(after) - read(-before)) / (before + after)
-        weight = slope @ slope
+        weight = float(slope @ slope)
+    if math.isnan(weight):
+        return math.nan
     shift = 0.0
     for _ in range(2):
-        with np.errstate(all="ignore"):
-            moved = shift + float(np.divide(slope @ (wanted - read(shift)), weight))
-        if not math.isfinite(moved):
+        if not weight > 0.0:
             break
+        moved = shift + float(slope @ (wanted - read(shift))) / weight
+        if not math.isfinite(moved):
+            return math.nan
         shift = min(max(moved, -before), after)
+    offset = middle - centre - round((middle - centre) / length) * length
+    if not abs(offset + shift) <= limit:
+        return math.nan
     share = shift / (after if shift > 0.0 else before) if shift != 0.0 else 0.0
     place = sample + share
     return place + n if place < 0.0 else place if place < n else place - n
