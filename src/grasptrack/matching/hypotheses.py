@@ -68,6 +68,24 @@ def match_outlines(
     return [_to_image_coordinates(m, a, b) for m in found[:most]]
 
 
+def refine_homographies(starts: Floats, first: Outline | Sampled, second: Outline | Sampled) -> list[Match]:
+    """The homographies that given ones (k, 3, 3) lead to when they are made to fit, the best first.
+
+    Args:
+        starts: first -> second, near to what is meant.
+        first, second: as for `match_outlines`.
+
+    Returns:
+        Distinct hypotheses, as `match_outlines` gives them; the slack is not measured.
+    """
+    a, b = as_sampled(first), as_sampled(second)
+    to, back = np.eye(3), np.eye(3)
+    to[:2, 2], back[:2, 2] = a.centre, -b.centre
+    centred = back @ starts @ to
+    rows = np.ascontiguousarray((centred / centred[:, 2:, 2:]).reshape(-1, 9))
+    return [_to_image_coordinates(m, a, b) for m in _refine_starts(rows, a, b)]
+
+
 def _to_image_coordinates(m: Match, a: Sampled, b: Sampled) -> Match:
     """The same between the images; so far it was between the centres."""
     to, back = np.eye(3), np.eye(3)

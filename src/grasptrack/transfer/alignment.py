@@ -9,18 +9,19 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from grasptrack import kernels
 from grasptrack.errors import AmbiguousError
-from grasptrack.geometry.contours import Contour
-from grasptrack.geometry.homographies import similarity_transform
+from grasptrack.geometry.contours import Contour, Outline
+from grasptrack.geometry.homographies import apply_homography, similarity_transform
+from grasptrack.matching import judge_hypotheses, refine_homographies
 from grasptrack.typing import Floats
 
 GRID = 64
 """Points at which the outlines are compared."""
 TIE = 0.02
 """Alignments whose rms distances differ by less than this fraction of sqrt(area) fit alike."""
-NEARER = 0.5
-"""Among alignments that fit alike one is taken when it moves the outline less than this share of what the next does."""
 
 
 class Alignment(NamedTuple):
@@ -50,24 +51,35 @@ def alignments_of_points(points1: Floats, arc1: Floats, points2: Floats, arc2: F
     return [Alignment(shift, angle, radius * left) for shift, angle, left in found]
 
 
-def choose_alignment(found: list[Alignment], expected_angle: float = 0.0) -> Alignment:
-    """The one meant of some alignments that fit alike: the best, or the one with the smallest turn.
-
-    Args:
-        found: the alignments.
-        expected_angle: rad; turns are measured from it.
+def choose_alignment(found: list[Alignment], first: Outline, second: Outline) -> Alignment:
+    """The right one of some alignments of the outer contours that fit alike.
 
     Raises:
-        AmbiguousError: several fit alike and none turns clearly less than the others.
+        AmbiguousError: none at all, or several that the noise of the match does not tell apart.
     """
     if not found:
         raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
     if len(found) == 1:
         return found[0]
-    turns = sorted((abs(math.sin(0.5 * (a.angle - expected_angle))), i) for i, a in enumerate(found))
-    if turns[0][0] > NEARER * turns[1][0]:
-        raise AmbiguousError("the outline fits itself in more than one way and the motion does not tell which is meant")
-    return found[turns[0][1]]
+    outer = first.contours[0], second.contours[0]
+    return found[choose_way([as_similarity(a, *outer) for a in found], first, second)]
+
+
+def choose_way(ways: list[Floats], first: Outline, second: Outline) -> int:
+    """Which of some homographies (3, 3) lays one outline on another, holes included.
+
+    Each is made to fit. What is left of the best is the noise of the match, by which the others are judged.
+
+    Raises:
+        AmbiguousError: several fit alike, or none fits.
+    """
+    outcome = judge_hypotheses(refine_homographies(np.array(ways), first, second))
+    if outcome.best is None or outcome.status != "matched":
+        raise AmbiguousError(f"{outcome.reason}, and there is no prior")
+    points = first.contours[0].points
+    there = apply_homography(outcome.best.homography, points)
+    off = [float(((apply_homography(way, points) - there) ** 2).sum()) for way in ways]
+    return int(np.argmin(off))
 
 
 def as_similarity(alignment: Alignment, first: Contour, second: Contour) -> Floats:

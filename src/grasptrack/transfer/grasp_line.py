@@ -9,8 +9,9 @@ from typing import NamedTuple
 from grasptrack import kernels
 from grasptrack.errors import AmbiguousError, AxesError, ClippedError, CrossingError, ParallelLineError, StrategyError
 from grasptrack.geometry.contours import Outline, View
-from grasptrack.geometry.homographies import homography_jacobian
+from grasptrack.geometry.homographies import homography_jacobian, similarity_transform
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.transfer.alignment import choose_way
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
 
@@ -38,6 +39,7 @@ class GraspLineDescription(NamedTuple):
         d_1, d_2: distances of the contacts along the line from where it meets I_min. All distances are in sqrt(area).
         skewness: third-order moments in the axes, divided by area^2.5: what tells I_min's two directions apart.
         area, centroid, theta: of the reference silhouette: px^2, px, rad.
+        view: the reference view, which tells the directions where its skewness does not.
     """
 
     d_c: float
@@ -48,6 +50,7 @@ class GraspLineDescription(NamedTuple):
     area: float
     centroid: tuple[float, float]
     theta: float
+    view: Outline
 
     def paper(self) -> tuple[float, float, float, float]:
         """(d_c, alpha_m in degrees, d_1, d_2) as the paper prints them: distances divided by the area, in 1/px."""
@@ -78,7 +81,7 @@ def describe(grasp: Grasp, view: Outline) -> GraspLineDescription:
         raise ParallelLineError(
             f"the grasp line runs along I_min ({apart:.1f} degrees apart) and never meets it", sine=line.sine
         )
-    return GraspLineDescription(*line[:8])
+    return GraspLineDescription(*line[:8], view)
 
 
 def apply(description: GraspLineDescription, view: Outline, prior: Floats | None = None) -> Transfer:
@@ -86,7 +89,8 @@ def apply(description: GraspLineDescription, view: Outline, prior: Floats | None
 
     Raises:
         ClippedError, AxesError: as in `describe`.
-        AmbiguousError: the object maps to itself by a half turn, the grasp does not, and there is no prior.
+        AmbiguousError: the outline fits itself turned by a half turn, as far as the noise of the match tells, the grasp
+            does not, and there is no prior.
         CrossingError: the line does not meet the outline where the contacts should be.
     """
     _check_whole(view)
@@ -95,9 +99,16 @@ def apply(description: GraspLineDescription, view: Outline, prior: Floats | None
     found = kernels.carry_grasp_line(view.points, view.offsets, description[:4], reference, ahead, MIN_SKEWNESS)
     _check_axes(found.major, found.minor)
     if not found.told and not _maps_to_itself(description):
-        raise AmbiguousError(
-            "the outline maps to itself by a half turn, so one pair of views cannot tell the grasp from its turned twin"
-        )
+        turned = found.H @ similarity_transform(1.0, math.pi, description.centroid, description.centroid)
+        try:
+            right = (found.H, turned)[choose_way([found.H, turned], description.view, view)]
+        except AmbiguousError as error:
+            raise AmbiguousError(
+                "the outline maps to itself by a half turn, so one pair of views cannot tell the grasp from its turned "
+                f"twin: {error}"
+            ) from None
+        ahead = _predicted_axis(description, right)
+        found = kernels.carry_grasp_line(view.points, view.offsets, description[:4], reference, ahead, MIN_SKEWNESS)
     if not found.residual <= MAX_MISMATCH * math.sqrt(found.area):
         raise CrossingError(
             "the transferred grasp line does not meet the outline where the contacts should be", residual=found.residual

@@ -49,7 +49,7 @@ class HomographyDescription(NamedTuple):
     Attributes:
         contacts: (k, 2) px.
         normals: (k, 2) unit normals of the outline at the contacts; None for two, which move along their line.
-        outline: the outer contour.
+        view: the reference view; its outer contour is `outline`.
         arc: (N + 1,) its arc length, px.
         curvature: (N,) its curvature times its length.
         peaks: indices of the outer contour's peaks: the four selected points first, then what may take the place of one
@@ -58,10 +58,15 @@ class HomographyDescription(NamedTuple):
 
     contacts: Floats
     normals: Floats | None
-    outline: Contour
+    view: Outline
     arc: Floats
     curvature: Floats
     peaks: list[int]
+
+    @property
+    def outline(self) -> Contour:
+        """The outer contour."""
+        return self.view.contours[0]
 
 
 def describe(grasp: Grasp, view: Outline) -> HomographyDescription:
@@ -82,7 +87,7 @@ def describe(grasp: Grasp, view: Outline) -> HomographyDescription:
     if len(grasp.contacts) != 2:
         places = kernels.project_to_contour(view.points, view.offsets, grasp.contacts)
         normals = kernels.contact_frames(view.points, view.offsets, places, 0.02 * length)[:, :2]
-    return HomographyDescription(grasp.contacts, normals, outline, arc, curvature, peaks)
+    return HomographyDescription(grasp.contacts, normals, view, arc, curvature, peaks)
 
 
 def apply(description: HomographyDescription, view: Outline, prior: Floats | None = None) -> Transfer:
@@ -95,13 +100,13 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
     Raises:
         ClippedError: the border cuts the object and there is no prior.
         PeaksError: a selected point has no match.
-        AmbiguousError: several alignments of the outlines fit alike and none is clearly the nearest motion.
+        AmbiguousError: several alignments of the outlines fit alike, and there is no prior.
         ConditioningError: the four correspondences give no plausible homography.
         CrossingError: the outline is not where the homography puts a contact.
     """
     current = view.contours[0]
     reference = description.outline
-    selected, matched = _match_peaks(description, current, prior)  # step 1, eq. (3)
+    selected, matched = _match_peaks(description, view, prior)  # step 1, eq. (3)
     try:  # step 2, eq. (1)
         H, *worst = kernels.fit_homography(reference.points, selected, current.points, matched)
     except ValueError:
@@ -117,10 +122,10 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
 
 
 def _match_peaks(
-    description: HomographyDescription, current: Contour, prior: Floats | None
+    description: HomographyDescription, view: Outline, prior: Floats | None
 ) -> tuple[list[int], list[float]]:
     """Four selected samples of the reference and the four places that match them: the search of Section IV-C.1."""
-    first, peaks = description.outline, description.peaks
+    first, current, peaks = description.outline, view.contours[0], description.peaks
     if prior is None and current.clipped is not None:
         raise ClippedError("the image border cuts the object, and nothing says how large it is")
     predicted, gate = None, math.inf
@@ -129,12 +134,8 @@ def _match_peaks(
         here = CurvatureVector(description.arc, description.curvature)
         length = here.arc.item(-1)
         kappa = there.arc.item(-1) / length
-        shift = (
-            choose_alignment(
-                alignments_of_points(first.points, here.arc, current.points, there.arc, current.area)
-            ).shift
-            * length
-        )
+        ways = alignments_of_points(first.points, here.arc, current.points, there.arc, current.area)
+        shift = choose_alignment(ways, description.view, view).shift * length
         centres = [kappa * (here.arc.item(i) + shift) for i in peaks]
     else:
         carried = apply_homography(prior, first.points)

@@ -91,12 +91,8 @@ def _match_samples(
     arc2, v2 = kernels.curvature_vector(current.points, current.clipped, homography.SMOOTHING)
     length, selected = description.arc.item(-1), description.peaks[:4]
     kappa = arc2.item(-1) / length
-    shift = (
-        choose_alignment(
-            alignments_of_points(outline.points, description.arc, current.points, arc2, current.area)
-        ).shift
-        * length
-    )
+    ways = alignments_of_points(outline.points, description.arc, current.points, arc2, current.area)
+    shift = choose_alignment(ways, description.view, second).shift * length
     matched, errors, _ = kernels.match_curvature(
         CurvatureVector(description.arc, description.curvature),
         selected,

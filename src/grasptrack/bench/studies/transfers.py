@@ -302,7 +302,7 @@ def transfer_turned(odd: float | None, strategy: str, tilt: float, seed: int) ->
     off = np.hypot(*(moved.grasp.contacts - truth).T).max()
     if off > 0.04 * SIZE and np.hypot(*(moved.grasp.contacts[::-1] - truth).T).max() <= 0.04 * SIZE:
         return "right", overlap  # a grasp that maps to itself
-    return "wrong" if off > (OFF if tilt == 0.0 else 0.1 * SIZE) else "right", overlap
+    return "wrong" if off > 0.1 * SIZE else "right", overlap
 
 
 def half_turn_overlap(outline: Floats) -> float:
@@ -324,8 +324,7 @@ def show_turned(pairs: int, seed: int, workers: int) -> None:
     common.begin_section("Transfers without a prior: outlines at any turn")
     common.add_paragraph(
         f"Outlines that differ from themselves after a half turn by a share of their radius, with {NOISE:g} px of noise, "
-        "and random ones without noise. Wrong is above 3 px, or above 13 px in views at 15 degrees, where it counts only "
-        "which end is which; 'overlap' is that of an outline with its half turn, in the middle of all and of those that were "
+        f"and random ones without noise. Wrong is above {0.1 * SIZE:g} px: it counts which end is which. 'Overlap' is that of an outline with its half turn, in the middle of all and of those that were "
         "called ambiguous."
     )
     rows: list[list[object]] = []
