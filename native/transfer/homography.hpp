@@ -214,8 +214,9 @@ inline double place_between_samples(const Cyclic &second, const std::vector<doub
     }
     if (!(std::abs(offset + shift) <= limit)) return std::numeric_limits<double>::quiet_NaN();
     const double size = static_cast<double>(second.size);
-    const double place = static_cast<double>(sample) + (shift == 0.0 ? 0.0 : shift / (shift > 0.0 ? after : before));
-    return place < 0.0 ? place + size : place < size ? place : place - size;
+    double place = static_cast<double>(sample) + (shift == 0.0 ? 0.0 : shift / (shift > 0.0 ? after : before));
+    if (place < 0.0) place += size;
+    return place < size ? place : place - size;  // so little before the first that it is rounded to the end is the first
 }
 
 // Eq. (3) for some samples of the first contour.

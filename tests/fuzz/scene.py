@@ -158,7 +158,7 @@ USUAL: dict[str, Maker] = {
     "independent": lambda s: 4.0,
     "indices": lambda s: [0, len(s.outer) // 2],
     "indices1": lambda s: [0, 2, 4, 6],
-    "indices2": lambda s: [0, 2, 4, 6],
+    "places2": lambda s: [0.0, 2.25, 4.0, 6.5],
     "inner": lambda s: s.rng.uniform(0, 255, (SAMPLES, 6)),
     "inner_spread": lambda s: 10.0,
     "inside": lambda s: s.rng.uniform(0, 255, (SAMPLES, 16)),

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The compiled matching kernels equal their definition."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -134,11 +136,53 @@ def test_eq_3(points, H, start, gap):
     window = window._replace(tolerance=1e9)
     found, wanted = kernels.match_curvature(*arguments, window), reference.match_curvature(*arguments, window)
     np.testing.assert_allclose(found[1], wanted[1], rtol=1e-9, atol=1e-9)
+    places = np.array(found.places)[~np.isnan(found.places)]
+    assert ((places >= 0.0) & (places < len(points))).all()
+    if found.samples == wanted.samples:
+        np.testing.assert_allclose(found.places, wanted.places, rtol=0.0, atol=1e-6)
     # of samples that fit alike either may be taken; all must be samples
     samples = np.array(found[0])
     assert ((samples >= -1) & (samples < len(points))).all()
     apart = np.abs(np.mod(arc2[samples] - centres + 0.5 * arc2[-1], arc2[-1]) - 0.5 * arc2[-1])
     assert (apart <= kappa * 0.04 * arc1[-1] + 1e-9).all() or gap
+
+
+def test_a_place_rounded_to_the_end_is_the_first():
+    """The match is sample 0, and rounding may put it 1e-17 before; that was place N, which is none."""
+    points = 50.0 * np.array(
+        [[math.cos(t), 0.6 * math.sin(t)] for t in np.linspace(0, 2 * math.pi, 60, endpoint=False)]
+    )
+    v, arc = vectors(points)
+    for shift in np.linspace(-3e-15, 3e-15, 61):
+        moved = v + shift * np.gradient(v, arc[:-1])
+        arguments = CurvatureVector(arc, moved), [0], CurvatureVector(arc, v), [0.0], MatchWindow(1.0, 8.0, 4, 2.0, 1e9)
+        for backend in (kernels, reference):
+            assert 0.0 <= backend.match_curvature(*arguments).places[0] < len(points)
+
+
+@FEW
+@given(stars(count=80), frame_motions(), st.lists(st.floats(0.0, 79.99), min_size=4, max_size=4))
+def test_homography_of_places_between_samples(points, H, places):
+    moved, indices = apply_homography(H, points), [int(place) for place in places]
+    try:
+        wanted = reference.fit_homography(points, indices, moved, places)
+    except ValueError:  # three in a row, or nearly
+        assume(False)
+    found = kernels.fit_homography(points, indices, moved, places)
+    assume(np.abs(wanted.H).max() < 1e6)
+    np.testing.assert_allclose(found.H, wanted.H, rtol=1e-6, atol=1e-6 * np.abs(wanted.H).max())
+
+
+@FEW
+@given(stars(), st.floats(0.5, 4.0))
+def test_curvature_may_refer_to_another_length(points, share):
+    """Twice the length is twice the smoothing and twice the number."""
+    whole = share * reference.arc_length(points)[-1]
+    found = kernels.curvature_vector(points, None, 0.012, whole)
+    wanted = reference.curvature_vector(points, None, 0.012, whole)
+    np.testing.assert_allclose(found.curvature, wanted.curvature, rtol=1e-9, atol=1e-7)
+    same = kernels.curvature_vector(points, None, 0.012 * share).curvature * share
+    np.testing.assert_allclose(found.curvature, same, rtol=1e-9, atol=1e-7)
 
 
 def test_bad_arguments():
@@ -151,6 +195,8 @@ def test_bad_arguments():
         kernels.curvature_vector(np.eye(9, 2), np.zeros(3, dtype=bool), 0.01)
     with pytest.raises(ValueError, match="four points"):
         kernels.fit_homography(np.eye(4, 2), [0, 1, 2], np.eye(4, 2), [0, 1, 2])
+    with pytest.raises(ValueError, match="place"):
+        kernels.fit_homography(np.eye(4, 2), [0, 1, 2, 3], np.eye(4, 2), [0, 1, 2, math.nan])
     with pytest.raises(ValueError, match="two"):
         kernels.refine_contacts(np.eye(3), np.ones((3, 2)), None, np.ones((4, 2)), np.array([0, 4]))
     with pytest.raises(ValueError, match="count"):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import Counter
 from collections.abc import Callable
@@ -110,9 +111,15 @@ class Pose(NamedTuple):
         tilt = math.radians(self.tilt)
         u, v = math.cos(self.axis), math.sin(self.axis)
         c, s = math.cos(tilt), math.sin(tilt)
-        rows = [[c + u * u * (1 - c), u * v * (1 - c), 0.0], [u * v * (1 - c), c + v * v * (1 - c), 0.0], [0.0, 0.0, 1.0]]
+        rows = [
+            [c + u * u * (1 - c), u * v * (1 - c), 0.0],
+            [u * v * (1 - c), c + v * v * (1 - c), 0.0],
+            [0.0, 0.0, 1.0],
+        ]
         rows[2][:2] = [-s * v / FOCAL, s * u / FOCAL]
-        there = similarity_transform(math.exp(self.zoom), self.turn, (0.0, 0.0), (CENTRE[0] + self.x, CENTRE[1] + self.y))
+        there = similarity_transform(
+            math.exp(self.zoom), self.turn, (0.0, 0.0), (CENTRE[0] + self.x, CENTRE[1] + self.y)
+        )
         return there @ np.array(rows) @ similarity_transform(1.0, 0.0, CENTRE, (0.0, 0.0))
 
     def frame_before(self, rng: np.random.Generator) -> Pose:
@@ -340,7 +347,18 @@ def show_turned(pairs: int, seed: int, workers: int) -> None:
                 middle = float(np.median([overlap for _, overlap in found]))
                 of_unsure = float(np.median(unsure)) if unsure else math.nan
                 rows.append([strategy, tilt, name, len(found), *count, middle, of_unsure])
-    heads = ["strategy", "tilt", "outline", "n", "right, %", "ambiguous, %", "refused, %", "wrong, %", "overlap", "if ambiguous"]
+    heads = [
+        "strategy",
+        "tilt",
+        "outline",
+        "n",
+        "right, %",
+        "ambiguous, %",
+        "refused, %",
+        "wrong, %",
+        "overlap",
+        "if ambiguous",
+    ]
     common.add_table(heads, rows)
 
 
@@ -383,10 +401,8 @@ def show_times(calls: int, seed: int) -> None:
 
 def try_transfer(grasp: Grasp, reference: Contour, current: Contour, strategy: str, prior: Floats | None) -> None:
     """A transfer, or its refusal."""
-    try:
+    with contextlib.suppress(TransferError):
         gt.transfer(grasp, reference, current, strategy, prior)
-    except TransferError:
-        pass
 
 
 def main() -> None:

@@ -224,7 +224,9 @@ def _place_between_samples(
         return math.nan
     share = shift / (after if shift > 0.0 else before) if shift != 0.0 else 0.0
     place = sample + share
-    return place + n if place < 0.0 else place if place < n else place - n
+    if place < 0.0:
+        place += n
+    return place if place < n else place - n  # so little before the first that it is rounded to the end is the first
 
 
 # --- Contacts carried by a homography and moved onto the outline (Fig. 11) -----
