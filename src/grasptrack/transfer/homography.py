@@ -14,6 +14,7 @@ from grasptrack.geometry.contours import Contour, Outline
 from grasptrack.geometry.homographies import apply_homography, check_in_front, judge_distortion
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.kernels.results import CurvatureVector, MatchWindow
+from grasptrack.statistics import robust_sd
 from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
 from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
@@ -161,7 +162,7 @@ def _match_peaks(
         if predicted is None:
             return found.places
         off = np.hypot(*(current.points[found.samples] - predicted[:count]).T)
-        return np.where(off <= gate, found.places, math.nan).tolist()
+        return [place if o <= gate else math.nan for place, o in zip(found.places, off.tolist(), strict=True)]
 
     found = match(4)
     if not any(map(math.isnan, found)):
@@ -182,4 +183,4 @@ def _prediction_error(carried: Floats, current: Contour) -> float:
     """px, robust standard deviation of the distance between an outline as predicted, (N, 2), and as observed."""
     some = np.ascontiguousarray(carried[:: max(1, len(carried) // PROBES)])
     gaps = kernels.project_to_contour(current.points, current.offsets, some)[:, 2]
-    return float(np.median(gaps)) / 0.6745
+    return robust_sd(gaps)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,8 @@ from grasptrack.bench.report.table import Cell, Table
 from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.kernels.results import CurvatureVector, MatchWindow
+from grasptrack.kernels.reference.homography import cubic_point
+from grasptrack.kernels.results import CurvatureMatches, CurvatureVector, MatchWindow
 from grasptrack.transfer import homography
 from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
 from grasptrack.typing import Floats
@@ -31,7 +33,8 @@ class Correspondences:
         footage, frame: the pair: the first frame and this one.
         first, second: its views.
         curvature: ((N,), (N',)) of both contours, times their lengths.
-        samples: ((4,), (4,)) indices of p_i and p'_j.
+        samples: ((4,), (4,)) indices of p_i and of the sample nearest to p'_j in eq. (3).
+        places: (4,) p'_j between samples, see `CurvatureMatches`.
         errors: (4,) of eq. (3), mean over the neighbourhood.
         H: (3, 3) of the four.
         applied: (2, 2) px, the contacts through H.
@@ -44,6 +47,7 @@ class Correspondences:
     second: View
     curvature: tuple[Floats, Floats]
     samples: tuple[list[int], list[int]]
+    places: list[float]
     errors: list[float]
     H: Floats
     applied: Floats
@@ -52,7 +56,8 @@ class Correspondences:
     @property
     def points(self) -> tuple[Floats, Floats]:
         """((4, 2), (4, 2)) px: p_i and p'_j."""
-        return self.first.outer.points[self.samples[0]], self.second.outer.points[self.samples[1]]
+        second = np.array([cubic_point(self.second.outer.points, place) for place in self.places])
+        return self.first.outer.points[self.samples[0]], second
 
 
 def find_correspondences(footage: Footage, frame: int) -> Correspondences | str:
@@ -67,16 +72,17 @@ def find_correspondences(footage: Footage, frame: int) -> Correspondences | str:
         chosen = _match_samples(description, second)
     except Refused as error:
         return str(error)
-    if moved.homography is None or min(chosen[1]) < 0:
+    if moved.homography is None or any(map(math.isnan, chosen[1].places)):
         return "a selected point has no match, and another peak took its place"
     return Correspondences(
         footage,
         frame,
         first,
         second,
-        (description.curvature, chosen[3]),
-        chosen[:2],
-        chosen[2],
+        (description.curvature, chosen[2]),
+        (chosen[0], chosen[1].samples),
+        chosen[1].places,
+        chosen[1].errors,
         moved.homography,
         apply_homography(moved.homography, grasp.contacts),
         moved.grasp.contacts,
@@ -85,15 +91,15 @@ def find_correspondences(footage: Footage, frame: int) -> Correspondences | str:
 
 def _match_samples(
     description: homography.HomographyDescription, second: View
-) -> tuple[list[int], list[int], list[float], Floats]:
-    """Step 1: selected samples, their matches, the errors of eq. (3), and the second contour's curvature."""
+) -> tuple[list[int], CurvatureMatches, Floats]:
+    """Step 1: selected samples, their matches, and the second contour's curvature."""
     outline, current = description.outline, second.outer
     arc2, v2 = kernels.curvature_vector(current.points, current.clipped, homography.SMOOTHING)
     length, selected = description.arc.item(-1), description.peaks[:4]
     kappa = arc2.item(-1) / length
     ways = alignments_of_points(outline.points, description.arc, current.points, arc2, current.area)
     shift = choose_alignment(ways, description.view, second).shift * length
-    matched, errors, _ = kernels.match_curvature(
+    matched = kernels.match_curvature(
         CurvatureVector(description.arc, description.curvature),
         selected,
         CurvatureVector(arc2, v2),
@@ -106,7 +112,7 @@ def _match_samples(
             homography.MAX_ERROR,
         ),
     )
-    return selected, matched, errors, v2
+    return selected, matched, v2
 
 
 def table_two(found: Sequence[Correspondences | tuple[str, str]]) -> Table:

@@ -70,7 +70,7 @@ def wave_outline(sizes: Floats, phases: Floats) -> Floats:
     t = np.linspace(0.0, 2.0 * math.pi, 600, endpoint=False)
     k = np.arange(1, len(sizes) + 1)
     radius = 1.0 + (0.35 * sizes / np.sqrt(k) * np.cos(np.outer(t, k) + phases)).sum(axis=1)
-    return np.column_stack([1.5 * np.cos(t), np.sin(t)]) * np.maximum(radius, 0.25)[:, None]
+    return np.asarray(np.column_stack([1.5 * np.cos(t), np.sin(t)]) * np.maximum(radius, 0.25)[:, None])
 
 
 def twin_outline(rng: np.random.Generator, odd: float) -> Floats:
@@ -120,13 +120,13 @@ class Pose(NamedTuple):
         there = similarity_transform(
             math.exp(self.zoom), self.turn, (0.0, 0.0), (CENTRE[0] + self.x, CENTRE[1] + self.y)
         )
-        return there @ np.array(rows) @ similarity_transform(1.0, 0.0, CENTRE, (0.0, 0.0))
+        return np.asarray(there @ np.array(rows) @ similarity_transform(1.0, 0.0, CENTRE, (0.0, 0.0)))
 
     def frame_before(self, rng: np.random.Generator) -> Pose:
         """The pose a frame earlier."""
         spread = FRAME_TURN, FRAME_ZOOM, FRAME_SHIFT, FRAME_SHIFT
-        moved = [value + rng.uniform(-s, s) for value, s in zip(self[:4], spread, strict=True)]
-        return Pose(*moved, max(0.0, self.tilt - rng.uniform(0.0, FRAME_TILT)), self.axis)
+        turn, zoom, x, y = (value + rng.uniform(-s, s) for value, s in zip(self[:4], spread, strict=True))
+        return Pose(turn, zoom, x, y, max(0.0, self.tilt - rng.uniform(0.0, FRAME_TILT)), self.axis)
 
 
 def random_pose(rng: np.random.Generator, tilt: float, turn: float = TURN) -> Pose:
@@ -317,7 +317,7 @@ def half_turn_overlap(outline: Floats) -> float:
     import cv2
 
     few = outline[:: len(outline) // 600]
-    area, x, y, *_ = kernels.polygon_moments(few, np.array([0, len(few)], dtype=np.int64))
+    _, x, y, *_ = kernels.polygon_moments(few, np.array([0, len(few)], dtype=np.int64))
     masks = []
     for sign in (1.0, -1.0):
         mask = np.zeros((480, 640), dtype=np.uint8)
@@ -331,8 +331,8 @@ def show_turned(pairs: int, seed: int, workers: int) -> None:
     common.begin_section("Transfers without a prior: outlines at any turn")
     common.add_paragraph(
         f"Outlines that differ from themselves after a half turn by a share of their radius, with {NOISE:g} px of noise, "
-        f"and random ones without noise. Wrong is above {0.1 * SIZE:g} px: it counts which end is which. 'Overlap' is that of an outline with its half turn, in the middle of all and of those that were "
-        "called ambiguous."
+        f"and random ones without noise. Wrong is above {0.1 * SIZE:g} px: it counts which end is which. 'Overlap' is that of "
+        "an outline with its half turn, in the middle of all and of those that were called ambiguous."
     )
     rows: list[list[object]] = []
     for strategy in ("homography", "grasp-line"):

@@ -120,11 +120,11 @@ def fit_homography(points1: Floats, indices1: list[int], points2: Floats, places
     for points, chosen in places:
         if len(chosen) != 4 or not all(0 <= place < len(points) for place in chosen):
             raise ValueError("four points of each contour are needed")
-    H = homography_4(points1[indices1], np.array([_cubic_point(points2, place) for place in places2]))
+    H = homography_4(points1[indices1], np.array([cubic_point(points2, place) for place in places2]))
     return FittedHomography(H, *distortion(H, points1[indices1]))
 
 
-def _cubic_point(points: Floats, place: float) -> Floats:
+def cubic_point(points: Floats, place: float) -> Floats:
     """(2,) of a closed contour at a place: Hermite's cubic, its tangents across the neighbours' chords."""
     n, i = len(points), int(place)
     f = place - i

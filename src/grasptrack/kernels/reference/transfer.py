@@ -187,7 +187,7 @@ def match_curvature(
         errors.append(least)
         place = math.nan
         if good:
-            ahead = kappa * step * k
+            ahead = kappa * step * k.astype(np.float64)
             place = _place_between_samples(wanted, arc2, closed2, samples[-1], ahead, centre, kappa * reach)
         places.append(place)
     return CurvatureMatches(samples, errors, places)
