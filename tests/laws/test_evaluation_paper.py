@@ -60,7 +60,7 @@ def test_all_strategies_are_exact_in_four_dof_where_contours_correspond(name, se
 
 @SOME
 @given(objects, seeds)
-def test_the_homography_is_exact_on_contours_made_by_one_where_the_prior_is(name, seed):
+def test_the_homography_is_exact_on_contours_made_by_one(name, seed):
     """Table VII, last column: its zeros are a property of such contours, and of matches of whole samples.
 
     Curvature is not invariant to perspective: without a prior a match between samples is off by a little.
