@@ -176,6 +176,22 @@ def test_homography_follows_a_prior_far_away_and_a_clipped_outline():
         transfer(grasp, reference, cut, "homography")
 
 
+@pytest.mark.parametrize(
+    "prior", [np.zeros((3, 3)), np.diag([1.0, 0.0, 1.0]), np.diag([-1.0, 1.0, 1.0]), np.ones((3, 3))]
+)
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_prior_that_is_no_homography_is_refused_or_ignored(prior, cut):
+    reference = Contour(dense(BRACKET))
+    current = Contour(reference.points, clipped=np.arange(len(reference)) < 40) if cut else reference
+    grasp = synthesize(reference)[0]
+    for strategy in ("homography", "grasp-line"):
+        try:
+            found = transfer(grasp, reference, current, strategy, prior)
+        except TransferError:
+            continue
+        assert strategy == "grasp-line" and np.isfinite(found.grasp.contacts).all()
+
+
 def test_three_contacts_move_along_their_normals_onto_the_outline():
     reference = Contour(dense(BRACKET, 600))
     contacts = Grasp(reference.points[[40, 200, 420]])

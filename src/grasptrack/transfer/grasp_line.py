@@ -7,7 +7,15 @@ import math
 from typing import NamedTuple
 
 from grasptrack import kernels
-from grasptrack.errors import AmbiguousError, AxesError, ClippedError, CrossingError, ParallelLineError, StrategyError
+from grasptrack.errors import (
+    AmbiguousError,
+    AxesError,
+    ClippedError,
+    ConditioningError,
+    CrossingError,
+    ParallelLineError,
+    StrategyError,
+)
 from grasptrack.geometry.contours import Outline, View
 from grasptrack.geometry.homographies import homography_jacobian, similarity_transform
 from grasptrack.grasp.contacts import Grasp
@@ -91,6 +99,7 @@ def apply(description: GraspLineDescription, view: Outline, prior: Floats | None
         ClippedError, AxesError: as in `describe`.
         AmbiguousError: the outline fits itself turned by a half turn, as far as the noise of the match tells, the grasp
             does not, and there is no prior.
+        ConditioningError: the prior sends the object to infinity.
         CrossingError: the line does not meet the outline where the contacts should be.
     """
     _check_whole(view)
@@ -132,6 +141,8 @@ def _check_axes(major: float, minor: float) -> None:
 
 def _predicted_axis(description: GraspLineDescription, prior: Floats) -> tuple[float, float]:
     """Where the reference's I_min points in the current view if a predicted homography is right."""
+    if not prior[2] @ (*description.centroid, 1.0):
+        raise ConditioningError("the prior sends the object to infinity")
     a, b, c, d = homography_jacobian(prior, *description.centroid)
     ex, ey = math.cos(description.theta), math.sin(description.theta)
     return a * ex + b * ey, c * ex + d * ey

@@ -157,7 +157,10 @@ def _match_peaks(
         centres = [kappa * (here.arc.item(i) + shift) for i in peaks]
     else:
         carried = apply_homography(prior, first.points)
-        here = kernels.curvature_vector(carried, first.clipped, SMOOTHING)
+        try:
+            here = kernels.curvature_vector(carried, first.clipped, SMOOTHING)
+        except ValueError:
+            raise ConditioningError("the prior puts all points of the outline in one place") from None
         length, kappa = here.arc.item(-1), 1.0
         if first.clipped is None and current.clipped is None:
             there = kernels.curvature_vector(current.points, None, SMOOTHING)
@@ -210,6 +213,9 @@ def _correct_prior(prior: Floats, points: Floats, current: Contour, matched: lis
     (x, y), (u, v) = apply_homography(prior, points).T, np.array([cubic_point(current.points, p) for p in matched]).T
     one, other = x + 1j * y, u + 1j * v
     from_mean = one - one.mean()
-    grown = complex(np.vdot(from_mean, other)) / float(np.vdot(from_mean, from_mean).real)
+    spread = float(np.vdot(from_mean, from_mean).real)
+    if not spread > 0.0:
+        raise ConditioningError("the prior puts the matched points in one place")
+    grown = complex(np.vdot(from_mean, other)) / spread
     at, to = complex(one.mean()), complex(other.mean())
     return similarity_transform(abs(grown), cmath.phase(grown), (at.real, at.imag), (to.real, to.imag)) @ prior
