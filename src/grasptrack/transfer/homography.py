@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import NamedTuple
 
@@ -12,14 +11,8 @@ import numpy as np
 from grasptrack import kernels
 from grasptrack.errors import ClippedError, ConditioningError, CrossingError, PeaksError
 from grasptrack.geometry.contours import Contour, Outline
-from grasptrack.geometry.homographies import (
-    apply_homography,
-    check_in_front,
-    judge_distortion,
-    similarity_transform,
-)
+from grasptrack.geometry.homographies import apply_homography, check_in_front, judge_distortion
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.kernels.reference.homography import cubic_point
 from grasptrack.kernels.results import CurvatureVector, MatchWindow
 from grasptrack.statistics import robust_sd
 from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
@@ -45,9 +38,7 @@ MAX_ERROR = 0.5
 more, is none."""
 GATE = 3.0
 """Standard deviations by which a match may miss its prediction, as far as the outline shows how good that is."""
-FEWEST = 2
-"""Matches with which a prior is corrected by a similarity where the border leaves fewer than four in view."""
-PROBES = 40
+PROBES = 20
 """Points of the outline that show it."""
 MAX_REFINEMENT = 0.05
 """The outline must lie within this fraction of sqrt(area) of where the homography puts a contact."""
@@ -109,8 +100,7 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
 
     Raises:
         ClippedError: the border cuts the object and there is no prior, or hardly anything is left.
-        PeaksError: fewer than four peaks have a match; where the border cuts the object, fewer than two: then the prior is
-            corrected by a similarity.
+        PeaksError: fewer than four peaks have a match.
         AmbiguousError: several alignments of the outlines fit alike, and there is no prior.
         ConditioningError: the four correspondences give no plausible homography.
         CrossingError: the outline is not where the homography puts a contact.
@@ -119,11 +109,7 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
     reference = description.outline
     selected, matched = _match_peaks(description, view, prior)  # step 1, eq. (3)
     try:  # step 2, eq. (1)
-        if prior is not None and len(selected) < 4:
-            H = _correct_prior(prior, reference.points[selected], current, matched)
-            worst: list[float] = [*kernels.distortion(H, reference.points)]
-        else:
-            H, *worst = kernels.fit_homography(reference.points, selected, current.points, matched)
+        H, *worst = kernels.fit_homography(reference.points, selected, current.points, matched)
     except ValueError:
         raise ConditioningError("the four correspondences give no homography: three lie in a row") from None
     judge_distortion(H, *worst)
@@ -139,10 +125,7 @@ def apply(description: HomographyDescription, view: Outline, prior: Floats | Non
 def _match_peaks(
     description: HomographyDescription, view: Outline, prior: Floats | None
 ) -> tuple[list[int], list[float]]:
-    """Four selected samples of the reference and the four places that match them: the search of Section IV-C.1.
-
-    Where the border leaves fewer in view and there is a prior, these.
-    """
+    """Four selected samples of the reference and the four places that match them: the search of Section IV-C.1."""
     first, current, peaks = description.outline, view.contours[0], description.peaks
     if prior is None and current.clipped is not None:
         raise ClippedError("the image border cuts the object, and nothing says how large it is")
@@ -189,8 +172,6 @@ def _match_peaks(
         return peaks[:4], found
     usable = [(i, j) for i, j in zip(peaks, match(len(peaks)), strict=True) if not math.isnan(j)]
     if len(usable) < 4:
-        if current.clipped is not None and len(usable) >= FEWEST:
-            return [i for i, _ in usable], [j for _, j in usable]
         raise PeaksError(
             f"only {len(usable)} peaks of the reference outline have a match in this view; four are needed"
         )
@@ -206,16 +187,3 @@ def _prediction_error(carried: Floats, current: Contour) -> float:
     some = np.ascontiguousarray(carried[:: max(1, len(carried) // PROBES)])
     gaps = kernels.project_to_contour(current.points, current.offsets, some)[:, 2]
     return robust_sd(gaps)
-
-
-def _correct_prior(prior: Floats, points: Floats, current: Contour, matched: list[float]) -> Floats:
-    """(3, 3) a prior, and after it the similarity that lays some points (k, 2), as predicted, best on their matches."""
-    (x, y), (u, v) = apply_homography(prior, points).T, np.array([cubic_point(current.points, p) for p in matched]).T
-    one, other = x + 1j * y, u + 1j * v
-    from_mean = one - one.mean()
-    spread = float(np.vdot(from_mean, from_mean).real)
-    if not spread > 0.0:
-        raise ConditioningError("the prior puts the matched points in one place")
-    grown = complex(np.vdot(from_mean, other)) / spread
-    at, to = complex(one.mean()), complex(other.mean())
-    return similarity_transform(abs(grown), cmath.phase(grown), (at.real, at.imag), (to.real, to.imag)) @ prior
