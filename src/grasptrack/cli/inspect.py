@@ -85,10 +85,10 @@ def inspect(
     calibration = options.load_calibration(camera)
     empty = options.background_image(background, mask)
 
+    from grasptrack.io.folder import prepare_folder
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
-    from grasptrack.io.run import prepare_folder
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen
     from grasptrack.tracking.camera import Beforehand

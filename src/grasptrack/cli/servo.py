@@ -49,7 +49,7 @@ def servo(
     One approach is written as approach.mp4 (the hand's view and a bystander's), approach.png (errors and twist) and
     approach.json. The hand closes only where the tracker's probability of being wrong is below --risk, as in
     `grasptrack track`. With --trials, random cases are run: trials.csv has a row for each, trials.json the figures, and
-    failures/ a picture of each failure.
+    failures/ a picture of each failure. After Ctrl-C or a crash, the same command continues where it stopped.
 
     \b
     Examples:
@@ -138,9 +138,14 @@ def _run_many(
     from grasptrack.bench.schedule import create_scheduler
 
     cases = draw_cases(shapes, count, images=images, **asked)  # type: ignore[arg-type]
-    told = {**asked, "trials": count, "images": images}
+    told = {**asked, "trials": count, "images": images, "shapes": sorted({case.shape.name for case in cases})}
     schedule = create_scheduler(address, workers)
-    found = with_progress(output, quiet, lambda tell: run_trials(output, cases, schedule, options=told, progress=tell))
+    found = with_progress(
+        output,
+        quiet,
+        lambda tell: run_trials(output, cases, schedule, options=told, progress=tell),
+        again=", and the same command goes on with it",
+    )
     if not quiet:
         _show_results(found, asked, output)
 
@@ -166,5 +171,7 @@ def _show_results(found: Trials, asked: dict[str, Any], output: Path) -> None:
         f"{output}: trials.csv, trials.json" + (", failures/" if figures["failed"] or figures["refused"] else ""),
     ]
     what = f"{asked['scenario']}, {asked['arm']}, {asked['fingers']} fingers, {asked['law']} law"
+    if found.resumed:
+        notes.append(f"gone on with an interrupted run, in which {found.resumed} trials were done")
     title = f"{figures['trials']} trials over {figures['shapes']} shapes, {what}"
     show_rows(title, (("", "left"), ("trials", "right"), ("", "left")), rows, notes)

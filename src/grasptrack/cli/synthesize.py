@@ -98,10 +98,10 @@ def synthesize(
     calibration = options.load_calibration(camera)
     empty = options.background_image(background, mask)
 
+    from grasptrack.io.folder import prepare_folder
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
-    from grasptrack.io.run import prepare_folder
     from grasptrack.view.grasps import write_grasps
 
     picture = options.only_image(image, "synthesize takes one image").image

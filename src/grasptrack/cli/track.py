@@ -11,7 +11,7 @@ import typer
 
 from grasptrack.cli import options
 from grasptrack.cli.candidates import note_candidates
-from grasptrack.cli.terminal import INTERRUPTED, Interruption, Progress, show_run, tell_error
+from grasptrack.cli.terminal import Interruption, Progress, RunInterruptedError, show_run
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
 
@@ -192,8 +192,7 @@ def track(
                     on_frame=report_frame,
                 )
         except KeyboardInterrupt:
-            tell_error(f'interrupted after {done} frames; what was computed is in "{output}"')
-            raise typer.Exit(INTERRUPTED) from None
+            raise RunInterruptedError(f'interrupted after {done} frames; what was computed is in "{output}"') from None
     if not summary.grasps:
         raise InputError(_nothing_to_track(summary))
     if images.shortfall:

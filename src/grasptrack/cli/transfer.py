@@ -77,7 +77,7 @@ def transfer(
     first, second = (options.only_image(name, "transfer takes two images").image for name in (image_a, image_b))
 
     from grasptrack.grasp.contacts import Grasp
-    from grasptrack.io.run import prepare_folder
+    from grasptrack.io.folder import prepare_folder
     from grasptrack.segmentation.undistortion import Told
     from grasptrack.tracking.camera import Beforehand
     from grasptrack.tracking.image_pair import transfer_between_images
