@@ -308,7 +308,11 @@ class _Run:
         summary = self._tally.summary(seconds, "failed" if problems else ended, files)
         said = {"error": error or " ".join(map(str, problems)), "shortfall": self._source.shortfall}
         content = {"ended": summary.ended, **{k: v for k, v in said.items() if v}, **self._head, **summary.figures()}
-        for write in (lambda: write_json(self._output / "run.json", content), lambda: self._write_summary(summary)):
+        writers: tuple[Callable[[], None], ...] = (
+            lambda: write_json(self._output / "run.json", content),
+            lambda: self._write_summary(summary),
+        )
+        for write in writers:
             try:
                 write()
             except OSError as problem:

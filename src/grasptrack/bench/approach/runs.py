@@ -311,7 +311,7 @@ def _parse_row(cells: Mapping[str, str]) -> Row:
     Raises:
         KeyError, TypeError, ValueError: no such row.
     """
-    read = {
+    read: dict[str, Callable[[str], Any]] = {
         "int": int,
         "float": lambda cell: float(cell) if cell else math.nan,
         "bool | None": lambda cell: bool(int(cell)) if cell else None,
