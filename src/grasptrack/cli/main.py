@@ -24,6 +24,7 @@ from grasptrack.cli.synthesize import synthesize
 from grasptrack.cli.terminal import (
     INTERRUPTED,
     RunInterruptedError,
+    keep_status,
     only_our_errors,
     sigterm_as_ctrl_c,
     tell_error,
@@ -103,10 +104,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
+    status = _run(sys.argv[1:] if arguments is None else arguments)
+    if arguments is None:  # this process has nothing else to do
+        keep_status(status)
+    return status
+
+
+def _run(arguments: Sequence[str]) -> int:
     with only_our_errors(), sigterm_as_ctrl_c():
         try:
-            given = list(sys.argv[1:] if arguments is None else arguments)
-            status = app(given or ["--help"], prog_name="grasptrack", standalone_mode=False)
+            status = app(list(arguments) or ["--help"], prog_name="grasptrack", standalone_mode=False)
             if status == INTERRUPTED:  # so the parser of the command line tells of Ctrl-C
                 raise KeyboardInterrupt
             sys.stdout.flush()

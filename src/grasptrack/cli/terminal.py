@@ -47,6 +47,13 @@ def sigterm_as_ctrl_c() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
+def keep_status(status: int) -> None:
+    """Ctrl-C and SIGTERM, while Python takes itself down after the work, end the process with the work's status."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: os._exit(status))
+
+
 def tell_error(message: str) -> None:
     """One line on stderr."""
     print("grasptrack: " + " ".join(message.split()), file=sys.stderr, flush=True)
