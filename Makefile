@@ -23,6 +23,7 @@ fuzz: $(VENV)/.dev
 	$(BIN)/python -W ignore tests/fuzz/run.py --seconds $(SECONDS) --seed $(SEED)
 	$(BIN)/python -W ignore tests/fuzz/damaged_files.py --seconds $(SECONDS) --seed $(SEED)
 	$(BIN)/python tests/fuzz/interruptions.py --seconds $(SECONDS) --seed $(SEED)
+	$(BIN)/python -W ignore tests/fuzz/long_run.py --seed $(SEED)
 
 sanitize: $(VENV)/.dev
 	$(BIN)/python tests/fuzz/sanitize.py
