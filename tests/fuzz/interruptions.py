@@ -232,6 +232,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         harness = Harness(Path(folder))
         for case in range(asked.count):
+            if case and case % 50 == 0:
+                print(f"{case} interruptions, {bad} findings", flush=True)
             draw = random.Random(f"{asked.seed} {case}")
             name, how = harness.verbs[case % len(harness.verbs)], draw.choice(SIGNALS)
             outcome = harness.interrupt(name, how, draw.uniform(0.0, 1.1))

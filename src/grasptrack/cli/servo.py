@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import first_image, options
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
 
@@ -29,7 +29,7 @@ def servo(
     ] = 2,
     law: Annotated[str, typer.Option(metavar="NAME", help="Control law: online, nominal or textbook.")] = "online",
     risk: options.Risk = 1e-3,
-    sure: options.Sure = 0.0,
+    sure: first_image.Sure = 0.0,
     trials: Annotated[int | None, typer.Option(metavar="N", min=1, help="Run N random trials, in parallel.")] = None,
     images: Annotated[
         str | None,
@@ -73,7 +73,7 @@ def servo(
         "law": law,
         "seed": seed,
         "risk": options.risk_rate(risk),
-        "sure": options.sure_rate(sure),
+        "sure": first_image.sure_rate(sure),
     }
     check_options(scenario=scenario, arm=arm, law=law, images=images or "auto", fingers=fingers)
     shapes = _load_shapes(shape, silhouettes)
