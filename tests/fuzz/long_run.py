@@ -15,7 +15,7 @@ import pickle
 import time
 from argparse import ArgumentParser
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,13 @@ WARM = 0.2
 """Share of a run within which all that is made once has been made."""
 
 
+CHANGES: dict[str, Callable[[GraspTracker], GraspTracker]] = {
+    "copied": copy.deepcopy,
+    "pickled": lambda tracker: pickle.loads(pickle.dumps(tracker)),
+    "new": lambda tracker: GraspTracker(),
+}
+
+
 class LongRun(NamedTuple):
     """What was measured.
 
@@ -39,11 +46,13 @@ class LongRun(NamedTuple):
         counts: of statuses, refusals and changes of the tracker.
         memory: (SAMPLES,) MB of resident memory, at equal intervals.
         latency: (4,) median ms of the processor's for an update that tracked as in the image before, by quarter of the run.
+        aged: median ms of the tracker that the run ends with, and of a new one that is shown the same images, in turn.
     """
 
     counts: Counter[str]
     memory: np.ndarray
     latency: np.ndarray
+    aged: tuple[float, float]
 
     @property
     def growth(self) -> float:
@@ -94,32 +103,47 @@ def run(updates: int, seed: int) -> LongRun:
     counts: Counter[str] = Counter()
     memory, quarters = [], [[] for _ in range(4)]
     tracker, clock, before = GraspTracker(), 0.0, ""
-    for k, image in zip(range(updates), sequence(images, rng), strict=False):
+    shown = sequence(images, rng)
+    for k, image in zip(range(updates), shown, strict=False):
         clock += 0.033
-        began = time.process_time()
-        try:
-            status = tracker.update(image, time=clock).status
-        except InputError:
-            status = "refused"
-        spent = 1e3 * (time.process_time() - began)
+        status, spent = update(tracker, image, clock)
         if status == before == "tracked":
             quarters[4 * k // updates].append(spent)
         counts[status] += 1
         before = status
         if rng.random() < 0.002:
-            way = ["copied", "pickled", "new"][rng.integers(3)]
+            # in the second half it stays the same one, to be compared with a new one at the end
+            way = ["copied", "pickled", "new"][rng.integers(3 if 2 * k < updates else 2)]
             counts[way] += 1
-            tracker = (
-                copy.deepcopy(tracker)
-                if way == "copied"
-                else pickle.loads(pickle.dumps(tracker))
-                if way == "pickled"
-                else GraspTracker()
-            )
+            tracker = CHANGES[way](tracker)
         if (k + 1) % max(updates // SAMPLES, 1) == 0:
             gc.collect()
             memory.append(resident_mb())
-    return LongRun(counts, np.array(memory), np.array([np.median(q) if q else np.nan for q in quarters]))
+    medians = np.array([np.median(q) if q else np.nan for q in quarters])
+    return LongRun(counts, np.array(memory), medians, compare(tracker, shown, clock, updates // 10))
+
+
+def update(tracker: GraspTracker, image: Any, clock: float) -> tuple[str, float]:
+    """The status of an update, or "refused", and ms of the processor's."""
+    began = time.process_time()
+    try:
+        status = tracker.update(image, time=clock).status
+    except InputError:
+        status = "refused"
+    return status, 1e3 * (time.process_time() - began)
+
+
+def compare(old: GraspTracker, shown: Iterator[Any], clock: float, count: int) -> tuple[float, float]:
+    """Median ms of a tracker and of a new one that see the same images in turn, where both track."""
+    new, spent = GraspTracker(), []
+    for k, image in zip(range(count), shown, strict=False):
+        clock += 0.033
+        pair = [old, new] if k % 2 else [new, old]  # what comes second finds the image in the cache
+        done = [update(tracker, image, clock) for tracker in pair]
+        if k > count // 10 and done[0][0] == done[1][0] == "tracked":
+            spent.append([ms for _, ms in (done if k % 2 else done[::-1])])
+    one, other = np.median(spent, axis=0).tolist() if spent else (np.nan, np.nan)
+    return one, other
 
 
 def main() -> int:
@@ -132,6 +156,7 @@ def main() -> int:
     print(f"{asked.updates} updates: " + ", ".join(f"{count} {name}" for name, count in sorted(found.counts.items())))
     print("resident MB: " + " ".join(f"{m:.0f}" for m in found.memory) + f"; growth {found.growth:+.1f}")
     print("processor's ms of an update, median by quarter: " + ", ".join(f"{ms:.2f}" for ms in found.latency))
+    print(f"the tracker at the end {found.aged[0]:.2f} ms, a new one on the same images {found.aged[1]:.2f} ms")
     return 0
 
 
