@@ -2,7 +2,7 @@
 """Build the kernels with AddressSanitizer and UndefinedBehaviorSanitizer, then run their tests and some of the fuzzer.
 
 Where Python loads such a module the sanitizer has to be there first (LD_PRELOAD), and the C++ library with it, whose exceptions
-it watches. Leaks are not looked for: the interpreter keeps what it frees only at its end.
+it watches. Its own search for leaks is off, as the interpreter keeps what it frees only at its end: `leaks.py` counts bytes.
 """
 
 from __future__ import annotations

@@ -207,6 +207,8 @@ GOOD_K, GOOD_D = "K: [700,0,320,0,700,240,0,0,1]\n", "D: [0,0,0,0]\n"
         (GOOD_K + GOOD_D + "image_width: 640\n", "image_width and image_height"),
         (GOOD_K + "D: [-3,0,0,0]\n", "folds the image"),
         ('{"focal": 700, "k1": 0}', "needs width and height"),
+        ('{"K": [7' + "0" * 400 + ',0,320,0,700,240,0,0,1], "D": [0,0,0,0]}', "no number"),
+        (GOOD_K + GOOD_D + "image_width: .inf\nimage_height: 480\n", "image_width and image_height"),
     ],
 )
 def test_a_bad_file_is_one_line_that_names_it(tmp_path: Path, text: str, message: str) -> None:

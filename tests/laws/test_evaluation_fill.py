@@ -26,7 +26,7 @@ def asked(folder: Path) -> list[int]:
     return sorted(int(path.name.split("-")[1]) for path in (folder / "marks").iterdir())
 
 
-def run(folder: Path, *, stop_after: int | None = None, **options: Any) -> Filled:
+def run(folder: Path, *, stop_after: int | None = None, last: Path | None = None, **options: Any) -> Filled:
     done_before: list[int] = []
 
     def tell(step: str, done: int, total: int) -> None:
@@ -41,6 +41,7 @@ def run(folder: Path, *, stop_after: int | None = None, **options: Any) -> Fille
         scheduled.scored,
         create_scheduler(workers=1),
         options=options,
+        last=last,
         progress=tell,
     )
 
@@ -76,6 +77,21 @@ def test_a_finished_run_and_one_with_other_options_are_begun_anew(tmp_path: Path
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path, stop_after=2, seed=1)
     assert run(tmp_path, seed=2).resumed == 0
+
+
+def test_a_run_without_its_report_is_gone_on_with(tmp_path: Path) -> None:
+    page = tmp_path / "out" / "report.html"
+    assert run(tmp_path, last=page).done == 5
+    assert run(tmp_path, last=page).resumed == 5
+    page.write_text("a report")
+    assert run(tmp_path, last=page).resumed == 0 and not page.exists()
+
+
+@pytest.mark.parametrize("text", ["[" * 9000, '{"ended": "running"}', "[1]", "", '{"options": null}'])
+def test_an_index_that_is_damaged_is_begun_anew(tmp_path: Path, text: str) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "evaluation.json").write_text(text)
+    assert run(tmp_path).done == 5
 
 
 def test_results_of_other_code_are_not_gone_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -150,6 +150,7 @@ def test_cases_that_failed_or_were_not_reached_are_told_and_left_out(tmp_path: P
         (None, "no folder of an evaluation"),
         ("{", "cannot read"),
         ("[1]", "cannot read"),
+        ("[" * 9000, "cannot read"),
         ('{"format": 2, "kind": "scenes", "cases": []}', "format 2"),
         ('{"format": 1, "kind": "dreams", "cases": []}', "dreams"),
         ('{"format": 1, "kind": "scenes"}', "list of cases is broken"),

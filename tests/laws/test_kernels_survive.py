@@ -64,13 +64,12 @@ def test_degenerate_contours() -> None:
 
 
 def test_both_backends_take_and_refuse_alike() -> None:
-    slow = {"closing_triples", "rank_grasps", "opposed_pairs", "trace_edges"}
-    # a width of which rounding makes nothing; shares of any shape
-    differ = {"contact_frames", "surface_evidence"}
+    # a width of which rounding makes nothing; shares of any shape; regions below 0, of which NumPy has no root
+    differ = {"contact_frames", "surface_evidence", "rank_grasps"}
     apart = []
-    for index in range(2000):
+    for index in range(1400):
         call = draw_call(3, index)
-        if call.kernel.partition(".")[0] in {*slow, *differ, CLASS}:
+        if call.kernel in differ:
             continue
         ends = [judge_call(call, module) for module in (native, reference)]
         if ends[0] != ends[1]:

@@ -5,12 +5,17 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
+import time
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 import pytest
 
 import scheduled
+from grasptrack.bench import schedule
 from grasptrack.bench.schedule import ATTEMPTS, create_scheduler
 from grasptrack.errors import InputError
 
@@ -36,6 +41,47 @@ def test_a_dead_worker_is_replaced_and_what_kills_workers_is_given_up(tmp_path: 
     assert sorted(outcomes) == list(range(len(tasks)))
     assert "workers died" in outcomes[4].error
     assert [outcomes[n].value for n in range(len(tasks)) if n != 4] == [n * n for n in range(len(tasks)) if n != 4]
+
+
+def is_running(process: int) -> bool:
+    """Whether there is a process of that number that is more than a remainder."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+def test_workers_end_with_whoever_asked_even_where_that_is_killed(tmp_path: Path) -> None:
+    code = f"import sys; sys.path[:0] = {sys.path!r}; import scheduled; from grasptrack.bench.schedule import *; "
+    code += f"list(create_scheduler(workers=1)(scheduled.gated_square, [(3, {str(tmp_path)!r})]))"
+    with subprocess.Popen([sys.executable, "-c", code]) as asker:
+        mark = scheduled.wait_for(tmp_path, "3-*")
+        assert mark is not None
+        worker = int(mark.name.partition("-")[2])
+        assert is_running(worker)
+        asker.kill()
+        asker.wait()
+    end = time.monotonic() + 10.0
+    while is_running(worker) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not is_running(worker)
+
+
+def test_the_code_that_results_depend_on_is_the_kernels_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    kernels = tmp_path / "module.so"
+    asked: list[str] = []
+
+    def found(name: str) -> ModuleSpec:
+        asked.append(name)
+        return ModuleSpec(name, None, origin=str(kernels))
+
+    monkeypatch.setattr(schedule, "find_spec", found)
+    prints = set()
+    for content in (b"one", b"other", b"one"):
+        kernels.write_bytes(content)
+        prints.add(schedule.code_fingerprint.__wrapped__())
+    assert len(prints) == 2 and set(asked) == {"_grasptrack_native"}
 
 
 def test_no_tasks_are_no_trouble() -> None:

@@ -170,3 +170,16 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
     log = json.loads((out / "run.json").read_text())
     assert log["ended"] == "interrupted" and log["frames"] == count
     assert cv2.imread(str(out / "summary.png")) is not None
+
+
+@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])
+def test_a_signal_after_the_work_leaves_its_status(how: str) -> None:
+    code = f"""
+import atexit, os, signal, sys
+atexit.register(lambda: os.kill(os.getpid(), signal.{how}))
+from grasptrack.cli.main import main
+sys.argv = ["grasptrack", "track", "nowhere.png"]
+sys.exit(main())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1

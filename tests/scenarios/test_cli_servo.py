@@ -6,6 +6,7 @@ from __future__ import annotations
 import builtins
 import csv
 import json
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grasptrack.bench.approach.case import Row
+from grasptrack.bench.approach.case import Case, Row
 from grasptrack.bench.approach.runs import Trials, draw_cases, kind_of, run_trials
 from grasptrack.bench.approach.trial import Looking
 from grasptrack.bench.schedule import Outcome
@@ -120,6 +121,45 @@ def test_what_was_tried_is_kept_when_the_rest_is_stopped(tmp_path: Path) -> None
         run_trials(tmp_path, cases, stopped, options={})
     with (tmp_path / "trials.csv").open() as file:
         assert [int(row["seed"]) for row in csv.DictReader(file)] == [case.seed for case in cases[:2]]
+
+
+def answered(cases: list[Case], made: Any, stop: int | None = None) -> Any:
+    """A scheduler that gives rows for cases, and is stopped after so many."""
+
+    def schedule(function: Any, tasks: list[Any]) -> Any:
+        for index, case in enumerate(tasks):
+            if stop is not None and index >= stop:
+                raise KeyboardInterrupt
+            made.append(case.seed)
+            rng = np.random.default_rng(case.seed)
+            row = Row(case.seed, case.shape.name, case.scenario, case.arm, case.law, "failed", 'off, by "3" px')
+            row = replace(row, time_s=float(rng.random()), images=7, believed=bool(rng.random() < 0.5), right=None)
+            yield Outcome(index, (row, b"picture"), "")
+
+    return schedule
+
+
+def test_trials_that_were_stopped_are_gone_on_with(tmp_path: Path) -> None:
+    shapes = [SHAPES["disc"](), SHAPES["bracket"]()]
+    cases = draw_cases(shapes, 6, scenario="static", arm="gantry", law="online", seed=3)
+    made: list[int] = []
+    whole = run_trials(tmp_path / "whole", cases, answered(cases, []), options={"seed": 3})
+    out = tmp_path / "out"
+    for stop in (2, 0, 1):
+        with pytest.raises(KeyboardInterrupt):
+            run_trials(out, cases, answered(cases, made, stop), options={"seed": 3})
+    last = run_trials(out, cases, answered(cases, made), options={"seed": 3})
+    assert sorted(made) == sorted(case.seed for case in cases) and last.resumed == 3
+    assert last.rows == whole.rows and whole.resumed == 0
+    for name in ("trials.csv", "trials.json"):
+        assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    assert len(list((out / "failures").glob("*.png"))) == 6
+    # a run that is finished, or has other options, is begun anew
+    assert run_trials(out, cases, answered(cases, made), options={"seed": 3}).resumed == 0
+    with pytest.raises(KeyboardInterrupt):
+        run_trials(out, cases, answered(cases, made, 2), options={"seed": 3})
+    assert run_trials(out, cases[:2], answered(cases, made), options={"seed": 4}).resumed == 0
+    assert len(list((out / "failures").glob("*.png"))) == 2
 
 
 def test_what_is_chosen_anew_is_the_part_that_was_looked_at_first() -> None:

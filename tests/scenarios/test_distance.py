@@ -119,6 +119,18 @@ def test_it_is_only_as_sure_as_the_focal_length(tilt: tuple[float, float], sd: f
     assert told.sd == pytest.approx(sd * told.value, rel=1e-3)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [0.0, 1e-320, 1e-200, 1e200, 1e308, math.inf, math.nan])
+@pytest.mark.parametrize("line", [slice(0, 3), slice(2, 3), slice(0, 1)])
+def test_what_no_distance_follows_from_gives_none(size: float, line: slice) -> None:
+    H, outline, _ = views((0.1, 0.2), (0.2, 0.1), 0.4, 8.0, (0.0, 0.0))
+    ruler = Ruler(known_plane((0.1, 0.2), outline, 1e-3), outline.mean(axis=0), 0.1, 100.0)
+    H[line] = np.full(3, math.copysign(size, 1.0)) if not 0.0 < size < 1e300 else H[line] * size
+    for covariance in (np.zeros((9, 9)), np.eye(9), np.full((9, 9), math.nan)):
+        told = ruler.distance(H, covariance)
+        assert (math.isnan(told.value) and math.isnan(told.sd)) or (0.0 <= told.value < math.inf > told.sd >= 0.0)
+
+
 # --- approaches ----------------------------------------------------------------------------------
 
 

@@ -341,6 +341,16 @@ def test_inspect_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], 
     assert len(peaks) and apart.max() < np.hypot(*along.T).max()
 
 
+def test_a_calibration_by_which_nothing_is_seen_is_one_line(
+    scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, file, _ = scene
+    file.write_text('{"K": [700, 0, 320, 0, 700, 240, 0, 0, 1], "D": [0, 0, 0, 1e308, 0]}')
+    assert main(["synthesize", str(folder / "0.png"), "--camera", str(file), "--output", str(tmp_path), "--quiet"]) == 2
+    error = capsys.readouterr().err
+    assert "shows nothing within its image" in error and error.count("\n") == 1
+
+
 def test_a_calibration_of_other_images_is_one_line(
     scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,9 +3,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+
+import leaks
 
 RUN = Path(__file__).parents[1] / "fuzz" / "run.py"
 NONE = "0 crash, 0 hang, 0 internal, 0 bad stability, 0 bad contact"
@@ -17,3 +22,22 @@ def test_a_seeded_run_finds_nothing(tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stdout + ran.stderr
     told = ran.stdout.splitlines()
     assert [line.partition(";")[0] for line in told] == [f"kernel calls: 40000: {NONE}", f"contours: 10000: {NONE}"]
+
+
+@pytest.mark.skipif(
+    not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="this C library does not count what it allocates"
+)
+@pytest.mark.usefixtures("native")
+def test_kernels_keep_no_memory() -> None:
+    command = [sys.executable, "-W", "ignore", leaks.__file__, "--calls", "400"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0 and "1200 calls of each: 0 leaks" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.skipif(
+    not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="this C library does not count what it allocates"
+)
+def test_a_few_bytes_that_are_kept_now_and_then_are_seen() -> None:
+    allocate = ctypes.CDLL(None).malloc
+    allocate.argtypes = [ctypes.c_size_t]
+    assert leaks.growth(lambda k: allocate(8) if k == 3 else None, 400) > 0.1

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.errors import InputError
+from grasptrack.files import whole_file
 from grasptrack.typing import Floats
 
 FIXED = (
@@ -46,13 +46,11 @@ def write_records(path: Path, scores: Mapping[str, Sequence[FrameScore]]) -> Non
     """
     contacts = max((len(f.contacts) for s in scores.values() for f in s if f.contacts is not None), default=0)
     numbered = [f"{name}{i + 1}" for i in range(contacts) for name in EACH]
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    with part.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*FIXED, *numbered, LAST])
         for method, frames in scores.items():
             writer.writerows(_format_row(method, frame, contacts) for frame in frames)
-    part.replace(path)
 
 
 def read_records(path: Path) -> dict[str, list[FrameScore]]:

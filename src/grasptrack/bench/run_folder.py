@@ -22,9 +22,10 @@ from grasptrack.bench import Progress
 from grasptrack.bench.metrics.score import FrameScore
 from grasptrack.bench.records import read_records, write_records
 from grasptrack.bench.schedule import Scheduler, code_fingerprint
+from grasptrack.bench.unfinished import read_unfinished
 from grasptrack.errors import InputError
+from grasptrack.io.folder import hold_folder, prepare_folder
 from grasptrack.io.results import describe_machine, software_versions, write_json
-from grasptrack.io.run import prepare_folder
 
 INDEX = "evaluation.json"
 CASES = "cases"
@@ -129,7 +130,7 @@ def read_run(path: Path) -> EvaluationRun:
             raise ValueError("it holds no object")
     except FileNotFoundError:
         raise InputError(f'"{path}" is no folder of an evaluation: it has no {INDEX}', path=str(path)) from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f'cannot read "{file}": {error}', path=str(file)) from error
     if index.get("format") != FORMAT or index.get("kind") not in KINDS:
         raise InputError(
@@ -143,7 +144,7 @@ def read_run(path: Path) -> EvaluationRun:
             cases = tuple(
                 c if c.error or case_file(path, c.name).exists() else replace(c, error=NOT_YET) for c in cases
             )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise InputError(f'"{file}": its list of cases is broken ({error!r})', path=str(file)) from error
     if not any(not c.error for c in cases):
         raise InputError(f'"{file}" names no case with results', path=str(file))
@@ -210,6 +211,7 @@ def fill_run_folder(
     *,
     options: Mapping[str, Any],
     command: str = "",
+    last: Path | None = None,
     progress: Progress | None = None,
 ) -> Filled:
     """Score every job and write `evaluation.json` and `cases/NAME.csv`.
@@ -225,12 +227,12 @@ def fill_run_folder(
         schedule: who does the work.
         options: what decides the results, for the index.
         command: that repeats the run, for the index.
+        last: file that the caller writes when all is scored; a run without it did not finish.
         progress: see `Progress`; when it raises, the run stops and can be gone on with.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder cannot be written, or another run writes to it.
     """
-    prepare_folder(folder)
     head: dict[str, Any] = {
         "format": FORMAT,
         "kind": kind,
@@ -241,58 +243,52 @@ def fill_run_folder(
         "machine": describe_machine(),
         "command": command,
     }
-    before = _find_unfinished_run(folder, head)
-    run = Filled(folder, seconds=float(before.get("seconds", 0.0)) if before else 0.0)
-    if before is None:
-        _remove_old_cases(folder)
-    head["started"] = before["started"] if before else datetime.now(UTC).isoformat(timespec="seconds")
-    prepare_folder(folder / CASES)
-    missing = [job for job in jobs if not case_file(folder, job.name).exists()]
-    run.resumed = len(jobs) - len(missing)
-    total, done = sum(job.frames for job in jobs), sum(job.frames for job in jobs) - sum(job.frames for job in missing)
-    began, earlier, ended = time.perf_counter(), run.seconds, "interrupted"
+    with hold_folder(folder):
+        before = read_unfinished(folder / INDEX, head, last)
+        if before is None:
+            _remove_old_cases(folder)
+            if last is not None:
+                last.unlink(missing_ok=True)
+        told = before or {}
+        run = Filled(folder, seconds=told["seconds"] if isinstance(told.get("seconds"), float) else 0.0)
+        head["started"] = told.get("started", datetime.now(UTC).isoformat(timespec="seconds"))
+        prepare_folder(folder / CASES)
+        missing = [job for job in jobs if not case_file(folder, job.name).exists()]
+        run.resumed = len(jobs) - len(missing)
+        total, done = (
+            sum(job.frames for job in jobs),
+            sum(job.frames for job in jobs) - sum(job.frames for job in missing),
+        )
+        began, earlier, ended = time.perf_counter(), run.seconds, "interrupted"
 
-    def write_index(state: str) -> None:
-        run.seconds = earlier + time.perf_counter() - began
-        cases = [{"name": j.name, "frames": j.frames, **j.about, "error": run.failed.get(j.name, "")} for j in jobs]
-        write_json(folder / INDEX, {**head, "ended": state, "seconds": round(run.seconds, 3), "cases": cases})
+        def write_index(state: str) -> None:
+            run.seconds = earlier + time.perf_counter() - began
+            cases = [{"name": j.name, "frames": j.frames, **j.about, "error": run.failed.get(j.name, "")} for j in jobs]
+            write_json(folder / INDEX, {**head, "ended": state, "seconds": round(run.seconds, 3), "cases": cases})
 
-    write_index("running")
-    try:
-        if progress is not None:
-            progress(kind, done, total)
-        for outcome in schedule(function, [job.task for job in missing]):
-            job = missing[outcome.index]
-            if outcome.error:
-                run.failed[job.name] = outcome.error
-            else:
-                write_records(case_file(folder, job.name), outcome.value)
-                run.done += 1
-            done += job.frames
+        write_index("running")
+        try:
             if progress is not None:
                 progress(kind, done, total)
-        ended = "finished"
-    finally:
-        write_index(ended)
+            for outcome in schedule(function, [job.task for job in missing]):
+                job = missing[outcome.index]
+                if outcome.error:
+                    run.failed[job.name] = outcome.error
+                else:
+                    write_records(case_file(folder, job.name), outcome.value)
+                    run.done += 1
+                done += job.frames
+                if progress is not None:
+                    progress(kind, done, total)
+            ended = "finished"
+        finally:
+            write_index(ended)
     return run
 
 
 def case_file(folder: Path, name: str) -> Path:
     """Where the scored frames of a case are."""
     return folder / CASES / f"{name}.csv"
-
-
-def _find_unfinished_run(folder: Path, head: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The index of a run in this folder that can be gone on with, or None."""
-    try:
-        before = json.loads((folder / INDEX).read_text(encoding="utf-8"))
-        wanted = json.loads(json.dumps(dict(head["options"])))
-        same = all(before.get(key) == head[key] for key in ("format", "kind", "code", "backend"))
-        if same and before["options"] == wanted and before["ended"] != "finished":
-            return dict(before)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        pass
-    return None
 
 
 def _remove_old_cases(folder: Path) -> None:

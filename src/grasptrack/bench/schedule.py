@@ -12,6 +12,7 @@ import logging
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -22,7 +23,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from queue import SimpleQueue
-from threading import Event
 from typing import Any, Protocol
 from weakref import WeakSet
 
@@ -124,7 +124,7 @@ def code_fingerprint() -> str:
     for path in sorted(root.rglob("*.py")):
         digest.update(str(path.relative_to(root)).encode())
         digest.update(path.read_bytes())
-    native = find_spec("grasptrack._native")
+    native = find_spec("_grasptrack_native")
     if native is not None and native.origin is not None:
         digest.update(Path(native.origin).read_bytes())
     return digest.hexdigest()
@@ -158,7 +158,7 @@ def _process_workers(workers: int, tasks: int) -> Iterator[_Workers]:
     """Processes on this machine, each with one thread and one task at a time, so that it is known who kills them."""
     with _one_thread():
         pools = [_create_pool() for _ in range(min(workers, max(1, tasks)))]
-        idle, stopped = SimpleQueue[int](), Event()
+        idle, stopped = SimpleQueue[int](), threading.Event()
         for slot in range(len(pools)):
             idle.put(slot)
 
@@ -238,9 +238,18 @@ def _create_pool() -> ProcessPoolExecutor:
 
 def _prepare_process() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     import cv2
 
     cv2.setNumThreads(1)
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that asked is gone, killed perhaps: nobody else would tell it."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager

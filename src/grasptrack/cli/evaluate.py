@@ -39,9 +39,6 @@ def paper(
     from grasptrack.bench.paper import run_paper
     from grasptrack.bench.paper.run import write_paper
     from grasptrack.bench.report.table import to_text
-    from grasptrack.io.run import prepare_folder
-
-    prepare_folder(output)
 
     def run_and_write(tell: Progress) -> tuple[PaperRun, Path]:
         run = run_paper(frames=frames, seed=seed, progress=tell)
@@ -187,21 +184,27 @@ def real(
 
 def _run_suite(output: Path, work: Any, schedule: Any, asked: dict[str, Any], quiet: bool) -> None:
     """Score, report, tell."""
-    from grasptrack.bench.report.run import write_report
+    from grasptrack.bench.report.run import PAGE, write_report
     from grasptrack.bench.report.tables import closing_table
     from grasptrack.bench.run_folder import fill_run_folder
 
-    def fill_folder(tell: Progress) -> Filled:
-        return fill_run_folder(
-            output, work.kind, work.jobs, work.function, schedule, options=asked, command=command_line(), progress=tell
+    def fill_and_report(tell: Progress) -> tuple[Filled, Path]:
+        filled = fill_run_folder(
+            output,
+            work.kind,
+            work.jobs,
+            work.function,
+            schedule,
+            options=asked,
+            command=command_line(),
+            last=output / PAGE,
+            progress=tell,
         )
+        if not filled.done and not filled.resumed:
+            raise InputError(f"nothing could be measured: {next(iter(filled.failed.values()), 'no case')}")
+        return filled, write_report(output, picture=work.picture(output), progress=tell)
 
-    filled = with_progress(output, quiet, fill_folder, again=", and the same command goes on with it")
-    if not filled.done and not filled.resumed:
-        raise InputError(f"nothing could be measured: {next(iter(filled.failed.values()), 'no case')}")
-    report = with_progress(
-        output, quiet, lambda tell: write_report(output, picture=work.picture(output), progress=tell)
-    )
+    filled, report = with_progress(output, quiet, fill_and_report, again=", and the same command goes on with it")
     if quiet:
         return
     heads, rows = closing_table(output)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import first_image, options
 from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
@@ -27,18 +27,18 @@ Json = Annotated[bool, typer.Option("--json", help="Print inspect.json instead o
 
 def inspect(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, the first of a run.")],
-    object_: options.ObjectTexts = None,
-    not_: options.NotTexts = None,
-    box: options.BoxText = None,
-    outline: options.OutlineText = None,
-    mask: options.MaskPath = None,
-    choose: options.ChooseNumber = None,
-    sure: options.Sure = 0.9,
-    first_look_ms: options.FirstLookMs = None,
-    segmenter: options.SegmenterName = None,
-    background: options.BackgroundPath = None,
-    ignore: options.IgnorePath = None,
-    camera: options.CameraPath = None,
+    object_: first_image.ObjectTexts = None,
+    not_: first_image.NotTexts = None,
+    box: first_image.BoxText = None,
+    outline: first_image.OutlineText = None,
+    mask: first_image.MaskPath = None,
+    choose: first_image.ChooseNumber = None,
+    sure: first_image.Sure = 0.9,
+    first_look_ms: first_image.FirstLookMs = None,
+    segmenter: first_image.SegmenterName = None,
+    background: first_image.BackgroundPath = None,
+    ignore: first_image.IgnorePath = None,
+    camera: first_image.CameraPath = None,
     grasp: options.GraspText = None,
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
@@ -71,7 +71,7 @@ def inspect(
       grasptrack inspect photo.jpg --grasp "193,308 157,99" --json
       grasptrack inspect photo.jpg --camera camera.yaml
     """
-    meant = options.object_meant(object_, not_, box, outline)
+    meant = first_image.object_meant(object_, not_, box, outline)
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     if contacts is None:
         options.two_or_three(count)
@@ -80,27 +80,27 @@ def inspect(
     options.strategy_choice(strategy)
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.hand_for_first(scale, lengths, grasp, False)
-    options.sure_rate(sure)
-    options.work_limit(first_look_ms)
-    calibration = options.load_calibration(camera)
-    empty = options.background_image(background, mask)
+    first_image.sure_rate(sure)
+    first_image.work_limit(first_look_ms)
+    calibration = first_image.load_calibration(camera)
+    empty = first_image.background_image(background, mask)
 
+    from grasptrack.io.folder import prepare_folder
     from grasptrack.io.json_results import inspection_to_dict
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
-    from grasptrack.io.run import prepare_folder
     from grasptrack.trackability import inspect as look
     from grasptrack.trackability.result import as_seen
     from grasptrack.tracking.camera import Beforehand
     from grasptrack.tracking.numbers import NUMBERS
     from grasptrack.view.inspect import write_inspection
 
-    picture = options.only_image(image, "inspect takes one image").image
-    options.check_within(picture.shape, meant)
+    picture = first_image.only_image(image, "inspect takes one image").image
+    first_image.check_within(picture.shape, meant)
     own = None if mask is None else read_mask(mask)
-    told = meant.told(contacts, options.ignore_mask(ignore), empty)
+    told = meant.told(contacts, first_image.ignore_mask(ignore), empty)
     prepare_folder(output)
-    scene = options.straighten_scene(picture, told, calibration, own)
+    scene = first_image.straighten_scene(picture, told, calibration, own)
     told, lens = scene.told, scene.lens
     try:
         found = look(
@@ -127,13 +127,13 @@ def inspect(
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     asked = {
-        **options.told_words(object_, not_),
+        **first_image.told_words(object_, not_),
         "box": box,
         "outline": outline,
         "choose": choose,
         "sure": sure,
         "mask": mask,
-        "first_look_ms": options.work_limit(first_look_ms),
+        "first_look_ms": first_image.work_limit(first_look_ms),
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,
@@ -153,7 +153,7 @@ def inspect(
     said = any(word is not None for word in (choose, outline, grasp, mask))
     notes = [
         *note_candidates(found.candidates, picture, output, sure, meant=said),
-        *options.scaling_notes(calibration, picture.shape),
+        *first_image.scaling_notes(calibration, picture.shape),
         f"{data}, {page}",
     ]
     content = inspection_to_dict(found, image, picture.shape, asked)

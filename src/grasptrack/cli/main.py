@@ -21,7 +21,14 @@ from grasptrack.cli.inspect import inspect
 from grasptrack.cli.models import models
 from grasptrack.cli.servo import servo
 from grasptrack.cli.synthesize import synthesize
-from grasptrack.cli.terminal import INTERRUPTED, only_our_errors, tell_error
+from grasptrack.cli.terminal import (
+    INTERRUPTED,
+    RunInterruptedError,
+    keep_status,
+    only_our_errors,
+    sigterm_as_ctrl_c,
+    tell_error,
+)
 from grasptrack.cli.track import track
 from grasptrack.cli.transfer import transfer
 from grasptrack.errors import GraspTrackError, InputError, ObservationError
@@ -97,20 +104,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
-    with only_our_errors():
+    status = _run(sys.argv[1:] if arguments is None else arguments)
+    if arguments is None:  # this process has nothing else to do
+        keep_status(status)
+    return status
+
+
+def _run(arguments: Sequence[str]) -> int:
+    with only_our_errors(), sigterm_as_ctrl_c():
         try:
-            given = list(sys.argv[1:] if arguments is None else arguments)
-            status = app(given or ["--help"], prog_name="grasptrack", standalone_mode=False)
+            status = app(list(arguments) or ["--help"], prog_name="grasptrack", standalone_mode=False)
+            if status == INTERRUPTED:  # so the parser of the command line tells of Ctrl-C
+                raise KeyboardInterrupt
             sys.stdout.flush()
             return status if isinstance(status, int) else DONE
         except (InputError, ObservationError) as error:
             return _report_failure(error, BAD_INPUT)
-        except (KeyboardInterrupt, typer.Abort):
+        except (KeyboardInterrupt, typer.Abort, RunInterruptedError) as error:
+            tell_error(str(error) or "interrupted")
             return INTERRUPTED
         except BrokenPipeError:
             # Whoever read our output has gone; nor can Python's own flush at the end reach it.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return OTHER
+        except OSError as error:
+            from grasptrack.io.folder import is_full_disk
+
+            return _report_failure(error, BAD_INPUT if is_full_disk(error) else OTHER)
         except Exception as error:
             return _report_failure(error, int(getattr(error, "exit_code", OTHER)))
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import first_image, options
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
 
@@ -29,7 +29,7 @@ def servo(
     ] = 2,
     law: Annotated[str, typer.Option(metavar="NAME", help="Control law: online, nominal or textbook.")] = "online",
     risk: options.Risk = 1e-3,
-    sure: options.Sure = 0.0,
+    sure: first_image.Sure = 0.0,
     trials: Annotated[int | None, typer.Option(metavar="N", min=1, help="Run N random trials, in parallel.")] = None,
     images: Annotated[
         str | None,
@@ -49,7 +49,7 @@ def servo(
     One approach is written as approach.mp4 (the hand's view and a bystander's), approach.png (errors and twist) and
     approach.json. The hand closes only where the tracker's probability of being wrong is below --risk, as in
     `grasptrack track`. With --trials, random cases are run: trials.csv has a row for each, trials.json the figures, and
-    failures/ a picture of each failure.
+    failures/ a picture of each failure. After Ctrl-C or a crash, the same command continues where it stopped.
 
     \b
     Examples:
@@ -73,7 +73,7 @@ def servo(
         "law": law,
         "seed": seed,
         "risk": options.risk_rate(risk),
-        "sure": options.sure_rate(sure),
+        "sure": first_image.sure_rate(sure),
     }
     check_options(scenario=scenario, arm=arm, law=law, images=images or "auto", fingers=fingers)
     shapes = _load_shapes(shape, silhouettes)
@@ -138,9 +138,14 @@ def _run_many(
     from grasptrack.bench.schedule import create_scheduler
 
     cases = draw_cases(shapes, count, images=images, **asked)  # type: ignore[arg-type]
-    told = {**asked, "trials": count, "images": images}
+    told = {**asked, "trials": count, "images": images, "shapes": sorted({case.shape.name for case in cases})}
     schedule = create_scheduler(address, workers)
-    found = with_progress(output, quiet, lambda tell: run_trials(output, cases, schedule, options=told, progress=tell))
+    found = with_progress(
+        output,
+        quiet,
+        lambda tell: run_trials(output, cases, schedule, options=told, progress=tell),
+        again=", and the same command goes on with it",
+    )
     if not quiet:
         _show_results(found, asked, output)
 
@@ -166,5 +171,7 @@ def _show_results(found: Trials, asked: dict[str, Any], output: Path) -> None:
         f"{output}: trials.csv, trials.json" + (", failures/" if figures["failed"] or figures["refused"] else ""),
     ]
     what = f"{asked['scenario']}, {asked['arm']}, {asked['fingers']} fingers, {asked['law']} law"
+    if found.resumed:
+        notes.append(f"gone on with an interrupted run, in which {found.resumed} trials were done")
     title = f"{figures['trials']} trials over {figures['shapes']} shapes, {what}"
     show_rows(title, (("", "left"), ("trials", "right"), ("", "left")), rows, notes)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import first_image, options
 from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
@@ -40,18 +40,18 @@ _HEADS = (
 
 def synthesize(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, seen from above.")],
-    object_: options.ObjectTexts = None,
-    not_: options.NotTexts = None,
-    box: options.BoxText = None,
-    outline: options.OutlineText = None,
-    mask: options.MaskPath = None,
-    choose: options.ChooseNumber = None,
-    sure: options.Sure = 0.9,
-    first_look_ms: options.FirstLookMs = None,
-    segmenter: options.SegmenterName = None,
-    background: options.BackgroundPath = None,
-    ignore: options.IgnorePath = None,
-    camera: options.CameraPath = None,
+    object_: first_image.ObjectTexts = None,
+    not_: first_image.NotTexts = None,
+    box: first_image.BoxText = None,
+    outline: first_image.OutlineText = None,
+    mask: first_image.MaskPath = None,
+    choose: first_image.ChooseNumber = None,
+    sure: first_image.Sure = 0.9,
+    first_look_ms: first_image.FirstLookMs = None,
+    segmenter: first_image.SegmenterName = None,
+    background: first_image.BackgroundPath = None,
+    ignore: first_image.IgnorePath = None,
+    camera: first_image.CameraPath = None,
     fingers: Annotated[int, typer.Option(metavar="K", help="Number of fingers, 2 or 3.")] = 2,
     top: Annotated[int, typer.Option(metavar="N", help="Maximum number of grasps.")] = 10,
     friction: options.Friction = 0.5,
@@ -81,7 +81,7 @@ def synthesize(
       grasptrack synthesize photo.jpg --camera camera.yaml
       grasptrack synthesize photo.jpg --mask mask.png --all --output grasps
     """
-    meant = options.object_meant(object_, not_, box, outline)
+    meant = first_image.object_meant(object_, not_, box, outline)
     if all_ and (meant.is_told or choose is not None):
         raise InputError(
             "--all takes every object in the image: leave out --object, --not, --box, --outline and --choose"
@@ -93,24 +93,24 @@ def synthesize(
     options.positive_friction(friction)
     lengths = options.hand_lengths(min_opening, max_opening, finger_width, finger_thickness, clearance)
     hand = options.build_hand(scale, **lengths)
-    options.sure_rate(sure)
-    options.work_limit(first_look_ms)
-    calibration = options.load_calibration(camera)
-    empty = options.background_image(background, mask)
+    first_image.sure_rate(sure)
+    first_image.work_limit(first_look_ms)
+    calibration = first_image.load_calibration(camera)
+    empty = first_image.background_image(background, mask)
 
+    from grasptrack.io.folder import prepare_folder
     from grasptrack.io.json_results import grasps_to_dict
     from grasptrack.io.masks import read_mask
     from grasptrack.io.results import write_json
-    from grasptrack.io.run import prepare_folder
     from grasptrack.view.grasps import write_grasps
 
-    picture = options.only_image(image, "synthesize takes one image").image
-    options.check_within(picture.shape, meant)
-    told, own = meant.told(None, options.ignore_mask(ignore), empty), None if mask is None else read_mask(mask)
+    picture = first_image.only_image(image, "synthesize takes one image").image
+    first_image.check_within(picture.shape, meant)
+    told, own = meant.told(None, first_image.ignore_mask(ignore), empty), None if mask is None else read_mask(mask)
     prepare_folder(output)
-    scene = options.straighten_scene(picture, told, calibration, own)
+    scene = first_image.straighten_scene(picture, told, calibration, own)
     try:
-        views, candidates = options.find_outlines(scene, segmenter, choose, sure, first_look_ms)
+        views, candidates = first_image.find_outlines(scene, segmenter, choose, sure, first_look_ms)
     except ObservationError as error:
         raise InputError(f'"{image}": {error}') from None
     planned = _plan_grasps(views, all_, fingers, friction, top, hand)
@@ -118,13 +118,13 @@ def synthesize(
         planned = [_map_to_original(found, scene.lens) for found in planned]
 
     asked = {
-        **options.told_words(object_, not_),
+        **first_image.told_words(object_, not_),
         "box": box,
         "outline": outline,
         "choose": choose,
         "sure": sure,
         "mask": mask,
-        "first_look_ms": options.work_limit(first_look_ms),
+        "first_look_ms": first_image.work_limit(first_look_ms),
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,
@@ -144,7 +144,9 @@ def synthesize(
     if not any(found.grasps for found in planned):
         raise InputError(f'"{image}": {_why_none(planned)}')
     if not quiet:
-        _show_results(planned, scale, [*notes, *options.scaling_notes(calibration, picture.shape), f"{data}, {page}"])
+        _show_results(
+            planned, scale, [*notes, *first_image.scaling_notes(calibration, picture.shape), f"{data}, {page}"]
+        )
 
 
 def _plan_grasps(views: list[View], every: bool, fingers: int, friction: float, top: int, hand: Hand) -> list[Planned]:

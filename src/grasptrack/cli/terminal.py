@@ -16,8 +16,6 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import typer
-
 if TYPE_CHECKING:
     from grasptrack.io.run import RunSummary
 
@@ -26,6 +24,34 @@ INTERRUPTED = 130
 """Exit status after Ctrl-C."""
 
 _held: list[str] = []
+
+
+class RunInterruptedError(Exception):
+    """Ctrl-C or SIGTERM ended a run whose files are whole; the message says where they are."""
+
+
+@contextlib.contextmanager
+def sigterm_as_ctrl_c() -> Iterator[None]:
+    """SIGTERM raises KeyboardInterrupt, where Python lets us: in the main thread."""
+
+    def strike(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, strike)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def keep_status(status: int) -> None:
+    """Ctrl-C and SIGTERM, while Python takes itself down after the work, end the process with the work's status."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: os._exit(status))
 
 
 def tell_error(message: str) -> None:
@@ -263,13 +289,18 @@ def with_progress(output: Path, quiet: bool, work: Callable[[Tell], T], *, again
     """What `work` returns. Ctrl-C ends it with exit status 130, with the files whole.
 
     Args:
-        output: where the results are, for the message.
+        output: where the results are; no other run writes to it meanwhile.
         quiet: show no bar.
         work: called with what tells of progress.
         again: what the same command would do, for the message.
-    """
 
-    with Interruption() as interruption:
+    Raises:
+        RunInterruptedError: Ctrl-C or SIGTERM.
+        InputError: the folder cannot be written, or another run writes to it.
+    """
+    from grasptrack.io.folder import hold_folder
+
+    with Interruption() as interruption, hold_folder(output):
         try:
             with Progress(quiet) as bar:
 
@@ -279,8 +310,7 @@ def with_progress(output: Path, quiet: bool, work: Callable[[Tell], T], *, again
 
                 return work(report_progress)
         except KeyboardInterrupt:
-            tell_error(f'interrupted; what was computed is in "{output}"{again}')
-            raise typer.Exit(INTERRUPTED) from None
+            raise RunInterruptedError(f'interrupted; what was computed is in "{output}"{again}') from None
 
 
 def command_line() -> str:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import first_image, options
 from grasptrack.cli.candidates import note_candidates
-from grasptrack.cli.terminal import INTERRUPTED, Interruption, Progress, show_run, tell_error
+from grasptrack.cli.terminal import Interruption, Progress, RunInterruptedError, show_run
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
 
@@ -40,21 +40,21 @@ def track(
         Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
     ] = Path("grasptrack-out"),
     grasp: options.GraspText = None,
-    object_: options.ObjectTexts = None,
-    not_: options.NotTexts = None,
-    box: options.BoxText = None,
-    outline: options.OutlineText = None,
-    choose: options.ChooseNumber = None,
-    sure: options.Sure = 0.9,
-    first_look_ms: options.FirstLookMs = None,
+    object_: first_image.ObjectTexts = None,
+    not_: first_image.NotTexts = None,
+    box: first_image.BoxText = None,
+    outline: first_image.OutlineText = None,
+    choose: first_image.ChooseNumber = None,
+    sure: first_image.Sure = 0.9,
+    first_look_ms: first_image.FirstLookMs = None,
     masks: Annotated[
         str | None,
         typer.Option(metavar="DIR", help="Your own segmentation, one mask per frame, matched by name or by order."),
     ] = None,
-    segmenter: options.SegmenterName = None,
-    background: options.BackgroundPath = None,
-    ignore: options.IgnorePath = None,
-    camera: options.CameraPath = None,
+    segmenter: first_image.SegmenterName = None,
+    background: first_image.BackgroundPath = None,
+    ignore: first_image.IgnorePath = None,
+    camera: first_image.CameraPath = None,
     length: options.ObjectLength = None,
     fps: Annotated[
         float | None,
@@ -107,13 +107,13 @@ def track(
         "friction": options.positive_friction(friction),
         "risk": options.risk_rate(risk),
         "grasp": grasp,
-        **options.told_words(object_, not_),
+        **first_image.told_words(object_, not_),
         "box": box,
         "outline": outline,
         "choose": choose,
-        "sure": options.sure_rate(sure),
+        "sure": first_image.sure_rate(sure),
         "masks": masks,
-        "first_look_ms": options.work_limit(first_look_ms),
+        "first_look_ms": first_image.work_limit(first_look_ms),
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,
@@ -126,9 +126,9 @@ def track(
         "video": not no_video,
     }
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    meant = options.object_meant(object_, not_, box, outline)
+    meant = first_image.object_meant(object_, not_, box, outline)
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
-    calibration = options.load_calibration(camera)
+    calibration = first_image.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
 
     from grasptrack.io.masks import open_masks
@@ -154,8 +154,8 @@ def track(
         more=() if images.kind == "camera" else _later_images(source),
         sure=sure,
         first_look_ms=first_look_ms,
-        ignore=options.ignore_mask(ignore),
-        background=options.background_image(background, masks),
+        ignore=first_image.ignore_mask(ignore),
+        background=first_image.background_image(background, masks),
         resynthesize=resynthesize,
         hand=hand,
         segmenter=segmenter_for(segmenter),
@@ -171,7 +171,7 @@ def track(
                 def report_frame(frame: Frame, result: TrackResult) -> None:
                     nonlocal done
                     if not done:
-                        notes.extend(options.scaling_notes(calibration, frame.image.shape))
+                        notes.extend(first_image.scaling_notes(calibration, frame.image.shape))
                     if not looks and tracker.candidates:
                         looks.append(frame.image)
                         if result.view is not None and result.view.is_clipped:
@@ -192,8 +192,7 @@ def track(
                     on_frame=report_frame,
                 )
         except KeyboardInterrupt:
-            tell_error(f'interrupted after {done} frames; what was computed is in "{output}"')
-            raise typer.Exit(INTERRUPTED) from None
+            raise RunInterruptedError(f'interrupted after {done} frames; what was computed is in "{output}"') from None
     if not summary.grasps:
         raise InputError(_nothing_to_track(summary))
     if images.shortfall:

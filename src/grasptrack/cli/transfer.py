@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import first_image, options
 from grasptrack.cli.terminal import format_number, show_rows, tell_error
 from grasptrack.errors import GraspTrackError, InputError, TransferError
 
@@ -44,8 +44,8 @@ def transfer(
         str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object in IMAGE_A.")
     ] = None,
     object_b: Annotated[str | None, typer.Option(metavar="X,Y", help="Pixel on the object in IMAGE_B.")] = None,
-    ignore: options.IgnorePath = None,
-    camera: options.CameraPath = None,
+    ignore: first_image.IgnorePath = None,
+    camera: first_image.CameraPath = None,
     json_: Annotated[bool, typer.Option("--json", help="Print transfer.json instead of the table.")] = False,
     max_megapixels: options.MaxMegapixels = None,
     quiet: options.Quiet = False,
@@ -72,12 +72,12 @@ def transfer(
     options.positive_friction(friction)
     options.risk_rate(risk)
     contacts, count = options.contacts_and_fingers(grasp, fingers)
-    place_a, place_b = options.parse_point(object_, "--object"), options.parse_point(object_b, "--object-b")
-    hidden, calibration = options.ignore_mask(ignore), options.load_calibration(camera)
-    first, second = (options.only_image(name, "transfer takes two images").image for name in (image_a, image_b))
+    place_a, place_b = first_image.parse_point(object_, "--object"), first_image.parse_point(object_b, "--object-b")
+    hidden, calibration = first_image.ignore_mask(ignore), first_image.load_calibration(camera)
+    first, second = (first_image.only_image(name, "transfer takes two images").image for name in (image_a, image_b))
 
     from grasptrack.grasp.contacts import Grasp
-    from grasptrack.io.run import prepare_folder
+    from grasptrack.io.folder import prepare_folder
     from grasptrack.segmentation.undistortion import Told
     from grasptrack.tracking.camera import Beforehand
     from grasptrack.tracking.image_pair import transfer_between_images
@@ -85,8 +85,8 @@ def transfer(
     from grasptrack.tracking.tracker import GraspTracker
 
     prepare_folder(output)
-    one = options.straighten_scene(first, Told(contacts, place_a, ignore=hidden), calibration)
-    other = options.straighten_scene(second, Told(None, place_b, ignore=hidden), calibration)
+    one = first_image.straighten_scene(first, Told(contacts, place_a, ignore=hidden), calibration)
+    other = first_image.straighten_scene(second, Told(None, place_b, ignore=hidden), calibration)
     told, lens = one.told, one.lens
     # The first step of a sequence, so that object and grasp are chosen here as they are there.
     begun = GraspTracker(
@@ -136,7 +136,7 @@ def transfer(
     if json_ and not quiet:
         typer.echo(files[0].read_text(encoding="utf-8").rstrip())
     elif not quiet:
-        _show_results(chosen.analysis, at, found, options.scaling_notes(calibration, first.shape), files)
+        _show_results(chosen.analysis, at, found, first_image.scaling_notes(calibration, first.shape), files)
     if all(o.reason for o in found.outcomes):
         tell_error(f'"{image_b}": every strategy refuses: {found.outcomes[0].reason}')
         raise typer.Exit(REFUSED)

@@ -174,7 +174,7 @@ def _image_size(known: dict[str, Any]) -> tuple[int, int] | None:
     if width is None and height is None:
         return None
     sides = [_float_or_none(side) for side in (width, height)]
-    if any(side is None or side < 1 or side != int(side) for side in sides):
+    if any(side is None or side < 1 or not side.is_integer() for side in sides):
         raise InputError("its image_width and image_height are whole numbers of px, both of them")
     return int(sides[0] or 0), int(sides[1] or 0)
 
@@ -219,4 +219,9 @@ def _flat_numbers(found: Any, what: str) -> list[float]:
 
 
 def _float_or_none(value: Any) -> float | None:
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return None
+    try:
+        return float(value)
+    except OverflowError:  # a whole number of more than 308 digits
+        return None

@@ -10,15 +10,19 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import errno
+import io
 import json
 import math
 import os
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from grasptrack.files import whole_file
 
 if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
@@ -55,18 +59,26 @@ def csv_columns(fingers: int) -> list[str]:
 
 
 class GraspsCsv:
-    """Writes grasps.csv row by row; each row is on its way to the disk before the next frame is looked at.
+    """Writes grasps.csv row by row; each row is on its way to the disk, whole, before the next frame is looked at.
 
     Args:
         path: the file, written over.
         fingers: number of contacts, k.
+
+    Raises:
+        OSError: it cannot be written.
     """
 
     def __init__(self, path: Path, fingers: int) -> None:
         self._fingers = fingers
-        self._file = path.open("w", newline="", encoding="utf-8", buffering=1)
-        self._writer = csv.writer(self._file, lineterminator="\n")
-        self._writer.writerow(csv_columns(fingers))
+        self._path = path
+        self._file = path.open("wb", buffering=0)
+        self._size = 0
+        try:
+            self._write_row(csv_columns(fingers))
+        except OSError:
+            self._file.close()
+            raise
 
     def write(self, result: TrackResult, index: int, time: float | None) -> None:
         """Add the row of one frame.
@@ -75,11 +87,14 @@ class GraspsCsv:
             result: the tracker's answer.
             index: the frame's number in its source.
             time: the frame's time, s.
+
+        Raises:
+            OSError: it cannot be written; the file ends with the row before.
         """
         contacts: list[float] = [] if result.contacts is None else result.contacts.ravel().tolist()
         seen: list[float] = [] if result.seen is None else result.seen.tolist()
         margin = None if result.analysis is None else math.degrees(result.analysis.margin)
-        self._writer.writerow(
+        self._write_row(
             [
                 index,
                 _format_cell(time, 6),
@@ -101,6 +116,20 @@ class GraspsCsv:
                 result.notice,
             ]
         )
+
+    def _write_row(self, cells: Sequence[object]) -> None:
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\n").writerow(cells)
+        data = line.getvalue().encode("utf-8")
+        try:
+            if (self._file.write(data) or 0) < len(data):  # the disk had room for a part of it
+                self._file.write(data)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
+        except OSError as error:
+            self._file.truncate(self._size)
+            self._file.seek(self._size)
+            raise OSError(error.errno, error.strerror, str(self._path)) from None
+        self._size += len(data)
 
     def close(self) -> None:
         """Close the file; may be called again."""
@@ -139,12 +168,11 @@ def describe_machine() -> str:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write strict JSON: what is not finite becomes null. The file is complete at any moment or absent."""
-    partial = path.with_name(path.name + ".part")
     text = json.dumps(to_json(content), indent=2, ensure_ascii=False, allow_nan=False)
     # A point on one line. Within a string no line ends, so that nothing else can match.
     text = re.sub(r"\[\n\s+([-+.,eE\d\s]+?)\n\s+\]", lambda m: f"[{' '.join(m[1].split())}]", text)
-    partial.write_text(text + "\n", encoding="utf-8")
-    partial.replace(path)
+    with whole_file(path) as part:
+        part.write_text(text + "\n", encoding="utf-8")
 
 
 def to_json(value: Any, digits: int | None = None) -> Any:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from grasptrack.errors import InputError
 from grasptrack.io.base import Frame, Source
+from grasptrack.io.folder import hold_folder, prepare_folder
 from grasptrack.io.results import UNITS, GraspsCsv, software_versions, write_json
 
 if TYPE_CHECKING:
@@ -183,7 +184,8 @@ def run_track(
     """Track a grasp through a source and write the results to a folder.
 
     Whatever ends the run, the files hold what was computed until then and can be read: after Ctrl-C (KeyboardInterrupt,
-    also when `on_frame` raises it), after a frame that cannot be used, after any other error, which are raised again.
+    also when `on_frame` raises it), after a frame that cannot be used, when the disk is full, after any other error, which are
+    raised again.
 
     Args:
         source: where the frames come from.
@@ -198,28 +200,34 @@ def run_track(
         Counts, figures and the files written.
 
     Raises:
-        InputError: the folder cannot be written, or a frame or mask cannot be used; the rows before it are kept.
+        InputError: the folder cannot be written, another run writes to it, the disk is full, or a frame or mask cannot be used;
+            the rows before it are kept.
     """
-    prepare_output(output)
-    run = _Run(output, tracker.fingers, source, video, dict(options or {}))
-    ended, error = "failed", ""
-    try:
-        for frame in source:
-            mask = None if masks is None else masks.mask(frame)
-            result = tracker.update(frame.image, time=frame.time, mask=mask)
-            run.record(frame, result)
-            if on_frame is not None:
-                on_frame(frame, result)
-        ended = "finished"
-    except KeyboardInterrupt:
-        ended = "interrupted"
-        raise
-    except Exception as problem:
-        error = " ".join(str(problem).split())
-        raise
-    finally:
-        source.close()
-        summary = run.finish(ended, error)
+    with hold_folder(output):
+        prepare_output(output)
+        run = _Run(output, tracker.fingers, source, video, dict(options or {}))
+        ended, error = "failed", ""
+        try:
+            for frame in source:
+                mask = None if masks is None else masks.mask(frame)
+                result = tracker.update(frame.image, time=frame.time, mask=mask)
+                run.record(frame, result)
+                if on_frame is not None:
+                    on_frame(frame, result)
+            ended = "finished"
+        except KeyboardInterrupt:
+            ended = "interrupted"
+            raise
+        except Exception as problem:
+            error = " ".join(str(problem).split())
+            raise
+        finally:
+            source.close()
+            try:
+                summary = run.finish(ended, error)
+            except OSError:
+                if not error:  # else what came first is to be told
+                    raise
     return summary
 
 
@@ -235,23 +243,6 @@ def prepare_output(output: Path) -> None:
             (output / name).unlink(missing_ok=True)
         except OSError as error:
             raise InputError(f'"{output / name}" cannot be replaced: {error.strerror or error}') from None
-
-
-def prepare_folder(output: Path) -> None:
-    """Make a folder and see that it can be written to.
-
-    Raises:
-        InputError: it cannot.
-    """
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        probe = output / ".grasptrack-probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise InputError(
-            f'output folder "{output}" cannot be written: {error.strerror or error}', path=str(output)
-        ) from None
 
 
 class _Run:
@@ -297,23 +288,45 @@ class _Run:
             self._video.write(drawn)
 
     def finish(self, ended: str, error: str) -> RunSummary:
-        """Close every file, the fastest first: whoever pressed Ctrl-C may press it again."""
+        """Close every file, the fastest first: whoever pressed Ctrl-C may press it again.
+
+        Raises:
+            OSError: one of them could not be written, as on a full disk; the others are there.
+        """
         self._rows.close()
         seconds = time.perf_counter() - self._start
+        problems = []
         if self._video is not None:
-            self._video.close()
+            try:
+                self._video.close()
+            except OSError as problem:  # such a video cannot be played, and takes the room of what can be read
+                problems.append(problem)
+                (self._output / "overlay.mp4").unlink(missing_ok=True)
         files = {
             name: self._output / name for name in FILES if (self._output / name).exists() and name != "summary.png"
         }
-        summary = self._tally.summary(seconds, ended, files)
-        said = {"error": error, "shortfall": self._source.shortfall}
-        content = {"ended": ended, **{k: v for k, v in said.items() if v}, **self._head, **summary.figures()}
-        write_json(self._output / "run.json", content)
-        if summary.frames:
-            from grasptrack.view.summary import write_summary
-
-            picture = self._output / "summary.png"
-            title = Path(str(self._head["source"]["name"])).name  # type: ignore[index]
-            write_summary(picture, self._output / "grasps.csv", self._strip, summary, title=title)
-            files[picture.name] = picture
+        summary = self._tally.summary(seconds, "failed" if problems else ended, files)
+        said = {"error": error or " ".join(map(str, problems)), "shortfall": self._source.shortfall}
+        content = {"ended": summary.ended, **{k: v for k, v in said.items() if v}, **self._head, **summary.figures()}
+        writers: tuple[Callable[[], None], ...] = (
+            lambda: write_json(self._output / "run.json", content),
+            lambda: self._write_summary(summary),
+        )
+        for write in writers:
+            try:
+                write()
+            except OSError as problem:
+                problems.append(problem)
+        if problems:
+            raise problems[0]
         return summary
+
+    def _write_summary(self, summary: RunSummary) -> None:
+        if not summary.frames:
+            return
+        from grasptrack.view.summary import write_summary
+
+        picture = self._output / "summary.png"
+        title = Path(str(self._head["source"]["name"])).name  # type: ignore[index]
+        write_summary(picture, self._output / "grasps.csv", self._strip, summary, title=title)
+        summary.files[picture.name] = picture

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasptrack.errors import SourceError
+from grasptrack.errors import InputError, SourceError
 from grasptrack.geometry.cameras import Camera
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.contacts import RankedGrasp
@@ -48,7 +48,7 @@ class Undistortion:
             optical axis is not in the middle.
 
     Raises:
-        InputError: a calibration for images of another shape.
+        InputError: a calibration for images of another shape, or one by which nothing comes to lie in the image.
     """
 
     def __init__(self, camera: Camera, width: int, height: int) -> None:
@@ -58,6 +58,10 @@ class Undistortion:
         x, y = (np.arange(-m, n + m + _COARSE, _COARSE) for m, n in zip(reach, self.size, strict=True))
         shown = self._distort_with_visibility(self._pixel_grid(x, y))[1]
         columns, rows = np.flatnonzero(shown.any(axis=0)), np.flatnonzero(shown.any(axis=1))
+        if not len(columns):
+            raise InputError(
+                "by its matrix and distortion, the camera shows nothing within its image: calibrate it again"
+            )
         left, right = int(x[columns[0]]) - _COARSE, int(x[columns[-1]]) + _COARSE
         top, bottom = int(y[rows[0]]) - _COARSE, int(y[rows[-1]]) + _COARSE
         if not self.camera.distorted:

@@ -198,9 +198,19 @@ class Ruler:
         Args:
             homography: (3, 3) H_current_reference.
             covariance: (9, 9) of its entries, row by row.
+
+        Returns:
+            NaN where no distance follows, as from a homography near 0.
         """
         if self._modes is not self._plane.modes:
             self._modes, self._all = self._plane.modes, self._sample_modes()
+        with np.errstate(all="ignore"):  # where no distance follows, none is told
+            mean, variance = self._moments(homography, covariance)
+        known = 0.0 < mean < math.inf and 0.0 <= variance < math.inf
+        return Distance(mean, math.sqrt(variance)) if known else UNKNOWN
+
+    def _moments(self, homography: Floats, covariance: Floats) -> tuple[float, float]:
+        """Mean and variance over what the views leave open; not finite where the homography has no such view."""
         weights, back, in_view, unit, focal = self._all
         ray = np.array([*self._middle, 1.0])
         told = self._line_of_sight_distances(back, homography, in_view, unit, ray)
@@ -209,8 +219,8 @@ class Ruler:
         variance = float(weights @ ((told - mean) ** 2 + focal * told**2))
         moved = self._line_of_sight_distances(back[:1], homography + self._plane.entries, in_view[:1], unit[:1], ray)
         by_entry = (moved - told[0]) / self._plane.steps
-        variance += float(by_entry @ covariance @ by_entry) + (mean * self._off) ** 2
-        return Distance(mean, math.sqrt(variance))
+        variance += float(by_entry @ covariance @ by_entry) + float(np.square(mean * self._off))
+        return mean, variance
 
     @staticmethod
     def _line_of_sight_distances(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from grasptrack.typing import Floats
-from grasptrack.view.style import create_figure
+from grasptrack.view.style import create_figure, save_whole
 
 _FEATURES = ("x/l", "y/l", "1/l", "angle, rad", "tilt x", "tilt y")
 
@@ -59,4 +59,4 @@ def plot_approach(
             axis.legend(loc="upper right", fontsize=8, ncols=3)
     axes[-1].set_xlabel("s   (shaded: the grasp is not seen)")
     figure.suptitle(title, fontsize=11)
-    figure.savefig(path, dpi=110)
+    save_whole(figure, path, 110)

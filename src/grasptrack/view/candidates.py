@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.files import whole_file
 from grasptrack.typing import Pixels
 from grasptrack.view.style import FINGER_RGB, STATUS_RGB, STRATEGY_RGB, put_text, rgb_to_bgr, text_width
 
@@ -51,4 +52,5 @@ def write_candidates(path: Path, image: NDArray[Any], candidates: Sequence[Candi
     good, data = cv2.imencode(path.suffix, draw_candidates(image, candidates))
     if not good:
         raise OSError(f'"{path}" cannot be written')
-    path.write_bytes(data.tobytes())
+    with whole_file(path) as part:
+        part.write_bytes(data.tobytes())

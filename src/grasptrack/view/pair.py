@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from grasptrack.typing import Floats
 from grasptrack.view.draw import grasp_spokes
-from grasptrack.view.style import DARK, INK, STATUS_RGB, STRATEGY_RGB, create_figure, hex_colour
+from grasptrack.view.style import DARK, INK, STATUS_RGB, STRATEGY_RGB, create_figure, hex_colour, save_whole
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
@@ -81,7 +81,7 @@ def write_pair(
     for name, reason in refused.items():
         handles.append(Line2D([], [], lw=0, label="\n".join(wrap(f"{name} refused: {reason}", 88))))
     right.legend(handles=handles, **_LEGEND)
-    figure.savefig(path, dpi=110, bbox_inches="tight", pad_inches=0.2)
+    save_whole(figure, path, 110, bbox_inches="tight", pad_inches=0.2)
 
 
 def _show_view(axes: Any, image: NDArray[Any], view: View, title: str) -> None:

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.files import whole_file
+
 Colour = tuple[int, int, int]
 Picture = NDArray[np.uint8]
 
@@ -61,11 +63,10 @@ def create_figure(width: float, height: float, **more: Any) -> Any:
     return figure
 
 
-def save_whole(figure: Any, path: Path, dpi: int) -> None:
+def save_whole(figure: Any, path: Path, dpi: int, **more: Any) -> None:
     """Write a figure as PNG; the file is complete at any moment or absent."""
-    partial = path.with_name(path.name + ".part")
-    figure.savefig(partial, dpi=dpi, format="png")
-    partial.replace(path)
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=dpi, format="png", **more)
 
 
 def text_width(text: str, size: int, bold: bool = False) -> int:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.view.style import INK, RULE, STATUS_RGB, Picture, create_figure, hex_colour
+from grasptrack.view.style import INK, RULE, STATUS_RGB, Picture, create_figure, hex_colour, save_whole
 
 if TYPE_CHECKING:
     from grasptrack.io.run import RunSummary
@@ -134,7 +134,7 @@ def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary,
     if pictures:
         _show_pictures(top, pictures, down, across)
     _show_curves(bottom, curves, summary)
-    figure.savefig(path, dpi=110)
+    save_whole(figure, path, 110)
 
 
 def _summary_headline(summary: RunSummary) -> str:

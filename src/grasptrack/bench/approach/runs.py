@@ -7,23 +7,27 @@ import csv
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from grasptrack import kernels
 from grasptrack.bench.approach.case import Case, Law, Row
 from grasptrack.bench.approach.pictures import side_by_side
 from grasptrack.bench.approach.trial import Step, run_trial
 from grasptrack.bench.physics import World
 from grasptrack.bench.physics.setting import Arm, Scenario
 from grasptrack.bench.physics.world import PERIOD_S
-from grasptrack.bench.schedule import Scheduler
+from grasptrack.bench.schedule import Scheduler, code_fingerprint
 from grasptrack.bench.simulation.outlines import Shape
+from grasptrack.bench.unfinished import read_unfinished
+from grasptrack.files import whole_file
+from grasptrack.io.folder import hold_folder
 from grasptrack.io.results import software_versions, write_json
-from grasptrack.io.run import prepare_folder
 from grasptrack.io.video import VideoWriter
 from grasptrack.statistics import wilson_interval
 from grasptrack.tracking.numbers import DEFAULT_RISK
@@ -79,33 +83,30 @@ def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, An
 
     Args:
         case: what to try.
-        output: folder, made when missing.
+        output: folder, made when missing; the files of an earlier approach are removed.
         video: write the video.
         options: what was asked for, for the verdict's file.
         progress: see `Record`.
 
     Raises:
-        InputError: the folder cannot be written, MuJoCo is missing, or the part cannot be shown.
+        InputError: the folder cannot be written, another run writes to it, MuJoCo is missing, or the part cannot be shown.
     """
-    prepare_folder(output)
-    record = Record(output / VIDEO if video else None, progress)
-    try:
-        row, _ = run_trial(case, record)
-    finally:
-        record.close()
-    blind = [state in ("unsure", "holding", "searching") for state in record.states]
-    title = f"{row.shape}, {row.scenario}, {row.law}: {row.outcome}. {row.reason}"[:110]
-    plot_approach(record.time, record.errors, record.error_px, record.twists, blind, title, output / PLOTS)
-    told = {name: _finite_or_none(value) for name, value in row.values().items()}
-    write_json(output / VERDICT, {"options": options, "versions": software_versions(), "verdict": told})
+    with hold_folder(output):
+        for name in (VIDEO, PLOTS, VERDICT):
+            (output / name).unlink(missing_ok=True)
+        record = Record(output / VIDEO if video else None, progress)
+        try:
+            row, _ = run_trial(case, record)
+        finally:
+            record.close()
+        blind = [state in ("unsure", "holding", "searching") for state in record.states]
+        title = f"{row.shape}, {row.scenario}, {row.law}: {row.outcome}. {row.reason}"[:110]
+        plot_approach(record.time, record.errors, record.error_px, record.twists, blind, title, output / PLOTS)
+        write_json(output / VERDICT, {"options": options, "versions": software_versions(), "verdict": row.values()})
     return row
 
 
-def _finite_or_none(value: Any) -> Any:
-    return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-TABLE, INDEX, FAILURES = "trials.csv", "trials.json", "failures"
+TABLE, INDEX, FAILURES, FORMAT = "trials.csv", "trials.json", "failures", 1
 MEASURED = "time_s", "error_px", "contact_error_px", "aside_mm", "servo_ms", "loop_ms", "loop_p99_ms", "look_ms"
 COLUMNS = tuple(f.name for f in fields(Row))
 
@@ -148,10 +149,12 @@ class Trials:
     Attributes:
         rows: by the order of the cases; without those that broke.
         broken: reason by name of a case that did not run to its end.
+        resumed: how many of the rows an interrupted run had left.
     """
 
     rows: list[Row] = field(default_factory=list)
     broken: dict[str, str] = field(default_factory=dict)
+    resumed: int = 0
 
     def count_outcome(self, outcome: str) -> int:
         """Trials that ended so."""
@@ -217,48 +220,68 @@ def run_trials(
 ) -> Trials:
     """Try every case; write trials.csv, trials.json, and a picture of the end of each failure.
 
+    A folder that holds a run which did not finish, with the same options and the same code, is gone on with; any other run
+    in it is written over.
+
     Args:
-        output: folder, made when missing; the files of an earlier run are written over.
+        output: folder, made when missing.
         cases: with distinct names.
         schedule: who does the work.
-        options: what was asked for, for the index.
-        progress: called with a step's name, trials done, and all of them.
+        options: what was asked for, for the index; what decides the cases.
+        progress: called with a step's name, trials done, and all of them; when it raises, the run stops and can be gone on
+            with.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder cannot be written, or another run writes to it.
     """
-    prepare_folder(output)
-    pictures = output / FAILURES
-    for old in pictures.glob("*.png") if pictures.is_dir() else ():
-        old.unlink()
-    rows: dict[int, Row] = {}
-    trials = Trials()
-    if progress is not None:
-        progress("trials", 0, len(cases))
-    for outcome in schedule(run_trial, list(cases)):
-        case = cases[outcome.index]
-        if outcome.error:
-            trials.broken[case.name] = outcome.error
-        else:
-            rows[outcome.index], picture = outcome.value
-            if picture:
-                pictures.mkdir(exist_ok=True)
-                (pictures / f"{_file_name(case.name)}.png").write_bytes(picture)
-            _write_table(output / TABLE, [rows[i] for i in sorted(rows)])  # whatever stops the rest
+    head = {
+        "format": FORMAT,
+        "kind": "trials",
+        "options": options,
+        "versions": software_versions(),
+        "backend": kernels.BACKEND,
+        "code": code_fingerprint(),
+    }
+    with hold_folder(output):
+        rows = _rows_before(output, head, cases)
+        trials, left = Trials(resumed=len(rows)), [i for i in range(len(cases)) if i not in rows]
+        _write_table(output / TABLE, [rows[i] for i in sorted(rows)])
+        write_json(output / INDEX, {**head, "ended": "running"})
         if progress is not None:
-            progress("trials", len(rows) + len(trials.broken), len(cases))
-    trials.rows = [rows[i] for i in sorted(rows)]
-    _write_table(output / TABLE, trials.rows)
-    write_json(
-        output / INDEX,
-        {
-            "options": options,
-            "versions": software_versions(),
-            "figures": trials.index_figures(),
-            "broken": trials.broken,
-        },
-    )
+            progress("trials", len(rows), len(cases))
+        for outcome in schedule(run_trial, [cases[i] for i in left]):
+            case = cases[left[outcome.index]]
+            if outcome.error:
+                trials.broken[case.name] = outcome.error
+            else:
+                row, picture = outcome.value
+                if picture:
+                    (output / FAILURES).mkdir(exist_ok=True)
+                    with whole_file(_picture_file(output, case)) as part:
+                        part.write_bytes(picture)
+                rows[left[outcome.index]] = _parse_row(_format_row(row))  # as one that is gone on with will read it
+                _write_table(output / TABLE, [rows[i] for i in sorted(rows)])  # whatever stops the rest
+            if progress is not None:
+                progress("trials", len(rows) + len(trials.broken), len(cases))
+        trials.rows = [rows[i] for i in sorted(rows)]
+        told = {"ended": "finished", "figures": trials.index_figures(), "broken": trials.broken}
+        write_json(output / INDEX, {**head, **told})
     return trials
+
+
+def _rows_before(output: Path, head: Mapping[str, Any], cases: Sequence[Case]) -> dict[int, Row]:
+    """What an interrupted run of these cases left, by their numbers; files of any other run are removed."""
+    found: dict[int, Row] = {}
+    if read_unfinished(output / INDEX, head) is not None:
+        with suppress(OSError, ValueError, KeyError, TypeError, csv.Error):
+            with (output / TABLE).open(newline="", encoding="utf-8") as file:
+                known = {row.seed: row for row in map(_parse_row, csv.DictReader(file))}
+            found = {i: known[case.seed] for i, case in enumerate(cases) if case.seed in known}
+    kept = {_picture_file(output, cases[i]) for i in found}
+    for old in (output / FAILURES).glob("*.p*"):
+        if old not in kept:
+            old.unlink()
+    return found
 
 
 def kind_of(reason: str) -> str:
@@ -272,11 +295,28 @@ def _finite_median(values: list[float]) -> float | None:
 
 
 def _write_table(path: Path, rows: Sequence[Row]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        for row in rows:
-            writer.writerow([_format_cell(value) for value in row.values().values()])
+        writer.writerows(_format_row(row).values() for row in rows)
+
+
+def _format_row(row: Row) -> dict[str, str]:
+    return {name: _format_cell(value) for name, value in row.values().items()}
+
+
+def _parse_row(cells: Mapping[str, str]) -> Row:
+    """The inverse of `_format_row`, but for digits that it leaves out.
+
+    Raises:
+        KeyError, TypeError, ValueError: no such row.
+    """
+    read: dict[str, Callable[[str], Any]] = {
+        "int": int,
+        "float": lambda cell: float(cell) if cell else math.nan,
+        "bool | None": lambda cell: bool(int(cell)) if cell else None,
+    }
+    return Row(**{f.name: read.get(str(f.type), str)(cells[f.name]) for f in fields(Row)})
 
 
 def _format_cell(value: Any) -> str:
@@ -287,5 +327,6 @@ def _format_cell(value: Any) -> str:
     return f"{value:.4f}" if isinstance(value, float) else str(value)
 
 
-def _file_name(name: str) -> str:
-    return re.sub(r"[^\w.-]+", "_", name)
+def _picture_file(output: Path, case: Case) -> Path:
+    name = re.sub(r"[^\w.-]+", "_", case.name)
+    return output / FAILURES / f"{name}.png"

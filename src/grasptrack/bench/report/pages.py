@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from grasptrack.files import whole_file
 from grasptrack.view.report import DASH, Chart, Series, format_number, format_percent
 from grasptrack.view.report.markup import escape_html, make_slug
 from grasptrack.view.report.palette import colour_variables, standalone_svg
@@ -152,9 +153,8 @@ def write_page(
         style=Markup(colour_variables(series.values()) + (_TEMPLATES / "page.css").read_text(encoding="utf-8")),
         script=Markup((_TEMPLATES / "page.js").read_text(encoding="utf-8")),
     )
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(page, encoding="utf-8")
-    part.replace(path)
+    with whole_file(path) as part:
+        part.write_text(page, encoding="utf-8")
     return path
 
 

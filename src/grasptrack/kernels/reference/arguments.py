@@ -110,6 +110,8 @@ def _array(kernel: str, name: str, kind: str, value: Any) -> Any:
     if kind == "Image" or kind == "NDArray[np.uint8]":
         if value.dtype not in ((np.uint8, np.float32) if kind == "Image" else (np.uint8,)):
             raise TypeError(f"{name} is an image of bytes, not of {value.dtype}")
+        if name == "hidden":  # it may be laid out anyhow: it is copied
+            value = np.ascontiguousarray(value)
         if not value.flags.c_contiguous:
             raise TypeError(f"{name} is an image whose pixels lie in a row")
     else:

@@ -120,10 +120,10 @@ class PoseTarget:
             self.target = Target(
                 _array_of_shape(A, "A", 3, 3),
                 _array_of_shape(centre, "the centre", 2),
-                np.float64(radius),
-                np.float64(noise),
-                np.float64(half),
-                np.float64(normal_noise),
+                _number(radius, "the radius"),
+                _number(noise, "noise"),
+                _number(half, "half"),
+                _number(normal_noise, "normal_noise"),
                 points,
                 _array_of_shape(_point_array(normals, "normals"), "normals", n, 2),
                 _array_of_shape(contrast, "contrast", n),
@@ -139,7 +139,7 @@ class PoseTarget:
 
     def hide(self, levels: Sequence[Grey]) -> None:
         """Pixels of every image from now on, level by level, that show nothing of the scene: nonzero."""
-        self.hidden = [np.array(level, dtype=np.uint8) for level in levels]
+        self.hidden = [level.copy() for level in _grey_levels(levels)]
 
     def add_texture(self, levels: Sequence[Grey], centres: Floats, stride: float) -> int:
         """Patches of the reference image, to be added from fine to coarse.
@@ -303,7 +303,7 @@ class PoseTarget:
         G, covariance = _array_of_shape(start, "start", 3, 3), _array_of_shape(P, "P", 8, 8)
         numbers = TextureNumbers(*(self.numbers[f"texture_{name}"] for name in TextureNumbers._fields))
         looks = []
-        for stride in np.ravel(strides):
+        for stride in _numbers(strides, "strides").ravel():
             looks.append(_cut_target_patches(self.target, old, _array_of_shape(last, "last", 3, 3), at, stride))
             at = at[: max(FEWEST_PLACES, len(at) // 2)]
         with np.errstate(all="ignore"):
@@ -430,15 +430,29 @@ def strongest_edges(
     return StrongestEdges(offset, step, inner, width)
 
 
+def _numbers(values: ArrayLike, name: str) -> Floats:
+    """A copy as float64; TypeError where a compiled kernel converts nothing."""
+    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub":
+        raise TypeError(f"{name} is an array of numbers, not {type(values).__name__}")
+    return np.array(values, dtype=np.float64)
+
+
+def _number(value: float, name: str) -> np.float64:
+    given: object = value  # what is asked for decides, not what it was
+    if not isinstance(given, (int, np.integer, float, np.floating)):
+        raise TypeError(f"{name} is a number, not {type(value).__name__}")
+    return np.float64(value)
+
+
 def _array_of_shape(values: ArrayLike, name: str, *shape: int) -> Floats:
-    array = np.array(values, dtype=np.float64)
+    array = _numbers(values, name)
     if array.size != int(np.prod(shape)):
         raise ValueError(f"{name} needs {int(np.prod(shape))} numbers")
     return array.reshape(shape)
 
 
 def _point_array(values: ArrayLike, name: str) -> Floats:
-    array = np.array(values, dtype=np.float64)
+    array = _numbers(values, name)
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(f"{name} are of shape (N, 2)")
     return array
@@ -447,9 +461,17 @@ def _point_array(values: ArrayLike, name: str) -> Floats:
 def _make_pyramid(levels: Sequence[Grey]) -> Pyramid:
     if not len(levels):
         raise ValueError("a pyramid has at least one level")
-    if any(np.ndim(level) != 2 for level in levels):
-        raise ValueError("a level of a pyramid is of shape (H, W)")
-    return [Level(np.asarray(level, dtype=np.uint8)) for level in levels]
+    return [Level(level) for level in _grey_levels(levels)]
+
+
+def _grey_levels(levels: Sequence[Grey]) -> list[Grey]:
+    """Levels of a pyramid; TypeError where compiled kernels take them for none."""
+    if not isinstance(levels, (list, tuple)):
+        raise TypeError(f"levels are a list of images, not {type(levels).__name__}")
+    if any(not isinstance(i, np.ndarray) or i.ndim != 2 or i.dtype.kind not in "fiub" for i in levels):
+        raise TypeError("a level of a pyramid is an array of bytes of shape (H, W)")
+    with np.errstate(invalid="ignore"):
+        return [np.asarray(image, dtype=np.uint8) for image in levels]
 
 
 def _cut_target_patches(target: Target, pyramid: Pyramid, G: Floats, places: Floats, stride: float) -> Patches:
