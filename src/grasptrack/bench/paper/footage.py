@@ -26,11 +26,12 @@ from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.tracking.initialization import count_describing_strategies
 from grasptrack.tracking.strategies import Snakes
-from grasptrack.transfer import rrp
 from grasptrack.typing import Floats
 
-Motion = Literal["4 DoF", "6 DoF"]
-MOTIONS: tuple[Motion, ...] = ("4 DoF", "6 DoF")
+Motion = Literal["4 DoF", "6 DoF", "approach"]
+MOTIONS: tuple[Motion, ...] = ("4 DoF", "6 DoF", "approach")
+IN_IMAGES: tuple[Motion, ...] = ("4 DoF", "6 DoF")
+"""Motions that keep the whole object in an image of 640x480."""
 
 OBJECTS = ("bracket", "spanner", "notched-plate")
 """A bracket, a tool and a plate: distinct axes, at least four corners, no symmetry."""
@@ -44,6 +45,8 @@ DISTANCE = 5.4
 """Camera to table in roots of the object's area: the root of the area is then some 130 px."""
 TILT = math.radians(20.0)
 """Largest tilt of the trajectory of 6 DoF."""
+APPROACH = 2.5
+"""The object's scale at the end of the approach over that at its beginning."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +56,14 @@ class Part:
     Attributes:
         name: of its shape.
         shape: its polygons.
+        curves: (N, 2) px each, the exact polygons in the first view, outer first.
         reference: contours of about `POINTS` points in the first view, px.
         contacts: (2, 2) px, the best grasp that all strategies can describe.
     """
 
     name: str
     shape: Shape
+    curves: tuple[Floats, ...]
     reference: View
     contacts: Floats
 
@@ -72,16 +77,19 @@ def camera_trajectory(motion: Motion, frames: int, seed: int) -> Path:
     """The path of the camera. Both motions share the first frame, which is frontal.
 
     Args:
-        motion: "4 DoF" (the image moves by similarities) or "6 DoF" (the camera tilts as well).
+        motion: "4 DoF" (the image moves by similarities), "6 DoF" (the camera tilts as well) or "approach" (4 DoF, the
+            distance falling evenly to 1 / `APPROACH`).
         frames: the first so many frames of the path.
         seed: of the path.
     """
     whole = max(frames, FRAMES)
     turn, zoom, reach = math.radians(60.0), 0.12, 0.2
-    if motion == "4 DoF":
-        path = similarity_path(whole, distance=DISTANCE, reach=reach, zoom=zoom, turn=turn, seed=seed)
-    else:
+    if motion == "6 DoF":
         path = tilting_path(whole, tilt=TILT, distance=DISTANCE, reach=reach, zoom=zoom, turn=turn, seed=seed)
+    else:
+        path = similarity_path(whole, distance=DISTANCE, reach=reach, zoom=zoom, turn=turn, seed=seed)
+    if motion == "approach":
+        path = replace(path, distance=np.linspace(DISTANCE, DISTANCE / APPROACH, whole))
     cut = {name: getattr(path, name)[:frames] for name in ("target", "distance", "roll", "tilt", "azimuth")}
     return replace(path, **cut)
 
@@ -93,13 +101,35 @@ def path_homographies(path: Path) -> Floats:
     return np.asarray(moved / moved[:, 2:, 2:], dtype=np.float64)
 
 
-def sample_view(polygons: tuple[Floats, ...]) -> View:
-    """Outer contour of `POINTS` points and holes as dense, equal steps along closed polygons (N, 2) px."""
+def sample_view(polygons: tuple[Floats, ...], starts: Floats | None = None) -> View:
+    """Outer contour of `POINTS` points and holes as dense, equal steps along closed polygons (N, 2) px.
+
+    Args:
+        polygons: outer first.
+        starts: (C,) of each contour, in its steps from the polygon's first point; None begins there.
+    """
     lengths = [float(kernels.arc_length(p)[-1]) for p in polygons]
     counts = [max(LEAST_POINTS, round(POINTS * length / lengths[0])) for length in lengths]
     counts[0] = POINTS
-    rings = [kernels.resample(p, count, 0.0) for p, count in zip(polygons, counts, strict=True)]
+    begun = [0.0] * len(polygons) if starts is None else starts.tolist()
+    rings = [
+        kernels.resample(_begun_at(p, start * length / count), count, 0.0)
+        for p, length, count, start in zip(polygons, lengths, counts, begun, strict=True)
+    ]
     return View([Contour.trusted(ring, hole=i > 0) for i, ring in enumerate(rings)])
+
+
+def _begun_at(polygon: Floats, along: float) -> Floats:
+    """The same closed polygon with its first point so many px further along it."""
+    if along == 0.0:
+        return polygon
+    arc = kernels.arc_length(polygon)
+    along %= arc[-1]
+    side = int(np.searchsorted(arc, along, side="right")) - 1
+    share = (along - arc[side]) / (arc[side + 1] - arc[side])
+    after = polygon[(side + 1) % len(polygon)]
+    first = polygon[side] + share * (after - polygon[side])
+    return np.concatenate([first[None], np.roll(polygon, -(side + 1), axis=0)])
 
 
 def make_part(name: str, seed: int) -> Part:
@@ -110,10 +140,11 @@ def make_part(name: str, seed: int) -> Part:
     """
     shape = SHAPES[name]()
     to_image = camera_trajectory("4 DoF", 1, seed).table_to_image(Camera())[0]
-    reference = sample_view(tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons))
+    curves = tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons)
+    reference = sample_view(curves)
     for grasp in synthesize(reference, top=10):
         if count_describing_strategies(grasp, reference) == 2:
-            return Part(name, shape, reference, grasp.contacts)
+            return Part(name, shape, curves, reference, grasp.contacts)
     raise ObservationError(f"no grasp on the {name} that every strategy can describe")
 
 
@@ -123,14 +154,18 @@ Seen = View | str
 
 KINDS: dict[Kind, str] = {
     "corresponding": "each contour is the first one moved by the true homography, point by point, as in Section V",
-    "resampled": "the same curves, sampled again at 300 points from another start; "
+    "resampled": "the true curves, sampled anew at 300 points that begin between the old ones; "
     "RRP on the first contour moved by the similarity that fits best, a perfect tracker of 4 DoF",
-    "pixel chain": "contours are chains of whole pixels at 300 points; RRP on that tracker's samples rounded to whole "
-    "pixels, with whole interp",
+    "pixel chain": "every so many-th pixel of a chain of whole pixels, 300 in all, from its topmost; RRP on that tracker's "
+    "samples rounded to whole pixels; every contact, given or answered, is one of these points",
     "rendered": "contours are found in rendered images of 640x480 with noise: segmented for grasp line and homography, "
     "at about a point to the px, a B-spline snake of 4 DoF for RRP",
 }
 """The ways in which contours come about."""
+
+
+TRACKED = ("rrp", "paper-rrp")
+"""The strategies that work on tracked outlines; the others take what was extracted."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +175,7 @@ class Footage:
     Attributes:
         part: the object.
         kind: how the contours came about, see `KINDS`.
-        motion: "4 DoF" or "6 DoF".
+        motion: of the camera, see `camera_trajectory`.
         H: (F, 3, 3) H_current_reference, exact.
         areas: (F,) px^2 of the object.
         silhouettes: by frame, for grasp line and homography.
@@ -160,11 +195,16 @@ class Footage:
 
     def outlines(self, strategy: str) -> tuple[Seen, ...]:
         """By frame, what a strategy works on."""
-        return self.tracked if strategy == "rrp" else self.silhouettes
+        return self.tracked if strategy in TRACKED else self.silhouettes
 
     def contacts(self, strategy: str) -> Floats:
         """(2, 2) px, the grasp in the first frame as the strategy is given it."""
-        return self.on_tracked if strategy == "rrp" else self.on_silhouette
+        return self.on_tracked if strategy in TRACKED else self.on_silhouette
+
+    @property
+    def quantised(self) -> bool:
+        """Whether contacts can only be points of the contours, as on the paper's chains of pixels."""
+        return self.kind == "pixel chain"
 
     def truth(self, strategy: str, frame: int) -> Floats:
         """(2, 2) px, where that grasp truly is in a frame."""
@@ -180,22 +220,30 @@ def ideal_footage(part: Part, kind: Kind, motion: Motion, frames: int, seed: int
         silhouettes, tracked = exact, exact
     elif kind == "resampled":
         rng = np.random.default_rng((seed, 31))
-        silhouettes = [exact[0], *(resample_view(view, rng) for view in exact[1:])]
+        silhouettes = [exact[0], *(resample_view(moved_curves(part, h), rng) for h in H[1:])]
         tracked = in_four_dof(part.reference, H)
     elif kind == "pixel chain":
-        silhouettes = [pixel_chain_view(view) for view in exact]
+        silhouettes = [pixel_chain_view(moved_curves(part, h)) for h in H]
         tracked = [round_to_pixels(view) for view in in_four_dof(part.reference, H)]
-        contacts = Grasp(part.contacts).snapped(silhouettes[0]).contacts, nearest_points(part.contacts, tracked[0])
+        contacts = nearest_points(part.contacts, silhouettes[0]), nearest_points(part.contacts, tracked[0])
     else:
         raise ValueError(f'"{kind}" contours are not made without images')
-    contacts = contacts[0], on_grid(contacts[1], tracked[0])
     areas = np.array([sum(c.signed_area for c in view.contours) for view in exact])
     return Footage(part, kind, motion, H, areas, tuple(silhouettes), tuple(tracked), *contacts)
 
 
-def resample_view(view: View, rng: np.random.Generator) -> View:
-    """The same curves at as many points, in equal steps, from another start."""
-    return sample_view(tuple(np.roll(c.points, -int(rng.integers(len(c))), axis=0) for c in view.contours))
+def moved_curves(part: Part, H: Floats) -> tuple[Floats, ...]:
+    """(N, 2) px each, the exact polygons of an object in the view to which H (3, 3) leads from the first."""
+    return tuple(apply_homography(H, curve) for curve in part.curves)
+
+
+def resample_view(polygons: tuple[Floats, ...], rng: np.random.Generator) -> View:
+    """Curves (N, 2) px at the usual number of points, in equal steps, from anywhere within the first step.
+
+    What is sampled is the curve and not the contour of another view: neither knows where the other's points were. It begins
+    near the other's beginning, as the paper's window about an index needs it; our own strategies do not.
+    """
+    return sample_view(polygons, rng.random(len(polygons)))
 
 
 def in_four_dof(reference: View, H: Floats) -> list[View]:
@@ -204,22 +252,28 @@ def in_four_dof(reference: View, H: Floats) -> list[View]:
     return [reference.transformed(space.homography(space.state(h))) for h in H]
 
 
-def pixel_chain_view(view: View) -> View:
-    """Contours as a binary image shows them: chains of its pixels, thinned to the usual number of points."""
-    camera = Camera()
-    inside = inside_mask([c.points for c in view.contours], camera.width, camera.height)
+def pixel_chain_view(polygons: tuple[Floats, ...]) -> View:
+    """Curves (N, 2) px as a binary image shows them: so many of its pixels, as evenly as whole ones can be taken.
+
+    The image is as large as it has to be; each chain begins at its topmost pixel, as it is found row by row.
+    """
+    corner = np.floor(polygons[0].min(axis=0)) - 2.0
+    width, height = (np.ceil(polygons[0].max(axis=0)) + 3.0 - corner).astype(int).tolist()
+    inside = inside_mask([p - corner for p in polygons], width, height)
     shape = trace_silhouettes(inside.astype(np.uint8), 30.0)[0]
-    return sample_view(tuple(np.asarray(c, dtype=np.float64) for c in (shape.outer, *shape.holes)))
+    share = min(1.0, POINTS / len(shape.outer))
+    rings = [(POINTS, shape.outer), *((round(share * len(hole)), hole) for hole in shape.holes)]
+    contours = []
+    for i, (count, chain) in enumerate(rings):
+        taken = min(len(chain), max(LEAST_POINTS, count))
+        pixels = chain[np.arange(taken) * len(chain) // taken]
+        contours.append(Contour.trusted(np.asarray(pixels, dtype=np.float64) + corner, hole=i > 0))
+    return View(contours)
 
 
 def round_to_pixels(view: View) -> View:
     """Every point at the middle of its pixel."""
     return View([Contour.trusted(np.rint(c.points), hole=c.hole) for c in view.contours])
-
-
-def on_grid(contacts: Floats, view: View) -> Floats:
-    """(k, 2) px, contacts where their RRP coordinates put them: within 2^-32 of a side of where they were given."""
-    return rrp.apply(rrp.describe(Grasp(contacts), view), view).grasp.contacts
 
 
 def nearest_points(contacts: Floats, view: View) -> Floats:
@@ -292,7 +346,7 @@ def observe_scene(
                 template = carried.view.transformed(back)
         after()
     start: Seen = template if template is not None else "the snake followed no image"
-    on_tracked = grasp.contacts if template is None else on_grid(grasp.contacts, template)
+    on_tracked = grasp.contacts if template is None else grasp.snapped(template).contacts
     H = np.array([scene.homography(i) for i in range(frames)])
     seen = tuple(silhouettes), (start, *tracked), grasp.contacts, on_tracked
     return Footage(part, "rendered", motion, H, np.array(areas), *seen), kept
