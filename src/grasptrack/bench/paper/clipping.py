@@ -57,7 +57,7 @@ def clipped_footage(part: Part, seed: int) -> Footage | None:
                 break
             views.append(view)
         else:
-            areas = np.array([Contour.trusted(c).area for c in curves])
+            areas = np.array([kernels.polygon_moments(c, np.array([0, len(c)])).area for c in curves])
             seen: tuple[Seen, ...] = tuple(views)
             return Footage(part, "resampled", "6 DoF", H, areas, seen, seen, part.contacts, part.contacts)
     return None

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.bench.paper.extraction import ExtractedOutlines
 from grasptrack.bench.simulation import SHAPES, Camera, Path, Scene, Shape, similarity_path, tilting_path
 from grasptrack.bench.simulation.render import inside_mask
 from grasptrack.errors import ObservationError, TransferError
@@ -18,10 +19,7 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.segmentation.first_look import segment_object
-from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.tracking.initialization import count_describing_strategies
@@ -156,8 +154,8 @@ KINDS: dict[Kind, str] = {
     "corresponding": "each contour is the first one moved by the true homography, point by point, as in Section V",
     "resampled": "the true curves, sampled anew at 300 points that begin between the old ones; "
     "RRP on the first contour moved by the similarity that fits best, a perfect tracker of 4 DoF",
-    "pixel chain": "every so many-th pixel of a chain of whole pixels, 300 in all, from its topmost; RRP on that tracker's "
-    "samples rounded to whole pixels; every contact, given or answered, is one of these points",
+    "pixel chain": "every so many-th pixel of a chain of whole pixels, 300 in all, from the one nearest to where the last "
+    "chain began; RRP on that tracker's samples rounded to whole pixels; every contact, given or answered, is one of these",
     "rendered": "contours are found in rendered images of 640x480 with noise: segmented for grasp line and homography, "
     "at about a point to the px, a B-spline snake of 4 DoF for RRP",
 }
@@ -223,7 +221,9 @@ def ideal_footage(part: Part, kind: Kind, motion: Motion, frames: int, seed: int
         silhouettes = [exact[0], *(resample_view(moved_curves(part, h), rng) for h in H[1:])]
         tracked = in_four_dof(part.reference, H)
     elif kind == "pixel chain":
-        silhouettes = [pixel_chain_view(moved_curves(part, h)) for h in H]
+        silhouettes = [pixel_chain_view(moved_curves(part, H[0]))]
+        for h in H[1:]:
+            silhouettes.append(pixel_chain_view(moved_curves(part, h), silhouettes[-1].outer.points[0]))
         tracked = [round_to_pixels(view) for view in in_four_dof(part.reference, H)]
         contacts = nearest_points(part.contacts, silhouettes[0]), nearest_points(part.contacts, tracked[0])
     else:
@@ -252,10 +252,13 @@ def in_four_dof(reference: View, H: Floats) -> list[View]:
     return [reference.transformed(space.homography(space.state(h))) for h in H]
 
 
-def pixel_chain_view(polygons: tuple[Floats, ...]) -> View:
-    """Curves (N, 2) px as a binary image shows them: so many of its pixels, as evenly as whole ones can be taken.
+def pixel_chain_view(polygons: tuple[Floats, ...], begun: Floats | None = None) -> View:
+    """Curves as a binary image shows them: so many of its pixels, as evenly as whole ones can be taken.
 
-    The image is as large as it has to be; each chain begins at its topmost pixel, as it is found row by row.
+    Args:
+        polygons: (N, 2) px each, outer first; the image is as large as it has to be.
+        begun: (2,) px, where the last image's outer chain began: this one begins at its pixel nearest to it, which the
+            paper's window about an index needs. None begins at the topmost pixel.
     """
     corner = np.floor(polygons[0].min(axis=0)) - 2.0
     width, height = (np.ceil(polygons[0].max(axis=0)) + 3.0 - corner).astype(int).tolist()
@@ -265,10 +268,17 @@ def pixel_chain_view(polygons: tuple[Floats, ...]) -> View:
     rings = [(POINTS, shape.outer), *((round(share * len(hole)), hole) for hole in shape.holes)]
     contours = []
     for i, (count, chain) in enumerate(rings):
+        if i == 0 and begun is not None:
+            chain = begin_near(chain, begun - corner)
         taken = min(len(chain), max(LEAST_POINTS, count))
         pixels = chain[np.arange(taken) * len(chain) // taken]
         contours.append(Contour.trusted(np.asarray(pixels, dtype=np.float64) + corner, hole=i > 0))
     return View(contours)
+
+
+def begin_near(points: Floats, place: Floats) -> Floats:
+    """The same closed curve (N, 2) with its point nearest to a place (2,) first."""
+    return np.roll(points, -int(np.hypot(*(points - place).T).argmin()), axis=0)
 
 
 def round_to_pixels(view: View) -> View:
@@ -305,21 +315,15 @@ def rendered_footage(
 def observe_scene(
     part: Part, motion: Motion, scene: Scene, after: Callable[[], None] = lambda: None
 ) -> tuple[Footage, list[Grey]]:
-    """As `rendered_footage`, of any scene of the object that begins as the trajectories do.
-
-    Each silhouette is looked for round the last one, and in the whole image where it is not found there. No outline
-    is judged: the plain strategies of the paper take what they are given.
-    """
+    """As `rendered_footage`, of any scene of the object that begins as the trajectories do."""
     frames = len(scene)
     first = scene[0]
-    observer = OutlineDetector()
-    observer.look(first.image)
-    candidate = observer.first(Hints())[0]
-    grey = observer.choose(candidate)
-    last = candidate.view
-    grasp = Grasp(part.contacts).snapped(last)
-    snake = Snakes(grasp, last, grey)
-    silhouettes: list[Seen] = [last]
+    extracted = ExtractedOutlines()
+    candidate = extracted.candidates(first.image)[0]
+    grey = extracted.choose(candidate)
+    grasp = Grasp(part.contacts).snapped(candidate.view)
+    snake = Snakes(grasp, candidate.view, grey)
+    silhouettes: list[Seen] = [candidate.view]
     tracked: list[Seen] = []
     template: View | None = None
     kept: list[Grey] = [first.image]
@@ -330,10 +334,7 @@ def observe_scene(
         areas.append(frame.area)
         if index == middle_frame(frames):
             kept.append(frame.image)
-        grey = observer.look(frame.image)
-        found = _find_silhouette(observer, grey, frame.image, last)
-        if isinstance(found, View):
-            last = found
+        grey, found = extracted.next(frame.image)
         silhouettes.append(found)
         try:
             carried = snake.carry(grey, None, None)
@@ -355,16 +356,3 @@ def observe_scene(
 def middle_frame(frames: int) -> int:
     """The frame of the reference error: 50 of 100."""
     return frames // 2
-
-
-def _find_silhouette(observer: OutlineDetector, grey: Grey, image: Grey, last: View) -> Seen:
-    """The outline near the last one, or else what stands out in the image; or why there is none."""
-    centres = np.array([c.points.mean(axis=0) for c in last.contours[1:]]).reshape(-1, 2)
-    view = next(observer.near(grey, last.outer.points, centres), None)
-    if view is not None:
-        observer.believe(view)
-        return view
-    try:
-        return segment_object(image)
-    except ObservationError as error:
-        return str(error)
