@@ -210,8 +210,8 @@ def test_table_five_lays_open_what_the_strategy_does(name, kind):
     np.testing.assert_array_equal(found.refined, moved)
     assert Grasp(found.refined).on(View(found.second.contours))[:, 2].max() < 1e-6
     rows = table_five([found]).rows
-    assert [r[1] for r in rows][-4:] == ["H p_g1", "H p_g2", "refined p'_g1", "refined p'_g2"]
-    off = [row[4] for row in rows[-2:]]
+    assert [r[2] for r in rows][-4:] == ["H p_g1", "H p_g2", "refined p'_g1", "refined p'_g2"]
+    off = [row[5] for row in rows[-2:]]
     assert one.quantised or max(off) == pytest.approx(
         transfer_and_measure(one, "homography", "first view").errors[-1].maximum_px
     )

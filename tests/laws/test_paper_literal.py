@@ -120,7 +120,7 @@ def test_eq_3_is_the_sum_of_the_text(seed, kappa):
     n, m = 100, round(100 * kappa)
     v1, v2 = rng.normal(size=n), rng.normal(size=m)
     samples = [3, 41, 98]
-    found = match_by_samples(v1, samples, v2, m / n * np.array(samples), m / n)
+    found, errors = match_by_samples(v1, samples, v2, m / n * np.array(samples), m / n)
     radius, reach, k = round(NEIGHBOURHOOD * n), round(SEARCH * n), m / n
 
     def value(x):
@@ -128,11 +128,11 @@ def test_eq_3_is_the_sum_of_the_text(seed, kappa):
         share = x - low
         return (1.0 - share) * v2[low % m] + share * v2[(low + 1) % m]
 
-    for i, j in zip(samples, found, strict=True):
+    for i, j, error in zip(samples, found, errors, strict=True):
         window = [j_ for j_ in range(-m, 2 * m) if k * i - k * reach <= j_ <= k * i + k * reach]
         sums = [sum(abs(v1[(i + d) % n] - value(j_ + k * d)) for d in range(-radius, radius + 1)) for j_ in window]
         assert j == window[int(np.argmin(sums))] % m
-        assert j == int(j)
+        assert j == int(j) and error == pytest.approx(min(sums))
 
 
 @pytest.mark.parametrize("name", OBJECTS)

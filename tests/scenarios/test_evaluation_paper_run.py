@@ -66,8 +66,10 @@ def test_every_table_is_there_and_every_cell_is_filled_or_explained(run):
 
 def test_the_coordinates_of_tables_three_and_four_are_those_that_a_transfer_keeps(run):
     tables = {t.number: t for t in run[0].tables}
-    for number, column in (("III", 4), ("IV", 5)):
-        rows = tables[number].rows
+    for number, column in (("III", 5), ("IV", 6)):
+        letter = [row for row in tables[number].rows if row[2] == "to the letter"]
+        rows = [row for row in tables[number].rows if row[2] != "to the letter"]
+        assert len(letter) == sum(row[2] == "ours" for row in rows)
         for kind, name in {row[:2] for row in rows if row[0] != "paper"}:
             before, _, after, _ = (row[column] for row in rows if row[:2] == (kind, name))
             if number == "III":
@@ -76,7 +78,7 @@ def test_the_coordinates_of_tables_three_and_four_are_those_that_a_transfer_keep
                 d, e = (np.array([float(v.strip("()°")) for v in text.split(", ")]) for text in (before, after))
                 assert abs(d[1] - e[1]) < 0.1
                 np.testing.assert_allclose(d[[0, 2, 3]], e[[0, 2, 3]], atol=2e-4)
-            assert all(row[6] < 0.3 for row in rows if row[:2] == (kind, name) and row[6] is not None)
+            assert all(row[7] < 0.3 for row in rows if row[:2] == (kind, name) and row[7] is not None)
 
 
 def test_each_strategy_refuses_or_fails_where_what_it_needs_is_missing(run):

@@ -134,12 +134,12 @@ def ablation_tables(runs: Sequence[Run]) -> list[Table]:
         rows.append((*key, *summarize(here)))
     refined = []
     fig11 = [r for r in runs if r.experiment == "refinement"]
-    for key in dict.fromkeys((r.motion, r.contours, r.strategy) for r in fig11):
-        here = [r for r in fig11 if (r.motion, r.contours, r.strategy) == key]
+    for pair in dict.fromkeys((r.motion, r.contours, r.strategy) for r in fig11):
+        here = [r for r in fig11 if (r.motion, r.contours, r.strategy) == pair]
         asked = sum(r.asked for r in here)
         gain = [r.mean_px for r in here if r.mean_px is not None]
         share = 100.0 * sum(r.answered for r in here) / asked if asked else None
-        refined.append((*key, asked, share, float(np.median(gain)) if gain else None))
+        refined.append((*pair, asked, share, float(np.median(gain)) if gain else None))
     counts = f"{len({r.shape for r in mine})} shapes, {len({r.seed for r in mine})} seeds."
     return [
         Table(

@@ -268,11 +268,11 @@ def pixel_chain_view(polygons: tuple[Floats, ...], begun: Floats | None = None) 
     rings = [(POINTS, shape.outer), *((round(share * len(hole)), hole) for hole in shape.holes)]
     contours = []
     for i, (count, chain) in enumerate(rings):
+        points = np.asarray(chain, dtype=np.float64) + corner
         if i == 0 and begun is not None:
-            chain = begin_near(chain, begun - corner)
-        taken = min(len(chain), max(LEAST_POINTS, count))
-        pixels = chain[np.arange(taken) * len(chain) // taken]
-        contours.append(Contour.trusted(np.asarray(pixels, dtype=np.float64) + corner, hole=i > 0))
+            points = begin_near(points, begun)
+        taken = min(len(points), max(LEAST_POINTS, count))
+        contours.append(Contour.trusted(points[np.arange(taken) * len(points) // taken], hole=i > 0))
     return View(contours)
 
 

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from grasptrack import kernels
-from grasptrack.errors import ConditioningError, CrossingError, PeaksError, StrategyError
+from grasptrack.errors import AmbiguousError, ConditioningError, CrossingError, PeaksError, StrategyError
 from grasptrack.geometry.contours import Contour, Outline
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.transfer import TransferStrategy
 from grasptrack.transfer import homography as ours
-from grasptrack.transfer.alignment import choose_alignment, find_alignments
+from grasptrack.transfer.alignment import find_alignments
 from grasptrack.transfer.base import Transfer
 from grasptrack.transfer.rrp import INTERPOLATED
 from grasptrack.typing import Floats, Ints
@@ -190,7 +190,7 @@ class LiteralHomography:
         """The four steps of Fig. 9.
 
         Raises:
-            AmbiguousError: with `aligned`: several alignments fit alike.
+            AmbiguousError: with `aligned`: every turn fits alike.
             ConditioningError: the correspondences give no homography.
             CrossingError: the line does not meet the outline twice.
         """
@@ -218,19 +218,26 @@ class LiteralHomography:
         Raises:
             AmbiguousError, ConditioningError: see `apply`.
         """
-        first = description.outline
-        kappa = len(current) / len(first)
-        v = self._curvature(current)
-        centres = self._centres(description, current, kappa, prior)
-        there = match_by_samples(description.curvature, description.samples, v, centres, kappa, self.between)
-        points = np.column_stack([np.interp(there, np.arange(len(v) + 1), c) for c in _closed(current.points).T])
+        _, there, _ = self.matches(description, current, prior)
+        points = np.column_stack([np.interp(there, np.arange(len(current) + 1), c) for c in _closed(current.points).T])
         try:
-            H = kernels.fit_homography(first.points, description.samples, points, [0, 1, 2, 3]).H
+            H = kernels.fit_homography(description.outline.points, description.samples, points, [0, 1, 2, 3]).H
         except ValueError:
             raise ConditioningError("the four correspondences give no homography") from None
         if not np.isfinite(H).all():
             raise ConditioningError("the four correspondences give no homography")
         return H
+
+    def matches(self, description: Peaks, current: Contour, prior: Floats | None) -> tuple[Floats, Floats, Floats]:
+        """(N,) the current contour's curvature, (4,) places in it that match the samples, (4,) the errors of eq. (3).
+
+        Raises:
+            AmbiguousError: see `apply`.
+        """
+        kappa = len(current) / len(description.outline)
+        v = self._curvature(current)
+        centres = self._centres(description, current, kappa, prior)
+        return v, *match_by_samples(description.curvature, description.samples, v, centres, kappa, self.between)
 
     def _curvature(self, contour: Contour) -> Floats:
         """(N,) in 1/px, or times the contour's length."""
@@ -245,7 +252,11 @@ class LiteralHomography:
         if prior is not None:
             ahead = apply_homography(prior, first.points[samples])
             return np.asarray(kernels.project_to_contour(current.points, current.offsets, ahead)[:, 1])
-        shift = choose_alignment(find_alignments(first, current)).shift
+        # of several that fit alike the one that turns least, as between consecutive frames
+        ways = find_alignments(first, current)
+        if not ways:
+            raise AmbiguousError("the outline fits itself in every turn: nothing tells how far it turned")
+        shift = min(ways, key=lambda a: abs(math.sin(0.5 * a.angle))).shift
         there = np.mod(first.arc_length[samples] / first.length + shift, 1.0) * current.length
         return np.asarray(np.interp(there, current.arc_length, np.arange(len(current) + 1.0)))
 
@@ -256,7 +267,7 @@ FINENESS = 16
 
 def match_by_samples(
     v1: Floats, samples: list[int], v2: Floats, centres: Floats, kappa: float, between: bool = False
-) -> Floats:
+) -> tuple[Floats, Floats]:
     """Eq. (3) as it is written, all lengths in samples.
 
     Args:
@@ -267,28 +278,30 @@ def match_by_samples(
         between: refine the least error to fractions of a sample.
 
     Returns:
-        (len(samples),) places j in the second contour, in [0, N').
+        (len(samples),) places j in the second contour, in [0, N'), and the least errors.
     """
     radius, reach = round(ours.NEIGHBOURHOOD * len(v1)), round(ours.SEARCH * len(v1))
     k = np.arange(-radius, radius + 1)
     closed = np.append(v2, v2[0])
     n = len(v2)
 
-    def errors(i: int, places: Floats) -> Floats:
+    def errors_at(i: int, places: Floats) -> Floats:
         at = np.mod(places[:, None] + kappa * k, n)
         low = at.astype(np.int64)
         found = closed[low] + (at - low) * (closed[low + 1] - closed[low])
         return np.asarray(np.abs(v1[(i + k) % len(v1)] - found).sum(axis=1))
 
-    matched = np.empty(len(samples))
+    matched, least = np.empty(len(samples)), np.empty(len(samples))
     for row, (i, centre) in enumerate(zip(samples, centres.tolist(), strict=True)):
         window = np.arange(math.ceil(centre - kappa * reach), math.floor(centre + kappa * reach) + 1, dtype=np.float64)
-        best = window[int(np.argmin(errors(i, window)))]
+        errors = errors_at(i, window)
+        best = window[int(np.argmin(errors))]
         if between:
-            fine = best + np.arange(-FINENESS, FINENESS + 1) / FINENESS
-            best = fine[int(np.argmin(errors(i, fine)))]
-        matched[row] = best % n
-    return matched
+            window = best + np.arange(-FINENESS, FINENESS + 1) / FINENESS
+            errors = errors_at(i, window)
+            best = window[int(np.argmin(errors))]
+        matched[row], least[row] = best % n, errors.min()
+    return matched, least
 
 
 def _closed(points: Floats) -> Floats:

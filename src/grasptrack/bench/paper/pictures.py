@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack import kernels
-from grasptrack.bench.paper.correspondences import Correspondences
+from grasptrack.bench.paper.correspondences import Correspondences, RefusedPair
 from grasptrack.bench.paper.footage import Footage
 from grasptrack.bench.paper.transfers import Refused
 from grasptrack.geometry.contours import View
@@ -28,7 +28,7 @@ Images = Mapping[tuple[str, str], list[NDArray[np.uint8]]]
 def table_pictures(
     examples: Sequence[Footage],
     tilted: Sequence[Footage],
-    found: Sequence[Correspondences | tuple[str, str]],
+    found: Sequence[Correspondences | RefusedPair],
     images: Images,
     frame: int,
 ) -> Iterator[Picture]:

@@ -11,7 +11,14 @@ from grasptrack.bench.metrics.errors import ErrorMeasure
 from grasptrack.bench.paper import contexts
 from grasptrack.bench.paper.ablation import ablation_tables
 from grasptrack.bench.paper.contexts import table_of_contexts
-from grasptrack.bench.paper.correspondences import Correspondences, find_correspondences, table_five, table_two
+from grasptrack.bench.paper.correspondences import (
+    Correspondences,
+    RefusedPair,
+    find_correspondences,
+    find_literal_correspondences,
+    table_five,
+    table_two,
+)
 from grasptrack.bench.paper.descriptions import table_four, table_one, table_three
 from grasptrack.bench.paper.error_tables import at_a_glance, table_seven, table_six
 from grasptrack.bench.paper.footage import (
@@ -153,14 +160,16 @@ def run_paper(
     returns = [transfer_and_return(f, strategy, half) for f in footage for strategy in COMPARED]
     examples = [f for f in footage if f.motion == "4 DoF" and f.kind in ("resampled", "rendered")]
     tilted = [f for f in footage if f.motion == "6 DoF" and f.kind == "rendered"]
-    found = [_name_if_refused(f, find_correspondences(f, half)) for f in tilted]
+    found = [_name_if_refused(f, "ours", find_correspondences(f, half)) for f in tilted]
+    letter = [_name_if_refused(f, "to the letter", find_literal_correspondences(f, half)) for f in tilted]
+    both = [pair for pairs in zip(found, letter, strict=True) for pair in pairs]
     scenes = _Ticker(progress, "contexts", 2 * contexts.FRAMES_ON_IMAGES)
     tables = [
         table_one(parts),
-        table_two(found),
+        table_two(both),
         table_three(examples, half),
         table_four(examples, half),
-        table_five(found),
+        table_five(both),
         *_tables_six(returns),
         at_a_glance(courses),
         *_tables_seven(courses, half),
@@ -225,8 +234,8 @@ def _tables_seven(courses: Sequence[Course], half: int) -> list[Table]:
     return [table_seven(number, group, half) for number, group in enumerate(groups.values(), start=1)]
 
 
-def _name_if_refused(footage: Footage, found: Correspondences | str) -> Correspondences | tuple[str, str]:
-    return (footage.part.name, found) if isinstance(found, str) else found
+def _name_if_refused(footage: Footage, transfer: str, found: Correspondences | str) -> Correspondences | RefusedPair:
+    return (footage.part.name, transfer, found) if isinstance(found, str) else found
 
 
 def _population(

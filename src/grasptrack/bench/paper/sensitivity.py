@@ -12,18 +12,8 @@ from grasptrack.bench.paper.transfers import transfer_and_measure
 from grasptrack.bench.report.table import Table
 from grasptrack.transfer import homography
 
-CONSTANTS = (
-    "SMOOTHING",
-    "SEPARATION",
-    "PROMINENCE",
-    "MIN_TRIANGLE",
-    "SEARCH",
-    "RADIUS",
-    "NEIGHBOURHOOD",
-    "MAX_ERROR",
-    "MAX_REFINEMENT",
-)
-"""Of `transfer.homography`."""
+CONSTANTS = tuple(name for name, value in vars(homography).items() if name.isupper() and isinstance(value, int | float))
+"""All numbers of `transfer.homography`, in the order of the file."""
 FACTORS = (0.5, 0.71, 1.0, 1.41, 2.0)
 """By which each is multiplied."""
 
