@@ -84,7 +84,7 @@ class Setting:
         )
 
 
-SUMMARY = ("median px", "95 % interval", "worst px", "median % of opening", "answered %", "off %")
+SUMMARY = ("median px", "95 % from", "95 % to", "worst px", "median % of opening", "answered %", "off %")
 """Heads of what `summarize` gives."""
 SUMMARY_NOTES = (
     "Median over the runs of their mean error (SE, e_av), with its 95 % interval: shapes drawn anew with replacement, since "
@@ -101,12 +101,13 @@ def summarize(runs: Iterable[Run]) -> list[Cell]:
     known = [r for r in listed if r.mean_px is not None]
     share = 100.0 * answered / asked if asked else None
     if not known:
-        return ["refused", "", "refused", "refused", share, None]
+        return [*["refused"] * 5, share, None]
     values = np.array([r.mean_px for r in known], dtype=np.float64)
     middle, low, high = median_interval(values, [r.shape for r in known])
     return [
         middle,
-        f"{low:.3g} to {high:.3g}",
+        low,
+        high,
         max(r.worst_px for r in known if r.worst_px is not None),
         float(np.median([r.mean_percent for r in known if r.mean_percent is not None])),
         share,
