@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from statistics import NormalDist
 
 import numpy as np
@@ -77,3 +77,24 @@ def critical_value(comparisons: int, units: int, level: float = 0.05) -> float:
 def bootstrap_counts(units: int, draws: int, seed: int) -> Floats:
     """(draws, units) how often each unit is taken as so many are drawn with replacement."""
     return np.random.default_rng(seed).multinomial(units, np.full(units, 1.0 / max(1, units)), draws).astype(np.float64)
+
+
+def median_interval(
+    values: Floats, units: Sequence[object], draws: int = 1000, seed: int = 0
+) -> tuple[float, float, float]:
+    """Median of values and its 95 % interval, by drawing whole units anew (bootstrap of clusters).
+
+    Args:
+        values: (n,), n > 0.
+        units: (n,) which unit each value belongs to: values of one unit are not independent of each other.
+        draws: of the bootstrap.
+        seed: of the draws.
+    """
+    names = list(dict.fromkeys(units))
+    unit = np.array([names.index(u) for u in units])
+    order = np.argsort(values, kind="stable")
+    weights = bootstrap_counts(len(names), draws, seed)[:, unit[order]]
+    below = np.cumsum(weights, axis=1)
+    drawn = values[order][(below >= 0.5 * below[:, -1:]).argmax(axis=1)]
+    low, high = np.percentile(drawn, [2.5, 97.5], method="nearest").tolist()
+    return float(np.median(values)), low, high

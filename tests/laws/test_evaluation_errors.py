@@ -14,7 +14,6 @@ from grasptrack.bench.metrics.errors import (
     contact_distances,
     error_measure,
     reference_error,
-    reversibility_error,
     sequence_error,
 )
 
@@ -47,14 +46,6 @@ def test_per_cent_of_the_opening_is_invariant_and_the_papers_unit_is_not(scale: 
     assert after.average_percent == pytest.approx(before.average_percent)
     assert after.maximum_percent == pytest.approx(before.maximum_percent)
     assert after.e_av == pytest.approx(before.e_av / scale)
-
-
-def test_reversibility_is_zero_for_a_map_and_its_inverse() -> None:
-    shift = np.array([7.0, -2.0])
-    measure = reversibility_error(TRUTH, lambda p: p * 2.0 + shift, lambda p: (p - shift) / 2.0, 4000.0)
-    assert measure.maximum_px == 0.0
-    drifted = reversibility_error(TRUTH, lambda p: p + shift, lambda p: p - shift + [0.0, 1.0], 4000.0)
-    assert drifted.average_px == pytest.approx(1.0)
 
 
 def test_sequence_error_is_the_mean_of_averages_and_the_largest_maximum() -> None:

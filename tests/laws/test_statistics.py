@@ -15,6 +15,7 @@ from grasptrack.statistics import (
     bootstrap_counts,
     critical_value,
     mcnemar_probability,
+    median_interval,
     robust_sd,
     student_quantile,
     upper_bound,
@@ -78,3 +79,27 @@ def test_draws_with_replacement_take_as_many_as_there_are() -> None:
     assert taken.shape == (4000, 20) and (taken.sum(axis=1) == 20.0).all()
     assert taken.mean(axis=0) == pytest.approx(np.ones(20), abs=0.08)
     assert taken.var() == pytest.approx(0.95, rel=0.05)
+
+
+def test_the_interval_of_a_median_draws_whole_units() -> None:
+    rng = np.random.default_rng(1)
+    units = np.repeat(np.arange(20), 10)
+    values = rng.normal(size=20)[units] + 0.01 * rng.normal(size=200)
+    middle, low, high = median_interval(values, units.tolist())
+    assert middle == np.median(values) and low < middle < high
+    # as wide as that of 20 values, not of 200
+    alone = median_interval(values[::10], list(range(20)))
+    assert 0.5 < (high - low) / (alone[2] - alone[1]) < 2.0
+    independent = median_interval(values, list(range(200)))
+    assert high - low > 1.5 * (independent[2] - independent[1])
+    assert median_interval(np.array([3.0, 3.0]), ["a", "b"]) == (3.0, 3.0, 3.0)
+    assert median_interval(values, units.tolist()) == (middle, low, high)
+
+
+def test_the_interval_holds_the_true_median_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(2)
+    held = 0
+    for _ in range(200):
+        _, low, high = median_interval(rng.normal(size=41), list(range(41)), draws=200)
+        held += low <= 0.0 <= high
+    assert 0.88 < held / 200 <= 1.0

@@ -28,6 +28,7 @@ PAGES = (
     "evaluation.md",
     "numbers.md",
     "paper-map.md",
+    "paper-tables.md",
     "servo.md",
     "simulation.md",
     "../README.md",

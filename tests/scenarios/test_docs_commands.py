@@ -43,7 +43,7 @@ SHORT: dict[str, dict[str, str]] = {
     "servo": {"--no-video": ""},
     "evaluate scenes": {"--shapes": "bracket", "--disturbances": "clean-4dof", "--frames": "2", "--workers": "1"},
     "evaluate real": {"--workers": "1"},
-    "evaluate paper": {"--frames": "4"},
+    "evaluate paper": {"--quick": "", "--frames": "4", "--seeds": "1", "--workers": "1"},
     "compare": {},
     "models": {},
     "models get": {},

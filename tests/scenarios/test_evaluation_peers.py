@@ -19,7 +19,11 @@ from grasptrack.bench.baselines.direct import MARGIN
 from grasptrack.bench.method import Method, Start
 from grasptrack.bench.metrics.errors import contact_distances
 from grasptrack.bench.simulation import SHAPES, Camera, Conditions, Scene, SceneFrame, similarity_path
+from grasptrack.geometry.contours import Contour
 from grasptrack.geometry.homographies import apply_homography
+from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import analyze
+from grasptrack.kernels import resample
 from grasptrack.segmentation.images import to_grey
 from grasptrack.tracking.result import TrackResult
 
@@ -30,7 +34,7 @@ BOUNDS = {
     "sift": 6.0,
     "otsu": 0.6,
     "visp": 0.1,
-    "paper-rrp": 0.5,
+    "paper-rrp": 2.5,
     "paper-grasp-line": 2.0,
     "paper-homography": 6.0,
 }
@@ -125,7 +129,7 @@ def test_nothing_begins_on_a_blank_image(name: str, level: int) -> None:
     results = run(PEERS[name](Start(start().contacts, (), SIZE)), [blank, images()[0]])
     for index, result in enumerate(results):
         check(result, index)
-    if name in (*FIRST_OF_ALL, "paper-rrp", "visp"):
+    if name in (*FIRST_OF_ALL, "visp") or name.startswith("paper-"):
         assert [r.status for r in results] == ["lost", "lost"]
 
 
@@ -159,6 +163,18 @@ def test_no_image_makes_it_crash(name: str, seed: int, kind: str) -> None:
         check(result, index)
     for index, result in enumerate(run(PEERS[name](start()), [strange, strange])):
         check(result, index)
+
+
+@pytest.mark.parametrize("name", [n for n in HERE if n.startswith("paper-")])
+def test_the_papers_methods_refuse_what_does_not_close_in_the_image(name: str) -> None:
+    """Fig. 3: the transferred grasp is analysed; two contacts at one corner press past each other."""
+    outer = easy()[0].outline[0]
+    corner = Start(np.array([outer[0], outer[len(outer) // 5]]), easy()[0].outline, SIZE)
+    contour = Contour(resample(np.ascontiguousarray(outer), 300, 0.0))
+    assert not analyze(Grasp(corner.contacts), contour).stable
+    results = run(PEERS[name](corner), images())
+    assert results[0].status == "tracked"
+    assert all(r.status == "lost" and "does not close in this image" in r.reason for r in results[1:])
 
 
 # --- the same as the library gives ---------------------------------------------------------------

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,31 +23,47 @@ def paper(
     output: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
     ] = Path("evaluation-paper"),
-    frames: Annotated[int, typer.Option(metavar="N", min=4, help="Frames of the synthetic path.")] = 100,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed of path, light and noise.")] = 0,
+    frames: Annotated[
+        int | None, typer.Option(metavar="N", min=4, help="Frames of the synthetic paths.  [default: 100]")
+    ] = None,
+    seeds: Annotated[int | None, typer.Option(metavar="N", min=1, help="Seeds of every shape.  [default: 10]")] = None,
+    seed: Annotated[
+        int, typer.Option(metavar="S", min=0, help="Random seed of path, light and noise of the three objects.")
+    ] = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Short paths, four shapes, two seeds, where nothing else is asked for.")
+    ] = False,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Recompute Tables I to VII of the paper in the paper's form, next to the printed values where there are any.
 
-    The three objects are not the paper's: orders of magnitude compare, digits do not. Ideal contours and rendered images.
-    Writes tables.txt, tables.md, tables/*.csv, evaluation.json, figures and report.html.
+    Our transfers and the paper's to the letter, on three objects and on every built-in shape with several seeds. The
+    objects are not the paper's: orders of magnitude compare, digits do not. Ideal contours and rendered images. Writes
+    tables.txt, tables.md, tables/*.csv, frames.csv, returns.csv, runs.csv, times.csv, evaluation.json, figures and report.html.
 
     \b
     Examples:
       grasptrack evaluate paper
-      grasptrack evaluate paper --frames 40 --output short
+      grasptrack evaluate paper --quick --output short
     """
-    from grasptrack.bench.paper import run_paper
-    from grasptrack.bench.paper.run import write_paper
+    from grasptrack.bench.paper import QUICK, Extent, run_paper
+    from grasptrack.bench.paper.folder import write_paper
     from grasptrack.bench.report.table import to_text
+    from grasptrack.bench.schedule import create_scheduler as schedule
+
+    whole = QUICK if quick else Extent()
+    extent = replace(whole, frames=frames or whole.frames, seeds=seeds or whole.seeds, seed=seed)
+    work = schedule(scheduler, workers)
 
     def run_and_write(tell: Progress) -> tuple[PaperRun, Path]:
-        run = run_paper(frames=frames, seed=seed, progress=tell)
-        return run, write_paper(output, run, options={"frames": frames, "seed": seed}, command=command_line())
+        run = run_paper(extent, schedule=work, progress=tell)
+        return run, write_paper(output, run, options=asdict(extent), command=command_line())
 
     run, report = with_progress(output, quiet, run_and_write)
     if not quiet:
-        typer.echo("\n".join([*(to_text(table) for table in run.tables), str(report)]))
+        typer.echo("\n".join([*(to_text(table) for table in (*run.tables, run.times)), str(report)]))
 
 
 Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")]

@@ -1,28 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Otsu's silhouettes with the motion that their moments tell, and the paper's three methods as they stand.
+"""Otsu's silhouettes with the motion that their moments tell, and the paper's three methods to the letter.
 
-No evidence is asked of the image, no verdict passed: whatever comes out of a transfer is the answer, and only a view that it
-cannot work on is a loss.
+No evidence is asked of the image, no verdict passed but the paper's own analysis of the transferred grasp.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, NamedTuple
+from abc import abstractmethod
+from typing import ClassVar, NamedTuple
 
 import cv2
 import numpy as np
 
 from grasptrack.bench.baselines.base import NO_CONFIDENCE, Found, LostError, Peer, farthest_contact_distance
 from grasptrack.bench.method import Start
-from grasptrack.errors import TransferError
+from grasptrack.bench.paper.extraction import ExtractedOutlines
+from grasptrack.bench.paper.footage import Seen, begin_near
+from grasptrack.bench.paper.literal import LiteralGraspLine, LiteralHomography, LiteralRRP
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import similarity_transform
 from grasptrack.grasp.contacts import Grasp
+from grasptrack.grasp.force_closure import analyze
+from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.images import Grey
 from grasptrack.segmentation.silhouettes import Silhouette, trace_silhouettes
 from grasptrack.snake.active_contour import Snake
-from grasptrack.transfer import TransferStrategy, rrp, strategy_named
+from grasptrack.transfer.base import Transfer
 from grasptrack.typing import Floats
 
 LEAST = 2e-4
@@ -123,50 +127,91 @@ class Otsu(Peer):
 
 
 class PaperTransfer(Peer):
-    """Grasp line and homography between the Otsu silhouettes of the first image and of each other (Section IV-B, C).
+    """One of the paper's transfers to the letter, then its analysis in the image (Fig. 3), on the tracker's own outlines.
 
-    The outlines are the chains of pixels. Where the border cuts them nothing is said of it: the paper has no such test.
-    The search of eq. (3) is round the last frame's correspondence, and after a loss round that of the lengths.
+    Each image's outline is extracted as the tracker's is, and taken for what it is: nothing asks whether the answer is right.
+    A transferred grasp that does not close in the image is refused, and the last accepted one goes on.
     """
-
-    strategy: ClassVar[str]
-
-    def __init__(self, start: Start) -> None:
-        super().__init__(start)
-        self._find = OtsuSilhouettes(self.contacts)
-        self._strategy: TransferStrategy = strategy_named(self.strategy)
-        self._last: Floats | None = np.eye(3)
 
     def begin(self, image: Grey) -> None:
         """See Peer."""
-        view = outline_of(self._find(image))
-        self._description: Any = self._strategy.describe(Grasp(self.contacts), view)
+        self._extracted = ExtractedOutlines()
+        pointed = self.start.object_at
+        found = self._extracted.candidates(image, Hints(object_at=() if pointed is None else (pointed,)))
+        nearest = min(found, key=lambda candidate: farthest_contact_distance(candidate.view.points, self.contacts))
+        self._learn(nearest.view, self._extracted.choose(nearest))
 
     def follow(self, image: Grey) -> Found:
         """See Peer."""
-        view = outline_of(self._find(image))
-        last, self._last = self._last, None
-        carried = self._strategy.apply(self._description, view, last)
-        self._last = carried.homography
-        return Found(carried.grasp.contacts, carried.homography, NO_CONFIDENCE)
+        grey, view = self._extracted.next(image)
+        moved, view = self._transfer(grey, view)
+        analysis = analyze(moved.grasp, view)
+        if not analysis.stable:
+            raise LostError(f"the transferred grasp does not close in this image: {analysis.reason}")
+        self._accept(moved, view)
+        return Found(moved.grasp.contacts, None, NO_CONFIDENCE)
+
+    @abstractmethod
+    def _learn(self, view: View, grey: Grey) -> None:
+        """The first outline, and the first image (H, W)."""
+
+    @abstractmethod
+    def _transfer(self, grey: Grey, view: Seen) -> tuple[Transfer, View]:
+        """The grasp in an image (H, W) of which this outline was extracted, and the outline that it lies on.
+
+        Raises:
+            LostError: no outline.
+            TransferError: see the strategies.
+        """
+
+    def _accept(self, moved: Transfer, view: View) -> None:
+        """The grasp closes on this outline."""
 
 
 class PaperGraspLine(PaperTransfer):
-    """Grasp-line coordinates; the last frame tells the two directions of I_min apart."""
+    """Grasp-line coordinates of the first image; the last one tells the two directions of I_min apart."""
 
     name: ClassVar[str] = "paper-grasp-line"
-    strategy: ClassVar[str] = "grasp-line"
+
+    def _learn(self, view: View, grey: Grey) -> None:
+        self._strategy = LiteralGraspLine()
+        self._description = self._strategy.describe(Grasp(self.contacts), view)
+        self._last: Floats | None = None
+
+    def _transfer(self, grey: Grey, view: Seen) -> tuple[Transfer, View]:
+        seen = _outline_or_lost(view)
+        return self._strategy.apply(self._description, seen, self._last), seen
+
+    def _accept(self, moved: Transfer, view: View) -> None:
+        self._last = moved.homography
 
 
 class PaperHomography(PaperTransfer):
-    """Homography from four peaks of curvature."""
+    """Homography from the four highest peaks of curvature, from each image to the next: consecutive frames, as the text asks.
+
+    Each outline is begun where it is nearest to where the last one began: a window about an index is of no use without it.
+    """
 
     name: ClassVar[str] = "paper-homography"
-    strategy: ClassVar[str] = "homography"
+
+    def _learn(self, view: View, grey: Grey) -> None:
+        self._strategy = LiteralHomography()
+        self._first_point = view.outer.points[0]
+        self._description = self._strategy.describe(Grasp(self.contacts), view)
+
+    def _transfer(self, grey: Grey, view: Seen) -> tuple[Transfer, View]:
+        found = _outline_or_lost(view)
+        outer = Contour.trusted(begin_near(found.outer.points, self._first_point))
+        seen = View([outer, *found.contours[1:]])
+        return self._strategy.apply(self._description, seen), seen
+
+    def _accept(self, moved: Transfer, view: View) -> None:
+        self._first_point = view.outer.points[0]
+        self._description = self._strategy.describe(moved.grasp, view)
 
 
-class PaperRRP(Peer):
-    """RRP coordinates on a B-spline snake of 4 DoF (Section IV-A), which is laid round the part in the first image.
+class PaperRRP(PaperTransfer):
+    """RRP coordinates in whole numbers on a B-spline snake of 4 DoF (Section IV-A), which is laid round the first outline.
 
     The snake is that of this library with its judgement of itself passed over: its curve is the answer wherever it found
     an edge at all.
@@ -174,47 +219,21 @@ class PaperRRP(Peer):
 
     name: ClassVar[str] = "paper-rrp"
 
-    def begin(self, image: Grey) -> None:
-        """See Peer."""
-        polygons = self.start.outline
-        view = outline_of(OtsuSilhouettes(self.contacts)(image)) if not polygons else view_of(polygons)
-        self._snake = Snake(view, image, "similarity", contacts=self.contacts)
-        self._description = rrp.describe(Grasp(self.contacts), self._snake.template)
+    def _learn(self, view: View, grey: Grey) -> None:
+        self._snake = Snake(view, grey, "similarity", contacts=self.contacts)
+        self._strategy = LiteralRRP()
+        self._description = self._strategy.describe(Grasp(self.contacts), self._snake.template)
 
-    def follow(self, image: Grey) -> Found:
-        """See Peer."""
+    def _transfer(self, grey: Grey, view: Seen) -> tuple[Transfer, View]:
         self._snake.predict()
-        fit = self._snake.update(image)
+        fit = self._snake.update(grey)
         if not np.isfinite(fit.residual):
             raise LostError("no edge near the predicted outline")
-        moved = rrp.apply(self._description, self._snake.view(fit)).grasp
-        return Found(moved.contacts, fit.homography, NO_CONFIDENCE)
+        followed = self._snake.view(fit)
+        return self._strategy.apply(self._description, followed), followed
 
 
-def outline_of(shape: Silhouette) -> View:
-    """The chains of pixels of a silhouette as outlines.
-
-    Raises:
-        TransferError: too few pixels.
-    """
-    if len(shape.outer) < 16:
-        raise TransferError("the silhouette is a speck")
-    return View(
-        [
-            Contour.trusted(shape.outer),
-            *(Contour.trusted(chain, hole=True) for chain in shape.holes if len(chain) >= 16),
-        ]
-    )
-
-
-def view_of(polygons: tuple[Floats, ...]) -> View:
-    """Polygons (N, 2) px, outer first, as outlines with a point at about every px."""
-    return View([Contour(_densify_polygon(p), hole=i > 0) for i, p in enumerate(polygons)])
-
-
-def _densify_polygon(polygon: Floats) -> Floats:
-    """(M, 2) points along a polygon, its vertices among them."""
-    ends = np.roll(polygon, -1, axis=0)
-    counts = np.maximum(1, np.ceil(np.hypot(*(ends - polygon).T)).astype(int))
-    pieces = [a + (b - a) * (np.arange(n) / n)[:, None] for a, b, n in zip(polygon, ends, counts, strict=True)]
-    return np.concatenate(pieces)
+def _outline_or_lost(view: Seen) -> View:
+    if isinstance(view, str):
+        raise LostError(view)
+    return view

@@ -7,7 +7,7 @@ form for printing its tables, px, and per cent of the grasp's opening.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,21 +60,6 @@ def error_measure(contacts: ArrayLike, truth: ArrayLike, area: float) -> ErrorMe
     return ErrorMeasure(
         average, maximum, average / area, maximum / area, 100.0 * average / opening, 100.0 * maximum / opening
     )
-
-
-def reversibility_error(
-    contacts: ArrayLike, there: Callable[[Floats], Floats], back: Callable[[Floats], Floats], area: float
-) -> ErrorMeasure:
-    """R_v E (Section V, 1): transferred and transferred back, measured in the first image.
-
-    Args:
-        contacts: (k, 2) px in the first image.
-        there: carries contacts (k, 2) to the second image.
-        back: carries them back to the first.
-        area: px^2 of the object in the first image.
-    """
-    given = np.asarray(contacts, dtype=np.float64)
-    return error_measure(back(there(given)), given, area)
 
 
 def reference_error(transferred: ArrayLike, truth: ArrayLike, area: float) -> ErrorMeasure:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Section V rerun: Tables I to VII on three objects, ideal contours and rendered images, beside the printed values."""
+"""Section V rerun: the paper's tables, ours and the paper's transfers to the letter, beside the printed values."""
 
-from grasptrack.bench.paper.run import PaperRun, Series, run_paper
+from grasptrack.bench.paper.run import QUICK, Extent, PaperRun, Series, run_paper
 
-__all__ = ["PaperRun", "Series", "run_paper"]
+__all__ = ["QUICK", "Extent", "PaperRun", "Series", "run_paper"]

@@ -11,6 +11,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.bench.paper.footage import Footage
+from grasptrack.bench.paper.literal import LiteralHomography
 from grasptrack.bench.paper.transfers import Refused
 from grasptrack.bench.report.table import Cell, Table
 from grasptrack.geometry.contours import View
@@ -23,6 +24,8 @@ from grasptrack.transfer.alignment import alignments_of_points, choose_alignment
 from grasptrack.typing import Floats
 
 Row = tuple[Cell, ...]
+RefusedPair = tuple[str, str, str]
+"""Object, transfer ("ours" or "to the letter"), reason."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,7 @@ class Correspondences:
 
     Attributes:
         footage, frame: the pair: the first frame and this one.
+        transfer: "ours" or "to the letter".
         first, second: its views.
         curvature: ((N,), (N',)) of both contours, times their lengths.
         samples: ((4,), (4,)) indices of p_i and of the sample nearest to p'_j in eq. (3).
@@ -43,6 +47,7 @@ class Correspondences:
 
     footage: Footage
     frame: int
+    transfer: str
     first: View
     second: View
     curvature: tuple[Floats, Floats]
@@ -77,6 +82,7 @@ def find_correspondences(footage: Footage, frame: int) -> Correspondences | str:
     return Correspondences(
         footage,
         frame,
+        "ours",
         first,
         second,
         (description.curvature, chosen[2]),
@@ -86,6 +92,41 @@ def find_correspondences(footage: Footage, frame: int) -> Correspondences | str:
         moved.homography,
         apply_homography(moved.homography, grasp.contacts),
         moved.grasp.contacts,
+    )
+
+
+def find_literal_correspondences(footage: Footage, frame: int) -> Correspondences | str:
+    """The same of the paper's transfer to the letter."""
+    first, second = footage.silhouettes[0], footage.silhouettes[frame]
+    if not isinstance(first, View) or not isinstance(second, View):
+        return next(o for o in (first, second) if isinstance(o, str))
+    letter = LiteralHomography()
+    grasp = Grasp(footage.on_silhouette)
+    try:
+        description = letter.describe(grasp, first)
+        v, places, errors = letter.matches(description, second.outer, None)
+        H = letter.homography(description, second.outer, None)
+        refined = letter.applied(description, second, H).grasp.contacts
+    except Refused as error:
+        return str(error)
+    applied = apply_homography(H, grasp.contacts)
+    samples = description.samples, places.astype(int).tolist()
+    curvature = tuple(u * c.length for u, c in ((description.curvature, first.outer), (v, second.outer)))
+    scaled = [e * second.outer.length for e in errors.tolist()]
+    one, other = curvature
+    return Correspondences(
+        footage,
+        frame,
+        "to the letter",
+        first,
+        second,
+        (one, other),
+        samples,
+        places.tolist(),
+        scaled,
+        H,
+        applied,
+        refined,
     )
 
 
@@ -115,12 +156,12 @@ def _match_samples(
     return selected, matched, v2
 
 
-def table_two(found: Sequence[Correspondences | tuple[str, str]]) -> Table:
-    """Table II as numbers; of a pair that was refused, (object, reason)."""
+def table_two(found: Sequence[Correspondences | RefusedPair]) -> Table:
+    """Table II as numbers; of a pair that was refused, see `RefusedPair`."""
     rows: list[Row] = []
     for c in found:
         if isinstance(c, tuple):
-            rows.append((c[0], "all", f"refused: {c[1]}", *[None] * 5))
+            rows.append((*c[:2], "all", f"refused: {c[2]}", *[None] * 5))
             continue
         true = apply_homography(c.footage.H[c.frame], c.points[0])
         for k, (i, j) in enumerate(zip(*c.samples, strict=True)):
@@ -128,13 +169,24 @@ def table_two(found: Sequence[Correspondences | tuple[str, str]]) -> Table:
             off = float(np.hypot(*(q - true[k])))
             v, w = float(c.curvature[0][i]), float(c.curvature[1][j])
             rows.append(
-                (c.footage.part.name, f"p_{k + 1}", _format_sample(p, i), v, _format_sample(q, j), w, c.errors[k], off)
+                (
+                    c.footage.part.name,
+                    c.transfer,
+                    f"p_{k + 1}",
+                    _format_sample(p, i),
+                    v,
+                    _format_sample(q, j),
+                    w,
+                    c.errors[k],
+                    off,
+                )
             )
     return Table(
         "II",
         f"Selected points on the first contour and their correspondences, {_pair_description(found)}",
         (
             "object",
+            "transfer",
             "point",
             "first view: (x, y) px, sample",
             "curvature x length",
@@ -147,7 +199,7 @@ def table_two(found: Sequence[Correspondences | tuple[str, str]]) -> Table:
         (
             "The paper shows pictures and prints no numbers here; the pictures of this run are of the same pairs.",
             "Curvature times the contour's length has no unit; a circle has 2 pi throughout. Eq. (3) is the mean over "
-            f"its {2 * homography.RADIUS + 1} values.",
+            f"its {2 * homography.RADIUS + 1} values, to the letter their sum in the same unit.",
             "Off by: from where the true motion takes the selected point. Curvature is matched between two views of "
             "which the second is tilted, and under perspective it is not the same: this is the strategy's own error.",
             *(["-: the pair was refused."] if any(isinstance(c, tuple) for c in found) else []),
@@ -155,32 +207,44 @@ def table_two(found: Sequence[Correspondences | tuple[str, str]]) -> Table:
     )
 
 
-def table_five(found: Sequence[Correspondences | tuple[str, str]]) -> Table:
+def table_five(found: Sequence[Correspondences | RefusedPair]) -> Table:
     """Table V, whose printed values are missing from the text: all steps of the homography transfer."""
     rows: list[Row] = []
     for c in found:
         if isinstance(c, tuple):
-            rows.append((c[0], "all", f"refused: {c[1]}", None, None))
+            rows.append((*c[:2], "all", f"refused: {c[2]}", None, None))
             continue
-        name, H = c.footage.part.name, c.footage.H[c.frame]
+        name, H = (c.footage.part.name, c.transfer), c.footage.H[c.frame]
         true = apply_homography(H, c.points[0])
         for k, (p, q) in enumerate(zip(*c.points, strict=True)):
             rows.append(
-                (name, f"p_{k + 1} and p'_{k + 1}", _format_point(p), _format_point(q), float(np.hypot(*(q - true[k]))))
+                (
+                    *name,
+                    f"p_{k + 1} and p'_{k + 1}",
+                    _format_point(p),
+                    _format_point(q),
+                    float(np.hypot(*(q - true[k]))),
+                )
             )
         for k, line in enumerate(c.H.tolist()):
-            rows.append((name, f"H, row {k + 1}", " ".join(f"{v:.6g}" for v in line), "", None))
+            rows.append((*name, f"H, row {k + 1}", " ".join(f"{v:.6g}" for v in line), "", None))
         truth = c.footage.truth("homography", c.frame)
         for step, contacts in (("H p_g", c.applied), ("refined p'_g", c.refined)):
             for k in range(2):
                 off = float(np.hypot(*(contacts[k] - truth[k])))
                 rows.append(
-                    (name, f"{step}{k + 1}", _format_point(c.footage.on_silhouette[k]), _format_point(contacts[k]), off)
+                    (
+                        *name,
+                        f"{step}{k + 1}",
+                        _format_point(c.footage.on_silhouette[k]),
+                        _format_point(contacts[k]),
+                        off,
+                    )
                 )
     return Table(
         "V",
         f"Grasp transfer based on a homography, {_pair_description(found)}",
-        ("object", "step", "first view, (x, y) px", "second view, (x, y) px", "off by, px"),
+        ("object", "transfer", "step", "first view, (x, y) px", "second view, (x, y) px", "off by, px"),
         tuple(rows),
         (
             "The printed table is missing from the text at hand.",
@@ -191,7 +255,7 @@ def table_five(found: Sequence[Correspondences | tuple[str, str]]) -> Table:
     )
 
 
-def _pair_description(found: Sequence[Correspondences | tuple[str, str]]) -> str:
+def _pair_description(found: Sequence[Correspondences | RefusedPair]) -> str:
     for c in found:
         if isinstance(c, Correspondences):
             return f"{c.footage.kind} contours, frame 0 to frame {c.frame}, {c.footage.motion}"

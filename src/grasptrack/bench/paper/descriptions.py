@@ -9,11 +9,11 @@ import numpy as np
 
 from grasptrack.bench.paper import printed
 from grasptrack.bench.paper.footage import Footage, Part
-from grasptrack.bench.paper.transfers import Refused
+from grasptrack.bench.paper.transfers import Refused, strategy_called
 from grasptrack.bench.report.table import Cell, Table
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.transfer import grasp_line, rrp, transfer
+from grasptrack.transfer import grasp_line, rrp
 from grasptrack.typing import Floats
 
 Row = tuple[Cell, ...]
@@ -23,6 +23,7 @@ _NAMES = (("p_g1", "p_g2"), ("p'_g1", "p'_g2"))
 _HEAD = (
     "contours",
     "object",
+    "transfer",
     "contact",
     "Location (c, p)",
     "RRP (c, r, t)",
@@ -72,11 +73,13 @@ def table_three(footage: Sequence[Footage], frame: int) -> Table:
             rows.append(_refusal_row(f, next(o for o in (first, other) if isinstance(o, str))))
             continue
         grasp = Grasp(f.on_tracked)
-        moved = transfer(grasp, first, other, "rrp").grasp
-        before, after = rrp_of(grasp, first), rrp_of(moved, other)
-        kept.append(before == after)
-        rows += _description_rows(f, 0, grasp, sides[0], before)
-        rows += _description_rows(f, frame, moved, sides[1], after, f.truth("rrp", frame))
+        for how, name in (("ours", "rrp"), ("to the letter", "paper-rrp")):
+            chosen = strategy_called(name)
+            moved = chosen.apply(chosen.describe(grasp, first), other).grasp
+            before, after = rrp_of(grasp, first), rrp_of(moved, other)
+            kept.append(before == after)
+            rows += _description_rows(f, how, 0, grasp, sides[0], before)
+            rows += _description_rows(f, how, frame, moved, sides[1], after, f.truth("rrp", frame))
     same = f"stayed the same in {sum(kept)} of {len(kept)} transfers"
     return Table(
         "III",
@@ -106,16 +109,19 @@ def table_four(footage: Sequence[Footage], frame: int) -> Table:
             rows.append(_refusal_row(f, next(o for o in (first, other) if isinstance(o, str))))
             continue
         grasp = Grasp(f.on_silhouette)
-        try:
-            moved = transfer(grasp, first, other, "grasp-line").grasp
-            before, after = grasp_line.describe(grasp, first), grasp_line.describe(moved, other)
-        except Refused as error:
-            rows.append(_refusal_row(f, str(error)))
-            continue
-        pairs = ((before.d_c, after.d_c), (before.d_1, after.d_1), (before.d_2, after.d_2))
-        change = max(change, *(abs(a - b) for a, b in pairs))
-        rows += _description_rows(f, 0, grasp, first, rrp_of(grasp, first))
-        rows += _description_rows(f, frame, moved, other, rrp_of(moved, other), f.truth("grasp-line", frame))
+        for how, name in (("ours", "grasp-line"), ("to the letter", "paper-grasp-line")):
+            chosen = strategy_called(name)
+            try:
+                moved = chosen.apply(chosen.describe(grasp, first), other).grasp
+                before, after = grasp_line.describe(grasp, first), grasp_line.describe(moved, other)
+            except Refused as error:
+                rows.append(_refusal_row(f, str(error), how))
+                continue
+            if how == "ours":
+                pairs = ((before.d_c, after.d_c), (before.d_1, after.d_1), (before.d_2, after.d_2))
+                change = max(change, *(abs(a - b) for a, b in pairs))
+            rows += _description_rows(f, how, 0, grasp, first, rrp_of(grasp, first))
+            rows += _description_rows(f, how, frame, moved, other, rrp_of(moved, other), f.truth("grasp-line", frame))
     return Table(
         "IV",
         f"Grasp transfer using grasp-line coordinates, frame 0 to frame {frame}, 4 DoF",
@@ -125,8 +131,9 @@ def table_four(footage: Sequence[Footage], frame: int) -> Table:
             printed.SIZES_COMPARE,
             _UNIT,
             _PAIR,
-            "What the table shows: over the root of the area the coordinates stay the same (largest change "
-            f"{change:.1g}), over the area they change with scale; Location and RRP change with the contour's start.",
+            "What the table shows: over the root of the area the coordinates stay the same (largest change in our transfers "
+            f"{change:.1g}), over the area they change with scale; Location and RRP change with the contour's start. To the "
+            "letter the line is laid by distances over the area, and contacts end where it meets the outline.",
             "RRP counts the points of the silhouette by six, p = 6 r + t, as the printed rows do.",
             _kinds_note(footage),
         ),
@@ -159,7 +166,13 @@ def location_of(grasp: Grasp, view: View) -> list[str]:
 
 
 def _description_rows(
-    f: Footage, frame: int, grasp: Grasp, silhouette: View | str, coordinates: list[str], truth: Floats | None = None
+    f: Footage,
+    how: str,
+    frame: int,
+    grasp: Grasp,
+    silhouette: View | str,
+    coordinates: list[str],
+    truth: Floats | None = None,
 ) -> list[Row]:
     names = _NAMES[min(frame, 1)]
     off = [None, None] if truth is None else np.hypot(*(grasp.contacts - truth).T).tolist()
@@ -167,11 +180,13 @@ def _description_rows(
         location, relative = [f"no silhouette: {silhouette}"] * 2, ""
     else:
         location, relative = location_of(grasp, silhouette), line_of(grasp, silhouette)
-    return [(f.kind, f.part.name, names[i], location[i], coordinates[i], (relative, "")[i], off[i]) for i in range(2)]
+    return [
+        (f.kind, f.part.name, how, names[i], location[i], coordinates[i], (relative, "")[i], off[i]) for i in range(2)
+    ]
 
 
-def _refusal_row(f: Footage, reason: str) -> Row:
-    return f.kind, f.part.name, "both", f"refused: {reason}", "", "", None
+def _refusal_row(f: Footage, reason: str, how: str = "ours") -> Row:
+    return f.kind, f.part.name, how, "both", f"refused: {reason}", "", "", None
 
 
 def _kinds_note(footage: Sequence[Footage]) -> str:
@@ -186,5 +201,8 @@ def _printed_rows(
     rows: list[Row] = []
     for names, (places, coordinates, values) in zip(_NAMES, table, strict=True):
         texts = relative_text(values), ""
-        rows += [("paper", "its own", names[i], str(places[i]), str(coordinates[i]), texts[i], None) for i in range(2)]
+        rows += [
+            ("paper", "its own", "printed", names[i], str(places[i]), str(coordinates[i]), texts[i], None)
+            for i in range(2)
+        ]
     return rows

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from grasptrack import kernels
+from grasptrack.bench.paper.extraction import ExtractedOutlines
 from grasptrack.bench.simulation import SHAPES, Camera, Path, Scene, Shape, similarity_path, tilting_path
 from grasptrack.bench.simulation.render import inside_mask
 from grasptrack.errors import ObservationError, TransferError
@@ -18,19 +19,17 @@ from grasptrack.geometry.contours import Contour, View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.grasp.synthesis import synthesize
-from grasptrack.segmentation.first_look import segment_object
-from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.images import Grey
-from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.segmentation.silhouettes import trace_silhouettes
 from grasptrack.snake.shape_space import ShapeSpace
 from grasptrack.tracking.initialization import count_describing_strategies
 from grasptrack.tracking.strategies import Snakes
-from grasptrack.transfer import rrp
 from grasptrack.typing import Floats
 
-Motion = Literal["4 DoF", "6 DoF"]
-MOTIONS: tuple[Motion, ...] = ("4 DoF", "6 DoF")
+Motion = Literal["4 DoF", "6 DoF", "approach"]
+MOTIONS: tuple[Motion, ...] = ("4 DoF", "6 DoF", "approach")
+IN_IMAGES: tuple[Motion, ...] = ("4 DoF", "6 DoF")
+"""Motions that keep the whole object in an image of 640x480."""
 
 OBJECTS = ("bracket", "spanner", "notched-plate")
 """A bracket, a tool and a plate: distinct axes, at least four corners, no symmetry."""
@@ -44,6 +43,8 @@ DISTANCE = 5.4
 """Camera to table in roots of the object's area: the root of the area is then some 130 px."""
 TILT = math.radians(20.0)
 """Largest tilt of the trajectory of 6 DoF."""
+APPROACH = 2.5
+"""The object's scale at the end of the approach over that at its beginning."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,14 @@ class Part:
     Attributes:
         name: of its shape.
         shape: its polygons.
+        curves: (N, 2) px each, the exact polygons in the first view, outer first.
         reference: contours of about `POINTS` points in the first view, px.
         contacts: (2, 2) px, the best grasp that all strategies can describe.
     """
 
     name: str
     shape: Shape
+    curves: tuple[Floats, ...]
     reference: View
     contacts: Floats
 
@@ -72,16 +75,19 @@ def camera_trajectory(motion: Motion, frames: int, seed: int) -> Path:
     """The path of the camera. Both motions share the first frame, which is frontal.
 
     Args:
-        motion: "4 DoF" (the image moves by similarities) or "6 DoF" (the camera tilts as well).
+        motion: "4 DoF" (the image moves by similarities), "6 DoF" (the camera tilts as well) or "approach" (4 DoF, the
+            distance falling evenly to 1 / `APPROACH`).
         frames: the first so many frames of the path.
         seed: of the path.
     """
     whole = max(frames, FRAMES)
     turn, zoom, reach = math.radians(60.0), 0.12, 0.2
-    if motion == "4 DoF":
-        path = similarity_path(whole, distance=DISTANCE, reach=reach, zoom=zoom, turn=turn, seed=seed)
-    else:
+    if motion == "6 DoF":
         path = tilting_path(whole, tilt=TILT, distance=DISTANCE, reach=reach, zoom=zoom, turn=turn, seed=seed)
+    else:
+        path = similarity_path(whole, distance=DISTANCE, reach=reach, zoom=zoom, turn=turn, seed=seed)
+    if motion == "approach":
+        path = replace(path, distance=np.linspace(DISTANCE, DISTANCE / APPROACH, whole))
     cut = {name: getattr(path, name)[:frames] for name in ("target", "distance", "roll", "tilt", "azimuth")}
     return replace(path, **cut)
 
@@ -93,13 +99,35 @@ def path_homographies(path: Path) -> Floats:
     return np.asarray(moved / moved[:, 2:, 2:], dtype=np.float64)
 
 
-def sample_view(polygons: tuple[Floats, ...]) -> View:
-    """Outer contour of `POINTS` points and holes as dense, equal steps along closed polygons (N, 2) px."""
+def sample_view(polygons: tuple[Floats, ...], starts: Floats | None = None) -> View:
+    """Outer contour of `POINTS` points and holes as dense, equal steps along closed polygons (N, 2) px.
+
+    Args:
+        polygons: outer first.
+        starts: (C,) of each contour, in its steps from the polygon's first point; None begins there.
+    """
     lengths = [float(kernels.arc_length(p)[-1]) for p in polygons]
     counts = [max(LEAST_POINTS, round(POINTS * length / lengths[0])) for length in lengths]
     counts[0] = POINTS
-    rings = [kernels.resample(p, count, 0.0) for p, count in zip(polygons, counts, strict=True)]
+    begun = [0.0] * len(polygons) if starts is None else starts.tolist()
+    rings = [
+        kernels.resample(_begun_at(p, start * length / count), count, 0.0)
+        for p, length, count, start in zip(polygons, lengths, counts, begun, strict=True)
+    ]
     return View([Contour.trusted(ring, hole=i > 0) for i, ring in enumerate(rings)])
+
+
+def _begun_at(polygon: Floats, along: float) -> Floats:
+    """The same closed polygon with its first point so many px further along it."""
+    if along == 0.0:
+        return polygon
+    arc = kernels.arc_length(polygon)
+    along %= arc[-1]
+    side = int(np.searchsorted(arc, along, side="right")) - 1
+    share = (along - arc[side]) / (arc[side + 1] - arc[side])
+    after = polygon[(side + 1) % len(polygon)]
+    first = polygon[side] + share * (after - polygon[side])
+    return np.concatenate([first[None], np.roll(polygon, -(side + 1), axis=0)])
 
 
 def make_part(name: str, seed: int) -> Part:
@@ -110,10 +138,11 @@ def make_part(name: str, seed: int) -> Part:
     """
     shape = SHAPES[name]()
     to_image = camera_trajectory("4 DoF", 1, seed).table_to_image(Camera())[0]
-    reference = sample_view(tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons))
+    curves = tuple(np.ascontiguousarray(apply_homography(to_image, p)) for p in shape.polygons)
+    reference = sample_view(curves)
     for grasp in synthesize(reference, top=10):
         if count_describing_strategies(grasp, reference) == 2:
-            return Part(name, shape, reference, grasp.contacts)
+            return Part(name, shape, curves, reference, grasp.contacts)
     raise ObservationError(f"no grasp on the {name} that every strategy can describe")
 
 
@@ -123,14 +152,18 @@ Seen = View | str
 
 KINDS: dict[Kind, str] = {
     "corresponding": "each contour is the first one moved by the true homography, point by point, as in Section V",
-    "resampled": "the same curves, sampled again at 300 points from another start; "
+    "resampled": "the true curves, sampled anew at 300 points that begin between the old ones; "
     "RRP on the first contour moved by the similarity that fits best, a perfect tracker of 4 DoF",
-    "pixel chain": "contours are chains of whole pixels at 300 points; RRP on that tracker's samples rounded to whole "
-    "pixels, with whole interp",
+    "pixel chain": "every so many-th pixel of a chain of whole pixels, 300 in all, from the one nearest to where the last "
+    "chain began; RRP on that tracker's samples rounded to whole pixels; every contact, given or answered, is one of these",
     "rendered": "contours are found in rendered images of 640x480 with noise: segmented for grasp line and homography, "
     "at about a point to the px, a B-spline snake of 4 DoF for RRP",
 }
 """The ways in which contours come about."""
+
+
+TRACKED = ("rrp", "paper-rrp")
+"""The strategies that work on tracked outlines; the others take what was extracted."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +173,7 @@ class Footage:
     Attributes:
         part: the object.
         kind: how the contours came about, see `KINDS`.
-        motion: "4 DoF" or "6 DoF".
+        motion: of the camera, see `camera_trajectory`.
         H: (F, 3, 3) H_current_reference, exact.
         areas: (F,) px^2 of the object.
         silhouettes: by frame, for grasp line and homography.
@@ -160,11 +193,16 @@ class Footage:
 
     def outlines(self, strategy: str) -> tuple[Seen, ...]:
         """By frame, what a strategy works on."""
-        return self.tracked if strategy == "rrp" else self.silhouettes
+        return self.tracked if strategy in TRACKED else self.silhouettes
 
     def contacts(self, strategy: str) -> Floats:
         """(2, 2) px, the grasp in the first frame as the strategy is given it."""
-        return self.on_tracked if strategy == "rrp" else self.on_silhouette
+        return self.on_tracked if strategy in TRACKED else self.on_silhouette
+
+    @property
+    def quantised(self) -> bool:
+        """Whether contacts can only be points of the contours, as on the paper's chains of pixels."""
+        return self.kind == "pixel chain"
 
     def truth(self, strategy: str, frame: int) -> Floats:
         """(2, 2) px, where that grasp truly is in a frame."""
@@ -180,22 +218,32 @@ def ideal_footage(part: Part, kind: Kind, motion: Motion, frames: int, seed: int
         silhouettes, tracked = exact, exact
     elif kind == "resampled":
         rng = np.random.default_rng((seed, 31))
-        silhouettes = [exact[0], *(resample_view(view, rng) for view in exact[1:])]
+        silhouettes = [exact[0], *(resample_view(moved_curves(part, h), rng) for h in H[1:])]
         tracked = in_four_dof(part.reference, H)
     elif kind == "pixel chain":
-        silhouettes = [pixel_chain_view(view) for view in exact]
+        silhouettes = [pixel_chain_view(moved_curves(part, H[0]))]
+        for h in H[1:]:
+            silhouettes.append(pixel_chain_view(moved_curves(part, h), silhouettes[-1].outer.points[0]))
         tracked = [round_to_pixels(view) for view in in_four_dof(part.reference, H)]
-        contacts = Grasp(part.contacts).snapped(silhouettes[0]).contacts, nearest_points(part.contacts, tracked[0])
+        contacts = nearest_points(part.contacts, silhouettes[0]), nearest_points(part.contacts, tracked[0])
     else:
         raise ValueError(f'"{kind}" contours are not made without images')
-    contacts = contacts[0], on_grid(contacts[1], tracked[0])
     areas = np.array([sum(c.signed_area for c in view.contours) for view in exact])
     return Footage(part, kind, motion, H, areas, tuple(silhouettes), tuple(tracked), *contacts)
 
 
-def resample_view(view: View, rng: np.random.Generator) -> View:
-    """The same curves at as many points, in equal steps, from another start."""
-    return sample_view(tuple(np.roll(c.points, -int(rng.integers(len(c))), axis=0) for c in view.contours))
+def moved_curves(part: Part, H: Floats) -> tuple[Floats, ...]:
+    """(N, 2) px each, the exact polygons of an object in the view to which H (3, 3) leads from the first."""
+    return tuple(apply_homography(H, curve) for curve in part.curves)
+
+
+def resample_view(polygons: tuple[Floats, ...], rng: np.random.Generator) -> View:
+    """Curves (N, 2) px at the usual number of points, in equal steps, from anywhere within the first step.
+
+    What is sampled is the curve and not the contour of another view: neither knows where the other's points were. It begins
+    near the other's beginning, as the paper's window about an index needs it; our own strategies do not.
+    """
+    return sample_view(polygons, rng.random(len(polygons)))
 
 
 def in_four_dof(reference: View, H: Floats) -> list[View]:
@@ -204,22 +252,38 @@ def in_four_dof(reference: View, H: Floats) -> list[View]:
     return [reference.transformed(space.homography(space.state(h))) for h in H]
 
 
-def pixel_chain_view(view: View) -> View:
-    """Contours as a binary image shows them: chains of its pixels, thinned to the usual number of points."""
-    camera = Camera()
-    inside = inside_mask([c.points for c in view.contours], camera.width, camera.height)
+def pixel_chain_view(polygons: tuple[Floats, ...], begun: Floats | None = None) -> View:
+    """Curves as a binary image shows them: so many of its pixels, as evenly as whole ones can be taken.
+
+    Args:
+        polygons: (N, 2) px each, outer first; the image is as large as it has to be.
+        begun: (2,) px, where the last image's outer chain began: this one begins at its pixel nearest to it, which the
+            paper's window about an index needs. None begins at the topmost pixel.
+    """
+    corner = np.floor(polygons[0].min(axis=0)) - 2.0
+    width, height = (np.ceil(polygons[0].max(axis=0)) + 3.0 - corner).astype(int).tolist()
+    inside = inside_mask([p - corner for p in polygons], width, height)
     shape = trace_silhouettes(inside.astype(np.uint8), 30.0)[0]
-    return sample_view(tuple(np.asarray(c, dtype=np.float64) for c in (shape.outer, *shape.holes)))
+    share = min(1.0, POINTS / len(shape.outer))
+    rings = [(POINTS, shape.outer), *((round(share * len(hole)), hole) for hole in shape.holes)]
+    contours = []
+    for i, (count, chain) in enumerate(rings):
+        points = np.asarray(chain, dtype=np.float64) + corner
+        if i == 0 and begun is not None:
+            points = begin_near(points, begun)
+        taken = min(len(points), max(LEAST_POINTS, count))
+        contours.append(Contour.trusted(points[np.arange(taken) * len(points) // taken], hole=i > 0))
+    return View(contours)
+
+
+def begin_near(points: Floats, place: Floats) -> Floats:
+    """The same closed curve (N, 2) with its point nearest to a place (2,) first."""
+    return np.roll(points, -int(np.hypot(*(points - place).T).argmin()), axis=0)
 
 
 def round_to_pixels(view: View) -> View:
     """Every point at the middle of its pixel."""
     return View([Contour.trusted(np.rint(c.points), hole=c.hole) for c in view.contours])
-
-
-def on_grid(contacts: Floats, view: View) -> Floats:
-    """(k, 2) px, contacts where their RRP coordinates put them: within 2^-32 of a side of where they were given."""
-    return rrp.apply(rrp.describe(Grasp(contacts), view), view).grasp.contacts
 
 
 def nearest_points(contacts: Floats, view: View) -> Floats:
@@ -251,21 +315,15 @@ def rendered_footage(
 def observe_scene(
     part: Part, motion: Motion, scene: Scene, after: Callable[[], None] = lambda: None
 ) -> tuple[Footage, list[Grey]]:
-    """As `rendered_footage`, of any scene of the object that begins as the trajectories do.
-
-    Each silhouette is looked for round the last one, and in the whole image where it is not found there. No outline
-    is judged: the plain strategies of the paper take what they are given.
-    """
+    """As `rendered_footage`, of any scene of the object that begins as the trajectories do."""
     frames = len(scene)
     first = scene[0]
-    observer = OutlineDetector()
-    observer.look(first.image)
-    candidate = observer.first(Hints())[0]
-    grey = observer.choose(candidate)
-    last = candidate.view
-    grasp = Grasp(part.contacts).snapped(last)
-    snake = Snakes(grasp, last, grey)
-    silhouettes: list[Seen] = [last]
+    extracted = ExtractedOutlines()
+    candidate = extracted.candidates(first.image)[0]
+    grey = extracted.choose(candidate)
+    grasp = Grasp(part.contacts).snapped(candidate.view)
+    snake = Snakes(grasp, candidate.view, grey)
+    silhouettes: list[Seen] = [candidate.view]
     tracked: list[Seen] = []
     template: View | None = None
     kept: list[Grey] = [first.image]
@@ -276,10 +334,7 @@ def observe_scene(
         areas.append(frame.area)
         if index == middle_frame(frames):
             kept.append(frame.image)
-        grey = observer.look(frame.image)
-        found = _find_silhouette(observer, grey, frame.image, last)
-        if isinstance(found, View):
-            last = found
+        grey, found = extracted.next(frame.image)
         silhouettes.append(found)
         try:
             carried = snake.carry(grey, None, None)
@@ -292,7 +347,7 @@ def observe_scene(
                 template = carried.view.transformed(back)
         after()
     start: Seen = template if template is not None else "the snake followed no image"
-    on_tracked = grasp.contacts if template is None else on_grid(grasp.contacts, template)
+    on_tracked = grasp.contacts if template is None else grasp.snapped(template).contacts
     H = np.array([scene.homography(i) for i in range(frames)])
     seen = tuple(silhouettes), (start, *tracked), grasp.contacts, on_tracked
     return Footage(part, "rendered", motion, H, np.array(areas), *seen), kept
@@ -301,16 +356,3 @@ def observe_scene(
 def middle_frame(frames: int) -> int:
     """The frame of the reference error: 50 of 100."""
     return frames // 2
-
-
-def _find_silhouette(observer: OutlineDetector, grey: Grey, image: Grey, last: View) -> Seen:
-    """The outline near the last one, or else what stands out in the image; or why there is none."""
-    centres = np.array([c.points.mean(axis=0) for c in last.contours[1:]]).reshape(-1, 2)
-    view = next(observer.near(grey, last.outer.points, centres), None)
-    if view is not None:
-        observer.believe(view)
-        return view
-    try:
-        return segment_object(image)
-    except ObservationError as error:
-        return str(error)

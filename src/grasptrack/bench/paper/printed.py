@@ -7,6 +7,8 @@ STRATEGIES = ("rrp", "grasp-line", "homography")
 """The paper's columns, in its order."""
 HEADS = {"rrp": "RRP", "grasp-line": "Grasp-line", "homography": "Hom."}
 """Their heads; "Grasp-line" is printed as "Grasp-line Coord."."""
+TRANSFERS = {"ours": STRATEGIES, "to the letter": tuple(f"paper-{name}" for name in STRATEGIES)}
+"""What is measured in these columns, row by row."""
 
 SIZES_COMPARE = "The printed rows are of objects that are not at hand: sizes can be compared with them, digits cannot."
 """Note to each table in which they stand."""

@@ -1,22 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plain strategies along a trajectory, and how far each was off (Section V). Nothing judges what they answer."""
+"""Ours and the paper's strategies along a trajectory, and how far each was off (Section V). Nothing judges their answers."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
-from grasptrack.bench.metrics.errors import ErrorMeasure, error_measure, reversibility_error, sequence_error
-from grasptrack.bench.paper.footage import Footage, Seen
+import numpy as np
+
+from grasptrack.bench.metrics.errors import ErrorMeasure, error_measure, sequence_error
+from grasptrack.bench.paper.footage import Footage, Seen, nearest_points
+from grasptrack.bench.paper.literal import PAPER
 from grasptrack.errors import StrategyError, TransferError
-from grasptrack.geometry.contours import View
 from grasptrack.grasp.contacts import Grasp
-from grasptrack.transfer import strategy_named, transfer
+from grasptrack.transfer import STRATEGIES, TransferStrategy, strategy_named
 from grasptrack.typing import Floats
 
 Refused = (TransferError, StrategyError)
+Answer = Floats | str
+"""(k, 2) px, or why there are none."""
+
+Way = Literal["first view", "last frame as prior", "carried on"]
+WAYS: dict[Way, str] = {
+    "first view": "from the first view to each frame, as a pair of views of which nothing else is known",
+    "last frame as prior": "from the first view to each frame, the homography of the last frame that was answered being "
+    "the prediction, as Section IV-C has it of consecutive frames",
+    "carried on": "from each frame to the next, and after a refusal from the last one that was answered",
+}
+"""How a grasp goes along a sequence; the text does not say which it is."""
+
+COMPARED = (*STRATEGIES, *PAPER)
+"""Ours and the paper's to the letter, in the order of tables."""
+
+
+def strategy_called(name: str) -> TransferStrategy:
+    """Ours, or with `paper-` before it the paper's to the letter."""
+    return PAPER[name] if name in PAPER else strategy_named(name)
+
+
+def ways_of(strategy: str) -> tuple[Way, ...]:
+    """The paper's strategies to the letter know no prediction."""
+    return tuple(way for way in WAYS if way != "last frame as prior" or strategy not in PAPER)
 
 
 @dataclass(frozen=True)
@@ -26,13 +52,15 @@ class Course:
     Attributes:
         footage: object, contours, trajectory.
         strategy: its name.
-        carried_on: each frame's grasp is transferred to the next, where the first view's is to every frame else.
-        errors: of each frame from the second on, or the reason of the refusal.
+        way: how the grasp goes along it.
+        answers: of each frame from the second on.
+        errors: of each answer, or the reason of the refusal.
     """
 
     footage: Footage
     strategy: str
-    carried_on: bool
+    way: Way
+    answers: tuple[Answer, ...]
     errors: tuple[ErrorMeasure | str, ...]
 
     @property
@@ -48,66 +76,95 @@ class Course:
     @property
     def reasons(self) -> dict[str, int]:
         """How many frames were refused for which reason, its numbers left out, the most frequent first."""
-        listed = [re.sub(r"\d+(\.\d+)?", "…", e) for e in self.errors if isinstance(e, str)]
-        return {r: listed.count(r) for r in sorted(set(listed), key=lambda r: (-listed.count(r), r))}
+        return count_reasons(e for e in self.errors if isinstance(e, str))
 
 
-def transfer_and_measure(footage: Footage, strategy: str, carried_on: bool) -> Course:
-    """Transfer the grasp to every frame and measure it.
+def count_reasons(reasons: Iterable[str]) -> dict[str, int]:
+    """How often each reason was given, its numbers left out, the most frequent first."""
+    listed = [re.sub(r"\d+(\.\d+)?", "…", reason) for reason in reasons]
+    return {r: listed.count(r) for r in sorted(set(listed), key=lambda r: (-listed.count(r), r))}
 
-    After a refusal, a grasp that is carried on goes on from the last frame that was answered.
-    """
+
+def transfer_and_measure(footage: Footage, strategy: str, way: Way) -> Course:
+    """Transfer the grasp to every frame and measure it."""
     outlines, contacts = footage.outlines(strategy), footage.contacts(strategy)
-    found = transferred_contacts(strategy, outlines, contacts, carried_on)
+    found = transferred_contacts(strategy_called(strategy), outlines, contacts, way, footage.quantised)
     errors = tuple(
         answer if isinstance(answer, str) else error_measure(answer, footage.truth(strategy, k), footage.areas[k])
         for k, answer in enumerate(found, start=1)
     )
-    return Course(footage, strategy, carried_on, errors)
+    return Course(footage, strategy, way, tuple(found), errors)
 
 
 def transferred_contacts(
-    strategy: str, outlines: Sequence[Seen], contacts: Floats, carried_on: bool
-) -> list[Floats | str]:
-    """(2, 2) px in each outline after the first, or why there are none."""
-    chosen, first, rest = strategy_named(strategy), outlines[0], outlines[1:]
+    strategy: TransferStrategy, outlines: Sequence[Seen], contacts: Floats, way: Way, quantised: bool = False
+) -> list[Answer]:
+    """(k, 2) px in each outline after the first, or why there are none.
+
+    Args:
+        strategy: any.
+        outlines: by frame.
+        contacts: (k, 2) px in the first.
+        way: how the grasp goes along them.
+        quantised: every answer goes to the nearest point of the contours.
+    """
+    first, rest = outlines[0], outlines[1:]
     if isinstance(first, str):
         return [first] * len(rest)
     try:
-        description: Any = chosen.describe(Grasp(contacts), first)
+        description: Any = strategy.describe(Grasp(contacts), first)
     except Refused as error:
         return [str(error)] * len(rest)
-    found: list[Floats | str] = []
+    found: list[Answer] = []
+    prior: Floats | None = np.eye(3)
     for outline in rest:
         if isinstance(outline, str):
             found.append(outline)
             continue
         try:
-            grasp = chosen.apply(description, outline).grasp
-            if carried_on:
-                description = chosen.describe(grasp, outline)
-            found.append(grasp.contacts)
+            moved = strategy.apply(description, outline, prior if way == "last frame as prior" else None)
+            answer = nearest_points(moved.grasp.contacts, outline) if quantised else moved.grasp.contacts
+            if way == "carried on":
+                description = strategy.describe(Grasp(answer), outline)
+            found.append(answer)
+            prior = moved.homography
         except Refused as error:
             found.append(str(error))
     return found
 
 
-def measure_reversibility(footage: Footage, strategy: str, frame: int) -> ErrorMeasure | str:
-    """R_v E between the first frame and another, or why a transfer was refused."""
+@dataclass(frozen=True)
+class Return:
+    """A grasp transferred from the first view to another and back.
+
+    Attributes:
+        footage: object, contours, trajectory.
+        strategy: its name.
+        frame: the other view.
+        answer: (2, 2) px where it came back to, or why it did not.
+    """
+
+    footage: Footage
+    strategy: str
+    frame: int
+    answer: Answer
+
+    @property
+    def error(self) -> ErrorMeasure | str:
+        """R_v E, or why there is none."""
+        if isinstance(self.answer, str):
+            return self.answer
+        return error_measure(self.answer, self.footage.contacts(self.strategy), float(self.footage.areas[0]))
+
+
+def transfer_and_return(footage: Footage, strategy: str, frame: int) -> Return:
+    """The grasp to a frame and back, each way as a pair of views."""
     outlines = footage.outlines(strategy)
-    one, other = outlines[0], outlines[frame]
-    if not isinstance(one, View) or not isinstance(other, View):
-        return next(o for o in (one, other) if isinstance(o, str))
-
-    def transfer_contacts(start: View, end: View, contacts: Floats) -> Floats:
-        return transfer(Grasp(contacts), start, end, strategy).grasp.contacts
-
-    try:
-        return reversibility_error(
-            footage.contacts(strategy),
-            lambda c: transfer_contacts(one, other, c),
-            lambda c: transfer_contacts(other, one, c),
-            float(footage.areas[0]),
-        )
-    except Refused as error:
-        return str(error)
+    there_and_back = (outlines[0], outlines[frame]), (outlines[frame], outlines[0])
+    contacts = footage.contacts(strategy)
+    for pair in there_and_back:
+        (answer,) = transferred_contacts(strategy_called(strategy), pair, contacts, "first view", footage.quantised)
+        if isinstance(answer, str):
+            return Return(footage, strategy, frame, answer)
+        contacts = answer
+    return Return(footage, strategy, frame, contacts)

@@ -134,7 +134,7 @@ def _error_table(values: Sequence[tuple[Series, Floats]]) -> PageTable:
 
 
 def _setting_name(s: Series) -> str:
-    return f"{s.kind} contours, {s.motion}, {'from frame to frame' if s.carried_on else 'from the first view'}"
+    return f"{s.kind} contours, {s.motion}, {s.way}"
 
 
 def _capitalize_first(text: str) -> str:
