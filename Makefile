@@ -30,8 +30,8 @@ sanitize: $(VENV)/.dev
 	$(BIN)/python tests/fuzz/sanitize.py
 
 $(VENV)/.venv:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-	  { echo "grasptrack needs Python 3.11 or newer as $(PYTHON): name one with PYTHON=..." >&2; exit 2; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+	  { echo "grasptrack needs Python 3.10 or newer as $(PYTHON): name one with PYTHON=..." >&2; exit 2; }
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
 	  { echo "$(PYTHON) has no venv or ensurepip: install it (Debian, Ubuntu: apt install python3-venv)" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
@@ -43,8 +43,9 @@ $(VENV)/.package: $(VENV)/.venv pyproject.toml $(NATIVE)
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.package
-	$(BIN)/python -c 'import tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
-	  print("\n".join(p["optional-dependencies"]["dev"]))' > $(VENV)/dev.txt
+	$(BIN)/python -c 'import importlib.metadata as m; \
+	  print("\n".join(r.split(";")[0] for r in m.requires("grasptrack") if r.endswith("\"dev\"") or r.endswith("\x27dev\x27")))' \
+	  > $(VENV)/dev.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement $(VENV)/dev.txt
 	@touch $@
 

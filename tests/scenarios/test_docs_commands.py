@@ -16,13 +16,17 @@ import socket
 import subprocess
 import sys
 import time
-import tomllib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import typer
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 from grasptrack.cli.main import app, main
 from grasptrack.geometry.homographies import apply_homography

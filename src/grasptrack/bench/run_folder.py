@@ -12,7 +12,7 @@ import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -251,7 +251,7 @@ def fill_run_folder(
                 last.unlink(missing_ok=True)
         told = before or {}
         run = Filled(folder, seconds=told["seconds"] if isinstance(told.get("seconds"), float) else 0.0)
-        head["started"] = told.get("started", datetime.now(UTC).isoformat(timespec="seconds"))
+        head["started"] = told.get("started", datetime.now(timezone.utc).isoformat(timespec="seconds"))
         prepare_folder(folder / CASES)
         missing = [job for job in jobs if not case_file(folder, job.name).exists()]
         run.resumed = len(jobs) - len(missing)
