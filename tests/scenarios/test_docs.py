@@ -18,7 +18,7 @@ from recordings import plates
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
-VERBS = ("synthesize", "inspect", "track", "transfer", "demo", "servo", "evaluate", "compare", "models")
+VERBS = ("synthesize", "inspect", "track", "transfer", "demo", "servo", "evaluate", "compare", "models", "doctor")
 WITH_OPTIONS = (*VERBS[:6], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
 PAGES = (
     "benchmarks.md",

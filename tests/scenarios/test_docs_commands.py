@@ -50,6 +50,7 @@ SHORT: dict[str, dict[str, str]] = {
     "evaluate paper": {"--quick": "", "--frames": "4", "--seeds": "1", "--workers": "1"},
     "compare": {},
     "models": {},
+    "doctor": {},
     "models get": {},
 }
 FEWER = {"--trials": "1", "--repeats": "1", "--runs": "1"}  # wherever a page gives them

@@ -16,6 +16,7 @@ import typer
 
 from grasptrack.cli.compare import compare
 from grasptrack.cli.demo import demo
+from grasptrack.cli.doctor import doctor
 from grasptrack.cli.evaluate import evaluate
 from grasptrack.cli.inspect import inspect
 from grasptrack.cli.models import models
@@ -92,6 +93,7 @@ app.command(short_help="Track a rendered scene and compare with ground truth.")(
 app.command(short_help="Approach a grasp, close and lift, in a physics simulation.")(servo)
 app.add_typer(evaluate, name="evaluate", short_help="Measure every method, and write a report.")
 app.command(short_help="Compare two evaluations.")(compare)
+app.command(short_help="Say what is installed, what is missing, and what is wrong.")(doctor)
 app.add_typer(models, name="models", short_help="Models for --segmenter: list, download.")
 
 

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`grasptrack doctor`: what is installed here, what is missing for what, and what is wrong with it."""
+
+from __future__ import annotations
+
+import importlib.metadata as metadata
+import platform
+import re
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import typer
+
+EXTRAS = {
+    "live": "grasptrack live: the page in the browser",
+    "bags": "bags of ROS and MCAP files as sources",
+    "foxglove": "--record run.mcap",
+    "rerun": "--record run.rrd",
+    "zenoh": "ros2:/topic as a source",
+    "pylon": "pylon: cameras by Basler",
+    "genicam": "genicam: cameras with a GenTL producer",
+    "realsense": "realsense: cameras by Intel",
+    "segment": "nets that OpenCV cannot run, by ONNX Runtime",
+    "sim": "grasptrack servo and evaluate: physics",
+    "cluster": "evaluations on more than one machine",
+}
+"""What each extra is for, in the order in which they are told."""
+OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless", "opencv-contrib-python")
+
+
+class Finding(NamedTuple):
+    """One line.
+
+    Attributes:
+        mark: "ok", "--" for what is not installed, "!!" for what is wrong.
+        name: what it is about.
+        text: what was found.
+    """
+
+    mark: str
+    name: str
+    text: str
+
+
+def doctor() -> None:
+    """Say what is installed, what each extra would add, and what is wrong: for you, and for whoever is asked for help.
+
+    Looks at versions and permissions only: opens no camera, sends nothing anywhere. Ends with status 1 where
+    something is wrong.
+
+    \b
+    Examples:
+      grasptrack doctor
+    """
+    wrong = 0
+    for title, findings in (("here", examine_program()), ("extras", examine_extras()), ("cameras", examine_cameras())):
+        typer.echo(title)
+        for mark, name, text in findings:
+            wrong += mark == "!!"
+            typer.echo(f"  {mark}  {name:12} {text}")
+    if wrong:
+        raise typer.Exit(1)
+
+
+def examine_program() -> Iterator[Finding]:
+    """The program, Python, and the libraries that it always needs."""
+    from grasptrack import kernels
+
+    slow = kernels.BACKEND != "native"
+    told = f"{metadata.version('grasptrack')}, kernels {kernels.BACKEND}"
+    why = ": many times slower; install a C++17 compiler, then install grasptrack again" if slow else ""
+    yield Finding("!!" if slow else "ok", "grasptrack", told + why)
+    yield Finding("ok", "Python", f"{platform.python_version()}, {sys.executable}")
+    yield Finding("ok", "system", platform.platform())
+    yield from _opencv()
+    for package in ("numpy", "av", "matplotlib"):
+        found = version_of(package)
+        yield Finding("ok" if found else "!!", package, found or "not installed")
+
+
+def _opencv() -> Iterator[Finding]:
+    built = [f"{name} {version_of(name)}" for name in OPENCV if version_of(name)]
+    try:
+        import cv2
+    except ImportError as error:
+        yield Finding("!!", "OpenCV", f"cannot be loaded: {error}")
+        return
+    if len(built) > 1:
+        remedy = f"uninstall both, then install one: {_pip()} uninstall {' '.join(b.split()[0] for b in built)}"
+        yield Finding("!!", "OpenCV", f"{' and '.join(built)} overwrite each other; {remedy}")
+    else:
+        yield Finding("ok", "OpenCV", f"{cv2.__version__} ({built[0] if built else 'of the system'})")
+
+
+def examine_extras() -> Iterator[Finding]:
+    """Each extra: what it is for, and what of it is not installed."""
+    needed = requirements()
+    for extra, purpose in EXTRAS.items():
+        missing = [r for r in needed.get(extra, []) if not version_of(re.split(r"[<>=!~ \[;]", r)[0])]
+        if missing:
+            yield Finding("--", extra, f'{purpose}: {_pip()} install "grasptrack[{extra}]" adds {", ".join(missing)}')
+        else:
+            yield Finding("ok", extra, purpose)
+
+
+def examine_cameras() -> Iterator[Finding]:
+    """Video devices, and whether this user may read them."""
+    import os
+
+    nodes = sorted(Path("/dev").glob("video*"))
+    for node in nodes:
+        good = os.access(node, os.R_OK | os.W_OK)
+        why = "" if good else ": no permission; add the user to the group video, then log in again"
+        yield Finding("ok" if good else "!!", str(node), f"may {'' if good else 'not '}be opened{why}")
+    if not nodes:
+        yield Finding("--", "/dev/video*", "no camera of Video4Linux is attached")
+    yield Finding("ok" if shutil.which("v4l2-ctl") else "--", "v4l2-ctl", "sets what --set does not reach (v4l-utils)")
+
+
+def requirements() -> dict[str, list[str]]:
+    """What each extra of this package asks for."""
+    found: dict[str, list[str]] = {}
+    for line in metadata.requires("grasptrack") or []:
+        extra = re.search(r"extra\s*==\s*[\"']([\w-]+)[\"']", line)
+        if extra is not None:
+            found.setdefault(extra[1], []).append(line.partition(";")[0].strip())
+    return found
+
+
+def version_of(package: str) -> str:
+    """Of an installed package; empty where it is not."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _pip() -> str:
+    """This environment's own pip."""
+    return f"{sys.executable} -m pip"
