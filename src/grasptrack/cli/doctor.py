@@ -84,7 +84,9 @@ def examine_program() -> Iterator[Finding]:
 def _opencv() -> Iterator[Finding]:
     built = [f"{name} {version_of(name)}" for name in OPENCV if version_of(name)]
     try:
-        import cv2
+        from grasptrack.io.results import software_versions
+
+        loaded = software_versions()["opencv"]
     except ImportError as error:
         yield Finding("!!", "OpenCV", f"cannot be loaded: {error}")
         return
@@ -92,7 +94,7 @@ def _opencv() -> Iterator[Finding]:
         remedy = f"uninstall both, then install one: {_pip()} uninstall {' '.join(b.split()[0] for b in built)}"
         yield Finding("!!", "OpenCV", f"{' and '.join(built)} overwrite each other; {remedy}")
     else:
-        yield Finding("ok", "OpenCV", f"{cv2.__version__} ({built[0] if built else 'of the system'})")
+        yield Finding("ok", "OpenCV", f"{loaded} ({built[0] if built else 'of the system'})")
 
 
 def examine_extras() -> Iterator[Finding]:
