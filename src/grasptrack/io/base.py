@@ -58,7 +58,11 @@ class Source(ABC):
         fps: frames/s, above 0, that give frame i the time i / fps s, in place of the source's own times; None leaves these.
 
     Attributes:
-        kind: "folder", "glob", "image", "video" or "camera".
+        kind: "folder", "glob", "image", "video", "camera", "stream", "ros2", "bag" or "stdin".
+        live: whether it goes on for as long as it is read, and gives the newest image only: what comes while an image is
+            worked on is dropped.
+        dropped: images of a live source that were not given since iterating began.
+        reconnected: how many times a live source came back after it had gone.
         count: number of frames, or None where it is not known.
         exact: whether `count` is certain; for some videos it is estimated from the duration.
         fps: frames/s, or None.
@@ -70,6 +74,7 @@ class Source(ABC):
     """
 
     kind: str = ""
+    live: bool = False
 
     def __init__(self, spec: str, fps: float | None = None) -> None:
         if fps is not None and not (0.0 < fps < math.inf):
@@ -80,6 +85,8 @@ class Source(ABC):
         self.fps = fps
         self.names: tuple[str, ...] = ()
         self.shortfall = ""
+        self.dropped = 0
+        self.reconnected = 0
         self._period = None if fps is None else 1.0 / fps
         self._times_warned = False
         self._running: Generator[tuple[Image, float | None, str], None, None] | None = None

@@ -89,21 +89,34 @@ def read_image(path: Path) -> Image:
     Raises:
         SourceError: missing, truncated, no image, or above the limit of size (`grasptrack.io.limits`).
     """
-    import cv2
-
     try:
         data = path.read_bytes()
     except OSError as error:
         raise SourceError(f'image "{path}" cannot be read: {error.strerror}', path=str(path)) from None
+    return decode_image(data, f'image "{path}"')
+
+
+def decode_image(data: bytes, name: str) -> Image:
+    """The same from a file's content.
+
+    Args:
+        data: the whole file.
+        name: what to call it in messages.
+
+    Raises:
+        SourceError: truncated, no image, or above the limit of size.
+    """
+    import cv2
+
     if not data:
-        raise SourceError(f'image "{path}" is empty', path=str(path))
+        raise SourceError(f"{name} is empty", name=name)
     size = image_size_in_header(data)
     if size is not None:
-        check_size(*size, f'image "{path}"')
+        check_size(*size, name)
     if not is_whole_image(data):
-        raise SourceError(f'image "{path}" is truncated', path=str(path))
+        raise SourceError(f"{name} is truncated", name=name)
     if size is None:  # OpenCV reads more formats, of which nothing tells the size beforehand
-        raise SourceError(f'image "{path}" cannot be read: it is damaged, or no image ({NAMED})', path=str(path))
+        raise SourceError(f"{name} cannot be read: it is damaged, or no image ({NAMED})", name=name)
     # IMREAD_UNCHANGED alone keeps alpha, and alone ignores EXIF rotation; no JPEG has alpha.
     upright = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
     flags = upright if data.startswith(b"\xff\xd8") else cv2.IMREAD_UNCHANGED
@@ -112,15 +125,19 @@ def read_image(path: Path) -> Image:
     except (cv2.error, MemoryError):
         image = None
     if image is None or image.size == 0:
-        raise SourceError(f'image "{path}" cannot be read: it is damaged, or no image', path=str(path))
+        raise SourceError(f"{name} cannot be read: it is damaged, or no image", name=name)
     return image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
 
 
 class EightBits:
-    """Images of any depth as uint8, grey (H, W) or BGR (H, W, 3), the scale being set by the first one."""
+    """Images of any depth as uint8, grey (H, W) or BGR (H, W, 3).
 
-    def __init__(self) -> None:
-        self._full: float | None = None
+    Args:
+        full: value of deeper images that becomes 255; None takes the one that suits the first of them.
+    """
+
+    def __init__(self, full: float | None = None) -> None:
+        self._full = full
 
     def __call__(self, image: Image) -> NDArray[np.uint8]:
         """The image in 8 bits, (H, W) or (H, W, 3)."""

@@ -33,8 +33,8 @@ class Masks:
         self._by_stem: dict[str, Path] | None = None
         if source is None:
             return
-        if source.kind == "camera":
-            raise SourceError("masks cannot be matched to a live camera: record the images first")
+        if source.live:
+            raise SourceError("masks cannot be matched to a live source: record the images first")
         stems = [Path(name).stem for name in source.names]
         known = {p.stem: p for p in paths}
         missing = [name for name, stem in zip(source.names, stems, strict=True) if stem not in known]

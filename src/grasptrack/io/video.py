@@ -46,9 +46,8 @@ class VideoSource(Source):
     def _open_container(self) -> Any:
         import av
 
-        most = {"max_pixels": str(math.ceil(max_megapixels() * 1e6))}  # decoders see to it themselves
         try:
-            container = av.open(str(self._path), options=most, metadata_errors="replace")
+            container = av.open(str(self._path), options=_decoder_limit(), metadata_errors="replace")
         except (av.FFmpegError, OSError, ValueError) as error:
             if not is_whole_video(self._path):
                 reason = "is truncated: no frame of it can be read"
@@ -57,17 +56,11 @@ class VideoSource(Source):
             else:
                 reason = "is no video that can be read"
             raise SourceError(f'"{self._path}" {reason}', path=str(self._path)) from None
-        codec = container.streams.video[0].codec_context if container.streams.video else None
-        if codec is None or codec.name in _TEXT_ART:
-            container.close()
-            why = "it has no video stream" if codec is None else "it is text"
-            raise SourceError(f'"{self._path}" is no video that can be read: {why}', path=str(self._path))
         try:
-            check_size(codec.width, codec.height, f'video "{self._path}"')
+            check_stream(container, f'"{self._path}"')
         except SourceError:
             container.close()
             raise
-        codec.options = {**codec.options, **most}
         return container
 
     def _warn_of_metadata(self, container: Any) -> None:
@@ -87,9 +80,9 @@ class VideoSource(Source):
             told = _told_end(container)
             try:
                 base = container.streams.video[0].time_base
-                for frame in _decode_frames(container):
+                for frame in decode_frames(container):
                     time = None if frame.pts is None else float(frame.pts * (frame.time_base or base))
-                    yield _upright_image(frame), time, f"frame {index} of {self._path.name}"
+                    yield upright_image(frame), time, f"frame {index} of {self._path.name}"
                     if time is not None:
                         longest, last = max(longest, time - last if index else 0.0), time
                     index += 1
@@ -114,7 +107,30 @@ class VideoSource(Source):
             self.shortfall = f"it ends early: its header tells of {told:.2f} s, its last frame is at {last:.2f} s"
 
 
-def _decode_frames(container: Any) -> Iterator[Any]:
+def check_stream(container: Any, name: str) -> None:
+    """See that what was opened holds a video of a size that is read, and limit its decoder to that.
+
+    Args:
+        container: open, as PyAV has it.
+        name: what to call it in messages.
+
+    Raises:
+        SourceError: no video, or above the limit of size.
+    """
+    codec = container.streams.video[0].codec_context if container.streams.video else None
+    if codec is None or codec.name in _TEXT_ART:
+        why = "it has no video stream" if codec is None else "it is text"
+        raise SourceError(f"{name} is no video that can be read: {why}", name=name)
+    check_size(codec.width, codec.height, f"video {name}")
+    codec.options = {**codec.options, **_decoder_limit()}
+
+
+def _decoder_limit() -> dict[str, str]:
+    """What makes decoders themselves refuse larger images."""
+    return {"max_pixels": str(math.ceil(max_megapixels() * 1e6))}
+
+
+def decode_frames(container: Any) -> Iterator[Any]:
     """All frames; before a decoding error is raised, those that the decoder still holds."""
     import av
 
@@ -134,7 +150,7 @@ def _decode_frames(container: Any) -> Iterator[Any]:
         raise
 
 
-def _upright_image(frame: Any) -> Image:
+def upright_image(frame: Any) -> Image:
     """The picture as (H, W) or (H, W, 3) uint8, turned by the rotation that the file's header gives."""
     grey = frame.format.name.startswith(("gray", "mono"))
     image: Image = frame.to_ndarray(format="gray" if grey else "bgr24")

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Images out of messages: those of ROS (sensor_msgs) and of Foxglove, raw, compressed, or as H.264."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import SourceError
+from grasptrack.io.base import Image
+from grasptrack.io.images import EightBits, decode_image
+from grasptrack.io.limits import check_size
+from grasptrack.io.pixels import PixelFormat, raw_image, ros_format, to_image
+
+_IMAGES = {
+    ("sensor_msgs", "Image"): "raw",
+    ("sensor_msgs", "CompressedImage"): "compressed",
+    ("foxglove", "RawImage"): "raw",
+    ("foxglove", "CompressedImage"): "compressed",
+    ("foxglove", "CompressedVideo"): "video",
+}
+_CODECS = {"h264": "h264", "h265": "hevc", "vp9": "vp9", "av1": "libdav1d"}
+
+
+class Topic(NamedTuple):
+    """A topic of a recording.
+
+    Attributes:
+        name: as /camera/image_raw.
+        type: of its messages, as the recording spells it.
+        length: number of messages, or None where it is not known.
+    """
+
+    name: str
+    type: str
+    length: int | None
+
+    @property
+    def images(self) -> str:
+        """What its messages hold: "raw", "compressed" or "video"; empty where they are no images."""
+        return "" if self.name.endswith("/compressedDepth") else image_kind(self.type)
+
+
+def image_kind(message_type: str) -> str:
+    """ "raw", "compressed" or "video" for a type of message with images in it, as sensor_msgs/msg/Image; else empty."""
+    package, *_, name = re.split(r"[./]", message_type) if message_type else [""]
+    return _IMAGES.get((package.removesuffix("_msgs") if package == "foxglove_msgs" else package, name), "")
+
+
+def stamp_of(message: Any) -> int | None:
+    """ns of the header's or Foxglove's time stamp; None where it was left at zero."""
+    stamp = message.header.stamp if hasattr(message, "header") else getattr(message, "timestamp", None)
+    seconds = next((getattr(stamp, key) for key in ("sec", "seconds") if hasattr(stamp, key)), 0)
+    rest = next((getattr(stamp, key) for key in ("nanosec", "nsec", "nanos") if hasattr(stamp, key)), 0)
+    return int(seconds) * 1_000_000_000 + int(rest) or None
+
+
+class MessageImages:
+    """The images of one topic's messages, in order, as grey (H, W) or BGR (H, W, 3), 8 bits.
+
+    Args:
+        kind: "raw", "compressed" or "video".
+        bits: that deeper values use, from 9 to 16; None takes what suits the first image, for all of them.
+    """
+
+    def __init__(self, kind: str, bits: int | None = None) -> None:
+        self._kind = kind
+        self._bits = bits
+        self._to_eight = EightBits(None if bits is None else float((1 << bits) - 1))
+        self._decoder: Any = None
+
+    def image(self, message: Any, name: str) -> Image | None:
+        """A message's image; None where a video gives none yet.
+
+        Args:
+            message: with the fields of its type.
+            name: what to call it in messages.
+
+        Raises:
+            SourceError: an encoding that is not read, or data that is damaged.
+        """
+        if self._kind == "raw":
+            return self._raw(message, name)
+        if self._kind == "compressed":
+            return self._compressed(message, name)
+        return self._video(message, name)
+
+    def _raw(self, message: Any, name: str) -> Image:
+        check_size(message.width, message.height, name)
+        form = ros_format(message.encoding)
+        data = np.frombuffer(message.data, np.uint8)
+        values = raw_image(
+            data,
+            message.width,
+            message.height,
+            form,
+            message.step,
+            big_endian=bool(getattr(message, "is_bigendian", 0)),
+        )
+        return self._finish(values, form)
+
+    def _finish(self, values: NDArray[Any], form: PixelFormat) -> Image:
+        if values.dtype != np.uint8:  # 16 bits say nothing of how many are used
+            values, form = self._to_eight(values), form._replace(bits=8)
+        return to_image(values, form)
+
+    def _compressed(self, message: Any, name: str) -> Image:
+        image = decode_image(bytes(message.data), name)
+        first, _, rest = str(message.format).partition(";")
+        within = rest.partition("compressed")[2].strip() or first.strip()
+        if image.ndim == 2 and within.startswith("bayer"):  # the mosaic itself was compressed
+            return self._finish(image, ros_format(within)._replace(bits=8 * image.dtype.itemsize))
+        return self._to_eight(image)
+
+    def _video(self, message: Any, name: str) -> Image | None:
+        import av
+
+        from grasptrack.io.video import upright_image
+
+        if self._decoder is None:
+            codec = _CODECS.get(message.format.lower())
+            if codec is None:
+                raise SourceError(f'{name} is video of format "{message.format}"; {", ".join(_CODECS)} are read')
+            self._decoder = av.CodecContext.create(codec, "r")
+        try:
+            frames = self._decoder.decode(av.Packet(bytes(message.data)))
+        except av.FFmpegError:
+            return None  # up to the first key frame
+        return upright_image(frames[-1]) if frames else None

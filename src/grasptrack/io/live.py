@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What goes on for as long as it is read: a thread drains the device, and only its newest image is worked on.
+
+A device that goes away is opened again, and the frames go on after a gap in time: whoever tracks keeps its state. One that
+gives no image for as long as the user's patience ends the source with an error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import contextvars
+import threading
+import time
+from collections.abc import Callable, Generator
+from typing import NamedTuple, Protocol
+
+from grasptrack.errors import GraspTrackError, SourceError
+from grasptrack.io.base import Image, Source
+from grasptrack.io.uri import PATIENCE
+
+RETRY = 0.5
+"""s between two attempts to open a device that has gone."""
+_WAKE = 0.25
+"""s after which who waits looks up, so that Ctrl-C is seen."""
+_ENDING = 3.0
+"""s that a device is given to end a read when the source is closed."""
+
+
+class DeviceGoneError(Exception):
+    """A device does not answer any more; the message says what it said."""
+
+
+class Device(Protocol):
+    """Something open that gives images.
+
+    Attributes:
+        missed: images that the device itself dropped since this was last set to 0.
+    """
+
+    missed: int
+
+    def read(self) -> tuple[Image, float | None] | None:
+        """The next image, 8 bits, and its time by the device's own clock in s, or None for the time.
+
+        None in place of both where none came within about a second.
+
+        Raises:
+            DeviceGoneError: the device was unplugged, or the stream has ended.
+            SourceError: its images cannot be read, and will not be another time.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release it."""
+        ...
+
+
+class LiveSource(Source):
+    """A device as a source. Times are s since the first image, by the device's clock where it has one.
+
+    Args:
+        spec: what the user named.
+        kind: "camera", "stream" or "ros2".
+        name: what to call it in messages, as in "camera 0".
+        open_device: opens it; raises SourceError where that cannot be.
+        fps: must be None, because a live source has times of its own.
+        patience: s without an image after which it is given up.
+
+    Attributes:
+        on_wait: called some four times a second while no image comes; what it raises ends the source.
+    """
+
+    live = True
+
+    def __init__(
+        self,
+        spec: str,
+        kind: str,
+        name: str,
+        open_device: Callable[[], Device],
+        fps: float | None = None,
+        patience: float = PATIENCE,
+    ) -> None:
+        super().__init__(spec, fps)
+        if fps is not None:
+            raise SourceError(f"{name} has times of its own: leave out the rate in frames/s (--fps)", spec=spec)
+        self.kind = kind
+        self.label = name
+        self.on_wait: Callable[[], None] = _do_nothing
+        self._open_device = open_device
+        self._patience = patience
+
+    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+        self.dropped = self.reconnected = 0
+        clock, index = _Clock(), 0
+        drain = _Drain(self._open_device, self._patience)
+        try:
+            while True:
+                newest = drain.take(self.on_wait)
+                if newest is None and drain.refusal is not None:
+                    raise drain.refusal
+                if newest is None:
+                    said = f": {drain.error}" if drain.error else ""
+                    raise SourceError(
+                        f"{self.label} gave no image for {self._patience:g} s after {index} frames{said}", frame=index
+                    )
+                self.dropped, self.reconnected = drain.dropped, newest.connection
+                yield newest.image, clock.time_of(newest), f"frame {index} of {self.label}"
+                index += 1
+        finally:
+            drain.stop()
+
+
+class _Newest(NamedTuple):
+    image: Image
+    stamp: float | None
+    arrived: float
+    connection: int
+
+
+class _Drain:
+    """The thread that owns a device: opens it, reads all it gives, keeps the last, and opens it again when it has gone.
+
+    It opens also the first time, because drivers take over Ctrl-C when they are opened in the main thread.
+    """
+
+    def __init__(self, open_device: Callable[[], Device], patience: float) -> None:
+        self.refusal: GraspTrackError | None = None
+        self.dropped = 0
+        self.error = ""
+        self._open_device, self._patience = open_device, patience
+        self._newest: _Newest | None = None
+        self._ending, self._over = threading.Event(), False
+        self._ready = threading.Condition()
+        run = contextvars.copy_context().run  # the limit of size holds there, too
+        self._thread = threading.Thread(target=run, args=(self._run,), name="grasptrack-drain", daemon=True)
+        self._thread.start()
+
+    def take(self, on_wait: Callable[[], None]) -> _Newest | None:
+        """The newest image, waited for; None where there will be none."""
+        while True:
+            with self._ready:
+                if self._newest is None and not self._over:
+                    self._ready.wait(_WAKE)
+                newest, self._newest = self._newest, None
+                if newest is not None or self._over:
+                    return newest
+            on_wait()
+
+    def stop(self) -> None:
+        """End the thread, which closes the device."""
+        self._ending.set()
+        self._thread.join(_ENDING)
+
+    def _run(self) -> None:
+        device: Device | None = None
+        try:
+            device = self._open_device()
+            connection, heard, fresh = 0, time.monotonic(), False
+            while not self._ending.is_set() and time.monotonic() - heard < self._patience:
+                if device is None:
+                    try:
+                        device, fresh = self._open_device(), True
+                    except SourceError as error:
+                        self.error = str(error)
+                        self._ending.wait(RETRY)
+                        continue
+                try:
+                    given = device.read()
+                except DeviceGoneError as error:
+                    self.error = str(error)
+                    _close(device)
+                    device = None
+                    self._ending.wait(RETRY)
+                    continue
+                self.dropped, device.missed = self.dropped + device.missed, 0
+                if given is None:
+                    continue
+                heard = time.monotonic()
+                connection, fresh = connection + fresh, False
+                self._keep(_Newest(*given, heard, connection))
+        except GraspTrackError as error:
+            self.refusal = error
+        except Exception as error:  # whatever a driver raises ends the source with it, not the thread alone
+            self.error = " ".join(f"{type(error).__name__}: {error}".split())
+        finally:
+            _close(device)
+            with self._ready:
+                self._over = True
+                self._ready.notify_all()
+
+    def _keep(self, newest: _Newest) -> None:
+        with self._ready:
+            self.dropped += self._newest is not None
+            self._newest = newest
+            self._ready.notify_all()
+
+
+def _do_nothing() -> None:
+    pass
+
+
+def _close(device: Device | None) -> None:
+    if device is not None:
+        with contextlib.suppress(Exception):  # one that has gone may not even close
+            device.close()
+
+
+class _Clock:
+    """Time since the first image. Device clocks begin anew with a connection; the wall between two is our own."""
+
+    def __init__(self) -> None:
+        self._last: tuple[float, _Newest] | None = None
+
+    def time_of(self, newest: _Newest) -> float:
+        if self._last is None:
+            elapsed = 0.0
+        else:
+            then, before = self._last
+            elapsed = then + newest.arrived - before.arrived
+            if newest.connection == before.connection and newest.stamp is not None and before.stamp is not None:
+                step = newest.stamp - before.stamp
+                elapsed = then + step if step > 0.0 else elapsed  # a clock that stands still is none
+        self._last = elapsed, newest
+        return elapsed

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Raw pixels of cameras and of ROS as 8-bit images: Bayer mosaics, packed and deep grey, other orders of colours.
+
+Where a format names its depth, as Mono12 does, values are scaled by that depth, always the same: light that changes must
+change the grey levels, and nothing else may.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasptrack.errors import SourceError
+
+
+class PixelFormat(NamedTuple):
+    """How raw values are to be read.
+
+    Attributes:
+        channels: values for each pixel.
+        bits: of a value that are used, counted from the lowest.
+        order: "mono", "bgr", "rgb", "bgra", "rgba", a Bayer pattern such as "RGGB", or "yuyv", "uyvy".
+        packed: "" where each value has whole bytes, "p" where they follow one another without gaps, the lowest bits
+            first, "Packed" for two pixels in three bytes as GigE Vision has it.
+    """
+
+    channels: int
+    bits: int
+    order: str
+    packed: str = ""
+
+    @property
+    def dtype(self) -> type[np.uint8] | type[np.uint16]:
+        """Of one value that is not packed."""
+        return np.uint8 if self.bits <= 8 else np.uint16
+
+
+_BAYER = {"RG": "RGGB", "GR": "GRBG", "GB": "GBRG", "BG": "BGGR"}
+_COLOURS = {"RGB": 3, "BGR": 3, "RGBa": 4, "BGRa": 4, "RGBA": 4, "BGRA": 4}
+_YUV = {"YUV422_8": "yuyv", "YCbCr422_8": "yuyv", "YUV422_8_UYVY": "uyvy", "YUV422Packed": "uyvy"}
+_ROS = {
+    "mono8": PixelFormat(1, 8, "mono"),
+    "mono16": PixelFormat(1, 16, "mono"),
+    "8UC1": PixelFormat(1, 8, "mono"),
+    "16UC1": PixelFormat(1, 16, "mono"),
+    "rgb8": PixelFormat(3, 8, "rgb"),
+    "bgr8": PixelFormat(3, 8, "bgr"),
+    "8UC3": PixelFormat(3, 8, "bgr"),
+    "rgba8": PixelFormat(4, 8, "rgba"),
+    "bgra8": PixelFormat(4, 8, "bgra"),
+    "8UC4": PixelFormat(4, 8, "bgra"),
+    "rgb16": PixelFormat(3, 16, "rgb"),
+    "bgr16": PixelFormat(3, 16, "bgr"),
+    "yuv422": PixelFormat(2, 8, "uyvy"),
+    "uyvy": PixelFormat(2, 8, "uyvy"),
+    "yuv422_yuy2": PixelFormat(2, 8, "yuyv"),
+    "yuyv": PixelFormat(2, 8, "yuyv"),
+    **{
+        f"bayer_{pattern.lower()}{bits}": PixelFormat(1, bits, pattern)
+        for pattern in _BAYER.values()
+        for bits in (8, 16)
+    },
+}
+
+
+def genicam_format(name: str) -> PixelFormat:
+    """A format by its name in GenICam: Mono12, BayerRG10p, RGB8, BGRa8Packed.
+
+    Raises:
+        SourceError: none that is read.
+    """
+    if name in _YUV:
+        return PixelFormat(2, 8, _YUV[name])
+    mono = re.fullmatch(r"(?:Mono|Bayer(RG|GR|GB|BG))(8|10|12|14|16)(p|Packed|)", name)
+    if mono:
+        pattern, bits, packed = mono.groups()
+        return PixelFormat(1, int(bits), _BAYER[pattern] if pattern else "mono", packed if bits != "8" else "")
+    colour = re.fullmatch(r"(RGBA?|BGRA?|RGBa|BGRa)(8|10|12|16)(?:Packed)?", name)
+    if colour:
+        return PixelFormat(_COLOURS[colour[1]], int(colour[2]), colour[1].lower())
+    raise SourceError(
+        f"pixels of format {name} are not read: choose Mono, Bayer, RGB or BGR (--set PixelFormat=Mono8)", format=name
+    )
+
+
+def ros_format(encoding: str) -> PixelFormat:
+    """A format by its name in sensor_msgs/Image and foxglove.RawImage.
+
+    Raises:
+        SourceError: none that is read.
+    """
+    found = _ROS.get(encoding) or _ROS.get(encoding.lower())
+    if found is None:
+        raise SourceError(
+            f'images of encoding "{encoding}" are not read, only {", ".join(list(_ROS)[:11])}, yuv422 and bayer_*',
+            encoding=encoding,
+        )
+    return found
+
+
+def raw_image(
+    data: NDArray[np.uint8], width: int, height: int, form: PixelFormat, step: int = 0, *, big_endian: bool = False
+) -> NDArray[Any]:
+    """Raw bytes as an array (H, W) or (H, W, channels) of 8 or 16 bits, nothing changed yet.
+
+    Args:
+        data: (n,) bytes.
+        width, height: px.
+        form: how they are to be read.
+        step: bytes from a row to the next; 0 where nothing lies between them.
+        big_endian: the higher byte of 16 comes first.
+
+    Raises:
+        SourceError: fewer bytes than so many pixels need.
+    """
+    if form.packed:
+        return _unpack(data, width, height, form)
+    row = width * form.channels * np.dtype(form.dtype).itemsize
+    step = step or row
+    if width < 1 or height < 1 or step < row or data.size < step * (height - 1) + row:
+        raise SourceError(
+            f"an image of {width}x{height} px needs {row * height} bytes, but has {data.size}, {step} a row",
+            width=width,
+            height=height,
+        )
+    padded = data[: step * height]
+    if padded.size < step * height:  # the last row may end with its pixels
+        padded = np.concatenate([padded, np.zeros(step * height - padded.size, np.uint8)])
+    values = np.ascontiguousarray(padded.reshape(height, step)[:, :row]).view(form.dtype)
+    if big_endian and values.dtype == np.uint16:
+        values = values.byteswap()
+    return values if form.channels == 1 else values.reshape(height, width, form.channels)
+
+
+def _unpack(data: NDArray[np.uint8], width: int, height: int, form: PixelFormat) -> NDArray[np.uint16]:
+    """Values of 10, 12 or 14 bits that share bytes, as uint16."""
+    count = width * height
+    needed = -(-count * (12 if form.packed == "Packed" else form.bits) // 8)
+    if width < 1 or height < 1 or data.size < needed:
+        raise SourceError(f"an image of {width}x{height} px needs {needed} bytes, but has {data.size}", width=width)
+    if form.packed == "Packed":  # high byte, both low parts, high byte
+        whole = np.zeros(-(-needed // 3) * 3, np.uint8)
+        whole[:needed] = data[:needed]
+        first, middle, second = whole.reshape(-1, 3).T.astype(np.uint16)
+        low = form.bits - 8
+        mask = (1 << low) - 1
+        pair = np.stack([first << low | middle & mask, second << low | middle >> 4 & mask], axis=1)
+        return np.asarray(pair.ravel()[:count].reshape(height, width), dtype=np.uint16)
+    size = form.bits // 2  # bytes of four values
+    whole = np.zeros(-(-needed // size) * size, np.uint8)
+    whole[:needed] = data[:needed]
+    parts = whole.reshape(-1, size).T.astype(np.uint32)
+    values = np.empty((parts.shape[1], 4), np.uint16)
+    for k in range(4):
+        byte, shift = divmod(k * form.bits, 8)
+        joined = sum(part << np.uint32(8 * i) for i, part in enumerate(parts[byte : byte + 3]))
+        values[:, k] = joined >> np.uint32(shift) & np.uint32((1 << form.bits) - 1)
+    return values.ravel()[:count].reshape(height, width)
+
+
+def to_image(raw: NDArray[Any], form: PixelFormat, bits: int | None = None) -> NDArray[np.uint8]:
+    """Raw values as grey (H, W) or BGR (H, W, 3), 8 bits.
+
+    Args:
+        raw: as `raw_image` gives it.
+        form: how it was read.
+        bits: that are used, where the format tells less; None takes the format's.
+    """
+    import cv2
+
+    image: Any = raw
+    if image.dtype != np.uint8:
+        image = cv2.convertScaleAbs(image, alpha=255.0 / ((1 << (bits or form.bits)) - 1))
+        image = image.reshape(raw.shape)
+    if form.order == "mono" or form.order == "bgr":
+        return np.ascontiguousarray(image, dtype=np.uint8)
+    codes = {
+        "rgb": cv2.COLOR_RGB2BGR,
+        "rgba": cv2.COLOR_RGBA2BGR,
+        "bgra": cv2.COLOR_BGRA2BGR,
+        "yuyv": cv2.COLOR_YUV2BGR_YUYV,
+        "uyvy": cv2.COLOR_YUV2BGR_UYVY,
+        # OpenCV names a mosaic by its second row's second and third pixel.
+        "RGGB": cv2.COLOR_BayerBG2BGR,
+        "GRBG": cv2.COLOR_BayerGB2BGR,
+        "GBRG": cv2.COLOR_BayerGR2BGR,
+        "BGGR": cv2.COLOR_BayerRG2BGR,
+    }
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(image), codes[form.order]), dtype=np.uint8)
