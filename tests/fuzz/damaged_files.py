@@ -34,10 +34,14 @@ from grasptrack.bench.records import read_homographies, read_records, write_homo
 from grasptrack.bench.run_folder import read_run
 from grasptrack.cli.main import main as command_line
 from grasptrack.errors import InputError
+from grasptrack.io.base import Frame
+from grasptrack.io.recording import open_recording
 from grasptrack.io.video import VideoWriter
+from grasptrack.tracking.result import TrackResult
 
 IMAGES = (".png", ".jpg", ".bmp", ".tif", ".pgm")
 VIDEOS = (".mp4", ".avi", ".mkv")
+BAGS = (".bag", ".mcap")
 LENSES = {
     "ros.yaml": "image_width: 160\nimage_height: 120\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
     "  data: [180, 0, 80, 0, 180, 60, 0, 0, 1]\ndistortion_model: plumb_bob\n"
@@ -91,6 +95,9 @@ def whole_files(folder: Path) -> list[Path]:
         for frame in frames:
             writer.write(frame)
         writer.close()
+    for suffix, write in zip(BAGS, (write_ros_bag, write_recording), strict=True):
+        files.append(folder / f"whole{suffix}")
+        write(files[-1], frames)
     for name, text in LENSES.items():
         files.append(folder / name)
         files[-1].write_text(text)
@@ -122,6 +129,30 @@ def _evaluated_files(folder: Path) -> list[Path]:
     lost = FrameScore(11, "lost", 'only 40 % seen, of "it"', None, 4.0, 2.5)
     write_records(folder / SCORES, {"auto": [*tracked, lost], "klt": tracked})
     return [folder / name for name in (TABLE, SCENES, INDEX, SCORES)]
+
+
+def write_ros_bag(path: Path, frames: list[NDArray[np.uint8]]) -> None:
+    """A bag of ROS 1 with compressed images."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    name = "sensor_msgs/msg/CompressedImage"
+    with Writer(path) as writer:
+        connection = writer.add_connection("/image", name, typestore=store)
+        for k, frame in enumerate(frames):
+            time = store.types["builtin_interfaces/msg/Time"](sec=1, nanosec=40_000_000 * k)
+            header = store.types["std_msgs/msg/Header"](seq=k, stamp=time, frame_id="")
+            message = store.types[name](header=header, format="png", data=cv2.imencode(".png", frame)[1].ravel())
+            writer.write(connection, 10**9 + 40_000_000 * k, store.serialize_ros1(message, name))
+
+
+def write_recording(path: Path, frames: list[NDArray[np.uint8]]) -> None:
+    """A recording as `--record` writes it."""
+    recording = open_recording(path)
+    for k, frame in enumerate(frames):
+        recording.write(Frame(k, 0.04 * k, frame, "x"), TrackResult(k, 0.04 * k, "searching", "no object"))
+    recording.close()
 
 
 def damaged(data: bytes, rng: np.random.Generator, others: list[bytes]) -> bytes:
@@ -158,7 +189,7 @@ def commands(file: Path, folder: Path, rng: np.random.Generator) -> tuple[str, .
     out, image = str(folder / "out"), str(folder / "whole.png")
     if file.name in LENSES:
         return "synthesize", image, "--camera", str(file), "--output", out
-    if file.suffix in VIDEOS:
+    if file.suffix in VIDEOS + BAGS:
         return "track", str(file), "--no-video", "--output", out
     if file.stem == "mask":
         return "synthesize", image, str(rng.choice(["--mask", "--ignore", "--background"])), str(file), "--output", out

@@ -23,7 +23,8 @@ from recordings import plate, plates, rows, write
 
 HEAD = (
     "frame,time_s,status,strategy,grasp_id,x1,y1,x2,y2,seen1,seen2,margin,confidence,chance,latency_ms,reason,reason_code,"
-    "tilt,tilt_sd,margin_sd,margin_image,distance,distance_sd,mended,notice"
+    "tilt,tilt_sd,margin_sd,margin_image,distance,distance_sd,mended,notice,"
+    "h11,h12,h13,h21,h22,h23,h31,h32,h33,cov_xx1,cov_xy1,cov_yy1,cov_xx2,cov_xy2,cov_yy2"
 )
 
 

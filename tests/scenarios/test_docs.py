@@ -18,7 +18,21 @@ from recordings import plates
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
-VERBS = ("synthesize", "inspect", "track", "transfer", "demo", "servo", "evaluate", "compare", "models", "doctor")
+VERBS = (
+    *(
+        "synthesize",
+        "inspect",
+        "track",
+        "transfer",
+        "demo",
+        "servo",
+        "evaluate",
+        "compare",
+        "cameras",
+        "models",
+        "doctor",
+    ),
+)
 WITH_OPTIONS = (*VERBS[:6], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
 PAGES = (
     "benchmarks.md",
@@ -29,6 +43,7 @@ PAGES = (
     "numbers.md",
     "paper-map.md",
     "paper-tables.md",
+    "sources.md",
     "servo.md",
     "simulation.md",
     "../README.md",

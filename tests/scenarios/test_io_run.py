@@ -91,9 +91,12 @@ def test_the_columns_are_the_contract() -> None:
         "distance_sd",
         "mended",
         "notice",
+        *("h11", "h12", "h13", "h21", "h22", "h23", "h31", "h32", "h33"),
+        *("cov_xx1", "cov_xy1", "cov_yy1", "cov_xx2", "cov_xy2", "cov_yy2"),
     ]
     assert csv_columns(2) == [*start, "x1", "y1", "x2", "y2", "seen1", "seen2", *end]
-    assert csv_columns(3) == [*start, "x1", "y1", "x2", "y2", "x3", "y3", "seen1", "seen2", "seen3", *end]
+    third = ["cov_xx3", "cov_xy3", "cov_yy3"]
+    assert csv_columns(3) == [*start, "x1", "y1", "x2", "y2", "x3", "y3", "seen1", "seen2", "seen3", *end, *third]
 
 
 def test_a_row_for_every_frame_with_empty_cells_where_there_is_no_value(tmp_path: Path) -> None:

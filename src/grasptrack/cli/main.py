@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from grasptrack.cli.cameras import cameras
 from grasptrack.cli.compare import compare
 from grasptrack.cli.demo import demo
 from grasptrack.cli.doctor import doctor
@@ -42,7 +43,7 @@ _HELP = """Choose a grasp on a flat object once, then find the same physical con
 \b
 Examples:
   grasptrack demo                   a rendered scene, with errors against ground truth
-  grasptrack track video.mp4        also a folder, "images/*.png", camera:0, an image
+  grasptrack track video.mp4        also a folder, "images/*.png", camera:0, rtsp://..., an image
   grasptrack track photos --fps 30 --output run --strategy homography
   grasptrack track video.mp4 --grasp "193,308 157,99"
   grasptrack synthesize photo.jpg   the best grasps on the object in one image
@@ -93,6 +94,7 @@ app.command(short_help="Track a rendered scene and compare with ground truth.")(
 app.command(short_help="Approach a grasp, close and lift, in a physics simulation.")(servo)
 app.add_typer(evaluate, name="evaluate", short_help="Measure every method, and write a report.")
 app.command(short_help="Compare two evaluations.")(compare)
+app.command(short_help="List the cameras that are attached.")(cameras)
 app.command(short_help="Say what is installed, what is missing, and what is wrong.")(doctor)
 app.add_typer(models, name="models", short_help="Models for --segmenter: list, download.")
 

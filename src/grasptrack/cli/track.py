@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grasptrack.cli import first_image, options
+from grasptrack.cli import first_image, options, source_options
 from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import Interruption, Progress, RunInterruptedError, show_run
 from grasptrack.errors import InputError
@@ -28,7 +28,10 @@ APART = 4
 
 def track(
     source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help='Folder, "glob", video file, camera:0, or one image.')
+        str,
+        typer.Argument(
+            metavar="SOURCE", help='Folder, "glob", video file, camera:0, rtsp://..., bag:FILE#/topic, - or one image.'
+        ),
     ],
     strategy: Annotated[
         str, typer.Option(metavar="NAME", help="Strategy: auto, rrp, grasp-line or homography.")
@@ -60,6 +63,11 @@ def track(
         float | None,
         typer.Option(metavar="RATE", help="Frame rate in frames/s, for folders and globs, which have no times."),
     ] = None,
+    set_: source_options.Settings = None,
+    record: source_options.RecordPaths = None,
+    record_quality: source_options.RecordQuality = None,
+    jsonl: source_options.JsonlPath = None,
+    outline_in_jsonl: source_options.OutlineInJsonl = False,
     min_opening: options.MinOpening = None,
     max_opening: options.MaxOpening = None,
     finger_width: options.FingerWidth = None,
@@ -86,6 +94,9 @@ def track(
     Where the choice of the object is not sure, candidates.png shows the likeliest, numbered, and --choose takes one.
 
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
+    --record adds a file for Foxglove or rerun, --jsonl a line of JSON for every frame.
+
+    Of a live source the newest image is taken, and what comes in the meantime is dropped. One that goes away is opened again.
 
     \b
     Examples:
@@ -94,6 +105,7 @@ def track(
       grasptrack track "images/*.png" --object 320,240 --no-video
       grasptrack track video.mp4 --grasp "193,308 157,99" --strategy rrp
       grasptrack track camera:0 --ignore fingers.png
+      grasptrack track "camera:0?size=1280x720&fps=30" --set exposure=200 --record run.mcap
       grasptrack track video.mp4 --object 320,240 --not 300,180 --segmenter u2netp
       grasptrack track video.mp4 --outline "120,80 420,90 430,300 110,310"
       grasptrack track video.mp4 --risk 1e-5
@@ -120,6 +132,10 @@ def track(
         "camera": camera,
         "length": length,
         "fps": fps,
+        "set": set_,
+        "record": record,
+        "record_quality": record_quality,
+        "jsonl": jsonl,
         **lengths,
         "scale": scale,
         "resynthesize": resynthesize,
@@ -131,13 +147,15 @@ def track(
     calibration = first_image.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
 
+    from grasptrack.io.live import LiveSource
     from grasptrack.io.masks import open_masks
     from grasptrack.io.run import run_track
     from grasptrack.io.sources import open_source
     from grasptrack.segmentation.segmenters import segmenter_for
     from grasptrack.tracking.tracker import GraspTracker
 
-    images = open_source(source, fps)
+    settings = source_options.device_settings(set_)
+    images = open_source(source, fps, settings=settings)
     if masks is not None and segmenter is not None:
         raise InputError("--masks and --segmenter both say where the object is: give one of them")
     segmentation = None if masks is None else open_masks(masks, images)
@@ -151,7 +169,7 @@ def track(
         box=meant.box,
         outline=meant.outline,
         number=choose,
-        more=() if images.kind == "camera" else _later_images(source),
+        more=() if images.live or images.kind == "stdin" else _later_images(source, settings),
         sure=sure,
         first_look_ms=first_look_ms,
         ignore=first_image.ignore_mask(ignore),
@@ -163,8 +181,12 @@ def track(
         risk=risk,
         length=None if measure is None else measure.value,
     )
+    recordings = source_options.open_recordings(record, record_quality, jsonl, outline_in_jsonl)
+    quiet = quiet or jsonl == "-"  # the standard output is for the lines
     done, notes, looks = 0, list[str](), list[Any]()
     with Interruption() as interruption:
+        if isinstance(images, LiveSource):
+            images.on_wait = interruption.check
         try:
             with Progress(quiet) as progress:
 
@@ -189,6 +211,7 @@ def track(
                     video=not no_video,
                     options=asked,
                     masks=segmentation,
+                    recordings=recordings,
                     on_frame=report_frame,
                 )
         except KeyboardInterrupt:
@@ -197,17 +220,18 @@ def track(
         raise InputError(_nothing_to_track(summary))
     if images.shortfall:
         notes.append(f'"{source}": {images.shortfall}')
+    notes += [f"recorded: {recording.path}" for recording in recordings if str(recording.path) != "-"]
     said = choose is not None or meant.outline is not None or contacts is not None
     notes += note_candidates(tracker.candidates, looks[0] if looks else None, output, sure, meant=said)
     if not quiet:
         show_run(summary, output, notes)
 
 
-def _later_images(source: str) -> Iterator[NDArray[Any]]:
+def _later_images(source: str, settings: Mapping[str, str]) -> Iterator[NDArray[Any]]:
     """Every so many images of a source after its first; it is opened when they are asked for."""
     from grasptrack.io.sources import open_source
 
-    with open_source(source) as again:
+    with open_source(source, settings=settings) as again:
         for k, frame in enumerate(again):
             if k and k % APART == 0:
                 yield frame.image

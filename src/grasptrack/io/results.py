@@ -2,8 +2,9 @@
 """grasps.csv and run.json: one row for every frame, and what the run was and gave.
 
 Units in both files, for people: px for contacts (4 decimals), **degrees** for margins and tilt, s for times, ms for latency,
-0 to 1 for seen, chance and confidence (9 decimals, for small risks), the user's own unit for distances (6 figures). A cell is
-empty where there is no value. run.json repeats them under "units".
+0 to 1 for seen, chance and confidence (9 decimals, for small risks), the user's own unit for distances (6 figures), px and px^2
+for homographies and covariances (9 and 6 figures). A cell is empty where there is no value. run.json
+repeats them under "units".
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import math
 import os
 import platform
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,9 @@ from typing import TYPE_CHECKING, Any
 from grasptrack.files import whole_file
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from grasptrack.tracking.result import TrackResult
 
 UNITS = {
@@ -42,6 +46,8 @@ UNITS = {
     "distance": "that of the length that was told",
     "distance_sd": "that of the length that was told",
     "mended": "share of the first outline",
+    "homography": "H_current_reference, px of the grasp's first view to px of the frame, h33 being 1",
+    "covariances": "px^2, of each contact's x and y",
 }
 
 
@@ -55,6 +61,8 @@ def csv_columns(fingers: int) -> list[str]:
         *("margin", "confidence", "chance", "latency_ms", "reason", "reason_code"),
         *("tilt", "tilt_sd", "margin_sd", "margin_image"),
         *("distance", "distance_sd", "mended", "notice"),
+        *(f"h{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)),
+        *(f"cov_{pair}{i}" for i in numbers for pair in ("xx", "xy", "yy")),
     ]
 
 
@@ -111,9 +119,11 @@ class GraspsCsv:
                 result.reason_code,
                 *(_format_cell(math.degrees(v), 4) for v in (result.tilt, result.tilt_sd)),
                 *(_format_cell(math.degrees(v), 4) for v in (result.margin_sd, result.margin_image)),
-                *("" if not math.isfinite(v) else f"{v:.6g}" for v in (result.distance, result.distance_sd)),
+                *_format_figures((result.distance, result.distance_sd), 2, 6),
                 _format_cell(result.mended or None, 4),
                 result.notice,
+                *_format_figures([] if result.homography is None else result.homography.ravel(), 9, 9),
+                *_format_figures(_upper_triangles(result.covariance), 3 * self._fingers, 6),
             ]
         )
 
@@ -143,6 +153,17 @@ def _format_cell(value: float | None, decimals: int) -> str:
 def _format_cells(values: list[float], count: int, decimals: int) -> list[str]:
     cells = [_format_cell(v, decimals) for v in values[:count]]
     return cells + [""] * (count - len(cells))
+
+
+def _format_figures(values: Iterable[float], count: int, figures: int) -> list[str]:
+    """Cells of numbers of any size; as many as columns, empty where there is no value."""
+    cells = [f"{value:.{figures}g}" if math.isfinite(value) else "" for value in values][:count]
+    return cells + [""] * (count - len(cells))
+
+
+def _upper_triangles(covariance: NDArray[np.float64] | None) -> list[float]:
+    """xx, xy and yy of each of (k, 2, 2)."""
+    return [] if covariance is None else [float(c[at]) for c in covariance for at in ((0, 0), (0, 1), (1, 1))]
 
 
 def software_versions() -> dict[str, str]:

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 import time
 from array import array
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -20,6 +21,7 @@ from grasptrack.io.results import UNITS, GraspsCsv, software_versions, write_jso
 
 if TYPE_CHECKING:
     from grasptrack.io.masks import Masks
+    from grasptrack.io.recording import Recording
     from grasptrack.io.video import VideoWriter
     from grasptrack.tracking.result import TrackResult
     from grasptrack.view.summary import Filmstrip
@@ -179,6 +181,7 @@ def run_track(
     video: bool = True,
     options: Mapping[str, Any] | None = None,
     masks: Masks | None = None,
+    recordings: Sequence[Recording] = (),
     on_frame: Callable[[Frame, TrackResult], None] | None = None,
 ) -> RunSummary:
     """Track a grasp through a source and write the results to a folder.
@@ -194,7 +197,8 @@ def run_track(
         video: write overlay.mp4.
         options: what the user asked for, for run.json.
         masks: the user's segmentation of the frames.
-        on_frame: called with each frame and its result, after its row is written.
+        recordings: each is given every frame and its result, after its row is written, and closed at the end.
+        on_frame: called with each frame and its result after that.
 
     Returns:
         Counts, figures and the files written.
@@ -203,7 +207,10 @@ def run_track(
         InputError: the folder cannot be written, another run writes to it, the disk is full, or a frame or mask cannot be used;
             the rows before it are kept.
     """
-    with hold_folder(output):
+    with contextlib.ExitStack() as held:
+        for recording in recordings:
+            held.callback(recording.close)
+        held.enter_context(hold_folder(output))
         prepare_output(output)
         run = _Run(output, tracker.fingers, source, video, dict(options or {}))
         ended, error = "failed", ""
@@ -212,6 +219,8 @@ def run_track(
                 mask = None if masks is None else masks.mask(frame)
                 result = tracker.update(frame.image, time=frame.time, mask=mask)
                 run.record(frame, result)
+                for recording in recordings:
+                    recording.write(frame, result)
                 if on_frame is not None:
                     on_frame(frame, result)
             ended = "finished"
@@ -253,7 +262,7 @@ class _Run:
         from grasptrack.view.summary import Filmstrip
 
         self._output, self._source = output, source
-        self._head = {
+        self._head: dict[str, Any] = {
             "options": options,
             "versions": software_versions(),
             "backend": kernels.BACKEND,
@@ -307,6 +316,8 @@ class _Run:
         }
         summary = self._tally.summary(seconds, "failed" if problems else ended, files)
         said = {"error": error or " ".join(map(str, problems)), "shortfall": self._source.shortfall}
+        if self._source.live:
+            self._head["source"] |= {"dropped": self._source.dropped, "reconnected": self._source.reconnected}
         content = {"ended": summary.ended, **{k: v for k, v in said.items() if v}, **self._head, **summary.figures()}
         writers: tuple[Callable[[], None], ...] = (
             lambda: write_json(self._output / "run.json", content),
@@ -327,6 +338,6 @@ class _Run:
         from grasptrack.view.summary import write_summary
 
         picture = self._output / "summary.png"
-        title = Path(str(self._head["source"]["name"])).name  # type: ignore[index]
+        title = Path(str(self._head["source"]["name"])).name
         write_summary(picture, self._output / "grasps.csv", self._strip, summary, title=title)
         summary.files[picture.name] = picture

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MCAP files for Foxglove: images, what is drawn on them, and the results as JSON. Extra `foxglove`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from grasptrack.errors import InputError
+from grasptrack.io.bags.mcap import IMAGE_TOPIC, RESULT_TOPIC
+from grasptrack.io.extras import import_extra
+from grasptrack.io.recorders.encoding import encode_image
+from grasptrack.io.recorders.fields import (
+    HALF,
+    covariance_ellipses,
+    result_fields,
+    result_schema,
+    status_line,
+)
+from grasptrack.io.video import DEFAULT_FPS
+from grasptrack.view.style import STATUS_RGB
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from grasptrack.io.base import Frame
+    from grasptrack.tracking.result import TrackResult
+    from grasptrack.typing import Floats
+
+ANNOTATION_TOPIC = "/grasptrack/annotations"
+_FRAME = "camera"
+_THICKNESS = 2.0
+
+
+class FoxgloveRecording:
+    """Writes `IMAGE_TOPIC`, `ANNOTATION_TOPIC` and `RESULT_TOPIC`.
+
+    Stamps are those of the frames, from the hour at which the recording begins; frames without a time stand 1/25 s after the
+    one before. The results keep the times as they are, so that what is tracked again is the same.
+
+    Args:
+        path: the file, written over.
+        quality: 1 to 100, of JPEG images; None for PNG.
+
+    Raises:
+        InputError: foxglove-sdk is not installed, or the file cannot be written.
+    """
+
+    def __init__(self, path: Path, quality: int | None = None) -> None:
+        self.path, self._quality = path, quality
+        self._sdk: Any = import_extra("foxglove", "foxglove", "a recording for Foxglove")
+        channels = import_extra("foxglove.channels", "foxglove", "a recording for Foxglove")
+        self._messages: Any = import_extra("foxglove.messages", "foxglove", "a recording for Foxglove")
+        # Not the global one: two recordings must not see each other's images. It must live as long as its channels.
+        self._context = context = self._sdk.Context()
+        try:
+            self._writer: Any = self._sdk.open_mcap(path, allow_overwrite=True, context=context)
+        except (OSError, RuntimeError) as error:
+            raise InputError(f'"{path}" cannot be written: {error}', path=str(path)) from None
+        self._images = channels.CompressedImageChannel(IMAGE_TOPIC, context=context)
+        self._annotations = channels.ImageAnnotationsChannel(ANNOTATION_TOPIC, context=context)
+        self._results = self._sdk.Channel(RESULT_TOPIC, schema=result_schema(), context=context)
+        self._begin = time.time_ns()
+        self._last = self._begin - 1
+
+    def write(self, frame: Frame, result: TrackResult) -> None:
+        """Add a frame."""
+        own = None if frame.time is None else self._begin + round(frame.time * 1e9)
+        stamp = own if own is not None and own > self._last else self._last + round(1e9 / DEFAULT_FPS)
+        self._last = stamp
+        data, form = encode_image(frame.image, self._quality)
+        at = self._messages.Timestamp(sec=stamp // 1_000_000_000, nsec=stamp % 1_000_000_000)
+        image = self._messages.CompressedImage(timestamp=at, frame_id=_FRAME, data=data, format=form)
+        self._images.log(image, log_time=stamp)
+        self._results.log(result_fields(frame, result), log_time=stamp)
+        self._annotations.log(self._drawn(result, at), log_time=stamp)
+
+    def _drawn(self, result: TrackResult, at: Any) -> Any:
+        m = self._messages
+        colour = m.Color(**dict(zip("rgb", (part / 255.0 for part in STATUS_RGB[result.status]), strict=True)), a=1.0)
+        white = m.Color(r=1.0, g=1.0, b=1.0, a=1.0)
+
+        def loop(points: Floats, color: Any) -> Any:
+            return m.PointsAnnotation(
+                timestamp=at,
+                type=m.PointsAnnotationType.LineLoop,
+                points=self._points(points),
+                outline_color=color,
+                thickness=_THICKNESS,
+            )
+
+        loops = [loop(c.points, colour) for c in (() if result.view is None else result.view.contours)]
+        loops += [loop(ellipse, white) for ellipse in covariance_ellipses(result)]
+        contacts = [] if result.contacts is None else self._points(result.contacts)
+        circles = [
+            m.CircleAnnotation(timestamp=at, position=p, diameter=8.0, thickness=_THICKNESS, outline_color=colour)
+            for p in contacts
+        ]
+        corner = m.Point2(x=8.0, y=20.0)
+        text = m.TextAnnotation(
+            timestamp=at, position=corner, text=status_line(result), font_size=14.0, text_color=colour
+        )
+        return m.ImageAnnotations(circles=circles, points=loops, texts=[text])
+
+    def _points(self, points: Iterable[Any]) -> list[Any]:
+        """In Foxglove's px, which count from the corner of the first pixel."""
+        return [self._messages.Point2(x=float(x) + HALF, y=float(y) + HALF) for x, y in points]
+
+    def close(self) -> None:
+        """Write the index; may be called again."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Streams on loopback: MJPEG over HTTP, H.264 over RTSP and UDP, cut and picked up again, and addresses where nothing is."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grasptrack import GraspTracker, SourceError, open_source
+from grasptrack.cli.main import main
+from grasptrack.io import live, streams
+from grasptrack.io.base import Frame
+from grasptrack.io.run import run_track
+from grasptrack.tracking.result import TrackResult
+from recordings import rows
+from rtsp import rtsp_server
+from streaming import RATE, free_port, mjpeg_server, pushed_video, shown
+
+
+def nearest_step(image: np.ndarray, last: int = 400) -> float:
+    """Mean difference in grey levels from the most similar image that was sent."""
+    grey = image if image.ndim == 2 else image[:, :, 1]
+    return min(float(np.abs(grey.astype(int) - shown(step)).mean()) for step in range(last))
+
+
+def test_mjpeg_over_http_is_a_live_source() -> None:
+    port = free_port()
+    with mjpeg_server(port):
+        source = open_source(f"http://127.0.0.1:{port}/stream")
+        frames = list(itertools.islice(source, 6))
+    assert (source.kind, source.live, source.count) == ("stream", True, None)
+    assert nearest_step(frames[-1].image, 40) < 1.5
+    steps = np.diff([f.time for f in frames])
+    assert (steps > 0).all() and steps.mean() == pytest.approx(1 / RATE, abs=0.03)
+
+
+def test_rtsp_keeps_the_cameras_own_times() -> None:
+    port = free_port()
+    with rtsp_server(port):
+        frames = list(itertools.islice(open_source(f"rtsp://user:secret@127.0.0.1:{port}/live"), 8))
+    times = np.array([f.time for f in frames]) * RATE
+    np.testing.assert_allclose(times, np.rint(times), atol=1e-3)
+    assert "secret" not in frames[0].name and nearest_step(frames[0].image, 60) < 2.0
+
+
+def test_udp() -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    with pushed_video(f"udp://127.0.0.1:{port}?pkt_size=1316", "mpegts"):
+        frames = list(itertools.islice(open_source(f"udp://127.0.0.1:{port}"), 4))
+    assert nearest_step(frames[0].image, 90) < 2.0
+
+
+def track_through_a_cut(folder: Path, pause: float) -> tuple[list[dict[str, str]], dict[str, int]]:
+    """Rows of a run whose server goes away after 20 frames for so many s, and its entry of the source in run.json."""
+    port = free_port()
+    source = open_source(f"http://127.0.0.1:{port}/stream", settings={"wait": str(pause + 4.0)})
+    began = time.monotonic()
+    first = mjpeg_server(port)
+    ended = first.__enter__()
+    second: list[object] = []
+    count = 0
+
+    def cut_off(frame: Frame, result: TrackResult) -> None:
+        nonlocal count
+        count += 1
+        if count == 8:
+            ended.set()
+            threading.Thread(target=restart, daemon=True).start()
+        if source.reconnected and count >= 20:
+            raise KeyboardInterrupt
+
+    def restart() -> None:
+        first.__exit__(None, None, None)
+        time.sleep(pause)
+        again = mjpeg_server(port, int((time.monotonic() - began) * RATE))
+        again.__enter__()
+        second.append(again)
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_track(source, GraspTracker(), folder, video=False, on_frame=cut_off)
+    finally:
+        for server in second:
+            server.__exit__(None, None, None)  # type: ignore[attr-defined]
+    return rows(folder), json.loads((folder / "run.json").read_text())["source"]
+
+
+@pytest.mark.parametrize("pause", [0.4, pytest.param(3.0, marks=pytest.mark.slow)])
+def test_a_stream_that_was_cut_is_picked_up_again_with_the_same_grasp(tmp_path: Path, pause: float) -> None:
+    found, told = track_through_a_cut(tmp_path, pause)
+    times = np.array([float(r["time_s"]) for r in found])
+    assert (np.diff(times) > 0).all() and np.diff(times).max() > pause
+    after = [r for r in found if float(r["time_s"]) > times[np.argmax(np.diff(times))]]
+    located = [r for r in after if r["status"] in ("tracked", "unstable")]
+    assert len(located) >= len(after) / 2 and {r["grasp_id"] for r in located} == {"1"}
+    assert told["reconnected"] == 1
+
+
+def test_only_the_newest_image_is_worked_on() -> None:
+    port = free_port()
+    with mjpeg_server(port):
+        source = open_source(f"http://127.0.0.1:{port}/stream")
+        for frame in source:
+            if frame.index == 2:
+                break
+            time.sleep(0.25)  # who works for longer than an image lasts
+    assert source.dropped >= 2 * 0.25 * RATE / 2
+
+
+@pytest.mark.parametrize(
+    ("spec", "reason"),
+    [
+        ("rtsp://127.0.0.1:1/x", "cannot be opened: Connection refused"),
+        ("http://127.0.0.1:1/x", "cannot be opened: Connection refused"),
+        ("rtsp:camera", "names no host"),
+        ("udp://", "names no port"),
+        ("udp://127.0.0.1:99999", "names no port"),
+        ("rstp://127.0.0.1/x", '"rstp:" is no kind of source; there are bag, camera'),
+    ],
+)
+def test_wrong_addresses_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], spec: str, reason: str
+) -> None:
+    assert main(["track", spec, "--output", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and reason in told
+
+
+def test_a_server_that_never_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(streams, "_OPENING", 0.4)
+    with socket.socket() as deaf:
+        deaf.bind(("127.0.0.1", 0))
+        deaf.listen()
+        with pytest.raises(SourceError, match="no answer in time"):
+            next(iter(open_source(f"http://127.0.0.1:{deaf.getsockname()[1]}/x")))
+
+
+def test_a_stream_that_goes_for_good_ends_the_run_with_its_rows_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "RETRY", 0.05)
+    port = free_port()
+    with mjpeg_server(port) as ended:
+        threading.Timer(0.8, ended.set).start()
+        given = [
+            "track",
+            f"http://127.0.0.1:{port}/stream",
+            "--set",
+            "wait=0.3",
+            "--output",
+            str(tmp_path),
+            "--no-video",
+        ]
+        record = ["--jsonl", str(tmp_path / "run.jsonl")]
+        assert main([*given, *record]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and "gave no image for 0.3 s after" in told
+    kept = rows(tmp_path)
+    assert len(kept) >= 2 and len((tmp_path / "run.jsonl").read_text().splitlines()) == len(kept)
+
+
+def test_ctrl_c_is_seen_while_no_image_comes(tmp_path: Path) -> None:
+    port = free_port()
+    with mjpeg_server(port) as ended:
+        command = [sys.executable, "-m", "grasptrack.cli.main", "track", f"http://127.0.0.1:{port}/stream"]
+        given = ["--set", "wait=60", "--output", str(tmp_path), "--no-video", "--jsonl", "-"]
+        with subprocess.Popen([*command, *given], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert process.stdout is not None and process.stderr is not None
+            assert process.stdout.readline().startswith(b"{")
+            ended.set()
+            time.sleep(0.5)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(10) == 130
+            assert process.stderr.read().count(b"\n") == 1
+    assert json.loads((tmp_path / "run.json").read_text())["ended"] == "interrupted"
