@@ -184,3 +184,25 @@ sys.exit(main())
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_python_takes_itself_down_leaves_the_status(number: signal.Signals) -> None:
+    """Python gives its handlers back before it destroys its modules, and a signal would kill."""
+    code = """
+import os, sys, time
+from grasptrack.cli.terminal import keep_status
+
+class Slow:
+    def __del__(self, write=os.write, sleep=time.sleep):
+        write(1, b"x")
+        sleep(1.0)
+
+slow = Slow()
+keep_status(3)
+sys.exit(3)
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stdout.read(1) == b"x"
+        process.send_signal(number)
+        assert process.wait(30.0) == 3

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import math
 import os
@@ -52,6 +53,8 @@ def keep_status(status: int) -> None:
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: os._exit(status))
+        # Last of all Python takes handlers of its own away, and a signal would kill: one that is ignored stays so.
+        atexit.register(lambda: [signal.signal(n, signal.SIG_IGN) for n in (signal.SIGINT, signal.SIGTERM)])
 
 
 def tell_error(message: str) -> None:
