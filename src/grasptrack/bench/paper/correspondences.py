@@ -111,16 +111,15 @@ def find_literal_correspondences(footage: Footage, frame: int) -> Correspondence
         return str(error)
     applied = apply_homography(H, grasp.contacts)
     samples = description.samples, places.astype(int).tolist()
-    curvature = tuple(u * c.length for u, c in ((description.curvature, first.outer), (v, second.outer)))
+    curvature = description.curvature * first.outer.length, v * second.outer.length
     scaled = [e * second.outer.length for e in errors.tolist()]
-    one, other = curvature
     return Correspondences(
         footage,
         frame,
         "to the letter",
         first,
         second,
-        (one, other),
+        curvature,
         samples,
         places.tolist(),
         scaled,
