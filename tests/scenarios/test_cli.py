@@ -206,3 +206,22 @@ sys.exit(3)
         assert process.stdout is not None and process.stdout.read(1) == b"x"
         process.send_signal(number)
         assert process.wait(30.0) == 3
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_c_code_makes_another_error_of_is_an_interruption(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A module that is being loaded ends so: "initialization failed"."""
+
+    def load() -> str:
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(1.0)
+        except KeyboardInterrupt:
+            raise ImportError("initialization failed") from None
+        return ""
+
+    monkeypatch.setattr("grasptrack.segmentation.models.models_folder", load)
+    assert main(["models"]) == 130
+    assert capsys.readouterr().err == "grasptrack: interrupted\n"

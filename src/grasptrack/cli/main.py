@@ -28,7 +28,7 @@ from grasptrack.cli.terminal import (
     RunInterruptedError,
     keep_status,
     only_our_errors,
-    sigterm_as_ctrl_c,
+    signals_as_interrupts,
     tell_error,
 )
 from grasptrack.cli.track import track
@@ -115,7 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    with only_our_errors(), sigterm_as_ctrl_c():
+    with only_our_errors(), signals_as_interrupts() as struck:
         try:
             status = app(list(arguments) or ["--help"], prog_name="grasptrack", standalone_mode=False)
             if status == INTERRUPTED:  # so the parser of the command line tells of Ctrl-C
@@ -123,7 +123,7 @@ def _run(arguments: Sequence[str]) -> int:
             sys.stdout.flush()
             return status if isinstance(status, int) else DONE
         except (InputError, ObservationError) as error:
-            return _report_failure(error, BAD_INPUT)
+            return _report_failure(error, BAD_INPUT, struck.now)
         except (KeyboardInterrupt, typer.Abort, RunInterruptedError) as error:
             tell_error(str(error) or "interrupted")
             return INTERRUPTED
@@ -134,12 +134,15 @@ def _run(arguments: Sequence[str]) -> int:
         except OSError as error:
             from grasptrack.io.folder import is_full_disk
 
-            return _report_failure(error, BAD_INPUT if is_full_disk(error) else OTHER)
+            return _report_failure(error, BAD_INPUT if is_full_disk(error) else OTHER, struck.now)
         except Exception as error:
-            return _report_failure(error, int(getattr(error, "exit_code", OTHER)))
+            return _report_failure(error, int(getattr(error, "exit_code", OTHER)), struck.now)
 
 
-def _report_failure(error: Exception, status: int) -> int:
+def _report_failure(error: Exception, status: int, struck: bool) -> int:
+    if struck:  # other code made an error of its own of the signal
+        tell_error("interrupted")
+        return INTERRUPTED
     if os.environ.get("GRASPTRACK_DEBUG") not in (None, "", "0"):
         raise error
     if hasattr(error, "format_message"):  # usage, as the parser of the command line saw it

@@ -31,21 +31,34 @@ class RunInterruptedError(Exception):
     """Ctrl-C or SIGTERM ended a run whose files are whole; the message says where they are."""
 
 
+class Struck:
+    """Whether a signal has struck."""
+
+    now = False
+
+
 @contextlib.contextmanager
-def sigterm_as_ctrl_c() -> Iterator[None]:
-    """SIGTERM raises KeyboardInterrupt, where Python lets us: in the main thread."""
+def signals_as_interrupts() -> Iterator[Struck]:
+    """Ctrl-C and SIGTERM raise KeyboardInterrupt, where Python lets us: in the main thread.
+
+    Some C code makes an error of its own of an exception that strikes within it, as the loading of a module does; what is
+    yielded remembers that it was a signal.
+    """
+    struck = Struck()
 
     def strike(number: int, frame: FrameType | None) -> None:
+        struck.now = True
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield struck
         return
-    before = signal.signal(signal.SIGTERM, strike)
+    before = {number: signal.signal(number, strike) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield struck
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def keep_status(status: int) -> None:
