@@ -81,7 +81,7 @@ def test_what_is_no_goal_is_told(tmp_path: Path, change: dict[str, Any], told: s
 def test_files_that_hold_no_goal(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "goal.json"
     file.write_bytes(content)
-    with pytest.raises(InputError, match="goal.json"):
+    with pytest.raises(InputError, match=r"goal\.json"):
         Goal.load(file)
 
 

@@ -114,8 +114,8 @@ class Goal:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the goal to a JSON file, as `Goal.load` reads it; a file of that name is replaced.
 
-        Keys: format, kind ("fingertips" or "taught"), points_px ((k, 2) px, the centre of the top-left pixel at (0, 0), x right,
-        y down), opening_m (m between the first two fingertips, null where taught), beyond_m (m), symmetric.
+        Keys: format, kind ("fingertips" or "taught"), points_px ((k, 2) px, the centre of the top-left pixel at (0, 0), x
+        right, y down), opening_m (m between the first two fingertips, null where taught), beyond_m (m), symmetric.
 
         Raises:
             InputError: it cannot be written.
