@@ -78,7 +78,7 @@ class LiveSession:
     ) -> None:
         self._source, self._output, self._pace = source, output, pace
         self._settings = replace(settings, segmenter=shared(settings.segmenter))
-        self._first_meant, self._at_once = meant or Meant(), at_once or (meant is not None and meant.is_told)
+        self._first_meant, self._at_once = meant or Meant(), at_once
         prepare_output(output)
         fingers = max(CONTACTS, settings.fingers, len(self._first_meant.contacts or ()))
         self._run = Run(output, fingers, source, False, dict(options or {}))
@@ -242,7 +242,8 @@ class LiveSession:
         self._kept.add(image, arrival)
         if self._tracker is None:
             is_first = image == self._first_image
-            self._propose(image, self._first_meant if is_first else Meant(), follow=self._at_once and is_first)
+            meant = self._first_meant if is_first else Meant()
+            self._propose(image, meant, follow=is_first and (self._at_once or meant.is_told))
             return
         try:
             result = self._tracker.update(arrival.frame.image, time=arrival.frame.time)
@@ -268,7 +269,7 @@ class LiveSession:
             return
         self._over = True
         if end.error:
-            self._tracker = None
+            self._tracker, self._question = None, self._question + 1  # what is being looked for comes too late
             self._show(phase="failed", notice=self._note(end.error))
         elif self._shown.phase in ("tracking", "opening"):
             self._tracker = None

@@ -170,7 +170,8 @@ class Goal:
             return cls.taught(points, symmetric=symmetric)
         if kind != "fingertips":
             raise InputError(f'is of the kind "fingertips" or "taught", not {kind!r}')
-        opening, beyond = content.get("opening_m"), content.get("beyond_m", 0.0)
+        opening: Any = content.get("opening_m")
+        beyond = content.get("beyond_m", 0.0)
         for name, value in (("opening_m", opening), ("beyond_m", beyond)):
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise InputError(f"has {name}, a number of m, not {value!r}")
