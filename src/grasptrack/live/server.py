@@ -174,7 +174,7 @@ class Hub:
 
     def close(self) -> None:
         """Encode no more."""
-        self._encoder.shutdown(wait=False, cancel_futures=True)
+        self._encoder.shutdown(cancel_futures=True)
 
     def _on_moment(self, shown: Shown) -> None:
         """In the session's thread: wake who waits, if anybody does."""
