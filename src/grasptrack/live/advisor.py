@@ -93,6 +93,13 @@ class HoverOutline:
     outline: Floats | None
 
 
+@dataclass(frozen=True)
+class Failure:
+    """Work that broke off by a defect of ours, in one line."""
+
+    line: str
+
+
 class _Job(NamedTuple):
     work: Callable[[], Any]
     key: str
@@ -102,7 +109,7 @@ class Advisor:
     """Does one thing after another in a thread of its own.
 
     Args:
-        answer: called, in that thread, with what each piece of work returns.
+        answer: called, in that thread, with what each piece of work returns, or with a `Failure`.
     """
 
     def __init__(self, answer: Callable[[Any], None]) -> None:
@@ -137,7 +144,10 @@ class Advisor:
                 if self._closed:
                     return
                 job = self._jobs.popleft()
-            found = job.work()
+            try:
+                found = job.work()
+            except Exception as error:  # the next piece of work may do
+                found = Failure(f"internal error, {type(error).__name__}: {error}")
             if found is not None and not self._closed:
                 self._answer(found)
 
@@ -150,8 +160,6 @@ def propose(question: int, number: int, arrival: Arrival, meant: Meant, settings
         result = tracker.update(arrival.frame.image, time=arrival.frame.time)
     except GraspTrackError as error:
         return replace(asked, error=str(error))
-    except Exception as error:
-        return replace(asked, error=f"internal error, {type(error).__name__}: {error}")
     return replace(asked, tracker=tracker, result=result, candidates=tuple(tracker.candidates))
 
 
@@ -161,8 +169,6 @@ def judge(question: int, arrival: Arrival, meant: Meant, settings: Settings) -> 
         found = _inspect(arrival.frame.image, meant, settings)
     except GraspTrackError as error:
         return Verdict(question, "none", str(error))
-    except Exception as error:
-        return Verdict(question, "none", f"internal error, {type(error).__name__}: {error}")
     advice = [r.text + (f". Would help: {r.advice}" if r.advice else "") for r in found.reasons]
     return Verdict(question, found.level, describe_expectation(found), tuple(advice))
 

@@ -249,7 +249,7 @@ class Conversation:
 
     async def _send(self) -> None:
         number, image = 0, 0
-        hello = {"hello": {"hover": self._session.can_hover}}
+        hello = {"hello": {"hover": self._session.can_hover, "source": self._session.source_name}}
         await self._socket.send_text(json.dumps(hello))
         while True:
             shown = await self._hub.next_moment(number)

@@ -19,6 +19,7 @@ from grasptrack.io.run import FILES, Run, RunSummary, prepare_output
 from grasptrack.live import commands as told
 from grasptrack.live.advisor import (
     Advisor,
+    Failure,
     HoverOutline,
     Proposal,
     Verdict,
@@ -113,6 +114,11 @@ class LiveSession:
     def shown(self) -> Shown:
         """The present moment."""
         return self._shown
+
+    @property
+    def source_name(self) -> str:
+        """What the source is called: the last part of a path."""
+        return Path(self._source.spec).name or self._source.spec
 
     @property
     def is_running(self) -> bool:
@@ -215,6 +221,9 @@ class LiveSession:
             self._show(hover=what)
         elif isinstance(what, Recorder):
             self._on_recorded(what)
+        elif isinstance(what, Failure):
+            looking = self._shown.phase == "looking"
+            self._show(phase="choosing" if looking else self._shown.phase, notice=self._note(what.line))
         else:
             try:
                 self._obey(what)

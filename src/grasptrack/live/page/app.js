@@ -10,8 +10,10 @@ const at = (id) => document.getElementById(id);
 const style = (name) => getComputedStyle(document.body).getPropertyValue(name).trim();
 const percent = (p) => `${(100 * p).toFixed(p > 0.995 && p < 1 ? 1 : 0)} %`;
 const ERROR_MS = 8000;
+const SURE = 0.9;
 
 let moment = null;
+let showsAll = false; // candidates that are unlikely, where the first is sure
 let noticed = null;
 let charted = 0;
 let wait = null;
@@ -33,6 +35,7 @@ const tools = new Tools({ picture, send, onChange: showControls });
 
 function onHello(hello) {
   tools.hover = hello.hover;
+  setText(at("source"), hello.source);
   noticed = null;
 }
 
@@ -44,6 +47,12 @@ function onLink(open) {
 
 function onMoment(next, bitmap) {
   const before = moment;
+  if (next.phase !== "choosing") {
+    showsAll = false;
+    picture.pointed = 0;
+  }
+  const hidden = !showsAll && next.candidates.length && next.candidates[0].probability >= SURE;
+  next.others = hidden ? next.candidates.splice(1).length : 0;
   moment = next;
   tools.take(next);
   picture.show(next, bitmap);
@@ -84,7 +93,7 @@ function headline() {
       return ["Looking", "for the object in this image", "searching"];
     case "choosing":
       if (!candidates.length) return ["No object", notice.text || told || "click it, or draw its outline", "searching"];
-      if (candidates[0].probability >= 0.9) return ["Object found", "Start follows the grasp that is shown", "searching"];
+      if (candidates[0].probability >= SURE) return ["Object found", "Start follows the grasp that is shown", "searching"];
       return ["Which object?", "Take a number, or click the object", "unstable"];
     case "failed":
       return ["Broken off", notice.text, "lost"];
@@ -105,9 +114,9 @@ function showState() {
   document.body.dataset.phase = moment.phase;
   document.body.dataset.status = status;
   document.title = `${word} – grasptrack`;
-  setText(at("source"), moment.name || "");
   const { result } = moment;
   const figures = [["Image", String(moment.image)]];
+  at("picture").title = moment.name || "";
   if (Number.isFinite(moment.time)) figures.push(["Time", `${moment.time.toFixed(2)} s`]);
   if (result && result.grasp !== null) figures.push(["Grasp", String(result.grasp)]);
   if (result && Number.isFinite(result.margin_deg)) figures.push(["Margin", `${result.margin_deg.toFixed(1)}°`]);
@@ -122,11 +131,11 @@ function showChoice() {
   const choosing = moment.phase === "choosing" && (moment.candidates.length > 0 || moment.verdict);
   at("choice").hidden = !choosing;
   if (!choosing) return;
-  const key = JSON.stringify(moment.candidates.map((c) => [c.number, c.probability, c.about]));
+  const key = JSON.stringify([moment.others, moment.candidates.map((c) => [c.number, c.probability, c.about])]);
   const list = at("candidates");
   if (list.dataset.key !== key) {
     list.dataset.key = key;
-    list.replaceChildren(...moment.candidates.map(candidateButton));
+    list.replaceChildren(...moment.candidates.map(candidateButton), ...(moment.others ? [othersButton()] : []));
   }
   showVerdict();
 }
@@ -139,6 +148,22 @@ function candidateButton(candidate) {
   button.append(number, element("small", { textContent: about }), element("span", { className: "share", textContent: percent(candidate.probability) }));
   button.setAttribute("aria-label", `Candidate ${candidate.number}, ${about}, probability ${percent(candidate.probability)}`);
   button.addEventListener("click", () => send("choose", { number: candidate.number }));
+  const point = (number) => () => {
+    picture.pointed = number;
+    picture.draw();
+  };
+  for (const event of ["pointerenter", "focus"]) button.addEventListener(event, point(candidate.number));
+  for (const event of ["pointerleave", "blur"]) button.addEventListener(event, point(0));
+  return button;
+}
+
+function othersButton() {
+  const text = `Show ${moment.others} unlikely one${moment.others === 1 ? "" : "s"}`;
+  const button = element("button", { type: "button", className: "quiet", textContent: text });
+  button.addEventListener("click", () => {
+    showsAll = true;
+    send("pause", { paused: moment.paused }); // the same moment again, with all of them
+  });
   return button;
 }
 
@@ -177,6 +202,8 @@ function showControls() {
   at("use-wire").hidden = !wire;
   at("start").hidden = wire || !(phase === "choosing" || phase === "looking");
   at("start").disabled = phase === "choosing" && !(moment.result || moment.candidates.length);
+  const unsure = phase === "choosing" && moment.candidates.length > 0 && moment.candidates[0].probability < SURE;
+  setButton(at("start"), unsure ? "Start with 1" : "Start", "Enter");
   at("pause").disabled = phase !== "tracking";
   setButton(at("pause"), moment.paused ? "Go on" : "Pause", "Space");
   const recording = moment.recording.name;

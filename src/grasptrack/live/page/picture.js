@@ -8,7 +8,7 @@ const LOUPE = 8; // screen px per px of the image, at least
 
 export class Picture {
   constructor(canvas, loupe) {
-    Object.assign(this, { canvas, loupe, bitmap: null, moment: null, sketch: null, cursor: null });
+    Object.assign(this, { canvas, loupe, bitmap: null, moment: null, sketch: null, cursor: null, pointed: 0, tool: "object" });
     this.scale = 1;
     this.left = this.top = 0;
   }
@@ -66,9 +66,11 @@ export class Picture {
     const { result, candidates, phase, hover, meant, wire } = this.moment;
     const choosing = phase === "looking" || phase === "choosing";
     if (hover && hover.image === this.moment.image && hover.outline.length) this.area(g, hover.outline, "rgb(86 180 233 / 30%)", "#56b4e9");
-    if (choosing && candidates.length) this.candidates(g, candidates);
-    if (result) this.result(g, result, choosing);
-    if (choosing) this.marks(g, meant);
+    // Who draws by hand sees the image itself; who sets contacts sees the outlines that they go to.
+    const drawing = this.tool === "outline" || this.tool === "fingertips";
+    if (choosing && candidates.length && !drawing) this.candidates(g, candidates, this.tool !== "contacts");
+    if (result && !drawing && !(choosing && this.tool === "contacts")) this.result(g, result, choosing);
+    if (choosing && !drawing) this.marks(g, meant);
     if (wire && wire.image === this.moment.image) this.wire(g, wire);
     if (this.sketch) this.sketches(g, this.sketch);
     if (this.cursor) this.cross(g, this.toScreen(this.cursor), 12 * this.unit);
@@ -123,17 +125,42 @@ export class Picture {
     g.fillText(text, x, y + 0.5 * this.unit);
   }
 
-  candidates(g, candidates) {
-    [...candidates].reverse().forEach((candidate) => {
+  candidates(g, candidates, numbered) {
+    const pointed = candidates.filter((candidate) => candidate.number === this.pointed);
+    const shown = pointed.length ? pointed : candidates;
+    [...shown].reverse().forEach((candidate) => {
       const colour = NUMBER_COLOURS[candidate.number - 1];
+      if (pointed.length) this.area(g, candidate.outline, `${colour}55`, colour);
       this.line(g, candidate.outline, colour, candidate.number === 1 ? 2.6 : 1.8, true);
     });
-    [...candidates].reverse().forEach((candidate) => {
-      const highest = candidate.outline.reduce((best, p) => (p[1] < best[1] ? p : best));
-      const colour = NUMBER_COLOURS[candidate.number - 1];
-      const [x, y] = this.toScreen(highest);
-      this.number(g, [x, y - 16 * this.unit], String(candidate.number), colour, "#10141a");
+    const labels = [];
+    shown.forEach((candidate) => {
+      if (!numbered) return;
+      const at = this.labelPlace(candidate.outline, labels);
+      labels.push(at);
+      this.number(g, at, String(candidate.number), NUMBER_COLOURS[candidate.number - 1], "#10141a");
     });
+  }
+
+  // Above the outline's highest point, else beside another of its points, where no other label is.
+  labelPlace(outline, labels) {
+    const room = 26 * this.unit;
+    const middle = this.toScreen([0, 1].map((k) => outline.reduce((sum, p) => sum + p[k], 0) / outline.length));
+    const highest = outline.reduce((best, p) => (p[1] < best[1] ? p : best));
+    const [x, y] = this.toScreen(highest);
+    let best = { place: [x, y - 16 * this.unit], free: -1 };
+    for (const point of [null, ...outline]) {
+      let place = best.place;
+      if (point) {
+        const at = this.toScreen(point);
+        const far = Math.hypot(at[0] - middle[0], at[1] - middle[1]) || 1;
+        place = [0, 1].map((k) => at[k] + (16 * this.unit * (at[k] - middle[k])) / far);
+      }
+      const free = Math.min(...labels.map((other) => Math.hypot(other[0] - place[0], other[1] - place[1])), 1e9);
+      if (!point && free > room) return place;
+      if (free > best.free) best = { place, free };
+    }
+    return best.place;
   }
 
   result(g, result, choosing) {

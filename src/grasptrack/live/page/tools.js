@@ -242,6 +242,7 @@ export class Tools {
 
   sketch() {
     const sketch = {};
+    this.picture.tool = this.tool;
     const press = this.press;
     if (press && press.dragged && press.grabbed === null && this.tool === "object" && !press.against) {
       const [a, b] = [press.at, press.now];
