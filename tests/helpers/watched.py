@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -84,6 +85,14 @@ def two_plates(size: tuple[int, int] = (240, 480)) -> np.ndarray:
     """Two equal plates side by side: which is meant cannot be known."""
     one, other = plate((130.0, 120.0), 0.2, size), plate((350.0, 120.0), 0.2, size)
     return np.asarray(np.minimum(one, other))
+
+
+def threads_left(before: set[str]) -> set[str]:
+    """Names of threads that were not there before and do not end; one that is at work ends when it is done."""
+    end = time.monotonic() + PATIENCE
+    while threads_of_ours() - before and time.monotonic() < end:
+        time.sleep(0.05)
+    return threads_of_ours() - before
 
 
 def threads_of_ours() -> set[str]:

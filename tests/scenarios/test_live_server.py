@@ -32,7 +32,7 @@ from grasptrack.live.guard import Guard  # noqa: E402
 from grasptrack.live.server import MOST_CLIENTS, PAGE, PageServer  # noqa: E402
 from grasptrack.live.session import LiveSession  # noqa: E402
 from recordings import movie, plate, plates, rows  # noqa: E402
-from watched import FedCamera, plate_session, reached, session_on, threads_of_ours, until  # noqa: E402
+from watched import FedCamera, plate_session, reached, session_on, threads_left, threads_of_ours, until  # noqa: E402
 
 
 @contextmanager
@@ -347,13 +347,25 @@ def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
             PageServer(session, "no.such.host.example")
 
 
+def test_a_port_that_is_taken_leaves_an_earlier_runs_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from grasptrack.cli.main import main
+
+    with page_of_plate(tmp_path) as (_, server):
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "grasps.csv").write_text("of an earlier run")
+        command = ["live", str(tmp_path / "in"), "--output", str(tmp_path / "out"), "--port", str(server.port)]
+        assert main(command) == 2
+    assert f"port {server.port}" in capsys.readouterr().err
+    assert (tmp_path / "out" / "grasps.csv").read_text() == "of an earlier run"
+
+
 def test_nothing_of_a_server_is_left(tmp_path: Path) -> None:
     before = threads_of_ours()
     with ExitStack() as stack:
         with page_of_plate(tmp_path) as (_, server):
             client = stack.enter_context(open_socket(server))
             next_moment(client)
-        assert threads_of_ours() == before
+        assert threads_left(before) == set()
         with pytest.raises(websockets.exceptions.ConnectionClosed):
             while True:
                 client.recv(timeout=10)

@@ -127,7 +127,7 @@ def live(
     calibration = options.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
     try:
-        from grasptrack.live.server import PageServer
+        from grasptrack.live.server import PageServer, bind
     except ImportError as error:
         raise InputError(f'the live page needs {error.name}: pip install "grasptrack[live]"') from None
 
@@ -161,8 +161,9 @@ def live(
         number=choose,
     )
     settings.tracker(told)  # what does not go together is told before anything is served
+    listener = bind(host, port)  # before anything in the folder is replaced
     session = LiveSession(images, settings, output, meant=told, at_once=start, options=asked, record_as=f".{record_as}")
-    server = PageServer(session, host, port)
+    server = PageServer(session, host, listener=listener)
     with Interruption() as interruption:
         session.start()
         server.start()

@@ -65,6 +65,7 @@ class PageServer:
         host: address to bind; any but the machine's own makes a token, without which nothing is answered.
         port: 0 takes a free one.
         token: that requests have to know; None makes one where it is needed.
+        listener: what `bind` gave for this address, where it was to be known to be free before the session.
 
     Attributes:
         url: of the page, with the token where there is one.
@@ -74,8 +75,15 @@ class PageServer:
         InputError: the address cannot be bound.
     """
 
-    def __init__(self, session: LiveSession, host: str = "127.0.0.1", port: int = 0, token: str | None = None) -> None:
-        self._socket = _bound(host, port)
+    def __init__(
+        self,
+        session: LiveSession,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        token: str | None = None,
+        listener: socket.socket | None = None,
+    ) -> None:
+        self._socket = bind(host, port) if listener is None else listener
         self.port: int = self._socket.getsockname()[1]
         self.token = token if token is not None or host in LOOPBACK else secrets.token_urlsafe(24)
         self.hub = Hub(session)
@@ -298,7 +306,7 @@ class Conversation:
             self._hub.drawn(shown)
 
 
-def _bound(host: str, port: int) -> socket.socket:
+def bind(host: str, port: int) -> socket.socket:
     """A socket that listens.
 
     Raises:

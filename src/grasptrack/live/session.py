@@ -7,18 +7,15 @@ state. What it shows is an immutable `Shown`, handed to listeners, which must no
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.io.base import Source
-from grasptrack.io.run import FILES, Run, RunSummary, prepare_output
 from grasptrack.live import commands as told
 from grasptrack.live.advisor import (
-    Advisor,
     Failure,
     HoverOutline,
     Proposal,
@@ -29,9 +26,10 @@ from grasptrack.live.advisor import (
     outline_under,
     propose,
 )
-from grasptrack.live.inbox import Arrival, Inbox, KeptImages
-from grasptrack.live.player import Ended, Player
-from grasptrack.live.recorder import Recorder, Recordings
+from grasptrack.live.inbox import Arrival
+from grasptrack.live.loop import SessionLoop
+from grasptrack.live.player import Ended
+from grasptrack.live.recorder import Recorder
 from grasptrack.live.settings import Meant, Settings, shared
 from grasptrack.live.state import Shown
 from grasptrack.tracking.result import TrackResult
@@ -41,14 +39,10 @@ CONTACTS = 3
 """Contacts that grasps.csv has columns for at least: the number of fingers may be changed on the page."""
 CORNERS = 200
 """Corners of an outline that is handed to another tracker, about."""
-PATIENCE = 3.0
-"""s that a device is waited for when its source is closed."""
 GOAL = "goal.json"
 
-Listener = Callable[[Shown], None]
 
-
-class LiveSession:
+class LiveSession(SessionLoop):
     """Tracks a source while people look on and tell it what they want.
 
     Args:
@@ -77,132 +71,26 @@ class LiveSession:
         record_as: str = ".mp4",
         pace: bool = True,
     ) -> None:
-        self._source, self._output, self._pace = source, output, pace
         self._settings = replace(settings, segmenter=shared(settings.segmenter))
         self._first_meant, self._at_once = meant or Meant(), at_once
-        prepare_output(output)
         fingers = max(CONTACTS, settings.fingers, len(self._first_meant.contacts or ()))
-        self._run = Run(output, fingers, source, False, dict(options or {}))
-        self._files = list(FILES[:2])
-        self._inbox = Inbox()
-        self._listeners: list[Listener] = []
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._go, name="grasptrack-session", daemon=True)
-        self._advisor: Advisor | None = None
-        self._player: Player | None = None
+        shown = Shown(friction=settings.friction, fingers=settings.fingers, live=source.live)
+        super().__init__(source, output, fingers, shown, options or {}, record_as, pace)
         self._desk = WireDesk()
-        self._recordings = Recordings(
-            output, record_as, source.fps, lambda recorder: self._inbox.tell(recorder, bounded=False)
-        )
-        self._playing = 0  # number of the present playing of the source
-        self._images = 0
-        self._kept = KeptImages()
-        self._over = False  # the source has no more images
-        self._first_image = 0  # of the present playing
         self._tracker: GraspTracker | None = None
         self._grasps_before, self._grasps = 0, 0
         self._recorded = 0  # number of the last image with a row
         self._question = 0
         self._follow_when_ready = False
-        self._shown = Shown(friction=settings.friction, fingers=settings.fingers, live=source.live)
-        self._changed = threading.Condition()
-        self.summary: RunSummary | None = None
-
-    # --- for other threads -----------------------------------------------------------------------
-
-    @property
-    def shown(self) -> Shown:
-        """The present moment."""
-        return self._shown
-
-    @property
-    def source_name(self) -> str:
-        """What the source is called: the last part of a path."""
-        return Path(self._source.spec).name or self._source.spec
-
-    @property
-    def is_running(self) -> bool:
-        """Whether its thread goes on."""
-        return self._thread.is_alive()
 
     @property
     def can_hover(self) -> bool:
         """Whether a segmenter answers a pointer that hovers."""
         return self._settings.segmenter is not None
 
-    def listen(self, listener: Listener) -> Callable[[], None]:
-        """Have something called with every moment, in the session's thread: it must not wait. Returns what ends it."""
-        self._listeners = [*self._listeners, listener]
-
-        def end() -> None:
-            self._listeners = [other for other in self._listeners if other is not listener]
-
-        return end
-
-    def tell(self, command: told.Command) -> None:
-        """Say something; what cannot be done is told in `Shown.notice`.
-
-        Raises:
-            InputError: too much waits already.
-        """
-        self._inbox.tell(command)
-
-    def file(self, name: str) -> Path | None:
-        """A file of the run by its name; None for anything that this session did not write."""
-        path = self._output / name if name in self._shown.files else None
-        return path if path is not None and path.is_file() else None
-
-    def start(self) -> None:
-        """Begin, in a thread of its own."""
-        self._thread.start()
-
-    def stop(self) -> RunSummary | None:
-        """End, and make the files whole; may be called again."""
-        self._stopping.set()
-        self._inbox.close()
-        if self._thread.ident is not None:
-            self._thread.join()
-        return self.summary
-
-    def wait_for(self, wanted: Callable[[Shown], bool], seconds: float) -> bool:
-        """Wait until a moment is as wanted; False where s have passed."""
-        with self._changed:
-            return self._changed.wait_for(lambda: wanted(self._shown), seconds)
-
-    # --- the thread ------------------------------------------------------------------------------
-
-    def _go(self) -> None:
-        self._advisor = Advisor(lambda found: self._inbox.tell(found, bounded=False))
-        ended, error = "interrupted", ""
-        try:
-            self._play()
-            while not self._stopping.is_set():
-                what = self._inbox.take(self._wants_image, 1.0)
-                if what is not None:
-                    self._take(what)
-            if self._shown.phase in ("ended", "failed"):
-                ended = "finished" if self._shown.phase == "ended" else "failed"
-                error = self._shown.notice[1] if self._shown.phase == "failed" else ""
-        except Exception as problem:  # a defect of ours: the page says so, and what was computed stays
-            ended, error = "failed", f"internal error, {type(problem).__name__}: {' '.join(str(problem).split())}"
-            self._show(phase="failed", notice=self._note(error))
-        finally:
-            self._end(ended, error)
-
     @property
     def _wants_image(self) -> bool:
         return self._shown.phase in ("opening", "tracking") and not self._shown.paused
-
-    def _end(self, ended: str, error: str) -> None:
-        if self._player is not None:
-            self._player.stop()
-        self._inbox.close()
-        self._recordings.close()
-        if self._advisor is not None:
-            self._advisor.close(PATIENCE)
-        if self._player is not None:
-            self._player.join(PATIENCE)
-        self.summary = self._run.finish(ended, error)
 
     def _take(self, what: Any) -> None:
         """What came: an image, a helper's answer, or a person's word."""
@@ -231,16 +119,6 @@ class LiveSession:
                 self._show(notice=self._note(str(error)))
 
     # --- images ----------------------------------------------------------------------------------
-
-    def _play(self) -> None:
-        """Read the source from its start."""
-        if self._player is not None:
-            self._player.stop()
-            self._inbox.drop_frame()
-            self._player.join(PATIENCE)
-        self._playing, self._over = self._playing + 1, False
-        self._first_image = self._images + 1
-        self._player = Player(self._source, self._inbox, self._playing, self._pace)
 
     def _look_at(self, arrival: Arrival) -> None:
         if arrival.run != self._playing:
@@ -293,7 +171,6 @@ class LiveSession:
         self._tracker, self._follow_when_ready = None, follow
         self._question += 1
         question, settings = self._question, self._settings
-        assert self._advisor is not None
         self._show(
             phase="looking",
             image=image,
@@ -322,7 +199,6 @@ class LiveSession:
         self._show(phase="choosing", proposal=proposal, result=proposal.result, notice=note)
         if proposal.candidates:
             question = proposal.question
-            assert self._advisor is not None
             self._advisor.ask(lambda: judge(question, arrival, meant, settings), "judge")
 
     def _follow(self, proposal: Proposal) -> None:
@@ -364,7 +240,6 @@ class LiveSession:
             case told.Wire():
                 arrival = self._kept.get(command.image)
                 key = "wire-hover" if command.step == "hover" else ""
-                assert self._advisor is not None
                 self._advisor.ask(lambda: self._desk.step(command, arrival), key)
             case told.Hover():
                 self._hover(command)
@@ -447,37 +322,4 @@ class LiveSession:
     def _hover(self, command: told.Hover) -> None:
         if self.can_hover:
             arrival, settings = self._kept.get(command.image), self._settings
-            assert self._advisor is not None
             self._advisor.ask(lambda: outline_under(command, arrival, settings), "hover")
-
-    def _record(self, on: bool) -> None:
-        if on:
-            self._recordings.start()
-        else:
-            self._recordings.stop()
-        self._show()
-
-    def _on_recorded(self, recorder: Recorder) -> None:
-        self._recordings.forget(recorder)
-        if recorder.path.is_file():
-            self._add_file(recorder.path.name)
-        self._show(notice=self._note(recorder.describe()))
-
-    # --- what is shown ---------------------------------------------------------------------------
-
-    def _add_file(self, name: str) -> None:
-        if name not in self._files:
-            self._files.append(name)
-
-    def _note(self, text: str) -> tuple[int, str]:
-        """A line for people."""
-        return self._shown.notice[0] + 1, " ".join(text.split())
-
-    def _show(self, **changed: Any) -> None:
-        written, dropped = self._recordings.counts
-        now = {"recording": self._recordings.name, "recorded": written, "dropped": dropped, "files": tuple(self._files)}
-        with self._changed:
-            self._shown = replace(self._shown, number=self._shown.number + 1, **{**now, **changed})
-            self._changed.notify_all()
-        for listener in self._listeners:
-            listener(self._shown)

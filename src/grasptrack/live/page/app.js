@@ -7,9 +7,11 @@ import { NUMBER_COLOURS, Picture } from "./picture.js";
 import { Tools } from "./tools.js";
 
 const at = (id) => document.getElementById(id);
-const style = (name) => getComputedStyle(document.body).getPropertyValue(name).trim();
+const computed = getComputedStyle(document.body);
+const style = (name) => computed.getPropertyValue(name).trim();
 const percent = (p) => `${(100 * p).toFixed(p > 0.995 && p < 1 ? 1 : 0)} %`;
 const ERROR_MS = 8000;
+const CHARTS_MS = 100; // curves are drawn that often at most: eyes see no difference, and slow machines do
 const SURE = 0.9;
 
 let moment = null;
@@ -17,6 +19,8 @@ let showsAll = false; // candidates that are unlikely, where the first is sure
 let noticed = null;
 let charted = 0;
 let wait = null;
+let chartsWait = null;
+let figuresShown = "";
 
 // The address holds the token only until the page has its cookie: it shall not stay in the history.
 if (location.search) history.replaceState(null, "", location.pathname);
@@ -64,7 +68,6 @@ function onMoment(next, bitmap) {
   showFiles();
   if (noticed !== null && next.notice.number > noticed) say(next.notice.text, next.phase === "failed" ? "error" : "note");
   noticed = next.notice.number;
-  document.body.dataset.image = next.image;
 }
 
 function chart(next) {
@@ -74,7 +77,10 @@ function chart(next) {
   charts.margin.add(result.margin_deg ?? NaN, result.status);
   charts.confidence.add(result.confidence, result.status);
   charts.latency.add(result.latency_ms, result.status);
-  drawCharts();
+  chartsWait ??= setTimeout(() => {
+    chartsWait = null;
+    drawCharts();
+  }, CHARTS_MS);
 }
 
 function drawCharts() {
@@ -111,9 +117,9 @@ function showState() {
   setText(at("status"), word);
   setText(at("reason"), reason);
   at("paused").hidden = !moment.paused;
-  document.body.dataset.phase = moment.phase;
-  document.body.dataset.status = status;
-  document.title = `${word} – grasptrack`;
+  setData("phase", moment.phase);
+  setData("status", status);
+  if (document.title !== `${word} – grasptrack`) document.title = `${word} – grasptrack`;
   const { result } = moment;
   const figures = [["Image", String(moment.image)]];
   at("picture").title = moment.name || "";
@@ -124,7 +130,7 @@ function showState() {
   if (result && result.sigmas) figures.push(["Contacts", `± ${Math.max(...result.sigmas).toFixed(2)} px`]);
   if (result && Number.isFinite(result.distance)) figures.push(["Distance", result.distance.toPrecision(4)]);
   const text = figures.map(([name, value]) => `<div><dt>${name}</dt><dd>${value}</dd></div>`).join("");
-  if (at("figures").innerHTML !== text) at("figures").innerHTML = text;
+  if (text !== figuresShown) at("figures").innerHTML = figuresShown = text;
 }
 
 function showChoice() {
@@ -245,6 +251,10 @@ function say(line, kind = "error") {
 
 function element(tag, fields = {}) {
   return Object.assign(document.createElement(tag), fields);
+}
+
+function setData(name, value) {
+  if (document.body.dataset[name] !== value) document.body.dataset[name] = value;
 }
 
 function setText(node, text) {

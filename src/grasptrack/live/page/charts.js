@@ -48,10 +48,13 @@ export class Chart {
     const y = (v) => height - ((v - low + room) / (high - low + 2 * room)) * height;
     const step = width / (KEPT - 1);
     const from = KEPT - this.values.length;
-    this.states.forEach((status, i) => {
-      g.fillStyle = style(`--${status}-soft`);
-      g.fillRect(x(from + i) - step / 2, 0, step + 1, height);
-    });
+    for (let i = 0; i < this.states.length; ) {
+      let end = i + 1;
+      while (end < this.states.length && this.states[end] === this.states[i]) end += 1;
+      g.fillStyle = style(`--${this.states[i]}-soft`);
+      g.fillRect(x(from + i) - step / 2, 0, (end - i) * step + 1, height);
+      i = end;
+    }
     g.strokeStyle = style("--rule");
     g.lineWidth = ratio;
     if (this.zero && low < 0) {

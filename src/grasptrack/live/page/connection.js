@@ -4,6 +4,25 @@
 const FIRST_WAIT_MS = 300;
 const LONGEST_WAIT_MS = 5000;
 
+// Lines come as whole numbers, x and y by turns, in hundredths of a px.
+function points(flat) {
+  const out = new Array(flat.length / 2);
+  for (let i = 0; i < out.length; i++) out[i] = [flat[2 * i] / 100, flat[2 * i + 1] / 100];
+  return out;
+}
+
+function unpack(moment) {
+  const { result, candidates, wire, hover } = moment;
+  if (result) {
+    result.outlines = result.outlines.map(points);
+    if (result.cones) result.cones = result.cones.map(points);
+  }
+  candidates.forEach((candidate) => (candidate.outline = points(candidate.outline)));
+  if (wire) [wire.path, wire.hover] = [points(wire.path), points(wire.hover)];
+  if (hover) hover.outline = points(hover.outline);
+  return moment;
+}
+
 export class Connection {
   constructor({ onMoment, onError, onHello, onLink }) {
     this.handlers = { onMoment, onError, onHello, onLink };
@@ -44,7 +63,7 @@ export class Connection {
   // A moment and its image are shown together: what is drawn belongs to the image below it.
   async take(data, socket) {
     const length = new DataView(data).getUint32(0);
-    const moment = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    const moment = unpack(JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))));
     if (data.byteLength > 4 + length) {
       const bitmap = await createImageBitmap(new Blob([new Uint8Array(data, 4 + length)], { type: "image/jpeg" }));
       if (this.bitmap) this.bitmap.close();

@@ -9,6 +9,7 @@ const LOUPE = 8; // screen px per px of the image, at least
 export class Picture {
   constructor(canvas, loupe) {
     Object.assign(this, { canvas, loupe, bitmap: null, moment: null, sketch: null, cursor: null, pointed: 0, tool: "object" });
+    this.style = getComputedStyle(document.body);
     this.scale = 1;
     this.left = this.top = 0;
   }
@@ -166,7 +167,7 @@ export class Picture {
   result(g, result, choosing) {
     if (!choosing) result.outlines.forEach((outline) => this.line(g, outline, "#fff", 1.4, true));
     if (!result.contacts) return;
-    const colour = getComputedStyle(document.body).getPropertyValue(choosing ? "--searching" : `--${result.status}`).trim();
+    const colour = this.style.getPropertyValue(choosing ? "--searching" : `--${result.status}`).trim();
     const contacts = result.contacts;
     const middle = [0, 1].map((k) => contacts.reduce((sum, c) => sum + c[k], 0) / contacts.length);
     (result.cones || []).forEach((cone) => {
