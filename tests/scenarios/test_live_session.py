@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import time
+from collections.abc import Generator
 from pathlib import Path
 
 import av
@@ -11,6 +13,8 @@ import numpy as np
 import pytest
 
 from grasptrack import Goal, GraspTracker, open_source
+from grasptrack.io.base import Image
+from grasptrack.io.limits import limit_megapixels
 from grasptrack.live import commands as told
 from grasptrack.live.session import GOAL, LiveSession
 from grasptrack.live.settings import Meant, Settings
@@ -325,4 +329,31 @@ def test_a_session_that_was_never_begun_can_be_stopped(tmp_path: Path) -> None:
     session = LiveSession(open_source(str(plates(tmp_path / "in", 2))), Settings(), tmp_path / "run")
     session.stop()
     assert json.loads((tmp_path / "run" / "run.json").read_text())["ended"] == "interrupted"
+    assert threads_left(before) == set()
+
+
+def test_the_limit_of_size_holds_in_its_threads(tmp_path: Path) -> None:
+    limit_megapixels(0.05)
+    try:
+        with plate_session(tmp_path, 2) as session:
+            assert "megapixels" in reached(session, "failed").notice[1]
+    finally:
+        limit_megapixels(None)
+
+
+def test_a_source_that_waits_for_a_device_is_left_at_once(tmp_path: Path) -> None:
+    class Waiting(FedCamera):
+        def __init__(self) -> None:
+            super().__init__()
+            self.on_wait = lambda: None
+
+        def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+            yield plate(), 0.0, "frame 0"
+            while True:
+                self.on_wait()
+                time.sleep(0.02)
+
+    before = threads_of_ours()
+    with session_on(Waiting(), tmp_path) as session:
+        reached(session, "choosing")
     assert threads_left(before) == set()

@@ -76,7 +76,7 @@ def moment_to_json(shown: Shown) -> bytes:
     if shown.arrival is not None:
         frame = shown.arrival.frame
         content["size"] = [frame.image.shape[1], frame.image.shape[0]]
-        content["time"] = frame.time
+        content["time"] = None if frame.time is None else _finite(frame.time)
         content["name"] = frame.name
         content["taken_ms"] = 1e3 * (time.time() - time.perf_counter() + shown.arrival.at)
     return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
@@ -107,9 +107,10 @@ def _result_entry(result: TrackResult) -> dict[str, Any]:
     return entry
 
 
-def _sigmas(covariance: Floats) -> list[float]:
+def _sigmas(covariance: Floats) -> list[float | None]:
     """px, rms error of each contact."""
-    return [round(math.sqrt(min(max(float(np.trace(c)), 0.0), FARTHEST)), 3) for c in covariance]
+    variances = covariance[:, 0, 0] + covariance[:, 1, 1]
+    return [_finite(round(math.sqrt(v), DIGITS)) if 0.0 <= v < math.inf else None for v in variances.tolist()]
 
 
 def _candidate_entries(proposal: Proposal) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextvars
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -61,7 +62,8 @@ class SessionLoop(ABC):
         self._inbox = Inbox()
         self._listeners: list[Listener] = []
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._go, name="grasptrack-session", daemon=True)
+        run = contextvars.copy_context().run  # limits of size hold in the thread, too
+        self._thread = threading.Thread(target=run, args=(self._go,), name="grasptrack-session", daemon=True)
         self._advisor = Advisor(lambda found: self._inbox.tell(found, bounded=False))
         self._player: Player | None = None
         self._recordings = Recordings(

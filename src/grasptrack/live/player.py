@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextvars
 import threading
 import time
 from dataclasses import dataclass
@@ -39,7 +40,10 @@ class Player:
     def __init__(self, source: Source, inbox: Inbox, run: int, pace: bool = True) -> None:
         self._source, self._inbox, self._run, self._pace = source, inbox, run, pace
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._play, name="grasptrack-player", daemon=True)
+        if hasattr(source, "on_wait"):  # a live source asks it while no image comes
+            source.on_wait = self._leave
+        run = contextvars.copy_context().run  # limits of size hold in the thread, too
+        self._thread = threading.Thread(target=run, args=(self._play,), name="grasptrack-player", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -49,6 +53,10 @@ class Player:
     def join(self, seconds: float) -> None:
         """Wait until the source is closed, s at most."""
         self._thread.join(seconds)
+
+    def _leave(self) -> None:
+        if self._stopping.is_set():
+            raise _StoppedError
 
     def _play(self) -> None:
         error, note = "", ""
@@ -67,12 +75,18 @@ class Player:
                         return
                 self._inbox.wait_taken()
                 note = source.shortfall
+        except _StoppedError:
+            return
         except GraspTrackError as problem:
             error = str(problem)
         except Exception as problem:
             error = f"the source failed: {type(problem).__name__}: {' '.join(str(problem).split())}"
         if not self._stopping.is_set():
             self._inbox.tell(Ended(self._run, error, note), bounded=False)
+
+
+class _StoppedError(Exception):
+    """Nobody wants to wait for a device any more."""
 
 
 class _Clock:

@@ -127,7 +127,7 @@ function showState() {
   if (result && result.grasp !== null) figures.push(["Grasp", String(result.grasp)]);
   if (result && Number.isFinite(result.margin_deg)) figures.push(["Margin", `${result.margin_deg.toFixed(1)}°`]);
   if (result && Number.isFinite(result.chance)) figures.push(["Closes", percent(result.chance)]);
-  if (result && result.sigmas) figures.push(["Contacts", `± ${Math.max(...result.sigmas).toFixed(2)} px`]);
+  if (result && result.sigmas && !result.sigmas.includes(null)) figures.push(["Contacts", `± ${Math.max(...result.sigmas).toFixed(2)} px`]);
   if (result && Number.isFinite(result.distance)) figures.push(["Distance", result.distance.toPrecision(4)]);
   const text = figures.map(([name, value]) => `<div><dt>${name}</dt><dd>${value}</dd></div>`).join("");
   if (text !== figuresShown) at("figures").innerHTML = figuresShown = text;
