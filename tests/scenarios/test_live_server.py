@@ -28,6 +28,7 @@ websockets = pytest.importorskip("websockets")
 from websockets.sync.client import connect  # noqa: E402
 
 from grasptrack import InputError  # noqa: E402
+from grasptrack.io.folder import hold_folder  # noqa: E402
 from grasptrack.live.guard import Guard  # noqa: E402
 from grasptrack.live.server import MOST_CLIENTS, PAGE, PageServer  # noqa: E402
 from grasptrack.live.session import LiveSession  # noqa: E402
@@ -357,6 +358,17 @@ def test_a_port_that_is_taken_leaves_an_earlier_runs_files(tmp_path: Path, capsy
         assert main(command) == 2
     assert f"port {server.port}" in capsys.readouterr().err
     assert (tmp_path / "out" / "grasps.csv").read_text() == "of an earlier run"
+
+
+def test_two_pages_do_not_write_to_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from grasptrack.cli.main import main
+
+    command = ["live", str(plates(tmp_path / "in", 2)), "--port", "0", "--start", "--output", str(tmp_path / "out")]
+    with hold_folder(tmp_path / "out"):
+        run = subprocess.run([sys.executable, "-m", "grasptrack.cli.main", *command], capture_output=True, text=True)
+    assert run.returncode == 2 and run.stderr.count("\n") == 1 and "another run" in run.stderr
+    assert main([*command, "--until-end"]) == 0
+    assert "grasps.csv" in capsys.readouterr().out
 
 
 def test_nothing_of_a_server_is_left(tmp_path: Path) -> None:

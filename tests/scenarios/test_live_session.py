@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import time
 from collections.abc import Generator
@@ -357,3 +358,15 @@ def test_a_source_that_waits_for_a_device_is_left_at_once(tmp_path: Path) -> Non
     with session_on(Waiting(), tmp_path) as session:
         reached(session, "choosing")
     assert threads_left(before) == set()
+
+
+def test_a_full_disk_is_told_in_a_line_and_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with plate_session(tmp_path, 3) as session:
+        reached(session, "choosing")
+        monkeypatch.setattr(session._run, "record", full)
+        session.tell(told.Start())
+        assert "No space left on device" in reached(session, "failed").notice[1]
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["ended"] == "failed"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import first_image, options
 from grasptrack.cli.terminal import Interruption, show_run
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
@@ -39,17 +39,17 @@ def live(
         bool, typer.Option("--start", help="Follow the likeliest object of the first image without asking.")
     ] = False,
     grasp: options.GraspText = None,
-    object_: options.ObjectTexts = None,
-    not_: options.NotTexts = None,
-    box: options.BoxText = None,
-    outline: options.OutlineText = None,
-    choose: options.ChooseNumber = None,
-    sure: options.Sure = 0.9,
-    first_look_ms: options.FirstLookMs = None,
-    segmenter: options.SegmenterName = None,
-    background: options.BackgroundPath = None,
-    ignore: options.IgnorePath = None,
-    camera: options.CameraPath = None,
+    object_: first_image.ObjectTexts = None,
+    not_: first_image.NotTexts = None,
+    box: first_image.BoxText = None,
+    outline: first_image.OutlineText = None,
+    choose: first_image.ChooseNumber = None,
+    sure: first_image.Sure = 0.9,
+    first_look_ms: first_image.FirstLookMs = None,
+    segmenter: first_image.SegmenterName = None,
+    background: first_image.BackgroundPath = None,
+    ignore: first_image.IgnorePath = None,
+    camera: first_image.CameraPath = None,
     length: options.ObjectLength = None,
     fps: Annotated[
         float | None,
@@ -102,12 +102,12 @@ def live(
         "risk": options.risk_rate(risk),
         "start": start,
         "grasp": grasp,
-        **options.told_words(object_, not_),
+        **first_image.told_words(object_, not_),
         "box": box,
         "outline": outline,
         "choose": choose,
-        "sure": options.sure_rate(sure),
-        "first_look_ms": options.work_limit(first_look_ms),
+        "sure": first_image.sure_rate(sure),
+        "first_look_ms": first_image.work_limit(first_look_ms),
         "segmenter": segmenter,
         "background": background,
         "ignore": ignore,
@@ -122,15 +122,16 @@ def live(
     contacts, count = options.contacts_and_fingers(grasp, fingers)
     if contacts is None:
         options.two_or_three(count)
-    meant = options.object_meant(object_, not_, box, outline)
+    meant = first_image.object_meant(object_, not_, box, outline)
     hand = options.hand_for_first(scale, lengths, grasp, resynthesize)
-    calibration = options.load_calibration(camera)
+    calibration = first_image.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
     try:
         from grasptrack.live.server import PageServer, bind
     except ImportError as error:
         raise InputError(f'the live page needs {error.name}: pip install "grasptrack[live]"') from None
 
+    from grasptrack.io.folder import hold_folder
     from grasptrack.io.sources import open_source
     from grasptrack.live.session import LiveSession
     from grasptrack.live.settings import Meant, Settings
@@ -146,8 +147,8 @@ def live(
         first_look_ms=first_look_ms,
         hand=hand,
         segmenter=segmenter_for(segmenter),
-        background=options.background_image(background, None),
-        ignore=options.ignore_mask(ignore),
+        background=first_image.background_image(background, None),
+        ignore=first_image.ignore_mask(ignore),
         camera=calibration,
         length=None if measure is None else measure.value,
         resynthesize=resynthesize,
@@ -162,9 +163,11 @@ def live(
     )
     settings.tracker(told)  # what does not go together is told before anything is served
     listener = bind(host, port)  # before anything in the folder is replaced
-    session = LiveSession(images, settings, output, meant=told, at_once=start, options=asked, record_as=f".{record_as}")
-    server = PageServer(session, host, listener=listener)
-    with Interruption() as interruption:
+    with hold_folder(output), Interruption() as interruption:
+        session = LiveSession(
+            images, settings, output, meant=told, at_once=start, options=asked, record_as=f".{record_as}"
+        )
+        server = PageServer(session, host, listener=listener)
         session.start()
         server.start()
         typer.echo(f"{server.url}  (Ctrl-C ends)")

@@ -39,7 +39,7 @@ class SessionLoop(ABC):
         pace: play files at their own rate.
 
     Attributes:
-        summary: of the run, once it has ended.
+        summary: of the run, once it has ended; None where it could not be written.
 
     Raises:
         InputError: the folder cannot be written.
@@ -71,6 +71,7 @@ class SessionLoop(ABC):
         )
         self._playing = 0  # number of the present playing of the source
         self._over = False  # it has no more images
+        self._ended = False
         self._images = 0
         self._first_image = 0  # of the present playing
         self._kept = KeptImages()
@@ -127,7 +128,7 @@ class SessionLoop(ABC):
         self._inbox.close()
         if self._thread.ident is not None:
             self._thread.join()
-        elif self.summary is None:
+        elif not self._ended:
             self._end("interrupted", "")
         return self.summary
 
@@ -149,6 +150,9 @@ class SessionLoop(ABC):
             if self._shown.phase in ("ended", "failed"):
                 ended = "finished" if self._shown.phase == "ended" else "failed"
                 error = self._shown.notice[1] if self._shown.phase == "failed" else ""
+        except OSError as problem:
+            ended, error = "failed", f'"{self._output}" cannot be written: {problem.strerror or problem}'
+            self._show(phase="failed", notice=self._note(error))
         except Exception as problem:  # a defect of ours: the page says so, and what was computed stays
             ended, error = "failed", f"internal error, {type(problem).__name__}: {' '.join(str(problem).split())}"
             self._show(phase="failed", notice=self._note(error))
@@ -156,6 +160,7 @@ class SessionLoop(ABC):
             self._end(ended, error)
 
     def _end(self, ended: str, error: str) -> None:
+        self._ended = True
         if self._player is not None:
             self._player.stop()
         self._inbox.close()
@@ -163,7 +168,12 @@ class SessionLoop(ABC):
         self._advisor.close(PATIENCE)
         if self._player is not None:
             self._player.join(PATIENCE)
-        self.summary = self._run.finish(ended, error)
+        try:
+            self.summary = self._run.finish(ended, error)
+        except OSError as problem:
+            if not error:  # else what came first is to be told
+                line = f'"{self._output}" cannot be written: {problem.strerror or problem}'
+                self._show(phase="failed", notice=self._note(line))
 
     @property
     @abstractmethod
