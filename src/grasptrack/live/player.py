@@ -42,8 +42,8 @@ class Player:
         self._stopping = threading.Event()
         if hasattr(source, "on_wait"):  # a live source asks it while no image comes
             source.on_wait = self._leave
-        run = contextvars.copy_context().run  # limits of size hold in the thread, too
-        self._thread = threading.Thread(target=run, args=(self._play,), name="grasptrack-player", daemon=True)
+        inside = contextvars.copy_context().run  # limits of size hold in the thread, too
+        self._thread = threading.Thread(target=inside, args=(self._play,), name="grasptrack-player", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
