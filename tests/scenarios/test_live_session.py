@@ -226,6 +226,21 @@ def test_recordings_are_whole_videos_in_the_runs_folder(tmp_path: Path) -> None:
         assert sum(1 for _ in container.decode(video=0)) == 10
 
 
+def test_a_recording_for_foxglove_is_a_source_again(tmp_path: Path) -> None:
+    pytest.importorskip("foxglove")
+    pytest.importorskip("rosbags")
+    with plate_session(tmp_path, 5, record_as=".mcap") as session:
+        reached(session, "choosing")
+        session.tell(told.Record(True))
+        session.tell(told.Start())
+        reached(session, "ended")
+        session.tell(told.Record(False))
+        until(session, lambda s: "recording-001.mcap" in s.files)
+    again = [frame.image for frame in open_source(str(tmp_path / "run" / "recording-001.mcap"))]
+    first = [frame.image for frame in open_source(str(tmp_path / "in"))]
+    assert len(again) == 5 and all(np.array_equal(a.squeeze(), b) for a, b in zip(again, first, strict=True))
+
+
 def test_a_recording_that_cannot_be_begun_is_told_and_tracking_goes_on(tmp_path: Path) -> None:
     with plate_session(tmp_path, 4, record_as=".nothing") as session:
         reached(session, "choosing")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grasptrack.cli import first_image, options
+from grasptrack.cli import first_image, options, source_options
 from grasptrack.cli.terminal import Interruption, show_run
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
@@ -24,7 +24,10 @@ RECORDED_AS = ("mp4", "mcap", "rrd")
 
 def live(
     source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help='Folder, "glob", video file, camera:0, or one image.')
+        str,
+        typer.Argument(
+            metavar="SOURCE", help='Folder, "glob", video file, camera:0, rtsp://..., bag:FILE#/topic or one image.'
+        ),
     ],
     strategy: Annotated[
         str, typer.Option(metavar="NAME", help="Strategy: auto, rrp, grasp-line or homography.")
@@ -55,6 +58,7 @@ def live(
         float | None,
         typer.Option(metavar="RATE", help="Frame rate in frames/s, for folders and globs, which have no times."),
     ] = None,
+    set_: source_options.Settings = None,
     min_opening: options.MinOpening = None,
     max_opening: options.MaxOpening = None,
     finger_width: options.FingerWidth = None,
@@ -114,6 +118,7 @@ def live(
         "camera": camera,
         "length": length,
         "fps": fps,
+        "set": set_,
         **lengths,
         "scale": scale,
         "resynthesize": resynthesize,
@@ -137,7 +142,7 @@ def live(
     from grasptrack.live.settings import Meant, Settings
     from grasptrack.segmentation.segmenters import segmenter_for
 
-    images = open_source(source, fps)
+    images = open_source(source, fps, settings=source_options.device_settings(set_))
     settings = Settings(
         strategy=strategy,
         fingers=count,

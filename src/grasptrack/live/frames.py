@@ -109,7 +109,8 @@ def _result_entry(result: TrackResult) -> dict[str, Any]:
 
 def _sigmas(covariance: Floats) -> list[float | None]:
     """px, rms error of each contact."""
-    variances = covariance[:, 0, 0] + covariance[:, 1, 1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        variances = covariance[:, 0, 0] + covariance[:, 1, 1]
     return [_finite(round(math.sqrt(v), DIGITS)) if 0.0 <= v < math.inf else None for v in variances.tolist()]
 
 
