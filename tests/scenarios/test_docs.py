@@ -23,6 +23,7 @@ VERBS = (
         "synthesize",
         "inspect",
         "track",
+        "live",
         "transfer",
         "demo",
         "servo",
@@ -33,13 +34,14 @@ VERBS = (
         "doctor",
     ),
 )
-WITH_OPTIONS = (*VERBS[:6], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
+WITH_OPTIONS = (*VERBS[:7], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
 PAGES = (
     "benchmarks.md",
     "cli.md",
     "conventions.md",
     "design.md",
     "evaluation.md",
+    "live.md",
     "numbers.md",
     "paper-map.md",
     "paper-tables.md",
@@ -285,6 +287,9 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     [
         ("typer", {"cli"}),
         ("rich", {"cli"}),
+        ("starlette", {"live"}),
+        ("uvicorn", {"live"}),
+        ("grasptrack.live", {"live", "cli", "bench"}),
         ("av", {"io"}),
         ("matplotlib", {"view"}),
         ("cv2", {"bench", "io", "segmentation", "snake", "trackability", "tracking", "view"}),

@@ -42,6 +42,7 @@ SHORT: dict[str, dict[str, str]] = {
     "synthesize": {},
     "inspect": {"--runs": "1"},
     "track": {"--no-video": ""},
+    "live": {"--start": "", "--until-end": "", "--port": "0"},
     "transfer": {},
     "demo": {"--frames": "2", "--no-video": ""},
     "servo": {"--no-video": ""},

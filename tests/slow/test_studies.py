@@ -29,6 +29,7 @@ SMALLEST = {
     "first_look": "--data DATA --fit",
     "polygons": "--data DATA --fit",
     "first_outline": "--shapes bracket --kinds gap --frames 4 --never",
+    "live_page": "--frames 4 --blocks 1 --seconds 0.5 --viewers client",
     "loop": "--frames 4 --repeat 1 --long 0 --starts 1",
     "matching": "--shapes bracket --pairs 1 --cut 1 --images 1",
     "plane": "--parts bracket --tilts 30",

@@ -20,6 +20,7 @@ from grasptrack.cli.demo import demo
 from grasptrack.cli.doctor import doctor
 from grasptrack.cli.evaluate import evaluate
 from grasptrack.cli.inspect import inspect
+from grasptrack.cli.live import live
 from grasptrack.cli.models import models
 from grasptrack.cli.servo import servo
 from grasptrack.cli.synthesize import synthesize
@@ -46,6 +47,7 @@ Examples:
   grasptrack track video.mp4        also a folder, "images/*.png", camera:0, rtsp://..., an image
   grasptrack track photos --fps 30 --output run --strategy homography
   grasptrack track video.mp4 --grasp "193,308 157,99"
+  grasptrack live camera:0          a page in the browser: look on, click the object, record
   grasptrack synthesize photo.jpg   the best grasps on the object in one image
   grasptrack inspect photo.jpg      how well that object can be tracked, before the run
   grasptrack transfer a.png b.png   the same grasp in two views
@@ -89,6 +91,7 @@ def _global_options(
 app.command(short_help="Choose grasps on an object in one image.")(synthesize)
 app.command(short_help="Predict how well the object in an image can be tracked.")(inspect)
 app.command(short_help="Track a grasp through a sequence of images.")(track)
+app.command(short_help="Track on a page in the browser, and take clicks there.")(live)
 app.command(short_help="Transfer a grasp from one image to another, by every strategy.")(transfer)
 app.command(short_help="Track a rendered scene and compare with ground truth.")(demo)
 app.command(short_help="Approach a grasp, close and lift, in a physics simulation.")(servo)

@@ -212,7 +212,7 @@ def run_track(
             held.callback(recording.close)
         held.enter_context(hold_folder(output))
         prepare_output(output)
-        run = _Run(output, tracker.fingers, source, video, dict(options or {}))
+        run = Run(output, tracker.fingers, source, video, dict(options or {}))
         ended, error = "failed", ""
         try:
             for frame in source:
@@ -254,8 +254,16 @@ def prepare_output(output: Path) -> None:
             raise InputError(f'"{output / name}" cannot be replaced: {error.strerror or error}') from None
 
 
-class _Run:
-    """The files of a run while it goes on."""
+class Run:
+    """The files of a run while it goes on; `run_track` drives one, a program with a loop of its own may too.
+
+    Args:
+        output: folder, prepared by `prepare_output` and held by `hold_folder`.
+        fingers: number of contacts that grasps.csv has columns for.
+        source: where the frames come from, for run.json.
+        video: write overlay.mp4.
+        options: what the user asked for, for run.json.
+    """
 
     def __init__(self, output: Path, fingers: int, source: Source, video: bool, options: dict[str, Any]) -> None:
         from grasptrack import kernels

@@ -8,9 +8,12 @@ the opening, between contacts what the hand's own moves have told.
 from __future__ import annotations
 
 import itertools
+import json
 import math
+import os
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +28,10 @@ from grasptrack.typing import Floats
 
 WIDEST = 1.0
 """m; what opens wider is no gripper on an arm, and 1 mm is below what any opens: lengths in mm are told apart by it."""
+FORMAT = 1
+"""Of a goal's file; raised when a key changes its meaning or goes away."""
+LARGEST_FILE = 1 << 16
+"""Bytes of a goal's file; none that this writes has nearly as many."""
 ALIKE = 1.15
 """Orders of the fingers that leave up to so many times the least misfit fit alike."""
 
@@ -103,6 +110,73 @@ class Goal:
             raise InputError("the view that is to teach the goal shows no contacts")
         return cls("taught", _check_points(points), symmetric=symmetric)
 
+    @arguments.checked(path=arguments.instance(str, os.PathLike))
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the goal to a JSON file, as `Goal.load` reads it; a file of that name is replaced.
+
+        Keys: format, kind ("fingertips" or "taught"), points_px ((k, 2) px, the centre of the top-left pixel at (0, 0), x
+        right, y down), opening_m (m between the first two fingertips, null where taught), beyond_m (m), symmetric.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        file = Path(path)
+        content = {
+            "format": FORMAT,
+            "kind": self.kind,
+            "points_px": self.points.tolist(),
+            "opening_m": self.opening,
+            "beyond_m": self.beyond,
+            "symmetric": self.symmetric,
+        }
+        partial = file.with_name(file.name + ".part")
+        try:
+            partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+            partial.replace(file)
+        except OSError as error:
+            raise InputError(f'goal "{file}" cannot be written: {error.strerror or error}', path=str(file)) from None
+
+    @classmethod
+    @arguments.checked(path=arguments.instance(str, os.PathLike))
+    def load(cls, path: str | os.PathLike[str]) -> Goal:
+        """A goal from a file that `Goal.save` or the live page wrote; keys and units as there.
+
+        Raises:
+            InputError: the file cannot be read, or what it holds is no goal. The message names the file.
+        """
+        file = Path(path)
+        try:
+            return cls._from_content(_read_content(file))
+        except InputError as error:
+            raise InputError(f'goal "{file}": {error}', **error.values, path=str(file)) from None
+
+    @classmethod
+    def _from_content(cls, content: dict[str, Any]) -> Goal:
+        """The goal that a file holds.
+
+        Raises:
+            InputError: it holds none.
+        """
+        known = ("format", "kind", "points_px", "opening_m", "beyond_m", "symmetric")
+        unknown = [key for key in content if key not in known]
+        if unknown:
+            raise InputError(f'has a key "{unknown[0]}", of which a goal knows nothing; it has {", ".join(known)}')
+        if content.get("format") != FORMAT:
+            raise InputError(f"has the format {content.get('format')!r}, not {FORMAT}")
+        kind, points, symmetric = content.get("kind"), content.get("points_px"), content.get("symmetric", True)
+        if not isinstance(points, list) or not isinstance(symmetric, bool):
+            raise InputError("has points_px, a list of x, y in px, and symmetric, true or false")
+        if kind == "taught":
+            return cls.taught(points, symmetric=symmetric)
+        if kind != "fingertips":
+            raise InputError(f'is of the kind "fingertips" or "taught", not {kind!r}')
+        opening: Any = content.get("opening_m")
+        beyond = content.get("beyond_m", 0.0)
+        for name, value in (("opening_m", opening), ("beyond_m", beyond)):
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise InputError(f"has {name}, a number of m, not {value!r}")
+        return cls.fingertips(points, opening, beyond_m=beyond, symmetric=symmetric)
+
     def targets(self, camera: HandCamera, shape: Floats, order: tuple[int, ...]) -> Floats:
         """Contacts (k, 3) m in the hand's frame when it is right, in the order of the contacts.
 
@@ -137,6 +211,28 @@ class Goal:
         flat = rays / rays[:, 2:]  # as they meet the plane at depth 1 before the camera, along the approach
         depth = length / max(math.dist(flat[0].tolist(), flat[1].tolist()), SMALL)
         return np.asarray(camera.offset + depth * flat)
+
+
+def _read_content(file: Path) -> dict[str, Any]:
+    """What a JSON file holds.
+
+    Raises:
+        InputError: it cannot be read, or holds no object.
+    """
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(data) > LARGEST_FILE:
+        raise InputError(f"is larger than {LARGEST_FILE} bytes: no goal is")
+    try:
+        content = json.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError):
+        raise InputError("is no JSON") from None
+    if not isinstance(content, dict):
+        raise InputError("is no JSON object with the keys of a goal")
+    return content
 
 
 @arguments.checked(

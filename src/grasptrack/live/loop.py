@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a session is without a tracker: a source that is played into one thread, a run's files, and what is shown."""
+
+from __future__ import annotations
+
+import contextvars
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from grasptrack.io.base import Source
+from grasptrack.io.run import FILES, Run, RunSummary, prepare_output
+from grasptrack.live.advisor import Advisor
+from grasptrack.live.commands import Command
+from grasptrack.live.inbox import Inbox, KeptImages
+from grasptrack.live.player import Player
+from grasptrack.live.recorder import Recorder, Recordings
+from grasptrack.live.state import Shown
+
+PATIENCE = 3.0
+"""s that a device is waited for when its source is closed."""
+
+Listener = Callable[[Shown], None]
+
+
+class SessionLoop(ABC):
+    """Plays a source into a thread that takes images, helpers' answers and people's words one after another.
+
+    Args:
+        source: nobody else reads it.
+        output: the run's folder; an earlier run's files in it are replaced.
+        fingers: contacts that grasps.csv has columns for.
+        shown: the moment before the first.
+        options: what the user asked for, for run.json.
+        record_as: suffix of recordings.
+        pace: play files at their own rate.
+
+    Attributes:
+        summary: of the run, once it has ended; None where it could not be written.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        output: Path,
+        fingers: int,
+        shown: Shown,
+        options: Mapping[str, Any],
+        record_as: str,
+        pace: bool,
+    ) -> None:
+        prepare_output(output)
+        self._source, self._output, self._pace = source, output, pace
+        self._run = Run(output, fingers, source, False, dict(options))
+        self._files = list(FILES[:2])
+        self._inbox = Inbox()
+        self._listeners: list[Listener] = []
+        self._stopping = threading.Event()
+        run = contextvars.copy_context().run  # limits of size hold in the thread, too
+        self._thread = threading.Thread(target=run, args=(self._go,), name="grasptrack-session", daemon=True)
+        self._advisor = Advisor(lambda found: self._inbox.tell(found, bounded=False))
+        self._player: Player | None = None
+        self._recordings = Recordings(
+            output, record_as, source.fps, lambda recorder: self._inbox.tell(recorder, bounded=False)
+        )
+        self._playing = 0  # number of the present playing of the source
+        self._over = False  # it has no more images
+        self._ended = False
+        self._images = 0
+        self._first_image = 0  # of the present playing
+        self._kept = KeptImages()
+        self._shown = shown
+        self._changed = threading.Condition()
+        self.summary: RunSummary | None = None
+
+    # --- for other threads -----------------------------------------------------------------------
+
+    @property
+    def shown(self) -> Shown:
+        """The present moment."""
+        return self._shown
+
+    @property
+    def source_name(self) -> str:
+        """What the source is called: the last part of a path."""
+        return Path(self._source.spec).name or self._source.spec
+
+    @property
+    def is_running(self) -> bool:
+        """Whether its thread goes on."""
+        return self._thread.is_alive()
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Have something called with every moment, in the session's thread: it must not wait. Returns what ends it."""
+        self._listeners = [*self._listeners, listener]
+
+        def end() -> None:
+            self._listeners = [other for other in self._listeners if other is not listener]
+
+        return end
+
+    def tell(self, command: Command) -> None:
+        """Say something; what cannot be done is told in `Shown.notice`.
+
+        Raises:
+            InputError: too much waits already.
+        """
+        self._inbox.tell(command)
+
+    def file(self, name: str) -> Path | None:
+        """A file of the run by its name; None for anything that this session did not write."""
+        path = self._output / name if name in self._shown.files else None
+        return path if path is not None and path.is_file() else None
+
+    def start(self) -> None:
+        """Begin, in a thread of its own."""
+        self._thread.start()
+
+    def stop(self) -> RunSummary | None:
+        """End, and make the files whole; may be called again."""
+        self._stopping.set()
+        self._inbox.close()
+        if self._thread.ident is not None:
+            self._thread.join()
+        elif not self._ended:
+            self._end("interrupted", "")
+        return self.summary
+
+    def wait_for(self, wanted: Callable[[Shown], bool], seconds: float) -> bool:
+        """Wait until a moment is as wanted; False where s have passed."""
+        with self._changed:
+            return self._changed.wait_for(lambda: wanted(self._shown), seconds)
+
+    # --- the thread ------------------------------------------------------------------------------
+
+    def _go(self) -> None:
+        ended, error = "interrupted", ""
+        try:
+            self._play()
+            while not self._stopping.is_set():
+                what = self._inbox.take(self._wants_image, 1.0)
+                if what is not None:
+                    self._take(what)
+            if self._shown.phase in ("ended", "failed"):
+                ended = "finished" if self._shown.phase == "ended" else "failed"
+                error = self._shown.notice[1] if self._shown.phase == "failed" else ""
+        except OSError as problem:
+            ended, error = "failed", f'"{self._output}" cannot be written: {problem.strerror or problem}'
+            self._show(phase="failed", notice=self._note(error))
+        except Exception as problem:  # a defect of ours: the page says so, and what was computed stays
+            ended, error = "failed", f"internal error, {type(problem).__name__}: {' '.join(str(problem).split())}"
+            self._show(phase="failed", notice=self._note(error))
+        finally:
+            self._end(ended, error)
+
+    def _end(self, ended: str, error: str) -> None:
+        self._ended = True
+        if self._player is not None:
+            self._player.stop()
+        self._inbox.close()
+        self._recordings.close()
+        self._advisor.close(PATIENCE)
+        if self._player is not None:
+            self._player.join(PATIENCE)
+        try:
+            self.summary = self._run.finish(ended, error)
+        except OSError as problem:
+            if not error:  # else what came first is to be told
+                line = f'"{self._output}" cannot be written: {problem.strerror or problem}'
+                self._show(phase="failed", notice=self._note(line))
+
+    @property
+    @abstractmethod
+    def _wants_image(self) -> bool:
+        """Whether the next image is to be taken."""
+
+    @abstractmethod
+    def _take(self, what: Any) -> None:
+        """What came: an image, a helper's answer, or a person's word."""
+
+    def _play(self) -> None:
+        """Read the source from its start."""
+        if self._player is not None:
+            self._player.stop()
+            self._inbox.drop_frame()
+            self._player.join(PATIENCE)
+        self._playing, self._over = self._playing + 1, False
+        self._first_image = self._images + 1
+        self._player = Player(self._source, self._inbox, self._playing, self._pace)
+
+    # --- files, and what is shown ----------------------------------------------------------------
+
+    def _record(self, on: bool) -> None:
+        if on:
+            self._recordings.start()
+        else:
+            self._recordings.stop()
+        self._show()
+
+    def _on_recorded(self, recorder: Recorder) -> None:
+        self._recordings.forget(recorder)
+        if recorder.path.is_file():
+            self._add_file(recorder.path.name)
+        self._show(notice=self._note(recorder.describe()))
+
+    def _add_file(self, name: str) -> None:
+        if name not in self._files:
+            self._files.append(name)
+
+    def _note(self, text: str) -> tuple[int, str]:
+        """A line for people."""
+        return self._shown.notice[0] + 1, " ".join(text.split())
+
+    def _show(self, **changed: Any) -> None:
+        written, dropped = self._recordings.counts
+        now = {"recording": self._recordings.name, "recorded": written, "dropped": dropped, "files": tuple(self._files)}
+        with self._changed:
+            self._shown = replace(self._shown, number=self._shown.number + 1, **{**now, **changed})
+            self._changed.notify_all()
+        for listener in self._listeners:
+            listener(self._shown)

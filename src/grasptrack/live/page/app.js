@@ -1,0 +1,360 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page: what the session shows, in words and figures, and what the buttons and keys tell it.
+
+import { Chart } from "./charts.js";
+import { Connection } from "./connection.js";
+import { NUMBER_COLOURS, Picture } from "./picture.js";
+import { Tools } from "./tools.js";
+
+const at = (id) => document.getElementById(id);
+const computed = getComputedStyle(document.body);
+const style = (name) => computed.getPropertyValue(name).trim();
+const percent = (p) => `${(100 * p).toFixed(p > 0.995 && p < 1 ? 1 : 0)} %`;
+const ERROR_MS = 8000;
+const CHARTS_MS = 100; // curves are drawn that often at most: eyes see no difference, and slow machines do
+const SURE = 0.9;
+
+let moment = null;
+let showsAll = false; // candidates that are unlikely, where the first is sure
+let noticed = null;
+let charted = 0;
+let wait = null;
+let chartsWait = null;
+let figuresShown = "";
+
+// The address holds the token only until the page has its cookie: it shall not stay in the history.
+if (location.search) history.replaceState(null, "", location.pathname);
+
+const picture = new Picture(at("picture"), at("loupe"));
+const charts = {
+  margin: new Chart(at("margin"), at("margin-now"), { unit: "°", digits: 1, zero: true }),
+  confidence: new Chart(at("confidence"), at("confidence-now"), { unit: "", digits: 3, low: 0, high: 1 }),
+  latency: new Chart(at("latency"), at("latency-now"), { unit: " ms", digits: 1, zero: true, peaks: false }),
+};
+const connection = new Connection({ onMoment, onError: (line) => say(line), onHello, onLink });
+const send = (command, fields) => connection.send(command, fields);
+const tools = new Tools({ picture, send, onChange: showControls });
+
+// --- what comes in ---
+
+function onHello(hello) {
+  tools.hover = hello.hover;
+  setText(at("source"), hello.source);
+  noticed = null;
+}
+
+function onLink(open) {
+  const link = at("link");
+  link.dataset.open = open;
+  link.textContent = open ? "live" : "no connection";
+}
+
+function onMoment(next, bitmap) {
+  const before = moment;
+  if (next.phase !== "choosing") {
+    showsAll = false;
+    picture.pointed = 0;
+  }
+  const hidden = !showsAll && next.candidates.length && next.candidates[0].probability >= SURE;
+  next.others = hidden ? next.candidates.splice(1).length : 0;
+  moment = next;
+  tools.take(next);
+  picture.show(next, bitmap);
+  if (before && before.phase !== "tracking" && next.phase === "tracking" && next.image < charted) charted = 0;
+  if (next.result && (next.phase === "tracking" || next.phase === "ended") && next.image > charted) chart(next);
+  showState();
+  showChoice();
+  showControls();
+  showFiles();
+  if (noticed !== null && next.notice.number > noticed) say(next.notice.text, next.phase === "failed" ? "error" : "note");
+  noticed = next.notice.number;
+}
+
+function chart(next) {
+  const { result } = next;
+  charted = next.image;
+  at("charts").hidden = false;
+  charts.margin.add(result.margin_deg ?? NaN, result.status);
+  charts.confidence.add(result.confidence, result.status);
+  charts.latency.add(result.latency_ms, result.status);
+  chartsWait ??= setTimeout(() => {
+    chartsWait = null;
+    drawCharts();
+  }, CHARTS_MS);
+}
+
+function drawCharts() {
+  Object.values(charts).forEach((each) => each.draw(style));
+}
+
+// --- state ---
+
+function headline() {
+  const { phase, result, candidates, notice } = moment;
+  const told = result ? result.reason || result.notice : "";
+  switch (phase) {
+    case "opening":
+      return result ? ["Searching", told || "no object yet", "searching"] : ["Waiting", "for the first image", "searching"];
+    case "looking":
+      return ["Looking", "for the object in this image", "searching"];
+    case "choosing":
+      if (!candidates.length) return ["No object", notice.text || told || "click it, or draw its outline", "searching"];
+      if (candidates[0].probability >= SURE) return ["Object found", "Start follows the grasp that is shown", "searching"];
+      return ["Which object?", "Take a number, or click the object", "unstable"];
+    case "failed":
+      return ["Broken off", notice.text, "lost"];
+    default: {
+      const word = result ? result.status[0].toUpperCase() + result.status.slice(1) : "Ended";
+      const sure = result && !result.object_sure ? "Which object is meant is not sure. " : "";
+      const reason = sure + (told || (result && result.status === "tracked" ? "grasp located and stable" : ""));
+      return [word, phase === "ended" ? `${reason} · end of the source` : reason, result ? result.status : "searching"];
+    }
+  }
+}
+
+function showState() {
+  const [word, reason, status] = headline();
+  setText(at("status"), word);
+  setText(at("reason"), reason);
+  at("paused").hidden = !moment.paused;
+  setData("phase", moment.phase);
+  setData("status", status);
+  if (document.title !== `${word} – grasptrack`) document.title = `${word} – grasptrack`;
+  const { result } = moment;
+  const figures = [["Image", String(moment.image)]];
+  at("picture").title = moment.name || "";
+  if (Number.isFinite(moment.time)) figures.push(["Time", `${moment.time.toFixed(2)} s`]);
+  if (result && result.grasp !== null) figures.push(["Grasp", String(result.grasp)]);
+  if (result && Number.isFinite(result.margin_deg)) figures.push(["Margin", `${result.margin_deg.toFixed(1)}°`]);
+  if (result && Number.isFinite(result.chance)) figures.push(["Closes", percent(result.chance)]);
+  if (result && result.sigmas && !result.sigmas.includes(null)) figures.push(["Contacts", `± ${Math.max(...result.sigmas).toFixed(2)} px`]);
+  if (result && Number.isFinite(result.distance)) figures.push(["Distance", result.distance.toPrecision(4)]);
+  const text = figures.map(([name, value]) => `<div><dt>${name}</dt><dd>${value}</dd></div>`).join("");
+  if (text !== figuresShown) at("figures").innerHTML = figuresShown = text;
+}
+
+function showChoice() {
+  const choosing = moment.phase === "choosing" && (moment.candidates.length > 0 || moment.verdict);
+  at("choice").hidden = !choosing;
+  if (!choosing) return;
+  const key = JSON.stringify([moment.others, moment.candidates.map((c) => [c.number, c.probability, c.about])]);
+  const list = at("candidates");
+  if (list.dataset.key !== key) {
+    list.dataset.key = key;
+    list.replaceChildren(...moment.candidates.map(candidateButton), ...(moment.others ? [othersButton()] : []));
+  }
+  showVerdict();
+}
+
+function candidateButton(candidate) {
+  const button = element("button", { type: "button" });
+  const number = element("span", { className: "number", textContent: candidate.number });
+  number.style.background = NUMBER_COLOURS[candidate.number - 1];
+  const about = candidate.number === 1 ? "the likeliest" : candidate.about;
+  button.append(number, element("small", { textContent: about }), element("span", { className: "share", textContent: percent(candidate.probability) }));
+  button.setAttribute("aria-label", `Candidate ${candidate.number}, ${about}, probability ${percent(candidate.probability)}`);
+  button.addEventListener("click", () => send("choose", { number: candidate.number }));
+  const point = (number) => () => {
+    picture.pointed = number;
+    picture.draw();
+  };
+  for (const event of ["pointerenter", "focus"]) button.addEventListener(event, point(candidate.number));
+  for (const event of ["pointerleave", "blur"]) button.addEventListener(event, point(0));
+  return button;
+}
+
+function othersButton() {
+  const text = `Show ${moment.others} unlikely one${moment.others === 1 ? "" : "s"}`;
+  const button = element("button", { type: "button", className: "quiet", textContent: text });
+  button.addEventListener("click", () => {
+    showsAll = true;
+    send("pause", { paused: moment.paused }); // the same moment again, with all of them
+  });
+  return button;
+}
+
+function showVerdict() {
+  const { verdict } = moment;
+  const box = at("verdict");
+  const key = JSON.stringify(verdict);
+  if (box.dataset.key === key) return;
+  box.dataset.key = key;
+  box.replaceChildren();
+  if (!verdict) {
+    box.append(element("span", { textContent: "How well it can be tracked is being tried out …" }));
+    return;
+  }
+  const level = element("strong", { textContent: verdict.level === "none" ? "no verdict" : verdict.level });
+  level.dataset.level = verdict.level;
+  const which = moment.candidates.length > 1 ? "Candidate 1: " : "";
+  box.append(level, element("span", { textContent: which + verdict.expectation }));
+  if (verdict.reasons.length) {
+    const list = element("ul");
+    list.append(...verdict.reasons.map((reason) => element("li", { textContent: reason })));
+    box.append(list);
+  }
+}
+
+function showControls() {
+  document.querySelectorAll("[data-tool]").forEach((button) => button.setAttribute("aria-pressed", button.dataset.tool === tools.tool));
+  setText(at("hint"), tools.hint() || idleHint());
+  const tips = tools.tool === "fingertips";
+  at("goal").hidden = !tips;
+  setText(at("goal-lead"), `${tools.points.length} fingertip${tools.points.length === 1 ? "" : "s"} marked`);
+  at("save-goal").disabled = tools.points.length < 2;
+  if (!moment) return;
+  const { phase } = moment;
+  const wire = tools.tool === "outline" && tools.wire && tools.wire.closed;
+  at("use-wire").hidden = !wire;
+  at("start").hidden = wire || !(phase === "choosing" || phase === "looking");
+  at("start").disabled = phase === "choosing" && !(moment.result || moment.candidates.length);
+  const unsure = phase === "choosing" && moment.candidates.length > 0 && moment.candidates[0].probability < SURE;
+  setButton(at("start"), unsure ? "Start with 1" : "Start", "Enter");
+  at("pause").disabled = phase !== "tracking";
+  setButton(at("pause"), moment.paused ? "Go on" : "Pause", "Space");
+  const recording = moment.recording.name;
+  const lost = moment.recording.dropped ? `, ${moment.recording.dropped} lost` : "";
+  setButton(at("record"), recording ? `Stop · ${moment.recording.images}${lost}` : "Record", "V");
+  at("record").setAttribute("aria-pressed", Boolean(recording));
+  if (document.activeElement !== at("friction")) at("friction").value = moment.friction;
+  document.querySelectorAll("[data-fingers]").forEach((button) => button.setAttribute("aria-pressed", Number(button.dataset.fingers) === moment.fingers));
+}
+
+function idleHint() {
+  if (!moment || tools.tool !== "object") return "";
+  if (moment.phase === "choosing") return moment.candidates.length ? "Click the object, or drag a box round it" : "Click the object";
+  return moment.phase === "looking" ? "Looking …" : "";
+}
+
+function showFiles() {
+  const key = moment.files.join();
+  const list = at("files");
+  if (list.dataset.key === key) return;
+  list.dataset.key = key;
+  list.replaceChildren(
+    ...moment.files.map((name) => {
+      const item = element("li");
+      item.append(element("a", { href: `/files/${encodeURIComponent(name)}`, textContent: name, download: name }));
+      return item;
+    }),
+  );
+}
+
+function say(line, kind = "error") {
+  const box = at("error");
+  box.textContent = line;
+  box.dataset.kind = kind;
+  box.hidden = false;
+  clearTimeout(wait);
+  wait = setTimeout(() => (box.hidden = true), ERROR_MS);
+}
+
+function element(tag, fields = {}) {
+  return Object.assign(document.createElement(tag), fields);
+}
+
+function setData(name, value) {
+  if (document.body.dataset[name] !== value) document.body.dataset[name] = value;
+}
+
+function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+function setButton(button, text, key) {
+  const label = `${text} `;
+  if (button.firstChild.textContent !== label) button.firstChild.textContent = label;
+  if (key && button.lastChild.textContent !== key) button.lastChild.textContent = key;
+}
+
+// --- what goes out ---
+
+const actions = {
+  start: () => send("start"),
+  "use-wire": () => tools.useWire(),
+  pause: () => moment && moment.phase === "tracking" && send("pause", { paused: !moment.paused }),
+  rechoose: () => send("rechoose"),
+  restart: () => send("restart"),
+  record: () => moment && send("record", { on: !moment.recording.name }),
+  "save-goal": saveGoal,
+  "help-button": () => at("help").showModal(),
+  theme: switchTheme,
+};
+Object.entries(actions).forEach(([id, act]) => at(id).addEventListener("click", act));
+document.querySelectorAll("[data-tool]").forEach((button) => button.addEventListener("click", () => tools.select(button.dataset.tool)));
+document.querySelectorAll("[data-fingers]").forEach((button) =>
+  button.addEventListener("click", () => send("fingers", { count: Number(button.dataset.fingers) })),
+);
+at("friction").addEventListener("change", () => {
+  const value = at("friction").valueAsNumber;
+  if (value > 0) send("friction", { value });
+  else say("friction is a positive number");
+});
+
+function saveGoal() {
+  const [opening, beyond] = [at("opening").valueAsNumber, at("beyond").valueAsNumber];
+  if (!(opening > 0) || !Number.isFinite(beyond)) {
+    say("the opening is a positive number of mm");
+    return;
+  }
+  const fields = { opening_m: opening / 1000, beyond_m: beyond / 1000, symmetric: at("symmetric").checked };
+  send("fingertips", { points: tools.points, ...fields });
+}
+
+function switchTheme() {
+  const root = document.documentElement;
+  root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
+  try {
+    localStorage.setItem("theme", root.dataset.theme);
+  } catch {
+    // a page in a frame may have no storage
+  }
+  redraw();
+}
+
+function firstTheme() {
+  let kept = null;
+  try {
+    kept = localStorage.getItem("theme");
+  } catch {
+    // see above
+  }
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  document.documentElement.dataset.theme = kept || (dark.matches ? "dark" : "light");
+  dark.addEventListener("change", (event) => {
+    document.documentElement.dataset.theme = event.matches ? "dark" : "light";
+    redraw();
+  });
+}
+
+function redraw() {
+  picture.draw();
+  drawCharts();
+}
+
+const KEYS = { o: "object", x: "not", c: "contacts", w: "outline", f: "fingertips" };
+const SHORT = { n: "rechoose", r: "restart", v: "record", t: "theme", "?": "help-button", " ": "pause" };
+
+document.addEventListener("keydown", (event) => {
+  const target = event.target;
+  if (event.ctrlKey || event.metaKey || at("help").open || target.matches("input")) return;
+  if (target === picture.canvas && tools.key(event)) {
+    event.preventDefault();
+    return;
+  }
+  if (target.matches("button, a") && (event.key === "Enter" || event.key === " ")) return; // they act by themselves
+  const key = event.key.toLowerCase();
+  if (key in KEYS) tools.select(KEYS[key]);
+  else if (key in SHORT) actions[SHORT[key]]();
+  else if (/^[1-3]$/.test(key)) {
+    if (moment && moment.phase === "choosing") send("choose", { number: Number(key) });
+  } else if (key === "enter") {
+    if (!at("use-wire").hidden) tools.useWire();
+    else if (!at("start").hidden && !at("start").disabled) send("start");
+  } else if (key === "escape") tools.undo();
+  else return;
+  event.preventDefault();
+});
+
+firstTheme();
+new ResizeObserver(redraw).observe(at("frame"));

@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's server: files of the page, files of the run, and a WebSocket for each browser that looks on.
+
+A browser is sent the newest moment alone, and the next one when it has drawn the one before: a slow one sees fewer
+images, and the tracker never waits.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from grasptrack.errors import InputError
+from grasptrack.live.commands import LARGEST, command_of, parse_message
+from grasptrack.live.frames import Painter
+from grasptrack.live.guard import LOOPBACK, Guard
+from grasptrack.live.session import LiveSession
+from grasptrack.live.state import Shown
+
+PAGE = {
+    "index.html": "text/html",
+    "style.css": "text/css",
+    "app.js": "text/javascript",
+    "connection.js": "text/javascript",
+    "picture.js": "text/javascript",
+    "tools.js": "text/javascript",
+    "charts.js": "text/javascript",
+    "icon.svg": "image/svg+xml",
+}
+TYPES = {".csv": "text/csv", ".json": "application/json", ".mp4": "video/mp4", ".png": "image/png"}
+MOST_CLIENTS = 16
+AHEAD = 2
+"""Messages that a browser may not have drawn yet when it is sent the next."""
+LEAST_GAP = 0.03
+"""s between two messages: a camera's 30 images/s are all shown, and of a file's 500 no more than an eye follows."""
+CHUNK = 1 << 16
+FORGIVEN = 100
+"""Messages of one browser that may be malformed before it is sent away."""
+
+
+class PageServer:
+    """Serves a session's page in a thread of its own.
+
+    Args:
+        session: that is shown.
+        host: address to bind; any but the machine's own makes a token, without which nothing is answered.
+        port: 0 takes a free one.
+        token: that requests have to know; None makes one where it is needed.
+        listener: what `bind` gave for this address, where it was to be known to be free before the session.
+
+    Attributes:
+        url: of the page, with the token where there is one.
+        hub: its `round_trips` are s from when an image came out of its source until a browser said that it is drawn.
+
+    Raises:
+        InputError: the address cannot be bound.
+    """
+
+    def __init__(
+        self,
+        session: LiveSession,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        token: str | None = None,
+        listener: socket.socket | None = None,
+    ) -> None:
+        self._socket = bind(host, port) if listener is None else listener
+        self.port: int = self._socket.getsockname()[1]
+        self.token = token if token is not None or host in LOOPBACK else secrets.token_urlsafe(24)
+        self.hub = Hub(session)
+        app = Guard(application(session, self.hub), host, self.port, self.token)
+        config = uvicorn.Config(
+            app,
+            lifespan="off",
+            log_config=None,
+            log_level="critical",
+            access_log=False,
+            server_header=False,
+            ws_max_size=LARGEST,
+            ws_per_message_deflate=False,
+            limit_concurrency=8 * MOST_CLIENTS,
+            timeout_graceful_shutdown=1,
+        )
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._serve, name="grasptrack-page", daemon=True)
+        shown = f"[{host}]" if ":" in host else host
+        self.url = f"http://{shown}:{self.port}/" + (f"?token={self.token}" if self.token is not None else "")
+
+    def start(self) -> None:
+        """Begin to serve, and wait until it does."""
+        self._thread.start()
+        until = time.monotonic() + 10.0
+        while not self._server.started and self._thread.is_alive() and time.monotonic() < until:
+            time.sleep(0.01)
+
+    def stop(self) -> None:
+        """Close all connections; may be called again."""
+        self._server.should_exit = True
+        if self._thread.ident is not None:
+            self._thread.join(5.0)
+        self.hub.close()
+        self._socket.close()
+
+    def _serve(self) -> None:
+        self._server.run(sockets=[self._socket])
+
+
+class Hub:
+    """Wakes browsers' senders when there is something new, and costs nothing where nobody looks on.
+
+    Args:
+        session: that is shown.
+    """
+
+    def __init__(self, session: LiveSession) -> None:
+        self.session = session
+        self.clients = 0
+        self.round_trips: deque[float] = deque(maxlen=4096)
+        self._painter = Painter()
+        self._encoder = ThreadPoolExecutor(1, "grasptrack-encoder")
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._waiting: set[asyncio.Event] = set()
+        self._unlisten: Callable[[], None] | None = None
+
+    def enter(self) -> bool:
+        """A browser comes; False where there are too many."""
+        if self.clients >= MOST_CLIENTS:
+            return False
+        self.clients += 1
+        if self._unlisten is None:
+            self._loop = asyncio.get_running_loop()
+            self._unlisten = self.session.listen(self._on_moment)
+        return True
+
+    def leave(self) -> None:
+        """A browser goes."""
+        self.clients -= 1
+        if not self.clients and self._unlisten is not None:
+            self._unlisten()
+            self._unlisten = None
+
+    async def next_moment(self, after: int) -> Shown:
+        """The newest moment, once it is not that of a number."""
+        while self.session.shown.number == after:
+            event = asyncio.Event()
+            self._waiting.add(event)
+            try:
+                if self.session.shown.number == after:  # what came between is not missed
+                    with contextlib.suppress(asyncio.TimeoutError):
+                        await asyncio.wait_for(event.wait(), 1.0)
+            finally:
+                self._waiting.discard(event)
+        return self.session.shown
+
+    async def message(self, shown: Shown, has: int) -> bytes:
+        """What a browser is sent; made off the tracker's thread and off the server's."""
+        return await asyncio.get_running_loop().run_in_executor(self._encoder, self._painter.message, shown, has)
+
+    def drawn(self, shown: Shown) -> None:
+        """A browser has drawn a new image."""
+        if shown.arrival is not None:
+            self.round_trips.append(time.perf_counter() - shown.arrival.at)
+
+    def close(self) -> None:
+        """Encode no more."""
+        self._encoder.shutdown(cancel_futures=True)
+
+    def _on_moment(self, shown: Shown) -> None:
+        """In the session's thread: wake who waits, if anybody does."""
+        if self._waiting and self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the server has ended
+                self._loop.call_soon_threadsafe(self._wake)
+
+    def _wake(self) -> None:
+        for event in self._waiting:
+            event.set()
+
+
+def application(session: LiveSession, hub: Hub) -> Starlette:
+    """The page, the run's files and the WebSocket, unguarded."""
+    parts = {name: (files("grasptrack.live") / "page" / name).read_bytes() for name in PAGE}
+
+    async def page(request: Request) -> Response:
+        name = request.path_params.get("name", "index.html")
+        if name not in parts:
+            raise HTTPException(404)
+        return Response(parts[name], media_type=PAGE[name])
+
+    async def run_file(request: Request) -> Response:
+        name = request.path_params["name"]
+        path = session.file(name)
+        if path is None:
+            raise HTTPException(404)
+        return _file_response(path)
+
+    async def talk(socket: WebSocket) -> None:
+        await socket.accept()
+        if not hub.enter():
+            await socket.close(1013, "too many pages look on")
+            return
+        try:
+            await Conversation(socket, session, hub).go()
+        finally:
+            hub.leave()
+
+    async def refuse(request: Request, error: Exception) -> Response:
+        status = error.status_code if isinstance(error, HTTPException) else 500
+        line = {404: "there is no such page", 405: "pages are only read"}.get(status, "this request cannot be answered")
+        return PlainTextResponse(line + "\n", status)
+
+    routes = [
+        Route("/", page),
+        Route("/page/{name}", page),
+        Route("/files/{name}", run_file),
+        WebSocketRoute("/socket", talk),
+    ]
+    return Starlette(routes=routes, exception_handlers={HTTPException: refuse, Exception: refuse})
+
+
+class Conversation:
+    """One browser: the newest moments go out, commands come in."""
+
+    def __init__(self, socket: WebSocket, session: LiveSession, hub: Hub) -> None:
+        self._socket, self._session, self._hub = socket, session, hub
+        self._sent: dict[int, Shown | None] = {}  # what is not drawn yet; None where the image is an old one
+        self._drawn = asyncio.Event()
+        self._malformed = 0
+
+    async def go(self) -> None:
+        """Until one side ends it."""
+        tasks = [asyncio.create_task(self._send()), asyncio.create_task(self._receive())]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _send(self) -> None:
+        number, image = 0, 0
+        hello = {"hello": {"hover": self._session.can_hover, "source": self._session.source_name}}
+        await self._socket.send_text(json.dumps(hello))
+        while True:
+            shown = await self._hub.next_moment(number)
+            message = await self._hub.message(shown, image)
+            self._sent[shown.number] = shown if shown.image != image else None
+            number, image = shown.number, shown.image
+            self._drawn.clear()
+            began = time.monotonic()
+            await self._socket.send_bytes(message)
+            await asyncio.sleep(max(LEAST_GAP - (time.monotonic() - began), 0.0))
+            while len(self._sent) >= AHEAD:
+                await self._drawn.wait()
+                self._drawn.clear()
+
+    async def _receive(self) -> None:
+        with contextlib.suppress(WebSocketDisconnect):
+            while True:
+                message = await self._socket.receive()
+                if message["type"] == "websocket.disconnect":
+                    return
+                text = message.get("text")
+                try:
+                    self._obey(text if text is not None else message.get("bytes") or b"")
+                except InputError as error:
+                    self._malformed += 1
+                    if self._malformed > FORGIVEN:
+                        await self._socket.close(1008, "too many malformed messages")
+                        return
+                    await self._socket.send_text(json.dumps({"error": str(error)}))
+
+    def _obey(self, text: str | bytes) -> None:
+        content = parse_message(text)
+        if content.get("do") == "drawn":
+            self._on_drawn(content.get("number"))
+            return
+        self._session.tell(command_of(content))
+
+    def _on_drawn(self, number: Any) -> None:
+        if isinstance(number, bool) or not isinstance(number, int):
+            raise InputError("drawn.number is the number of the moment")
+        if number not in self._sent:
+            return
+        shown = self._sent[number]
+        self._sent = {other: s for other, s in self._sent.items() if other > number}
+        self._drawn.set()
+        if shown is not None:
+            self._hub.drawn(shown)
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """A socket that listens.
+
+    Raises:
+        InputError: the address cannot be bound.
+    """
+    try:
+        family, kind, proto, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listener = socket.socket(family, kind, proto)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+        listener.listen(128)
+    except (OSError, OverflowError, UnicodeError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            f"the page cannot be served at {host}, port {port}: {why}; choose others with --host and --port",
+            host=host,
+            port=port,
+        ) from None
+    return listener
+
+
+def _file_response(path: Path) -> Response:
+    """A file as it is now: one that grows, as grasps.csv does, is cut where it ends at this moment."""
+    size = path.stat().st_size
+
+    async def pieces() -> AsyncIterator[bytes]:
+        left = size
+        with path.open("rb") as stream:
+            while left > 0 and (piece := stream.read(min(CHUNK, left))):
+                left -= len(piece)
+                yield piece
+
+    headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{path.name}"'}
+    return StreamingResponse(pieces(), headers=headers, media_type=TYPES.get(path.suffix, "application/octet-stream"))

@@ -1,0 +1,325 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A session: source, tracker and what people say of it, in one thread. It knows nothing of the web.
+
+Images come through an inbox, and so does everything that a person or a helper says: one thread owns all
+state. What it shows is an immutable `Shown`, handed to listeners, which must not wait.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from grasptrack.errors import GraspTrackError, InputError
+from grasptrack.io.base import Source
+from grasptrack.live import commands as told
+from grasptrack.live.advisor import (
+    Failure,
+    HoverOutline,
+    Proposal,
+    Verdict,
+    WireDesk,
+    WireState,
+    judge,
+    outline_under,
+    propose,
+)
+from grasptrack.live.inbox import Arrival
+from grasptrack.live.loop import SessionLoop
+from grasptrack.live.player import Ended
+from grasptrack.live.recorder import Recorder
+from grasptrack.live.settings import Meant, Settings, shared
+from grasptrack.live.state import Shown
+from grasptrack.tracking.result import TrackResult
+from grasptrack.tracking.tracker import GraspTracker
+
+CONTACTS = 3
+"""Contacts that grasps.csv has columns for at least: the number of fingers may be changed on the page."""
+CORNERS = 200
+"""Corners of an outline that is handed to another tracker, about."""
+GOAL = "goal.json"
+
+
+class LiveSession(SessionLoop):
+    """Tracks a source while people look on and tell it what they want.
+
+    Args:
+        source: nobody else reads it.
+        settings: of the tracker.
+        output: the run's folder; an earlier run's files in it are replaced.
+        meant: what is said of the first image; it is followed at once then.
+        at_once: follow the likeliest object of the first image without a person's word.
+        options: what the user asked for, for run.json.
+        record_as: suffix of recordings: ".mp4", or one of `grasptrack.io.recording.SUFFIXES`.
+        pace: play files at their own rate; without, as fast as they are tracked.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        settings: Settings,
+        output: Path,
+        *,
+        meant: Meant | None = None,
+        at_once: bool = False,
+        options: Mapping[str, Any] | None = None,
+        record_as: str = ".mp4",
+        pace: bool = True,
+    ) -> None:
+        self._settings = replace(settings, segmenter=shared(settings.segmenter))
+        self._first_meant, self._at_once = meant or Meant(), at_once
+        fingers = max(CONTACTS, settings.fingers, len(self._first_meant.contacts or ()))
+        shown = Shown(friction=settings.friction, fingers=settings.fingers, live=source.live)
+        super().__init__(source, output, fingers, shown, options or {}, record_as, pace)
+        self._desk = WireDesk()
+        self._tracker: GraspTracker | None = None
+        self._grasps_before, self._grasps = 0, 0
+        self._recorded = 0  # number of the last image with a row
+        self._question = 0
+        self._follow_when_ready = False
+
+    @property
+    def can_hover(self) -> bool:
+        """Whether a segmenter answers a pointer that hovers."""
+        return self._settings.segmenter is not None
+
+    @property
+    def _wants_image(self) -> bool:
+        return self._shown.phase in ("opening", "tracking") and not self._shown.paused
+
+    def _take(self, what: Any) -> None:
+        """What came: an image, a helper's answer, or a person's word."""
+        if isinstance(what, Arrival):
+            self._look_at(what)
+        elif isinstance(what, Ended):
+            self._on_end(what)
+        elif isinstance(what, Proposal):
+            self._on_proposal(what)
+        elif isinstance(what, Verdict):
+            if what.question == self._question:
+                self._show(verdict=what)
+        elif isinstance(what, WireState):
+            self._show(wire=what, notice=self._note(what.error) if what.error else self._shown.notice)
+        elif isinstance(what, HoverOutline):
+            self._show(hover=what)
+        elif isinstance(what, Recorder):
+            self._on_recorded(what)
+        elif isinstance(what, Failure):
+            looking = self._shown.phase == "looking"
+            self._show(phase="choosing" if looking else self._shown.phase, notice=self._note(what.line))
+        else:
+            try:
+                self._obey(what)
+            except GraspTrackError as error:
+                self._show(notice=self._note(str(error)))
+
+    # --- images ----------------------------------------------------------------------------------
+
+    def _look_at(self, arrival: Arrival) -> None:
+        if arrival.run != self._playing:
+            return
+        self._images += 1
+        image = self._images
+        arrival = replace(arrival, frame=replace(arrival.frame, index=image - 1))
+        self._kept.add(image, arrival)
+        if self._tracker is None:
+            is_first = image == self._first_image
+            meant = self._first_meant if is_first else Meant()
+            self._propose(image, meant, follow=is_first and (self._at_once or meant.is_told))
+            return
+        try:
+            result = self._tracker.update(arrival.frame.image, time=arrival.frame.time)
+        except GraspTrackError as error:
+            self._tracker = None
+            self._show(phase="failed", image=image, arrival=arrival, result=None, notice=self._note(str(error)))
+            return
+        self._show_result(image, arrival, result)
+
+    def _show_result(self, image: int, arrival: Arrival, result: TrackResult, **changed: Any) -> None:
+        if result.grasp_id is not None:
+            result = replace(result, grasp_id=self._grasps_before + result.grasp_id)
+            self._grasps = max(self._grasps, result.grasp_id or 0)
+        phase = "ended" if self._over else "tracking"
+        self._show(phase=phase, image=image, arrival=arrival, result=result, **changed)
+        if image > self._recorded:
+            self._recorded = image
+            self._run.record(arrival.frame, result)
+            self._recordings.add(arrival.frame, result)
+
+    def _on_end(self, end: Ended) -> None:
+        if end.run != self._playing:
+            return
+        self._over = True
+        if end.error:
+            self._tracker, self._question = None, self._question + 1  # what is being looked for comes too late
+            self._show(phase="failed", notice=self._note(end.error))
+        elif self._shown.phase in ("tracking", "opening"):
+            self._tracker = None
+            said = end.note or ("the source has no image" if not self._images else "")
+            self._show(phase="ended", notice=self._note(said) if said else self._shown.notice)
+
+    # --- choosing --------------------------------------------------------------------------------
+
+    def _propose(self, image: int, meant: Meant, *, follow: bool = False) -> None:
+        """Hold an image, and have an object and a grasp looked for in it."""
+        arrival = self._kept.get(image)
+        self._tracker, self._follow_when_ready = None, follow
+        self._question += 1
+        question, settings = self._question, self._settings
+        self._show(
+            phase="looking",
+            image=image,
+            arrival=arrival,
+            result=None,
+            proposal=None,
+            verdict=None,
+            meant=meant,
+            paused=False,
+        )
+        self._advisor.ask(lambda: propose(question, image, arrival, meant, settings), "propose")
+
+    def _on_proposal(self, proposal: Proposal) -> None:
+        if proposal.question != self._question:
+            return
+        settings, meant, arrival = self._settings, proposal.meant, self._kept.get(proposal.image)
+        sure = meant.is_settled or (meant.points_at and proposal.is_sure(settings.sure))
+        if proposal.tracker is not None and (self._follow_when_ready or (sure and proposal.candidates)):
+            self._follow(proposal)
+            return
+        self._follow_when_ready = False
+        note = self._note(proposal.error) if proposal.error else self._shown.notice
+        if self._source.live and not proposal.candidates and not meant.is_told and not proposal.error:
+            self._show(phase="opening", result=proposal.result, notice=note)  # the next image may show an object
+            return
+        self._show(phase="choosing", proposal=proposal, result=proposal.result, notice=note)
+        if proposal.candidates:
+            question = proposal.question
+            self._advisor.ask(lambda: judge(question, arrival, meant, settings), "judge")
+
+    def _follow(self, proposal: Proposal) -> None:
+        """Go on with a tracker that has seen the image in which the object was chosen."""
+        assert proposal.tracker is not None and proposal.result is not None
+        self._question += 1  # a verdict that is on its way comes too late
+        self._tracker, self._grasps_before = proposal.tracker, self._grasps
+        self._show_result(
+            proposal.image, self._kept.get(proposal.image), proposal.result, proposal=None, wire=None, hover=None
+        )
+
+    # --- words -----------------------------------------------------------------------------------
+
+    def _obey(self, command: told.Command) -> None:
+        match command:
+            case told.Pick(image, x, y, on):
+                here = self._meant_in(image)
+                self._propose(image, here.with_pixel((x, y), on))
+            case told.Box(image, x, y, width, height):
+                self._propose(image, Meant(off=self._meant_in(image).off, box=(x, y, width, height)))
+            case told.Contacts(image, points):
+                self._propose(image, Meant(contacts=points))
+            case told.Outline(image, points):
+                self._propose(image, Meant(outline=points))
+            case told.Choose(number):
+                self._choose(number)
+            case told.Start():
+                self._start()
+            case told.Pause(paused):
+                self._show(paused=paused)
+            case told.Restart():
+                self._restart()
+            case told.Rechoose():
+                self._choose_again()
+            case told.Friction(value):
+                self._set_friction(value)
+            case told.Fingers(count):
+                self._set_fingers(count)
+            case told.Wire():
+                arrival = self._kept.get(command.image)
+                key = "wire-hover" if command.step == "hover" else ""
+                self._advisor.ask(lambda: self._desk.step(command, arrival), key)
+            case told.Hover():
+                self._hover(command)
+            case told.Fingertips():
+                command.goal().save(self._output / GOAL)
+                self._add_file(GOAL)
+                self._show(notice=self._note(f"{GOAL} is written: Goal.load reads it"))
+            case told.Record(on):
+                self._record(on)
+
+    def _meant_in(self, image: int) -> Meant:
+        """What was said of an image before."""
+        shown = self._shown
+        return shown.meant if shown.phase in ("looking", "choosing") and shown.image == image else Meant()
+
+    def _choose(self, number: int) -> None:
+        proposal = self._shown.proposal
+        if proposal is None or number > len(proposal.candidates):
+            there = 0 if proposal is None else len(proposal.candidates)
+            raise InputError(f"there is no candidate {number}: there are {there}")
+        if number == 1 and proposal.tracker is not None:
+            proposal.tracker.object_sure = True  # a person said so
+            result = None if proposal.result is None else replace(proposal.result, object_sure=True)
+            self._follow(replace(proposal, result=result))
+            return
+        self._propose(proposal.image, replace(proposal.meant, number=number), follow=True)
+
+    def _start(self) -> None:
+        proposal = self._shown.proposal
+        if self._shown.phase == "looking":
+            self._follow_when_ready = True
+        elif self._shown.phase != "choosing" or proposal is None or proposal.tracker is None:
+            raise InputError("there is nothing to start: choose an object first")
+        elif proposal.candidates:
+            self._choose(1)
+        else:
+            self._follow(proposal)  # it looks for the object in the images that follow
+
+    def _restart(self) -> None:
+        again = self._shown.meant if self._shown.image == self._first_image else self._first_meant
+        self._first_meant = Meant() if self._source.live else again
+        self._tracker = None
+        self._play()
+        self._show(phase="opening", paused=False, result=None, proposal=None, verdict=None, wire=None, hover=None)
+
+    def _choose_again(self) -> None:
+        self._tracker, self._question = None, self._question + 1
+        if self._source.live and self._shown.phase not in ("ended", "failed"):
+            cleared: dict[str, Any] = {"result": None, "proposal": None, "verdict": None, "wire": None, "hover": None}
+            self._show(phase="opening", paused=False, meant=Meant(), **cleared)
+        else:
+            self._propose(self._shown.image, Meant())
+
+    def _set_friction(self, value: float) -> None:
+        self._settings = replace(self._settings, friction=value)
+        self._show(friction=value)
+        if self._tracker is not None:
+            self._tracker.friction = value
+        elif self._shown.phase in ("choosing", "looking"):
+            self._propose(self._shown.image, self._shown.meant)
+
+    def _set_fingers(self, count: int) -> None:
+        self._settings.tracker(Meant())  # as it is now, it is known to be good
+        settings = replace(self._settings, fingers=count)
+        settings.tracker(Meant())
+        self._settings = settings
+        shown = self._shown
+        self._show(fingers=count)
+        if shown.phase in ("choosing", "looking"):
+            self._propose(shown.image, replace(shown.meant, contacts=None))
+        elif self._tracker is not None and shown.result is not None and shown.result.located and shown.result.view:
+            outline = shown.result.view.outer.points
+            corners = outline[:: max(1, len(outline) // CORNERS)]
+            self._propose(shown.image, Meant(outline=tuple((x, y) for x, y in corners.tolist())))
+        elif self._tracker is not None:
+            self._show(
+                notice=self._note("the number of fingers counts from the next choice on: the object is not located now")
+            )
+
+    def _hover(self, command: told.Hover) -> None:
+        if self.can_hover:
+            arrival, settings = self._kept.get(command.image), self._settings
+            self._advisor.ask(lambda: outline_under(command, arrival, settings), "hover")

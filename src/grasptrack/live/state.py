@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a session shows at a moment: the image, what the tracker said of it, and what waits for a person's word."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from grasptrack.live.advisor import HoverOutline, Proposal, Verdict, WireState
+from grasptrack.live.inbox import Arrival
+from grasptrack.live.settings import Meant
+from grasptrack.tracking.result import TrackResult
+
+Phase = Literal["opening", "looking", "choosing", "tracking", "ended", "failed"]
+"""opening: no image yet, or none with an object; looking: an object is looked for in the image that is held; choosing: it waits
+for a word; tracking: it follows; ended: the source has no more images; failed: it broke off."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A moment of a session; immutable, so that any thread may show it.
+
+    Attributes:
+        number: of the moment, from 1.
+        phase: see `Phase`.
+        paused: no image is taken.
+        image: number of the image, from 1; 0 before the first.
+        arrival: the image; None before the first.
+        result: what the tracker said of it; None where none did.
+        proposal: what may be followed, while choosing.
+        verdict: how well that can be tracked; None until it is known.
+        meant: what was said of the object.
+        friction, fingers: of the settings.
+        wire, hover: for those who draw.
+        notice: the last line for people, and its number, by which a page knows whether it has shown it.
+        recording: name of the file that is recorded; empty where none is.
+        recorded, dropped: images in it, and that were not written in time.
+        files: what can be fetched from the run's folder.
+        live: whether the source gives its newest image only.
+    """
+
+    number: int = 0
+    phase: Phase = "opening"
+    paused: bool = False
+    image: int = 0
+    arrival: Arrival | None = None
+    result: TrackResult | None = None
+    proposal: Proposal | None = None
+    verdict: Verdict | None = None
+    meant: Meant = field(default_factory=Meant)
+    friction: float = 0.5
+    fingers: int = 2
+    wire: WireState | None = None
+    hover: HoverOutline | None = None
+    notice: tuple[int, str] = (0, "")
+    recording: str = ""
+    recorded: int = 0
+    dropped: int = 0
+    files: tuple[str, ...] = ()
+    live: bool = False

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sessions of the live page for tests: on folders of drawn images, and on a source that tests feed image by image."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from grasptrack.errors import SourceError
+from grasptrack.io.base import Image, Source
+from grasptrack.io.sources import open_source
+from grasptrack.live.session import LiveSession
+from grasptrack.live.settings import Settings
+from grasptrack.live.state import Shown
+from recordings import plate, plates
+
+PATIENCE = 40.0
+"""s; machines that run tests are slow now and then, and no test passes by waiting."""
+
+
+class FedCamera(Source):
+    """A live source whose images a test puts in; None ends it, a string breaks it off with that line."""
+
+    kind = "camera"
+    live = True
+
+    def __init__(self) -> None:
+        super().__init__("camera:fed")
+        self.images: SimpleQueue[np.ndarray | str | None] = SimpleQueue()
+
+    def _read(self) -> Generator[tuple[Image, float | None, str], None, None]:
+        index = 0
+        while True:
+            image = self.images.get()
+            if image is None:
+                return
+            if isinstance(image, str):
+                raise SourceError(image)
+            yield image, 0.04 * index, f"frame {index}"
+            index += 1
+
+
+@contextmanager
+def session_on(source: Source, output: Path, settings: Settings | None = None, **more: Any) -> Iterator[LiveSession]:
+    """A session that runs, and is stopped at the end."""
+    session = LiveSession(source, settings or Settings(), output, pace=False, **more)
+    session.start()
+    try:
+        yield session
+    finally:
+        if isinstance(source, FedCamera):
+            source.images.put(None)
+        session.stop()
+
+
+def plate_session(folder: Path, count: int = 12, **more: Any) -> Any:
+    """A session on a folder of images in which a plate moves."""
+    return session_on(open_source(plates(folder / "in", count), fps=25.0), folder / "run", **more)
+
+
+def reached(session: LiveSession, phase: str, **more: Any) -> Shown:
+    """The moment in which a session is in a phase, with other attributes as given."""
+
+    def wanted(shown: Shown) -> bool:
+        return shown.phase == phase and all(getattr(shown, name) == value for name, value in more.items())
+
+    assert session.wait_for(wanted, PATIENCE), f"{session.shown.phase}, {session.shown.notice}"
+    return session.shown
+
+
+def until(session: LiveSession, wanted: Any) -> Shown:
+    """The moment that is as wanted."""
+    assert session.wait_for(wanted, PATIENCE), f"{session.shown.phase}, {session.shown.notice}"
+    return session.shown
+
+
+def two_plates(size: tuple[int, int] = (240, 480)) -> np.ndarray:
+    """Two equal plates side by side: which is meant cannot be known."""
+    one, other = plate((130.0, 120.0), 0.2, size), plate((350.0, 120.0), 0.2, size)
+    return np.asarray(np.minimum(one, other))
+
+
+def threads_left(before: set[str]) -> set[str]:
+    """Names of threads that were not there before and do not end; one that is at work ends when it is done."""
+    end = time.monotonic() + PATIENCE
+    while threads_of_ours() - before and time.monotonic() < end:
+        time.sleep(0.05)
+    return threads_of_ours() - before
+
+
+def threads_of_ours() -> set[str]:
+    """Names of the threads of sessions that go on."""
+    return {t.name for t in threading.enumerate() if t.name.startswith("grasptrack-") and t.is_alive()}

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What goes to the page: strict JSON of any result, lines to a hundredth of a px, each image encoded once and sent once."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grasptrack import InputError, TrackResult
+from grasptrack.geometry.contours import Contour, View
+from grasptrack.grasp.force_closure import GraspAnalysis
+from grasptrack.io.base import Frame
+from grasptrack.io.jpeg import encode_jpeg
+from grasptrack.live import frames
+from grasptrack.live.frames import UNITS_PER_PX, Painter, moment_to_json
+from grasptrack.live.inbox import Arrival
+from grasptrack.live.settings import Meant
+from grasptrack.live.state import Shown
+
+ANY = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf, 0.0]))
+CORNERS = np.array([[10, 10], [25, 10], [40.123, 10], [40, 25], [40, 40], [25, 40.0049], [10, 40], [10, 25]])
+
+
+def result_of(**values: Any) -> TrackResult:
+    normals = np.array([[1.0, 0.0], [-1.0, 0.0]])
+    margin = values.pop("margin", 0.2)
+    analysis = GraspAnalysis(True, margin, 0.1, 15.0, 0.0, np.zeros(2), normals, 0.5, "image", "")
+    contacts = np.array([[10.0, 25.1234], [40.0, 25.0]])
+    given: dict[str, Any] = {
+        "contacts": contacts,
+        "seen": np.ones(2),
+        "analysis": analysis,
+        "view": View(Contour(CORNERS)),
+        "covariance": np.stack([0.25 * np.eye(2)] * 2),
+    }
+    return TrackResult(0, None, "tracked", "", **{**given, **values})
+
+
+def shown_of(image: int = 1, number: int = 1, **more: Any) -> Shown:
+    picture = np.full((48, 64, 3), 10 * image, np.uint8)
+    arrival = Arrival(Frame(image - 1, 0.5, picture, f"frame {image}"), 1.0, 1)
+    return Shown(number=number, phase="tracking", image=image, arrival=arrival, **more)
+
+
+@given(ANY, ANY, ANY, ANY, ANY)
+def test_any_figures_make_strict_json(
+    margin: float, chance: float, latency: float, distance: float, sigma: float
+) -> None:
+    result = result_of(
+        margin=margin, chance=chance, latency_ms=latency, distance=distance, covariance=np.full((2, 2, 2), sigma)
+    )
+
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is no JSON")
+
+    content = json.loads(moment_to_json(shown_of(result=result)), parse_constant=refuse)["result"]
+    assert content["chance"] == (chance if math.isfinite(chance) else None)
+    assert content["latency_ms"] == (latency if math.isfinite(latency) else None)
+
+
+def test_lines_are_exact_to_a_hundredth_and_contacts_to_a_thousandth() -> None:
+    content = json.loads(moment_to_json(shown_of(result=result_of(), meant=Meant(on=((1.5, 2.25),)))))
+    (outline,) = content["result"]["outlines"]
+    assert all(isinstance(value, int) for value in outline)
+    assert np.abs(np.reshape(outline, (-1, 2)) / UNITS_PER_PX - CORNERS).max() <= 0.5 / UNITS_PER_PX + 1e-9
+    assert content["result"]["contacts"] == [[10.0, 25.123], [40.0, 25.0]]
+    assert content["result"]["sigmas"] == pytest.approx([0.707, 0.707], abs=1e-3)
+    assert content["meant"]["on"] == [[1.5, 2.25]] and content["size"] == [64, 48]
+
+
+def test_an_image_is_encoded_once_and_sent_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    encoded: list[int] = []
+
+    def counted(image: np.ndarray) -> bytes:
+        encoded.append(int(image[0, 0, 0]))
+        return encode_jpeg(image)
+
+    monkeypatch.setattr(frames, "encode_jpeg", counted)
+    painter = Painter()
+    first = painter.message(shown_of(1, 1), 0)
+    again = painter.message(shown_of(1, 1), 0)
+    known = painter.message(shown_of(1, 2), 1)
+    other = painter.message(shown_of(2, 3), 1)
+    assert first == again and encoded == [10, 20]
+    lengths = [struct.unpack(">I", message[:4])[0] for message in (first, known, other)]
+    assert len(known) == 4 + lengths[1]
+    picture = cv2.imdecode(np.frombuffer(other[4 + lengths[2] :], np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (48, 64, 3) and abs(int(picture[0, 0, 0]) - 20) <= 2
+
+
+@pytest.mark.parametrize("image", [np.zeros((0, 5), np.uint8), np.zeros((4, 4, 7), np.uint8), np.zeros((4, 4), "U1")])
+def test_what_has_no_jpeg_is_refused(image: np.ndarray) -> None:
+    with pytest.raises(InputError):
+        encode_jpeg(image)
+    with pytest.raises(InputError, match="1 to 100"):
+        encode_jpeg(np.zeros((4, 4), np.uint8), 0)

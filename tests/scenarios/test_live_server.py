@@ -1,0 +1,430 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's server: who is let in, which files can be had, what goes over the WebSocket; slow browsers slow nobody."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+httpx = pytest.importorskip("httpx")
+pytest.importorskip("starlette")
+pytest.importorskip("uvicorn")
+websockets = pytest.importorskip("websockets")
+
+from websockets.sync.client import connect  # noqa: E402
+
+from grasptrack import InputError  # noqa: E402
+from grasptrack.io.folder import hold_folder  # noqa: E402
+from grasptrack.live.guard import Guard  # noqa: E402
+from grasptrack.live.server import MOST_CLIENTS, PAGE, PageServer  # noqa: E402
+from grasptrack.live.session import LiveSession  # noqa: E402
+from recordings import movie, plate, plates, rows  # noqa: E402
+from watched import FedCamera, plate_session, reached, session_on, threads_left, threads_of_ours, until  # noqa: E402
+
+
+@contextmanager
+def served(session: LiveSession, **more: Any) -> Iterator[PageServer]:
+    server = PageServer(session, **more)
+    server.start()
+    try:
+        yield server
+    finally:
+        server.stop()
+
+
+@contextmanager
+def page_of_plate(folder: Path, **more: Any) -> Iterator[tuple[LiveSession, PageServer]]:
+    with plate_session(folder, 6) as session:
+        reached(session, "choosing")
+        with served(session, **more) as server:
+            yield session, server
+
+
+def base(server: PageServer) -> str:
+    return f"http://127.0.0.1:{server.port}"
+
+
+def open_socket(server: PageServer, **more: Any) -> Any:
+    return connect(f"ws://127.0.0.1:{server.port}/socket", max_size=None, **more)
+
+
+def next_moment(client: Any) -> tuple[dict[str, Any], bytes]:
+    """The next moment and its JPEG; other messages are passed over, and drawing is told."""
+    while True:
+        data = client.recv(timeout=30)
+        if isinstance(data, bytes):
+            length = struct.unpack(">I", data[:4])[0]
+            moment = json.loads(data[4 : 4 + length])
+            client.send(json.dumps({"do": "drawn", "number": moment["number"]}))
+            return moment, data[4 + length :]
+
+
+def moment_until(client: Any, wanted: Any) -> tuple[dict[str, Any], bytes]:
+    for _ in range(500):
+        moment, jpeg = next_moment(client)
+        if wanted(moment):
+            return moment, jpeg
+    raise AssertionError("never so")
+
+
+def error_of(client: Any) -> str:
+    while True:
+        data = client.recv(timeout=30)
+        if isinstance(data, str) and "error" in (said := json.loads(data)):
+            return str(said["error"])
+
+
+# --- what is served ------------------------------------------------------------------------------
+
+
+def test_the_page_is_whole_and_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path) as (_, server):
+        page = httpx.get(f"{base(server)}/").text
+        for name in PAGE:
+            answer = httpx.get(f"{base(server)}/page/{name}")
+            assert answer.status_code == 200 and answer.headers["content-type"].startswith(PAGE[name])
+            assert "default-src 'none'" in answer.headers["content-security-policy"]
+            for url in ("http://", "https://", "//cdn"):
+                left = answer.text.replace("http://www.w3.org/2000/svg", "").replace("ws://", "")
+                assert url not in left, f"{name} loads from elsewhere"
+        assert "/page/app.js" in page
+
+
+def test_a_moment_comes_with_its_image_once(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path) as (session, server), open_socket(server) as client:
+        until(session, lambda s: s.verdict is not None)
+        moment, jpeg = moment_until(client, lambda m: m["verdict"] is not None)
+        image = cv2.imdecode(np.frombuffer(jpeg or b"-", np.uint8), cv2.IMREAD_GRAYSCALE)
+        shown = session.shown
+        if image is not None:  # the first message had the verdict already
+            assert shown.arrival is not None
+            assert np.abs(image.astype(int) - cv2.cvtColor(shown.arrival.frame.image, cv2.COLOR_BGR2GRAY)).mean() < 3
+        assert moment["phase"] == "choosing" and moment["candidates"][0]["number"] == 1
+        assert moment["verdict"]["level"] == "good" and moment["size"] == [320, 240]
+        contacts = np.array(moment["result"]["contacts"])
+        assert shown.result is not None and np.abs(contacts - shown.result.contacts).max() < 1e-3
+        client.send(json.dumps({"do": "friction", "value": 0.7}))
+        moment, jpeg = moment_until(client, lambda m: m["friction"] == 0.7)
+        assert jpeg == b""
+
+
+def test_clicks_come_in_and_the_run_goes_on_to_its_end(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path) as (session, server), open_socket(server) as client:
+        client.send(json.dumps({"do": "pick", "image": 1, "x": 150.0, "y": 100.0}))
+        moment, _ = moment_until(client, lambda m: m["phase"] == "ended" and m["image"] == 6)
+        assert moment["result"]["status"] == "tracked"
+        assert session.shown.result is not None
+    assert len(rows(tmp_path / "run")) == 6
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "",
+        "{",
+        "[]",
+        "null",
+        '{"do": "dance"}',
+        '{"do": "pick"}',
+        '{"do": "drawn", "number": "x"}',
+        b"\xff\xfe",
+        "[" * 9000,
+    ],
+)
+def test_a_malformed_message_is_answered_by_one_line_and_the_socket_stays_open(
+    tmp_path_factory: pytest.TempPathFactory, message: str | bytes
+) -> None:
+    with page_of_plate(tmp_path_factory.mktemp("live")) as (_, server), open_socket(server) as client:
+        client.send(message)
+        line = error_of(client)
+        assert line and "\n" not in line
+        client.send(json.dumps({"do": "friction", "value": 0.8}))
+        moment_until(client, lambda m: m["friction"] == 0.8)
+
+
+def test_who_sends_nothing_but_nonsense_or_too_much_is_sent_away(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path) as (session, server):
+        with open_socket(server) as client, pytest.raises(websockets.exceptions.ConnectionClosed):
+            for _ in range(400):
+                client.send("nonsense")
+                client.recv(timeout=30)
+        with open_socket(server) as client, pytest.raises(websockets.exceptions.ConnectionClosed):
+            client.send("x" * 70_000)
+            while True:
+                client.recv(timeout=30)
+        assert session.is_running
+        with open_socket(server) as client:
+            next_moment(client)
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def test_files_of_the_run_can_be_had_and_no_others(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path) as (session, server):
+        secret = tmp_path / "run" / "secret.txt"
+        secret.write_text("a file of the user's own")
+        (tmp_path / "outside.csv").write_text("beside the run")
+        got = httpx.get(f"{base(server)}/files/grasps.csv")
+        assert got.status_code == 200 and got.text.startswith("frame,time_s,status")
+        assert got.headers["content-disposition"] == 'attachment; filename="grasps.csv"'
+        for name in (
+            "secret.txt",
+            "../outside.csv",
+            "..%2foutside.csv",
+            "%2e%2e/outside.csv",
+            "..%5coutside.csv",
+            "/etc/passwd",
+            "%2fetc%2fpasswd",
+            "grasps.csv/../../outside.csv",
+            "grasps.csv%00",
+            "goal.json",
+            "",
+            ".",
+            "..",
+        ):
+            answer = raw_get(server.port, f"/files/{name}")
+            assert answer.startswith((b"HTTP/1.1 404", b"HTTP/1.1 400", b"HTTP/1.1 307")), (name, answer[:60])
+            assert b"beside the run" not in answer and b"root:" not in answer and b"own" not in answer
+        for name in ("../server.py", "%2e%2e/server.py", "..%2fserver.py"):
+            assert raw_get(server.port, f"/page/{name}").startswith(b"HTTP/1.1 404")
+        assert session.file("secret.txt") is None and session.file("../outside.csv") is None
+
+
+def raw_get(port: int, target: str, host: str | None = None) -> bytes:
+    """As no client that tidies addresses up would ask."""
+    with socket.create_connection(("127.0.0.1", port), 10) as link:
+        name = f"127.0.0.1:{port}" if host is None else host
+        link.sendall(f"GET {target} HTTP/1.1\r\nHost: {name}\r\nConnection: close\r\n\r\n".encode("latin-1"))
+        answer = b""
+        while piece := link.recv(65536):
+            answer += piece
+    return answer
+
+
+# --- who is let in -------------------------------------------------------------------------------
+
+
+def test_another_name_or_another_site_is_refused(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path) as (_, server):
+        for host in (f"evil.example:{server.port}", "evil.example", "127.0.0.1:1", "127.0.0.1", "", "a b", "["):
+            assert raw_get(server.port, "/", host).startswith((b"HTTP/1.1 403", b"HTTP/1.1 400")), host
+        for host in (f"localhost:{server.port}", f"127.0.0.1:{server.port}"):
+            assert raw_get(server.port, "/", host).startswith(b"HTTP/1.1 200")
+        for origin in ("http://evil.example", f"http://127.0.0.1:{server.port}.evil.example", "null", "http://["):
+            assert httpx.get(f"{base(server)}/files/grasps.csv", headers={"origin": origin}).status_code == 403
+            refused = pytest.raises(websockets.exceptions.InvalidStatus)
+            with refused, open_socket(server, additional_headers={"Origin": origin}):
+                pass
+        with open_socket(server, additional_headers={"Origin": base(server)}) as client:
+            next_moment(client)
+        assert httpx.post(f"{base(server)}/").status_code == 405
+
+
+def test_with_a_token_nothing_is_answered_without_it(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path, token="wKq3-token") as (_, server):
+        assert server.url.endswith("/?token=wKq3-token")
+        for path in ("/", "/page/app.js", "/files/grasps.csv", "/nothing"):
+            for query in ("", "?token=", "?token=wrong", "?token=wKq3-toke", "?token=%ff"):
+                answer = httpx.get(f"{base(server)}{path}{query}")
+                assert answer.status_code == 403 and "token" in answer.text and "wKq3" not in answer.text
+        for headers in ({}, {"Cookie": f"grasptrack-{server.port}=wrong"}, {"Cookie": "=;;grasptrack"}):
+            refused = pytest.raises(websockets.exceptions.InvalidStatus)
+            with refused, open_socket(server, additional_headers=headers):
+                pass
+        with httpx.Client() as browser:
+            assert browser.get(server.url).status_code == 200
+            assert browser.get(f"{base(server)}/page/app.js").status_code == 200  # by the cookie
+            assert browser.get(f"{base(server)}/files/grasps.csv").status_code == 200
+            (cookie,) = browser.cookies.jar
+        assert cookie.has_nonstandard_attr("HttpOnly") and cookie.get_nonstandard_attr("SameSite") == "Strict"
+        with open_socket(server, additional_headers={"Cookie": f"{cookie.name}={cookie.value}"}) as client:
+            next_moment(client)
+
+
+def test_any_address_but_this_machines_own_makes_a_token(tmp_path: Path) -> None:
+    with plate_session(tmp_path, 2) as session:
+        for host, asks in (("127.0.0.1", False), ("localhost", False), ("0.0.0.0", True)):
+            server = PageServer(session, host)
+            assert (server.token is not None) == asks == ("token=" in server.url)
+            assert not asks or len(str(server.token)) >= 32
+            server.stop()
+
+
+def test_hosts_that_a_guard_knows() -> None:
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    def status(host: str, bound: str, token: str | None) -> int:
+        answers: list[Any] = []
+        headers = [(b"host", host.encode())]
+        scope = {"type": "http", "headers": headers, "query_string": b"token=abc"}
+
+        async def send(message: Any) -> None:
+            answers.append(message)
+
+        async def receive() -> Any:
+            return {"type": "http.request"}
+
+        asyncio.run(Guard(app, bound, 80, token)(scope, receive, send))
+        return int(answers[0]["status"])
+
+    assert status("localhost", "127.0.0.1", None) == status("[::1]:80", "::1", None) == 200
+    assert status("192.168.7.9", "127.0.0.1", None) == 403
+    assert status("192.168.7.9:80", "0.0.0.0", "abc") == 200
+    assert status("evil.example:80", "0.0.0.0", "abc") == 403
+    assert status("192.168.7.9:81", "0.0.0.0", "abc") == 403
+
+
+# --- slow, many, gone ----------------------------------------------------------------------------
+
+
+def test_a_browser_that_never_draws_slows_nobody_and_gets_the_newest_when_it_does(tmp_path: Path) -> None:
+    camera = FedCamera()
+    camera.images.put(plate())
+    with session_on(camera, tmp_path, at_once=True) as session:
+        reached(session, "tracking", image=1)
+        with served(session) as server, open_socket(server) as slow:
+            numbers = []
+            for k in range(60):
+                camera.images.put(plate((160.0 + 0.2 * k, 120.0)))
+                reached(session, "tracking", image=2 + k)
+            while True:
+                try:
+                    data = slow.recv(timeout=0.5)
+                except TimeoutError:
+                    break
+                if isinstance(data, bytes):
+                    numbers.append(json.loads(data[4 : 4 + struct.unpack(">I", data[:4])[0]])["number"])
+            assert 1 <= len(numbers) <= 3  # no more than are on their way
+            slow.send(json.dumps({"do": "drawn", "number": numbers[-1]}))
+            moment, jpeg = next_moment(slow)
+            assert moment["image"] == 61 and jpeg
+
+
+def test_only_so_many_look_on_and_who_goes_makes_room(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path) as (_, server), ExitStack() as stack:
+        clients = [stack.enter_context(open_socket(server)) for _ in range(MOST_CLIENTS)]
+        for client in clients:
+            next_moment(client)
+        with open_socket(server) as one_more, pytest.raises(websockets.exceptions.ConnectionClosed):
+            one_more.recv(timeout=30)
+        clients.pop().close()
+        until_clients(server, MOST_CLIENTS - 1)
+        with open_socket(server) as client:
+            next_moment(client)
+        for client in clients:
+            client.close()
+        until_clients(server, 0)
+        assert server.hub.session._listeners == []  # nobody looks on: nothing is done for a page
+
+
+def until_clients(server: PageServer, count: int) -> None:
+    end = time.monotonic() + 20
+    while server.hub.clients != count:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path) as (session, server):
+        with pytest.raises(InputError, match=f"port {server.port}"):
+            PageServer(session, port=server.port)
+        with pytest.raises(InputError, match="cannot be served"):
+            PageServer(session, "no.such.host.example")
+
+
+def test_a_port_that_is_taken_leaves_an_earlier_runs_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from grasptrack.cli.main import main
+
+    with page_of_plate(tmp_path) as (_, server):
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "grasps.csv").write_text("of an earlier run")
+        command = ["live", str(tmp_path / "in"), "--output", str(tmp_path / "out"), "--port", str(server.port)]
+        assert main(command) == 2
+    assert f"port {server.port}" in capsys.readouterr().err
+    assert (tmp_path / "out" / "grasps.csv").read_text() == "of an earlier run"
+
+
+def test_two_pages_do_not_write_to_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from grasptrack.cli.main import main
+
+    command = ["live", str(plates(tmp_path / "in", 2)), "--port", "0", "--start", "--output", str(tmp_path / "out")]
+    with hold_folder(tmp_path / "out"):
+        run = subprocess.run([sys.executable, "-m", "grasptrack.cli.main", *command], capture_output=True, text=True)
+    assert run.returncode == 2 and run.stderr.count("\n") == 1 and "another run" in run.stderr
+    assert main([*command, "--until-end"]) == 0
+    assert "grasps.csv" in capsys.readouterr().out
+
+
+def test_nothing_of_a_server_is_left(tmp_path: Path) -> None:
+    before = threads_of_ours()
+    with ExitStack() as stack:
+        with page_of_plate(tmp_path) as (_, server):
+            client = stack.enter_context(open_socket(server))
+            next_moment(client)
+        assert threads_left(before) == set()
+        with pytest.raises(websockets.exceptions.ConnectionClosed):
+            while True:
+                client.recv(timeout=10)
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_leaves_whole_files(tmp_path: Path, ending: signal.Signals) -> None:
+    command = [sys.executable, "-m", "grasptrack.cli.main", "live", str(plates(tmp_path / "in", 4)), "--start"]
+    run = subprocess.Popen(
+        [*command, "--port", "0", "--output", str(tmp_path / "out")], stdout=subprocess.PIPE, text=True
+    )
+    assert run.stdout is not None
+    url = run.stdout.readline().split()[0]
+    with connect(url.replace("http", "ws") + "socket", max_size=None) as client:
+        moment_until(client, lambda m: m["phase"] == "ended")
+    run.send_signal(ending)
+    rest, _ = run.communicate(timeout=60)
+    assert run.returncode == 0 and "grasps.csv" in rest
+    assert len(rows(tmp_path / "out")) == 4
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["ended"] == "finished"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["nothing.mp4"], "does not exist"),
+        (["film.mp4", "--record-as", "gif"], "--record-as"),
+        (["film.mp4", "--fingers", "5"], "2 or 3 fingers"),
+        (["film.mp4", "--host", "no.such.host.example"], "cannot be served"),
+        (["film.mp4", "--strategy", "grasp-line", "--fingers", "3"], "grasp-line"),
+        (["film.mp4", "--object", "1,2", "--box", "1,2,3,4"], "give one of them"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    told: str,
+) -> None:
+    from grasptrack.cli.main import main
+
+    monkeypatch.chdir(tmp_path)
+    movie(tmp_path / "film.mp4", 3)
+    assert main(["live", *arguments]) == 2
+    said = capsys.readouterr().err
+    assert told in said and said.count("\n") == 1

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live page in a real browser, with real clicks, drags and keys."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from browsers import browser_of
+from grasptrack import Goal
+from recordings import plate
+from watched import FedCamera, plate_session, reached, session_on, two_plates, until
+
+pytest.importorskip("starlette")
+pytest.importorskip("uvicorn")
+selenium = pytest.importorskip("selenium")
+
+from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+
+from grasptrack.live.server import PageServer  # noqa: E402
+from grasptrack.live.session import LiveSession  # noqa: E402
+
+pytestmark = pytest.mark.slow
+PATIENCE = 30.0
+
+
+class Page:
+    """The page in a browser, in the words of its user."""
+
+    def __init__(self, browser: Any) -> None:
+        self.browser = browser
+
+    def find(self, selector: str) -> Any:
+        return self.browser.find_element(By.CSS_SELECTOR, selector)
+
+    def text(self, selector: str) -> str:
+        return str(self.find(selector).text)
+
+    def wait(self, wanted: Callable[[], bool], what: str = "") -> None:
+        until_ = time.monotonic() + PATIENCE
+        while not wanted():
+            assert time.monotonic() < until_, what or self.text("body")
+            time.sleep(0.05)
+
+    def reads(self, selector: str, part: str) -> None:
+        self.wait(lambda: part in self.text(selector), f'"{part}" not in "{self.text(selector)}"')
+
+    def place(self, x: float, y: float, size: tuple[int, int]) -> tuple[int, int]:
+        """Offset from the canvas's middle, px, of a place of an image of (height, width)."""
+        box = self.browser.execute_script(
+            "const b = document.getElementById('picture').getBoundingClientRect(); return [b.width, b.height]"
+        )
+        scale = min(box[0] / size[1], box[1] / size[0])
+        return round((x + 0.5 - size[1] / 2) * scale), round((y + 0.5 - size[0] / 2) * scale)
+
+    def scale(self, size: tuple[int, int]) -> float:
+        return self.place(size[1] / 2 + 99.5, 0, size)[0] / 100.0
+
+    def click(self, x: float, y: float, size: tuple[int, int] = (240, 320), how: str = "click") -> None:
+        chain = ActionChains(self.browser, duration=20)
+        chain.move_to_element_with_offset(self.find("#picture"), *self.place(x, y, size))
+        getattr(chain, how)().perform()
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float], size: tuple[int, int] = (240, 320)) -> None:
+        chain = ActionChains(self.browser, duration=40)
+        canvas = self.find("#picture")
+        chain.move_to_element_with_offset(canvas, *self.place(*start, size)).click_and_hold()
+        chain.move_to_element_with_offset(canvas, *self.place(*end, size)).release().perform()
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            ActionChains(self.browser).send_keys(key).perform()
+
+    def complaints(self) -> list[str]:
+        return [e["message"] for e in self.browser.get_log("browser") if e["level"] in ("SEVERE", "WARNING")]
+
+
+@contextmanager
+def page_on(session: LiveSession, folder: Path, **more: Any) -> Iterator[Page]:
+    server = PageServer(session)
+    server.start()
+    try:
+        with browser_of(folder / "profile", **more) as browser:
+            browser.get(server.url)
+            page = Page(browser)
+            page.reads("#link", "live")
+            yield page
+            assert page.complaints() == []
+    finally:
+        server.stop()
+
+
+def test_a_click_chooses_the_object_under_it(tmp_path: Path) -> None:
+    camera = FedCamera()
+    camera.images.put(two_plates())
+    with session_on(camera, tmp_path / "run") as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Which object?")
+        page.wait(lambda: len(page.browser.find_elements(By.CSS_SELECTOR, "#candidates button")) >= 2)
+        page.click(340.0, 100.0, (240, 480))
+        shown = until(session, lambda s: s.meant.on)
+        tolerance = 1.0 / page.scale((240, 480))  # the driver's clicks are whole px of the window
+        assert shown.meant.on[0] == pytest.approx((340.0, 100.0), abs=tolerance)
+        shown = until(session, lambda s: s.phase in ("choosing", "tracking") and s.result is not None and s.meant.on)
+        assert shown.result.view.outer.points[:, 0].min() > 240.0
+        page.click(30.0, 30.0, (240, 480), "context_click")
+        shown = until(session, lambda s: s.meant.off)
+        assert shown.meant.off[0] == pytest.approx((30.0, 30.0), abs=tolerance)
+
+
+def test_a_drag_is_a_box_and_a_number_takes_a_candidate(tmp_path: Path) -> None:
+    camera = FedCamera()
+    camera.images.put(two_plates())
+    with session_on(camera, tmp_path / "run") as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Which object?")
+        page.drag((260.0, 50.0), (440.0, 190.0), (240, 480))
+        shown = until(session, lambda s: s.meant.box is not None)
+        assert shown.meant.box == pytest.approx((260.0, 50.0, 180.0, 140.0), abs=2.0 / page.scale((240, 480)))
+        page.find("#rechoose").click()
+        camera.images.put(two_plates())
+        shown = reached(session, "choosing", image=2)
+        page.reads("#status", "Which object?")
+        second = shown.proposal.candidates[1].view.outer.points.mean(axis=0)
+        page.press("2")
+        page.reads("#status", "Tracked")
+        shown = reached(session, "tracking")
+        assert shown.result.view.outer.points.mean(axis=0) == pytest.approx(second, abs=2.0)
+
+
+def test_contacts_are_clicked_to_a_fraction_of_a_px_with_a_loupe(tmp_path: Path) -> None:
+    with plate_session(tmp_path, 5) as session, page_on(session, tmp_path) as page:
+        page.reads("#verdict", "GOOD")
+        contacts = session.shown.result.contacts
+        page.find('[data-tool="contacts"]').click()
+        page.reads("#hint", "2 contacts")
+        page.click(*(contacts[0] + (1.0, 1.0)))
+        page.reads("#hint", "1 contact")
+        assert page.find("#loupe").is_displayed()
+        page.click(*(contacts[1] - (1.0, 1.0)))
+        reached(session, "ended", image=5)
+        meant = np.array(session.shown.meant.contacts)
+        outline = np.vstack([contacts[0], contacts[1]])
+        assert np.abs(meant - outline).max() < 2.5
+        assert np.abs(meant - np.round(meant)).max() > 1e-3  # not whole px
+        page.reads("#status", "Tracked")
+
+
+def test_an_outline_is_drawn_along_edges_and_its_points_are_dragged(tmp_path: Path) -> None:
+    with plate_session(tmp_path, 4) as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Object found")
+        outline = session.shown.result.view.outer.points
+        page.press("w")
+        for k, (x, y) in enumerate(outline[:: len(outline) // 5][:5]):
+            page.click(x, y)
+            until(session, lambda s, k=k: s.wire is not None and len(s.wire.points) == k + 1)
+        shown = session.shown
+        page.drag(shown.wire.points[2], (shown.wire.points[2][0] + 9.0, shown.wire.points[2][1] + 9.0))
+        moved = until(session, lambda s: s.wire.points[2] != shown.wire.points[2]).wire
+        assert np.hypot(*np.subtract(moved.points[2], shown.wire.points[2])) > 2.0
+        page.click(*shown.wire.points[0])
+        until(session, lambda s: s.wire is not None and s.wire.closed)
+        page.wait(lambda: page.find("#use-wire").is_displayed())
+        page.press(Keys.ENTER)
+        shown = reached(session, "ended", image=4)
+        assert shown.meant.outline is not None and len(shown.meant.outline) > 50
+
+
+def test_fingertips_are_marked_and_saved_for_the_servo(tmp_path: Path) -> None:
+    with plate_session(tmp_path, 3) as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Object found")
+        page.press("f")
+        page.click(60.0, 200.0)
+        page.click(260.0, 202.0)
+        page.reads("#goal-lead", "2 fingertips")
+        page.find("#opening").clear()
+        page.find("#opening").send_keys("85")
+        page.find("#save-goal").click()
+        page.reads("#files", "goal.json")
+        goal = Goal.load(tmp_path / "run" / "goal.json")
+        assert goal.opening == pytest.approx(0.085)
+        assert goal.points == pytest.approx(np.array([[60.0, 200.0], [260.0, 202.0]]), abs=1.0 / page.scale((240, 320)))
+
+
+def test_buttons_and_keys_do_what_they_say(tmp_path: Path) -> None:
+    camera = FedCamera()
+    camera.images.put(plate())
+    with session_on(camera, tmp_path / "run") as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Object found")
+        page.press("v", Keys.ENTER)
+        page.reads("#status", "Tracked")
+        assert page.find("#record").get_attribute("aria-pressed") == "true"
+        page.press(" ")
+        until(session, lambda s: s.paused)
+        page.wait(lambda: page.find("#paused").is_displayed())
+        page.find("#pause").click()
+        until(session, lambda s: not s.paused)
+        for k in range(4):
+            camera.images.put(plate((160.0 + k, 120.0)))
+            reached(session, "tracking", image=2 + k)
+        page.find('[data-fingers="3"]').click()
+        until(session, lambda s: s.fingers == 3)
+        friction = page.find("#friction")
+        friction.clear()
+        friction.send_keys("0.8", Keys.TAB)
+        until(session, lambda s: s.friction == 0.8)
+        page.find("#record").click()
+        page.reads("#files", "recording-001.mp4")
+        theme = "return document.documentElement.dataset.theme"
+        assert page.browser.execute_script(theme) == "light"
+        page.find("#theme").click()
+        assert page.browser.execute_script(theme) == "dark"
+        page.find("#help-button").click()
+        page.wait(lambda: page.find("#help").is_displayed())
+        page.press(Keys.ESCAPE)
+        page.wait(lambda: not page.find("#help").is_displayed())
+
+
+def test_the_arrow_keys_click_as_a_pointer_does(tmp_path: Path) -> None:
+    with plate_session(tmp_path, 3) as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Object found")
+        page.browser.execute_script("document.getElementById('picture').focus()")
+        page.press(Keys.ARROW_LEFT, Keys.ARROW_LEFT, Keys.ARROW_UP)
+        ActionChains(page.browser).key_down(Keys.SHIFT).send_keys(Keys.ARROW_UP).key_up(Keys.SHIFT).perform()
+        page.press(Keys.ENTER)
+        shown = until(session, lambda s: s.meant.on)
+        assert shown.meant.on == ((159.0, 109.0),)
+
+
+def test_errors_are_one_line_on_the_page_and_a_broken_link_is_mended(tmp_path: Path) -> None:
+    camera = FedCamera()
+    camera.images.put(plate())
+    with session_on(camera, tmp_path / "run", at_once=True) as session:
+        server = PageServer(session)
+        server.start()
+        with browser_of(tmp_path / "profile") as browser:
+            browser.get(server.url)
+            page = Page(browser)
+            page.reads("#status", "Tracked")
+            camera.images.put("the camera was unplugged")
+            page.reads("#error", "the camera was unplugged")
+            page.reads("#status", "Broken off")
+            port = server.port
+            server.stop()
+            page.reads("#link", "no connection")
+            server = PageServer(session, port=port)
+            server.start()
+            page.reads("#link", "live")
+        server.stop()
+
+
+@pytest.mark.parametrize("width", [400, 1400])
+@pytest.mark.parametrize("dark", [False, True])
+def test_nothing_sticks_out_and_every_control_has_a_name(tmp_path: Path, width: int, dark: bool) -> None:
+    with plate_session(tmp_path, 3) as session, page_on(session, tmp_path, width=width, dark=dark) as page:
+        page.reads("#status", "Object found")
+        root = page.browser.execute_script(
+            "return [document.documentElement.scrollWidth, innerWidth, document.documentElement.dataset.theme]"
+        )
+        assert root[0] <= root[1] == width and root[2] == ("dark" if dark else "light")
+        nameless = page.browser.execute_script(
+            "return [...document.querySelectorAll('button, input, canvas[tabindex]')].filter(e =>"
+            " !(e.textContent.trim() || e.getAttribute('aria-label') || e.closest('label'))).map(e => e.outerHTML)"
+        )
+        assert nameless == []
