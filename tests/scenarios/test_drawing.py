@@ -12,6 +12,7 @@ import pytest
 
 import grasptrack as gt
 from grasptrack.bench.simulation.scene import demo_scene
+from grasptrack.view.draw import draw_grasps, draw_overlay
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +90,15 @@ def test_what_cannot_be_drawn_is_told(found: dict[str, Any], wrong: Any) -> None
 def test_an_image_that_is_none_is_told(found: dict[str, Any]) -> None:
     with pytest.raises(gt.InputError, match="an image is an array"):
         gt.draw(np.zeros(5), found["result"])
+
+
+def test_a_lost_object_leaves_its_last_outline_dashed(found: dict[str, Any]) -> None:
+    plain = draw_overlay(found["image"], found["lost"])
+    dashed = draw_overlay(found["image"], found["lost"], last=found["outline"])
+    located = draw_overlay(found["image"], found["result"])
+    np.testing.assert_array_equal(draw_overlay(found["image"], found["result"], last=found["outline"]), located)
+    solid = draw_grasps(found["image"], [], found["outline"])
+    height = found["image"].shape[0]
+    changed = (dashed[:height] != plain[:height]).any(axis=2).mean()
+    whole = (solid != plain[:height]).any(axis=2).mean()
+    assert 0.3 * whole < changed < 0.9 * whole

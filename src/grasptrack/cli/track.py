@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from grasptrack.cli import first_image, options, source_options
+from grasptrack.cli.advice import advice_for
 from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import Interruption, Progress, RunInterruptedError, show_run
 from grasptrack.errors import InputError
@@ -223,6 +224,7 @@ def track(
     notes += [f"recorded: {recording.path}" for recording in recordings if str(recording.path) != "-"]
     said = choose is not None or meant.outline is not None or contacts is not None
     notes += note_candidates(tracker.candidates, looks[0] if looks else None, output, sure, meant=said)
+    notes += advice_for(summary.codes, summary.frames)
     if not quiet:
         show_run(summary, output, notes)
 

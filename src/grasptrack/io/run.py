@@ -20,6 +20,7 @@ from grasptrack.io.folder import hold_folder, prepare_folder
 from grasptrack.io.results import UNITS, GraspsCsv, software_versions, write_json
 
 if TYPE_CHECKING:
+    from grasptrack.geometry.contours import View
     from grasptrack.io.masks import Masks
     from grasptrack.io.recording import Recording
     from grasptrack.io.video import VideoWriter
@@ -47,6 +48,7 @@ class RunSummary:
         object_seen: whether an object was made out in any frame.
         chance_least: the least chance of closing that was told; NaN where none was.
         chance_mean: the mean over the frames with one.
+        codes: frames for each code of a reason, the most frequent first.
         latency_median_ms: median time of an update, ms; NaN without frames.
         latency_p99_ms: its 99th percentile, ms.
         seconds: s of the whole run: reading, tracking, drawing and writing.
@@ -69,6 +71,7 @@ class RunSummary:
     files: dict[str, Path] = field(default_factory=dict)
     chance_least: float = math.nan
     chance_mean: float = math.nan
+    codes: dict[str, int] = field(default_factory=dict)
 
     def figures(self) -> dict[str, Any]:
         """The counts and figures for run.json."""
@@ -76,6 +79,7 @@ class RunSummary:
             "frames": self.frames,
             "counts": self.counts,
             "reasons": self.reasons,
+            "reason_codes": self.codes,
             "strategies": self.strategies,
             "grasps": self.grasps,
             "chance": {"least": self.chance_least, "mean": self.chance_mean},
@@ -92,6 +96,7 @@ class Tally:
         self.frames = 0
         self._counts = dict.fromkeys(STATUSES, 0)
         self._reasons: dict[str, dict[str, tuple[str, int]]] = {s: {} for s in STATUSES[1:]}
+        self._codes: Counter[str] = Counter()
         self._strategies: Counter[str] = Counter()
         self._grasps = 0
         self._last_grasp: int | None = None
@@ -106,6 +111,7 @@ class Tally:
         self._counts[result.status] += 1
         if result.status != "tracked":
             self._count_reason(self._reasons[result.status], result.reason)
+            self._codes[result.reason_code] += bool(result.reason_code)
         if result.contacts is not None:
             self._strategies[result.strategy] += 1
             if result.grasp_id != self._last_grasp:
@@ -154,6 +160,7 @@ class Tally:
             files=files,
             chance_least=self._least,
             chance_mean=self._chances / self._told if self._told else math.nan,
+            codes={code: count for code, count in self._codes.most_common() if count},
         )
 
 
@@ -279,6 +286,7 @@ class Run:
         }
         self._start = time.perf_counter()
         self._tally = Tally()
+        self._last: View | None = None
         self._rows = GraspsCsv(output / "grasps.csv", fingers)
         self._strip: Filmstrip = Filmstrip()
         self._video: VideoWriter | None = None
@@ -291,6 +299,8 @@ class Run:
 
     def record(self, frame: Frame, result: TrackResult) -> None:
         """Write one frame's row and picture."""
+        if result.located and result.view is not None:
+            self._last = result.view
         self._rows.write(result, frame.index, frame.time)
         self._tally.add(result)
         wanted = self._strip.wants_frame(frame.index)
@@ -298,7 +308,7 @@ class Run:
             return
         from grasptrack.view.draw import draw_overlay
 
-        drawn = draw_overlay(frame.image, result, number=frame.index)
+        drawn = draw_overlay(frame.image, result, number=frame.index, last=self._last)
         if wanted:
             self._strip.add_frame(frame.index, drawn)
         if self._video is not None:

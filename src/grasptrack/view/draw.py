@@ -175,17 +175,22 @@ MIN_WIDTH, MAX_SIDE = 480, 1920
 MOST_BESIDE = 8
 """Grasps that are drawn beside the best."""
 
+_DASH = 9.0
+"""Length of a dash, and of the gap after it, px at a width of 640."""
 _SHIFT = 4
 _FAR = 1e6
 
 
-def draw_overlay(image: NDArray[Any], result: TrackResult, number: int | None = None) -> Picture:
+def draw_overlay(
+    image: NDArray[Any], result: TrackResult, number: int | None = None, last: View | None = None
+) -> Picture:
     """The image with outline, grasp line, friction cones and contacts, and a strip below it that says how it stands.
 
     Args:
         image: grey (H, W), BGR (H, W, 3) or BGRA (H, W, 4), of 8 or 16 bits.
         result: the tracker's answer for this image.
         number: of the frame, for the strip; default, the result's own.
+        last: where the object was when it was located last: drawn dashed while it is lost.
 
     Returns:
         (H', W', 3) uint8 BGR, W' and the image's share of H' being those of the image where its longer side is at most
@@ -193,7 +198,9 @@ def draw_overlay(image: NDArray[Any], result: TrackResult, number: int | None = 
     """
     canvas, scale, unit = _scaled_canvas(image)
     colour = STATUS_RGB[result.status]
-    if result.view is not None:
+    if result.status == "lost" and last is not None:
+        _draw_last_outline(canvas, last, scale, unit)
+    elif result.view is not None:
         _draw_outline(canvas, result.view, scale, unit)
     if result.contacts is not None:
         contacts = (result.contacts + 0.5) * scale - 0.5
@@ -279,6 +286,21 @@ def _draw_outline(canvas: Picture, view: View, scale: float, unit: float) -> Non
         draw_polyline(canvas, curve, DARK_RGB, 3.2 * unit, closed=True)
     for curve in curves:
         draw_polyline(canvas, curve, WHITE_RGB, 1.2 * unit, closed=True)
+
+
+def _draw_last_outline(canvas: Picture, view: View, scale: float, unit: float) -> None:
+    """Dashed, in the colour of what is lost."""
+    for contour in view.contours:
+        arc = contour.arc_length
+        dashes = max(4, round(arc[-1] * scale / (2.0 * _DASH * unit)))
+        ends = np.linspace(0.0, arc[-1], 2 * dashes + 1)
+        curve = np.vstack([contour.points, contour.points[:1]])
+        for start, end in zip(ends[:-1:2], ends[1::2], strict=True):
+            at = np.linspace(start, end, max(2, math.ceil((end - start) * scale / 3.0)))
+            dash = np.column_stack([np.interp(at, arc, curve[:, axis]) for axis in (0, 1)])
+            dash = (dash + 0.5) * scale - 0.5
+            draw_polyline(canvas, dash, DARK_RGB, 3.2 * unit)
+            draw_polyline(canvas, dash, STATUS_RGB["lost"], 1.6 * unit)
 
 
 def _draw_cones(canvas: Picture, result: TrackResult, scale: float, unit: float, colour: Colour) -> None:
