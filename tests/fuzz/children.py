@@ -66,7 +66,10 @@ def _run_child(
     board[: _HEAD.size] = _HEAD.pack(first, 0)
     child = os.fork()
     if child == 0:
-        _work(trial, first, last, board)
+        try:
+            _work(trial, first, last, board)
+        finally:
+            os._exit(1)  # whatever is raised, nobody else's work goes on in a child
     how = _watch(child, board, patience)
     index, size = _HEAD.unpack(board[: _HEAD.size])
     for line in board[_HEAD.size : _HEAD.size + size].decode().splitlines():

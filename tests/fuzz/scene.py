@@ -218,6 +218,7 @@ USUAL: dict[str, Maker] = {
     "top": lambda s: 2,
     "usual": lambda s: [np.full(5, 0.8), np.full(3, 0.7)],
     "weights": lambda s: s.rng.random(7),
+    "whole": lambda s: 0.0 if s.rng.random() < 0.5 else 80.0,
     "width": lambda s: 5.0,
     "window": lambda s: MatchWindow(1.0, 10.0, 3, 1.0, 0.5),
     "worth": lambda s: s.rng.random(len(s.outer)),
