@@ -2,6 +2,7 @@
 # make demo   sets up and runs the demonstration     make test   sets up and runs the tests
 # make fuzz   odd arrays and degenerate contours, leaks, damaged files, odd messages, interruptions, a long run: SECONDS=600 SEED=1
 # make sanitize   kernels that end the process where they read or write beyond an array, and their tests
+# make site   builds the docs as site/index.html, in an environment of its own; a link that leads nowhere is an error
 # A C++17 compiler makes it fast; without one NumPy takes over. PYTHON=python3.12 chooses another interpreter.
 
 PYTHON ?= python3
@@ -9,9 +10,12 @@ SECONDS := 600
 SEED := 1
 VENV := .venv
 BIN := $(VENV)/bin
+# Of an extra; what pip would install with it, without building the package again.
+requirements = $(BIN)/python -c 'import importlib.metadata as m; \
+	  print("\n".join(r.split(";")[0] for r in m.requires("grasptrack") if r.rstrip("\"\x27").endswith(("\"$(1)", "\x27$(1)"))))'
 NATIVE := CMakeLists.txt $(wildcard native/* native/*/*)
 
-.PHONY: demo test fuzz sanitize clean
+.PHONY: demo test fuzz sanitize site clean
 
 demo: $(VENV)/.package
 	$(BIN)/grasptrack demo
@@ -30,6 +34,10 @@ fuzz: $(VENV)/.dev
 sanitize: $(VENV)/.dev
 	$(BIN)/python tests/fuzz/sanitize.py
 
+site: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(VENV)/docs/bin/mkdocs build --strict
+	@echo "site/index.html"
+
 $(VENV)/.venv:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	  { echo "grasptrack needs Python 3.10 or newer as $(PYTHON): name one with PYTHON=..." >&2; exit 2; }
@@ -44,11 +52,17 @@ $(VENV)/.package: $(VENV)/.venv pyproject.toml $(NATIVE)
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.package
-	$(BIN)/python -c 'import importlib.metadata as m; \
-	  print("\n".join(r.split(";")[0] for r in m.requires("grasptrack") if r.endswith("\"dev\"") or r.endswith("\x27dev\x27")))' \
+	$(call requirements,dev) \
 	  > $(VENV)/dev.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement $(VENV)/dev.txt
 	@touch $@
 
+# An environment of its own: the package is read, not imported.
+$(VENV)/.docs: $(VENV)/.package
+	$(PYTHON) -m venv $(VENV)/docs
+	$(call requirements,docs) > $(VENV)/docs.txt
+	$(VENV)/docs/bin/python -m pip install --quiet --disable-pip-version-check --requirement $(VENV)/docs.txt
+	@touch $@
+
 clean:
-	rm -rf $(VENV) build dist
+	rm -rf $(VENV) build dist site

@@ -35,22 +35,7 @@ VERBS = (
     ),
 )
 WITH_OPTIONS = (*VERBS[:7], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
-PAGES = (
-    "benchmarks.md",
-    "cli.md",
-    "conventions.md",
-    "design.md",
-    "evaluation.md",
-    "live.md",
-    "numbers.md",
-    "paper-map.md",
-    "paper-tables.md",
-    "sources.md",
-    "servo.md",
-    "simulation.md",
-    "../README.md",
-    "../CONTRIBUTING.md",
-)
+PAGES = (*sorted(path.name for path in DOCS.glob("*.md")), "../README.md", "../CONTRIBUTING.md")
 
 
 def text(page: str) -> str:
@@ -137,6 +122,21 @@ def test_every_kernel_is_in_the_paper_map_or_the_design() -> None:
     told = text("paper-map.md") + text("design.md")
     named = set(re.findall(r"`kernels\.[\w.]+:(\w+)`", told))
     assert set(kernels.__all__) - {"BACKEND"} - named == set()
+
+
+# --- the site -------------------------------------------------------------------------------------
+
+
+def test_the_site_leads_to_every_page() -> None:
+    listed = re.findall(r"^ +- .+: ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(listed) == sorted([*(path.name for path in DOCS.glob("*.md")), "CONTRIBUTING.md", "ros-packages.md"])
+
+
+def test_the_reference_has_every_public_name() -> None:
+    import grasptrack
+
+    named = re.findall(r"^::: grasptrack(?:\.\w+)*\.(\w+)$", text("api.md"), re.MULTILINE)
+    assert sorted([*named, "__version__"]) == sorted(grasptrack.__all__)
 
 
 # --- the command line ----------------------------------------------------------------------------

@@ -28,8 +28,12 @@ def blocks() -> dict[str, str]:
 
 def complete(code: str) -> str:
     """A block with imports of the names that the page takes as given."""
-    names = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Name)]
-    made = {n.id for n in names if isinstance(n.ctx, ast.Store)} | set(dir(builtins))
+    nodes = list(ast.walk(ast.parse(code)))
+    names = [node for node in nodes if isinstance(node, ast.Name)]
+    imported = {
+        a.asname or a.name for node in nodes if isinstance(node, ast.Import | ast.ImportFrom) for a in node.names
+    }
+    made = {n.id for n in names if isinstance(n.ctx, ast.Store)} | imported | set(dir(builtins))
     given = sorted({n.id for n in names if isinstance(n.ctx, ast.Load)} - made - {"gt"})
     first = [] if "import grasptrack as gt" in code else ["import grasptrack as gt"]
     return "\n".join([*first, *([f"from documented_world import {', '.join(given)}"] if given else []), code])

@@ -14,7 +14,7 @@ from grasptrack import kernels
 from grasptrack.cli import doctor
 from grasptrack.cli.main import main
 
-BESIDE = {"dev", "all"}
+BESIDE = {"dev", "all", "docs"}
 
 
 def test_every_extra_is_told_with_what_it_is_for() -> None:

@@ -132,7 +132,8 @@ class Hand:
     it moves it stands `clearance` farther back, and all of this must be free.
 
     Args:
-        min_opening, max_opening: least and largest distance of opposite contacts.
+        min_opening: least distance of opposite contacts.
+        max_opening: largest distance of opposite contacts.
         finger_width: of the pad that touches, along the outline.
         finger_thickness: of a finger, in the direction in which it moves.
         clearance: of each finger before it closes or spreads.
