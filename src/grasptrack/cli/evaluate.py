@@ -63,7 +63,7 @@ def paper(
 
     run, report = with_progress(output, quiet, run_and_write)
     if not quiet:
-        typer.echo("\n".join([*(to_text(table) for table in (*run.tables, run.times)), str(report)]))
+        typer.echo("\n".join([*(to_text(table) for table in (*run.tables, run.times, run.time_claims)), str(report)]))
 
 
 Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")]
