@@ -40,8 +40,9 @@ def paper(
     """Recompute Tables I to VII of the paper in the paper's form, next to the printed values where there are any.
 
     Our transfers and the paper's to the letter, on three objects and on every built-in shape with several seeds. The
-    objects are not the paper's: orders of magnitude compare, digits do not. Ideal contours and rendered images. Writes
-    tables.txt, tables.md, tables/*.csv, frames.csv, returns.csv, runs.csv, times.csv, evaluation.json, figures and report.html.
+    objects are not the paper's: orders of magnitude compare, digits do not. Ideal contours and rendered images. Then what
+    the paper claims, and what came of it. Writes tables.txt, tables.md, tables/*.csv, frames.csv, returns.csv, runs.csv,
+    times.csv, claims-times.csv, evaluation.json, figures and report.html.
 
     \b
     Examples:

@@ -25,6 +25,14 @@ def table_of_claims(evidence: Evidence) -> Table:
     return Table("claims", "What the paper claims, and what came of it", HEAD, _rows(CLAIMS, evidence), notes)
 
 
+def table_of_verdicts(claims: Table) -> Table:
+    """How many claims came to which verdict."""
+    given = [row[HEAD.index("verdict")] for row in claims.rows]
+    rows = tuple((name, meaning, given.count(name)) for name, meaning in VERDICTS.items())
+    head = ("verdict", "meaning", "claims")
+    return Table("claims-counted", "Verdicts on the claims", head, rows, ("Without those of time.",))
+
+
 def table_of_time_claims(times: Table) -> Table:
     """The claims about time, of this machine and this moment."""
     notes = ("Machines of today against a 2.5 GHz Celeron: orders and shares compare, microseconds do not.",)

@@ -109,7 +109,9 @@ ROUNDING = 1e-6
 
 
 def plain(value: float) -> str:
-    """Three digits, never with an exponent; what is only rounding is 0."""
+    """Three digits, never with an exponent; what is only rounding is 0, what is not finite was refused."""
+    if not math.isfinite(value):
+        return REFUSED
     if abs(value) < ROUNDING:
         return "0"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))

@@ -10,7 +10,7 @@ from grasptrack.bench import Progress
 from grasptrack.bench.metrics.errors import ErrorMeasure
 from grasptrack.bench.paper import contexts
 from grasptrack.bench.paper.ablation import ablation_tables
-from grasptrack.bench.paper.claims import table_of_claims, table_of_time_claims
+from grasptrack.bench.paper.claims import table_of_claims, table_of_time_claims, table_of_verdicts
 from grasptrack.bench.paper.contexts import table_of_contexts
 from grasptrack.bench.paper.correspondences import (
     Correspondences,
@@ -188,7 +188,8 @@ def run_paper(
     runs, left_out = _population(extent, schedule, progress)
     tables += [*population_tables(runs, left_out), *ablation_tables(runs), sensitivity_table(runs)]
     evidence = Evidence.of(tables)
-    tables.append(table_of_claims(evidence))
+    claims = table_of_claims(evidence)
+    tables += [claims, table_of_verdicts(claims)]
     pictures = table_pictures(examples, tilted, found, images, half)
     sampled = [f for f in footage if (f.kind, f.motion) == ("resampled", "6 DoF")]
     answered = [c for c in found if isinstance(c, Correspondences)]
