@@ -72,14 +72,14 @@ def figure_four(footage: Footage) -> Picture:
     view = _view(footage.tracked[0])
     points = view.outer.points
     references = points[::INTERPOLATED]
-    figure = create_figure(WIDE, 3.2, layout="constrained")
+    figure = create_figure(WIDE, 3.5, layout="constrained")
     whole, close = figure.subplots(1, 2)
     _draw_outline(whole, view)
     grasp = Grasp(footage.on_tracked)
     _draw_references(whole, references, grasp.contacts)
     for at, label in zip(grasp.contacts, _coordinates(grasp, view), strict=True):
         _draw_contact(whole, at, label, references.mean(axis=0))
-    _frame(whole, points, "reference points of the outline, and the grasp's (c, ref, interp)")
+    _frame(whole, points, "reference points, and the grasp's (c, ref, interp)", 0.2)
     gap, ref = _widest_bulge(footage)
     side = points[np.arange(ref * INTERPOLATED, (ref + 1) * INTERPOLATED + 1) % len(points)]
     share = np.linspace(0.0, 1.0, INTERPOLATED + 1)[:, None]
@@ -115,7 +115,7 @@ def figure_seven(footage: Footage, images: Sequence[Grey], frame: int) -> Pictur
         for at, label in zip(grasp.contacts, _coordinates(grasp, view), strict=True):
             _draw_contact(axes, at, label, references.mean(axis=0))
         off = "" if true is None else f", off by {_worst(grasp.contacts, true):.3f} px"
-        _frame(axes, view.points, f"frame {k}{off}")
+        _frame(axes, view.points, f"frame {k}{off}", 0.2)
     return f"Fig. 7, {footage.part.name}: the same RRP coordinates on the outline that the snake moved", to_picture(
         figure
     )
