@@ -47,6 +47,19 @@ def test_a_page_is_filled_and_filled_again_the_same(folder):
     assert fill_page("<!-- table T -->\n<!-- end of table -->\n", folder).count("\n") == 7
 
 
+def test_a_cell_stands_in_a_sentence(folder):
+    page = (
+        "It is <!-- cell T | a, px | way = one; who = z -->?<!-- end of cell --> px, "
+        "<!-- cell T | n | way = one -->8<!-- end of cell -->.\n"
+    )
+    filled = fill_page(page, folder)
+    assert filled == page.replace("?", "1.23e+04").replace(">8<", ">7<")
+    assert fill_page(filled, folder) == filled
+    for wrong, told in (("when | way = one", 'no column "when"'), ("n | way = three", 'no row with "way = three"')):
+        with pytest.raises(InputError, match=told):
+            fill_page(f"<!-- cell T | {wrong} --><!-- end of cell -->", folder)
+
+
 @pytest.mark.parametrize(
     ("asked", "told"),
     [
@@ -63,10 +76,11 @@ def test_what_a_table_does_not_have_is_told(folder, asked, told):
 
 def test_every_page_is_filled_with_the_kept_run():
     pages = [page for page in DOCS.glob("*.md") if "<!-- table " in page.read_text(encoding="utf-8")]
-    assert {"paper-map.md", "paper-tables.md"} <= {page.name for page in pages}
+    assert {"paper.md", "paper-claims.md", "paper-map.md", "paper-tables.md"} <= {page.name for page in pages}
     for page in pages:
         text = page.read_text(encoding="utf-8")
         assert text.count("<!-- table ") == text.count("<!-- end of table -->")
+        assert text.count("<!-- cell ") == text.count("<!-- end of cell -->")
         assert fill_page(text, DOCS / KEPT) == text, (
             f"{page.name}: not what python -m grasptrack.bench.paper.documents writes"
         )
@@ -77,13 +91,18 @@ def test_the_script_keeps_the_tables_and_fills_the_pages(folder, tmp_path, monke
     (run / "tables").mkdir(parents=True)
     docs.mkdir()
     (run / "tables" / "T.csv").write_bytes((folder / "T.csv").read_bytes())
-    (run / "times.csv").write_text("step\nall\n", encoding="utf-8")
+    for name in ("times", "claims-times"):
+        (run / f"{name}.csv").write_text("step\nall\n", encoding="utf-8")
+    (run / "figures").mkdir()
+    for name in ("paper-fig-4.png", "other.svg"):
+        (run / "figures" / name).write_bytes(name.encode())
     for name, number in (("a.md", "T"), ("b.md", "times")):
         (docs / name).write_text(f"<!-- table {number} -->\n<!-- end of table -->\n", encoding="utf-8")
     (docs / "c.md").write_text("nothing\n", encoding="utf-8")
     monkeypatch.setattr("sys.argv", ["documents", str(run), str(docs)])
     main()
-    assert sorted(p.name for p in (docs / KEPT).iterdir()) == ["T.csv", "times.csv"]
+    assert sorted(p.name for p in (docs / KEPT).iterdir()) == ["T.csv", "claims-times.csv", "times.csv"]
+    assert [(p.name, p.read_bytes()) for p in (docs / "images").iterdir()] == [("paper-fig-4.png", b"paper-fig-4.png")]
     assert "| all |" in (docs / "b.md").read_text(encoding="utf-8")
     assert re.findall(r"(\w)\.md", capsys.readouterr().out) == ["a", "b"]
 
@@ -114,6 +133,11 @@ def test_the_kept_tables_are_what_this_code_gives(number, motion, kind):
 
 
 def test_the_kept_run_is_a_whole_one():
+    figures = [
+        DOCS / "images" / f"paper-{name}.png"
+        for name in ("fig-4", "fig-7", "fig-8", "fig-9", "fig-11", "tilt", "sensitivity")
+    ]
+    assert all(path.stat().st_size < 150_000 for path in figures)
     assert len(read_table(DOCS / KEPT, "S")) == len(FACTORS) * len(CONSTANTS)
     assert {r["constant"] for r in read_table(DOCS / KEPT, "S")} == set(CONSTANTS)
     assert {r["strategy"] for r in read_table(DOCS / KEPT, "P")} == set(COMPARED)

@@ -5,10 +5,14 @@ import csv
 import json
 import math
 
+import cv2
 import numpy as np
 import pytest
 
 from grasptrack.bench.paper import Extent, contexts, run_paper
+from grasptrack.bench.paper.claims import table_of_claims
+from grasptrack.bench.paper.documents import read_table
+from grasptrack.bench.paper.evidence import Evidence
 from grasptrack.bench.paper.folder import write_paper
 from grasptrack.bench.paper.footage import IN_IMAGES, KINDS, MOTIONS, OBJECTS
 from grasptrack.bench.paper.transfers import COMPARED, ways_of
@@ -47,8 +51,8 @@ def again(quick):
 def test_every_table_is_there_and_every_cell_is_filled_or_explained(run):
     tables = {t.number: t for t in run[0].tables}
     sixes, sevens = [f"VI-{k}" for k in range(1, 4)], [f"VII-{k}" for k in range(1, 12)]
-    others = ["P", "T", "K", "A", "R", "S"]
-    assert list(tables) == ["I", "II", "III", "IV", "V", *sixes, "VII", *sevens, "C", *others]
+    others = ["P", "T", "K", "A", "R", "S", "claims", "claims-counted"]
+    assert list(tables) == ["I", "II", "III", "IV", "V", *sixes, "VII", *sevens, "C", "G", *others]
     for table in tables.values():
         assert table.rows and table.notes and len(set(table.head)) == len(table.head)
         notes = " ".join(table.notes)
@@ -58,7 +62,7 @@ def test_every_table_is_there_and_every_cell_is_filled_or_explained(run):
         assert "" not in cells or "first one's row" in notes or table.number in ("V", *others)
         if "refused" in cells:
             assert "efused" in notes
-        if table.number not in ("VII", "C", *others):
+        if table.number not in ("VII", "C", "G", *others):
             assert {str(c) for row in table.rows for c in row[:2]} >= set(OBJECTS)
     for number in ("I", "III", "IV", *sixes, *sevens):
         assert "paper" in [row[0] for row in tables[number].rows]
@@ -228,10 +232,42 @@ def test_table_seven_is_that_of_the_frames(folder):
 
 def test_every_file_but_the_times_is_the_same_again(again, folder, tmp_path):
     write_paper(tmp_path, again, options={})
-    names = sorted(p.relative_to(folder) for p in folder.rglob("*.csv") if p.name != "times.csv")
+    names = sorted(p.relative_to(folder) for p in folder.rglob("*.csv") if not p.stem.endswith("times"))
+    names += sorted(p.relative_to(folder) for p in folder.rglob("paper-*.png"))
     assert {"frames.csv", "returns.csv", "runs.csv"} < set(map(str, names))
     for name in names:
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_claims_come_out_the_same_from_the_files(run, folder):
+    kept = {p.stem: read_table(folder / "tables", p.stem) for p in (folder / "tables").glob("*.csv")}
+    again = table_of_claims(Evidence(kept))
+    assert again == next(t for t in run[0].tables if t.number == "claims")
+    verdicts = {row[1]: row[3] for row in again.rows}
+    assert verdicts["The homography carries any number of contacts"] == "partly"
+    assert verdicts["Tracked contacts can steer a hand by visual servoing"] == "not tried"
+    assert [row[3] for row in run[0].time_claims.rows].count("not tried") == 0
+
+
+def test_a_grasp_that_is_carried_stays_and_one_that_is_searched_jumps(run):
+    table = next(t for t in run[0].tables if t.number == "G")
+    rows = [dict(zip(table.head, row, strict=True)) for row in table.rows]
+    assert [(r["motion"], r["object"]) for r in rows] == [(m, o) for m in IN_IMAGES for o in OBJECTS]
+    assert all(
+        r["frames"] == FRAMES - 1 and r["carried: off %"] == 0.0 and r["carried: answered %"] == 100.0 for r in rows
+    )
+    assert all(r["carried: worst px"] < 0.5 for r in rows)
+    assert max(r["searched anew: worst px"] for r in rows) > 3.0
+
+
+def test_the_papers_figures_are_drawn_anew_and_stay_small(run, folder):
+    figures = dict(run[0].figures)
+    assert set(figures) == {*(f"paper-fig-{n}" for n in (4, 7, 8, 9, 11)), "paper-tilt", "paper-sensitivity"}
+    for name, (caption, picture) in figures.items():
+        assert picture.dtype == np.uint8 and picture.shape[1:] == (820, 3) and picture.std() > 10.0 and caption
+        path = folder / "figures" / f"{name}.png"
+        np.testing.assert_array_equal(cv2.imread(str(path)), picture)
+        assert path.stat().st_size < 150_000
 
 
 def test_times_stand_beside_the_papers(run):
@@ -278,6 +314,7 @@ def test_the_same_run_twice(run, again):
     assert again.runs == run[0].runs
     assert again.tables == run[0].tables
     assert again.series == run[0].series
+    assert [name for name, _ in again.figures] == [name for name, _ in run[0].figures]
     for (_, one), (_, other) in zip(again.pictures, run[0].pictures, strict=True):
         np.testing.assert_array_equal(one, other)
 

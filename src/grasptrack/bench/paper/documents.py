@@ -8,7 +8,11 @@
     <!-- end of table -->
 
 that is the table's number; the columns to show, each under its own head or another; and what rows must have in some columns,
-alternatives between slashes. The last two may be left out.
+alternatives between slashes. The last two may be left out. In a sentence a single cell stands in the same way:
+
+    the error is <!-- cell P | median px | strategy = rrp; way = first view -->0.5<!-- end of cell --> px
+
+which is the cell of the first such row. Pictures `paper-*.png` of the run go to `DOCS/images`.
 """
 
 from __future__ import annotations
@@ -25,11 +29,13 @@ from grasptrack.errors import InputError
 
 KEPT = "paper-tables"
 """Folder of the documentation in which the tables of the whole run lie."""
+IMAGES = "images"
 ZERO = 1e-9
 """What is smaller, in whatever unit, is the rounding of the arithmetic, and shown as 0."""
 _BLOCK = re.compile(
     r"^(<!-- table ([^|\n]+?)((?: ?\|[^\n]*)?) -->\n).*?^(<!-- end of table -->)$", re.MULTILINE | re.DOTALL
 )
+_CELL = re.compile(r"(<!-- cell ([^|\n]+?) \| ([^|\n]+?) \| ([^\n]*?) -->)[^\n]*?(<!-- end of cell -->)")
 
 Row = Mapping[str, str]
 
@@ -49,7 +55,7 @@ def read_table(folder: Path, number: str) -> list[dict[str, str]]:
 
 
 def fill_page(text: str, folder: Path) -> str:
-    """The page with every table between its comments written anew.
+    """The page with every table and every cell between its comments written anew.
 
     Args:
         text: of the page, in Markdown.
@@ -64,7 +70,13 @@ def fill_page(text: str, folder: Path) -> str:
         columns, where = (*asked, "", "")[:2]
         return found[1] + markdown_of(read_table(folder, number), columns, where, number) + found[4]
 
-    return _BLOCK.sub(fill, text)
+    def fill_cell(found: re.Match[str]) -> str:
+        number, head, where = (found[k].strip() for k in (2, 3, 4))
+        rows = read_table(folder, number)
+        _check_head(rows, head, number)
+        return found[1] + _format(_kept_rows(rows, where, number)[0][head]) + found[5]
+
+    return _CELL.sub(fill_cell, _BLOCK.sub(fill, text))
 
 
 def markdown_of(rows: Sequence[Row], columns: str = "", where: str = "", number: str = "") -> str:
@@ -80,6 +92,18 @@ def markdown_of(rows: Sequence[Row], columns: str = "", where: str = "", number:
         InputError: see `fill_page`.
     """
     pairs = [(head, name or head) for head, _, name in (c.partition(" as ") for c in _parts(columns) or rows[0])]
+    kept = _kept_rows(rows, where, number)
+    for head, _ in pairs:
+        _check_head(rows, head, number)
+    right = [any(_is_number(r[head]) for r in kept) for head, _ in pairs]
+    lines = ["| " + " | ".join(name for _, name in pairs) + " |"]
+    lines.append("|" + "|".join("---:" if r else "---" for r in right) + "|")
+    lines += ["| " + " | ".join(_format(r[head]) for head, _ in pairs) + " |" for r in kept]
+    return "\n".join(lines) + "\n"
+
+
+def _kept_rows(rows: Sequence[Row], where: str, number: str) -> list[Row]:
+    """The rows that have what is asked for, see `markdown_of`."""
     kept = list(rows)
     for condition in _parts(where):
         head, _, wanted = (part.strip() for part in condition.partition("="))
@@ -88,13 +112,7 @@ def markdown_of(rows: Sequence[Row], columns: str = "", where: str = "", number:
         kept = [r for r in kept if r[head] in values]
     if not kept:
         raise InputError(f'table {number} has no row with "{where}"')
-    for head, _ in pairs:
-        _check_head(rows, head, number)
-    right = [any(_is_number(r[head]) for r in kept) for head, _ in pairs]
-    lines = ["| " + " | ".join(name for _, name in pairs) + " |"]
-    lines.append("|" + "|".join("---:" if r else "---" for r in right) + "|")
-    lines += ["| " + " | ".join(_format(r[head]) for head, _ in pairs) + " |" for r in kept]
-    return "\n".join(lines) + "\n"
+    return kept
 
 
 def _parts(text: str) -> list[str]:
@@ -128,15 +146,18 @@ def _format(text: str) -> str:
 
 
 def main() -> None:
-    """Copy the tables of a run, fill in all pages."""
+    """Copy tables and figures of a run, fill in all pages."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, help="folder of a run of grasptrack evaluate paper")
     parser.add_argument("docs", type=Path, help="folder of the documentation")
     args = parser.parse_args()
     kept = args.docs / KEPT
     kept.mkdir(exist_ok=True)
-    for path in (*sorted((args.run / "tables").glob("*.csv")), args.run / "times.csv"):
+    for path in (*sorted((args.run / "tables").glob("*.csv")), *sorted(args.run.glob("*times.csv"))):
         shutil.copyfile(path, kept / path.name)
+    for path in sorted((args.run / "figures").glob("paper-*.png")):
+        (args.docs / IMAGES).mkdir(exist_ok=True)
+        shutil.copyfile(path, args.docs / IMAGES / path.name)
     for page in sorted(args.docs.glob("*.md")):
         text = page.read_text(encoding="utf-8")
         filled = fill_page(text, kept)

@@ -18,6 +18,7 @@ from grasptrack.bench.report.table import Cell, to_csv, to_json, to_markdown, to
 from grasptrack.errors import InputError
 from grasptrack.io.results import describe_machine, software_versions, write_json
 from grasptrack.typing import Floats
+from grasptrack.view.drawing import png_bytes
 
 LEAD = (
     "Tables I to VII of Recatalá et al. (2008), rerun with three other objects, on ideal contours and on rendered images, by "
@@ -36,8 +37,8 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
     """Write `tables/*.csv`, `tables.txt`, `tables.md`, the rows behind them, `evaluation.json`, figures and `report.html`.
 
     The rows behind the tables are `frames.csv` (Table VII), `returns.csv` (Table VI) and `runs.csv` (Tables P, T, K, A, R and
-    S). These files and the tables repeat to the last digit; `times.csv` does not, nor do times, versions and machine
-    in `evaluation.json`.
+    S). These files and the tables repeat to the last digit; `times.csv` and `claims-times.csv` do not, nor do times, versions
+    and machine in `evaluation.json`. Figures are charts as SVG, and the paper's as `paper-*.png`.
 
     Args:
         folder: that is there.
@@ -62,14 +63,18 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
         for s in run.series
     ]
     try:
-        (folder / "tables").mkdir(exist_ok=True)
+        for part in ("tables", "figures"):
+            (folder / part).mkdir(exist_ok=True)
+        for name, (_, picture) in run.figures:
+            (folder / "figures" / f"{name}.png").write_bytes(png_bytes(picture))
         for table in run.tables:
             to_csv(table, folder / "tables" / f"{table.number}.csv")
-        to_csv(run.times, folder / "times.csv")
+        for table in (run.times, run.time_claims):
+            to_csv(table, folder / f"{table.number}.csv")
         _write_rows(folder / "frames.csv", FRAME_HEAD, _frame_rows(run))
         _write_rows(folder / "returns.csv", RETURN_HEAD, _return_rows(run))
         _write_rows(folder / "runs.csv", [f.name for f in fields(Run)], map(astuple, run.runs))
-        shown = (*run.tables, run.times)
+        shown = (*run.tables, run.times, run.time_claims)
         (folder / "tables.txt").write_text("\n".join(map(to_text, shown)), encoding="utf-8")
         (folder / "tables.md").write_text("\n".join(map(to_markdown, shown)), encoding="utf-8")
         tables = [to_json(table) for table in run.tables]
@@ -84,7 +89,8 @@ def write_paper(folder: Path, run: PaperRun, *, options: Mapping[str, Any], comm
         ("Kernels", kernels.BACKEND),
         ("Again", f"`{command}`"),
     ]
-    return paper_report(folder, shown, run.series, run.pictures, lead=LEAD, facts=facts)
+    pictures = (*(picture for _, picture in run.figures), *run.pictures)
+    return paper_report(folder, shown, run.series, pictures, lead=LEAD, facts=facts)
 
 
 def _write_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:

@@ -10,6 +10,7 @@ from grasptrack.bench import Progress
 from grasptrack.bench.metrics.errors import ErrorMeasure
 from grasptrack.bench.paper import contexts
 from grasptrack.bench.paper.ablation import ablation_tables
+from grasptrack.bench.paper.claims import table_of_claims, table_of_time_claims, table_of_verdicts
 from grasptrack.bench.paper.contexts import table_of_contexts
 from grasptrack.bench.paper.correspondences import (
     Correspondences,
@@ -19,8 +20,11 @@ from grasptrack.bench.paper.correspondences import (
     table_five,
     table_two,
 )
+from grasptrack.bench.paper.curves import table_curves
 from grasptrack.bench.paper.descriptions import table_four, table_one, table_three
 from grasptrack.bench.paper.error_tables import at_a_glance, table_seven, table_six
+from grasptrack.bench.paper.evidence import Evidence
+from grasptrack.bench.paper.figures import paper_figures
 from grasptrack.bench.paper.footage import (
     FRAMES,
     IN_IMAGES,
@@ -37,6 +41,7 @@ from grasptrack.bench.paper.footage import (
 from grasptrack.bench.paper.pictures import Images, Picture, table_pictures
 from grasptrack.bench.paper.population import Task, population_runs, population_tables
 from grasptrack.bench.paper.runs import Run
+from grasptrack.bench.paper.searching import table_of_searches
 from grasptrack.bench.paper.sensitivity import sensitivity_table
 from grasptrack.bench.paper.times import table_of_times
 from grasptrack.bench.paper.transfers import (
@@ -105,7 +110,7 @@ class Series:
 
 @dataclass(frozen=True)
 class PaperRun:
-    """What a run gives. All but `times` repeats to the last digit.
+    """What a run gives. All but `times` and `time_claims` repeats to the last digit.
 
     Attributes:
         extent: as asked for.
@@ -115,7 +120,9 @@ class PaperRun:
         runs: of every shape and seed, behind Tables P, T, K, A, R and S.
         series: by object, motion, contours, strategy, way.
         pictures: captions and BGR images (H, W, 3).
+        figures: of the paper drawn anew, and curves, by the names of their files.
         times: of each step beside the paper's.
+        time_claims: what the paper says of time, and what came of it.
     """
 
     extent: Extent
@@ -125,7 +132,9 @@ class PaperRun:
     runs: tuple[Run, ...]
     series: tuple[Series, ...]
     pictures: tuple[Picture, ...]
+    figures: tuple[tuple[str, Picture], ...]
     times: Table
+    time_claims: Table
 
 
 def run_paper(
@@ -174,10 +183,17 @@ def run_paper(
         at_a_glance(courses),
         *_tables_seven(courses, half),
         table_of_contexts(courses, parts[0], extent.seed, scenes),
+        table_of_searches([f for f in footage if f.kind == "rendered"]),
     ]
     runs, left_out = _population(extent, schedule, progress)
     tables += [*population_tables(runs, left_out), *ablation_tables(runs), sensitivity_table(runs)]
+    evidence = Evidence.of(tables)
+    claims = table_of_claims(evidence)
+    tables += [claims, table_of_verdicts(claims)]
     pictures = table_pictures(examples, tilted, found, images, half)
+    sampled = [f for f in footage if (f.kind, f.motion) == ("resampled", "6 DoF")]
+    answered = [c for c in found if isinstance(c, Correspondences)]
+    figures = [*paper_figures(examples, answered, sampled, images, half), *table_curves(evidence)]
     times = table_of_times(parts[0])
     return PaperRun(
         extent,
@@ -187,7 +203,9 @@ def run_paper(
         tuple(runs),
         tuple(_course_series(c) for c in courses),
         tuple(pictures),
+        tuple(figures),
         times,
+        table_of_time_claims(times),
     )
 
 
