@@ -42,7 +42,7 @@ else:
     BUILD = getattr(_loaded, "_build", "")
     _names = getattr(_loaded, "__all__", [name for name in vars(_loaded) if not name.startswith("_")])
     globals().update({name: getattr(_loaded, name) for name in _names})
-    __all__ = ["BACKEND", "BUILD", *sorted(_names)]
+    __all__ = ["BACKEND", *sorted(_names)]
 
     def __getattr__(name: str) -> Any:
         hint = "; were the compiled kernels built before it was added?" if BACKEND == "native" else ""
