@@ -68,7 +68,6 @@ ELSEWHERE = {
     "pip install .": ".ci/run builds a wheel and installs it",
     "pip install --no-deps .": "the same without dependencies",
     "grasptrack models get u2netp": "downloads; tests/scenarios/test_first_look_hints.py does so on this machine",
-    "pip install grasptrack[bags]": "an extra, which the tests themselves need",
     "pip check": "pip's own",
     "pip install --no-binary av av": "builds FFmpeg's bindings from source",
     "python tests/slow/golden.py --write": "writes a file of the repository; tests/slow/test_golden.py runs the rest",
