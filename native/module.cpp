@@ -4,6 +4,24 @@
 
 #include <nanobind/nanobind.h>
 
+// What `grasptrack --version` says of this build.
+#define GRASPTRACK_TEXT_(x) #x
+#define GRASPTRACK_TEXT(x) GRASPTRACK_TEXT_(x)
+#if defined(__clang__)
+#define GRASPTRACK_COMPILER "Clang " __clang_version__
+#elif defined(__GNUC__)
+#define GRASPTRACK_COMPILER "GCC " __VERSION__
+#elif defined(_MSC_VER)
+#define GRASPTRACK_COMPILER "MSVC " GRASPTRACK_TEXT(_MSC_FULL_VER)
+#else
+#define GRASPTRACK_COMPILER "an unknown compiler"
+#endif
+#if defined(Py_LIMITED_API)
+#define GRASPTRACK_ABI "abi3"
+#else
+#define GRASPTRACK_ABI "cp" GRASPTRACK_TEXT(PY_MAJOR_VERSION) GRASPTRACK_TEXT(PY_MINOR_VERSION)
+#endif
+
 namespace grasptrack {
 
 void bind_geometry(nanobind::module_ &m);
@@ -17,6 +35,7 @@ void bind_registration(nanobind::module_ &m);
 
 NB_MODULE(_grasptrack_native, m) {
     m.doc() = "Compiled kernels of grasptrack; grasptrack.kernels.reference defines each of them.";
+    m.attr("_build") = GRASPTRACK_ABI ", " GRASPTRACK_COMPILER;
     grasptrack::bind_geometry(m);
     grasptrack::bind_image(m);
     grasptrack::bind_matching(m);

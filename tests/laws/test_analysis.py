@@ -45,6 +45,7 @@ def test_unchanged_by_similarity_first_point_and_direction(points, a, b, S, star
     scale = math.sqrt(moved.area / contour.area)
     assert after.stable == before.stable or abs(before.margin) < 1e-6
     assert after.margin == pytest.approx(before.margin, abs=1e-6)
+    assert math.radians(after.margin_deg) == pytest.approx(after.margin, abs=1e-12)
     assert after.epsilon == pytest.approx(before.epsilon, abs=1e-6)
     assert after.centroid_distance == pytest.approx(scale * before.centroid_distance, abs=1e-6 * moved.length)
     np.testing.assert_allclose(after.flatness, before.flatness, atol=1e-6)

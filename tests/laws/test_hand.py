@@ -19,13 +19,17 @@ from grasptrack.grasp.hand import parse_length
         (" 40.5 mm ", Length(40.5, "mm")),
         ("30%", Length(0.3, "size")),
         (".5px", Length(0.5, "px")),
+        ("3 cm", Length(3.0, "cm")),
+        ("0.03m", Length(0.03, "m")),
+        ("1.2in", Length(1.2, "in")),
+        ("1.2 inch", Length(1.2, "inch")),
     ],
 )
 def test_lengths_are_read(text, length):
     assert parse_length(text, "opening") == length
 
 
-@pytest.mark.parametrize("text", ["", "px", "-3", "0", "3 cm", "1e3", "nan", "inf", "3,5", "1 2"])
+@pytest.mark.parametrize("text", ["", "px", "-3", "0", "3 ft", "1e3", "nan", "inf", "3,5", "1 2"])
 def test_what_is_no_length_is_refused_with_its_name(text):
     with pytest.raises(InputError, match="opening is a length such as"):
         parse_length(text, "opening")
@@ -36,8 +40,10 @@ def test_units(value, size, scale):
     assert Length(value).in_px(size, None) == value
     assert Length(value, "size").in_px(size, None) == value * size
     assert Length(value, "mm").in_px(size, scale) == value * scale
-    with pytest.raises(InputError, match="px per mm"):
-        Length(value, "mm").in_px(size, None)
+    for unit, mm in (("mm", 1.0), ("cm", 10.0), ("m", 1000.0), ("in", 25.4), ("inch", 25.4)):
+        assert Length(value, unit).in_px(size, scale) == pytest.approx(value * mm * scale, rel=1e-12)
+        with pytest.raises(InputError, match=f" {unit} needs the scale of the image in px per mm"):
+            Length(value, unit).in_px(size, None)
 
 
 def test_no_limit_needs_no_scale():
@@ -50,6 +56,20 @@ def test_a_hand_on_an_object():
     assert hand.in_px(100.0) == (20.0, 120.0, 12.0, 20.0, 0.0)
     plain = Hand().in_px(100.0)
     assert plain == pytest.approx((0.0, math.inf, 10.0, 10.0, 3.0))
+
+
+@given(
+    st.floats(0.01, 1e4).map(lambda value: round(value, 2)), st.sampled_from(["px", "mm", "cm", "m", "in", "inch", "%"])
+)
+def test_a_hand_reads_lengths_as_they_are_written(value, unit):
+    length = Length(value / 100.0, "size") if unit == "%" else Length(value, unit)
+    for name in ("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance"):
+        assert Hand(**{name: f"{value:.2f}{unit}"}, px_per_mm=2.0) == Hand(**{name: length}, px_per_mm=2.0)
+
+
+def test_what_is_written_and_no_length_is_refused_with_its_name():
+    with pytest.raises(InputError, match=r'max_opening is a length such as 120px.*, not "85 parsec"'):
+        Hand(max_opening="85 parsec")
 
 
 @pytest.mark.parametrize(

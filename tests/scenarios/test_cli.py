@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 import pytest
 
+from grasptrack import kernels
 from grasptrack.cli.main import main
 from recordings import plate, plates, rows, write
 
@@ -122,9 +123,11 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert strategy in said and len(rows(tmp_path / strategy)) == 3
 
 
-def test_version_names_the_backend(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_names_the_backend_and_its_build(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
-    assert re.fullmatch(r"grasptrack \S+ \(backend (native|numpy)\)\n", capsys.readouterr().out)
+    build = r"native, (abi3|cp\d+), \w+ \S.*" if kernels.BACKEND == "native" else "numpy"
+    beneath = rf"Python \S+, NumPy {re.escape(np.__version__)}, OpenCV {re.escape(cv2.__version__)}"
+    assert re.fullmatch(rf"grasptrack \S+ \(backend {build}; {beneath}\)\n", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize(
@@ -178,6 +181,7 @@ def test_a_signal_after_the_work_leaves_its_status(how: str) -> None:
     code = f"""
 import atexit, os, signal, sys
 atexit.register(lambda: os.kill(os.getpid(), signal.{how}))
+from grasptrack import kernels
 from grasptrack.cli.main import main
 sys.argv = ["grasptrack", "track", "nowhere.png"]
 sys.exit(main())

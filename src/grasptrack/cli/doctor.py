@@ -70,7 +70,7 @@ def examine_program() -> Iterator[Finding]:
     from grasptrack import kernels
 
     slow = kernels.BACKEND != "native"
-    told = f"{metadata.version('grasptrack')}, kernels {kernels.BACKEND}"
+    told = ", ".join(filter(None, (metadata.version("grasptrack"), f"kernels {kernels.BACKEND}", kernels.BUILD)))
     why = ": many times slower; install a C++17 compiler, then install grasptrack again" if slow else ""
     yield Finding("!!" if slow else "ok", "grasptrack", told + why)
     yield Finding("ok", "Python", f"{platform.python_version()}, {sys.executable}")

@@ -70,11 +70,13 @@ app = typer.Typer(
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
-
         from grasptrack import kernels
+        from grasptrack.io.results import software_versions
 
-        typer.echo(f"grasptrack {version('grasptrack')} (backend {kernels.BACKEND})")
+        versions = software_versions()
+        backend = f"backend {kernels.BACKEND}" + (f", {kernels.BUILD}" if kernels.BUILD else "")
+        under = f"Python {versions['python']}, NumPy {versions['numpy']}, OpenCV {versions['opencv']}"
+        typer.echo(f"grasptrack {versions['grasptrack']} ({backend}; {under})")
         raise typer.Exit
 
 
@@ -82,7 +84,9 @@ def _show_version(wanted: bool) -> None:
 def _global_options(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_show_version, is_eager=True, help="Show version and backend, and exit."),
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="Show version, backend and build, and exit."
+        ),
     ] = False,
 ) -> None:
     pass

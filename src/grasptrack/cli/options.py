@@ -55,7 +55,9 @@ ObjectLength = Annotated[
         help="Length of the object, the longer side of its smallest enclosing rectangle: 120mm, 12cm, 0.12m, 4.7in.",
     ),
 ]
-Scale = Annotated[float | None, typer.Option(metavar="PX_PER_MM", help="Image scale in px per mm, for lengths in mm.")]
+Scale = Annotated[
+    float | None, typer.Option(metavar="PX_PER_MM", help="Image scale in px per mm, for lengths in mm or in.")
+]
 NoVideo = Annotated[bool, typer.Option("--no-video", help="Do not write overlay.mp4.")]
 Silhouettes = Annotated[
     str | None, typer.Option(metavar="DIR", help="Parts from silhouette images, black outside the part.")
@@ -162,7 +164,7 @@ def build_hand(scale: float | None, **lengths: str | None) -> Hand:
         **lengths: attributes of Hand as the user wrote them; None leaves the default.
 
     Raises:
-        InputError: no length, mm without a scale, or lengths that contradict each other.
+        InputError: no length, mm or inches without a scale, or lengths that contradict each other.
     """
     from grasptrack.grasp.hand import Hand, parse_length
 
@@ -174,7 +176,7 @@ def build_hand(scale: float | None, **lengths: str | None) -> Hand:
             continue
         option = "--" + name.replace("_", "-")
         given[name] = parse_length(text, option)
-        if given[name].unit == "mm" and scale is None:
+        if given[name].unit not in ("px", "size") and scale is None:
             raise InputError(f"{option} {text} needs --scale, the px per mm of the image", name=name)
     return Hand(**given, px_per_mm=scale)
 

@@ -52,6 +52,11 @@ class GraspAnalysis(NamedTuple):
     judged_in: Literal["reference", "image", "plane"]
     reason: str
 
+    @property
+    def margin_deg(self) -> float:
+        """The margin in degrees."""
+        return math.degrees(self.margin)
+
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""
         from grasptrack.presentation import to_dict

@@ -11,15 +11,17 @@ from typing import Literal, NamedTuple, get_args
 from grasptrack import arguments
 from grasptrack.errors import InputError
 
-Unit = Literal["px", "mm", "size"]
+Unit = Literal["px", "mm", "cm", "m", "in", "inch", "size"]
+_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
+_NUMBER = r"\s*([0-9]*\.?[0-9]+)\s*"
 
 
 class Length(NamedTuple):
-    """A length in one of three units.
+    """A length in one of its units.
 
     Attributes:
         value: how many of them.
-        unit: "px"; "mm", for which a scale is needed; or "size", shares of the object's sqrt(area).
+        unit: "px"; "mm", "cm", "m", "in" or "inch", for which a scale is needed; or "size", shares of the object's sqrt(area).
     """
 
     value: float
@@ -33,15 +35,15 @@ class Length(NamedTuple):
         """The length in px on an object of sqrt(area) = size px.
 
         Raises:
-            InputError: in mm where nobody said how large a mm is.
+            InputError: in mm or another unit of the world where nobody said how large a mm is.
         """
         if self.unit == "px" or self.value in (0.0, math.inf):
             return self.value
         if self.unit == "size":
             return self.value * size
         if px_per_mm is None:
-            raise InputError(f"{self.value:g} mm needs the scale of the image in px per mm", value=self.value)
-        return self.value * px_per_mm
+            raise InputError(f"{self.value:g} {self.unit} needs the scale of the image in px per mm", value=self.value)
+        return self.value * _MM[self.unit] * px_per_mm
 
 
 def _check_length(self: Length, value: float, unit: Unit = "px") -> None:
@@ -62,7 +64,7 @@ CLEARANCE = Length(0.03, "size")
 
 
 def parse_length(text: str, name: str) -> Length:
-    """A length from "120", "120px", "40mm" or "30%", which is a share of the object's sqrt(area).
+    """A length from "120", "120px", "40mm", "4cm", "0.04m", "1.6in", "1.6inch" or "30%", a share of the object's sqrt(area).
 
     Args:
         text: the length.
@@ -71,7 +73,7 @@ def parse_length(text: str, name: str) -> Length:
     Raises:
         InputError: anything else, or not positive.
     """
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(px|mm|%)?\s*", text)
+    match = re.fullmatch(_NUMBER + r"(px|mm|cm|m|in|inch|%)?\s*", text)
     value = float(match[1]) if match else math.nan
     if match is None or not value > 0.0:
         raise InputError(
@@ -79,7 +81,7 @@ def parse_length(text: str, name: str) -> Length:
         )
     if match[2] == "%":
         return Length(value / 100.0, "size")
-    return Length(value, "mm" if match[2] == "mm" else "px")
+    return Length(value, match[2] or "px")  # type: ignore[arg-type]
 
 
 class Measure(NamedTuple):
@@ -104,7 +106,7 @@ def parse_measure(text: str, name: str) -> Measure:
     Raises:
         InputError: anything else, or not positive.
     """
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(mm|cm|m|in)\s*", text)
+    match = re.fullmatch(_NUMBER + r"(mm|cm|m|in)\s*", text)
     value = float(match[1]) if match else math.nan
     if match is None or not value > 0.0:
         raise InputError(f'{name} is a length such as 120mm, 12cm, 0.12m or 4.7in, not "{text}"', text=text)
@@ -131,33 +133,40 @@ class Hand:
     In the image each finger is a rectangle: `finger_width` along the outline, `finger_thickness` away from it. Before
     it moves it stands `clearance` farther back, and all of this must be free.
 
+    Each length is px, a Length, or such a length as it is written: "85mm", "1.6in", "30%" (`parse_length`).
+
     Args:
         min_opening: least distance of opposite contacts.
         max_opening: largest distance of opposite contacts.
         finger_width: of the pad that touches, along the outline.
         finger_thickness: of a finger, in the direction in which it moves.
         clearance: of each finger before it closes or spreads.
-        px_per_mm: scale of the image, for lengths in mm.
+        px_per_mm: scale of the image, for lengths in mm and other units of the world.
 
     Raises:
-        InputError: a length that is negative or not a number, a finger without width, openings that contradict each
+        InputError: a length that is negative, not a number or no length, a finger without width, openings that contradict each
             other, or a scale that is not positive.
     """
 
-    min_opening: Length | float = 0.0
-    max_opening: Length | float = math.inf
-    finger_width: Length | float = FINGER
-    finger_thickness: Length | float = FINGER
-    clearance: Length | float = CLEARANCE
+    min_opening: Length | float | str = 0.0
+    max_opening: Length | float | str = math.inf
+    finger_width: Length | float | str = FINGER
+    finger_thickness: Length | float | str = FINGER
+    clearance: Length | float | str = CLEARANCE
     px_per_mm: float | None = None
 
     def __post_init__(self) -> None:
         """Check what can be checked without an object."""
         for name in ("min_opening", "max_opening", "finger_width", "finger_thickness", "clearance"):
             given = getattr(self, name)
+            if isinstance(given, str):
+                given = parse_length(given, name)
+                object.__setattr__(self, name, given)
             wanted = "" if isinstance(given, Length) else arguments.number(given)
             if wanted:
-                raise InputError(f"{name} must be {wanted} of px, or a Length, not {given!r}", name=name)
+                raise InputError(
+                    f'{name} must be {wanted} of px, a Length or a text such as "85mm", not {given!r}', name=name
+                )
             value = as_length(given).value
             if not value >= 0.0 or (name == "finger_width" and not 0.0 < value < math.inf):
                 raise InputError(f"{name} must be a positive length, not {value:g}", name=name, value=value)
@@ -186,6 +195,8 @@ class Hand:
         return hand
 
 
-def as_length(value: Length | float) -> Length:
-    """A bare number counts px."""
+def as_length(value: Length | float | str) -> Length:
+    """A bare number counts px; a hand has read its texts."""
+    if isinstance(value, str):
+        return parse_length(value, "length")
     return value if isinstance(value, Length) else Length(value)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arithmetic of every frame: compiled where it could be compiled, NumPy elsewhere, of the same names.
 
-`BACKEND` is "native" or "numpy". GRASPTRACK_BACKEND=numpy in the environment asks for NumPy. What each kernel computes
+`BACKEND` is "native" or "numpy"; `BUILD` names the ABI and the compiler of the native one. GRASPTRACK_BACKEND=numpy in the
+environment asks for NumPy. What each kernel computes
 is said in `grasptrack.kernels.reference`, the `__all__` of whose modules is the one table of their names.
 """
 
@@ -14,6 +15,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal
 
 BACKEND: Literal["native", "numpy"]
+BUILD: str
 
 if TYPE_CHECKING:
     from grasptrack.kernels.reference import *  # noqa: F403
@@ -37,6 +39,7 @@ else:
     # The functions themselves, not wrappers: a call costs a third of a microsecond.
     _loaded = _load_kernels()
     BACKEND = "native" if _loaded.__name__ == "_grasptrack_native" else "numpy"
+    BUILD = getattr(_loaded, "_build", "")
     _names = getattr(_loaded, "__all__", [name for name in vars(_loaded) if not name.startswith("_")])
     globals().update({name: getattr(_loaded, name) for name in _names})
     __all__ = ["BACKEND", *sorted(_names)]

@@ -106,5 +106,5 @@ class TrackResult:
 
     @property
     def located(self) -> bool:
-        """Whether contacts are given."""
+        """Whether contacts are given. Type checkers learn it from `result.contacts is not None`: no property can tell them."""
         return self.contacts is not None

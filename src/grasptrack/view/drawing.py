@@ -29,7 +29,7 @@ EMPTY, AROUND = 235, 24
 """Grey level of the ground where there is no image, and px of it beyond what is drawn."""
 
 
-class Drawing(NDArray[np.uint8]):
+class Drawing(np.ndarray[tuple[Any, ...], np.dtype[np.uint8]]):  # to inherit from NDArray is refused from NumPy 2.5 on
     """A picture, uint8 BGR (H, W, 3): an array like any other, but that a notebook shows it."""
 
     def __repr__(self) -> str:
