@@ -149,9 +149,9 @@ def test_what_is_no_value_at_all_is_refused_by_its_name(name: str) -> None:
         assert error.value.values["name"] == parameter
 
 
-def test_a_length_in_inches_is_refused() -> None:
-    with pytest.raises(InputError, match="unit must be one of px, mm, size, not 'inch'"):
-        gt.Length(3, "inch")  # type: ignore[arg-type]
+def test_a_length_in_a_unit_that_nobody_measures_parts_in_is_refused() -> None:
+    with pytest.raises(InputError, match="unit must be one of px, mm, cm, m, in, inch, size, not 'furlong'"):
+        gt.Length(3, "furlong")  # type: ignore[arg-type]
     assert gt.Length(3, "mm").in_px(10.0, 2.0) == 6.0 and gt.Length(3) == gt.Length(3.0, "px")
 
 

@@ -188,7 +188,7 @@ def test_the_page_of_the_papers_tables(tmp_path: Path) -> None:
     )
     errors = (0.5, None, 0.25, 1e-14, 0.0)
     series = [
-        SimpleNamespace(object=o, strategy=s, kind=k, motion="4 DoF", carried_on=False, maximum_px=errors)
+        SimpleNamespace(object=o, strategy=s, kind=k, motion="4 DoF", way="first view", maximum_px=errors)
         for o in ("bracket", "blob")
         for s in ("rrp", "snake")
         for k in ("ideal", "rendered")
