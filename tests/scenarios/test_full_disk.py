@@ -39,7 +39,7 @@ def parts(folder: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     ("limit", "more", "name"),
-    [(4000, ["--no-video"], "grasps.csv"), pytest.param(9000, [], "overlay.mp4", marks=pytest.mark.slow)],
+    [(4000, ["--no-video"], "grasps.csv"), pytest.param(20000, [], "overlay.mp4", marks=pytest.mark.slow)],
 )
 def test_track_keeps_whole_rows(tmp_path: Path, limit: int, more: list[str], name: str) -> None:
     folder, out = plates(tmp_path / "in", 40), tmp_path / "out"
