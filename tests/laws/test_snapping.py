@@ -78,14 +78,16 @@ def test_an_edge_returns_and_a_line_through_nothing_does_not(seed: int) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.integers(3, 7), st.integers(2, 5), st.floats(0.0, 2.0))
-def test_the_smoothest_path_is_the_best_of_all(seed: int, rows: int, columns: int, bend: float) -> None:
+def test_no_straight_path_is_better_than_the_smoothest(seed: int, rows: int, columns: int, bend: float) -> None:
+    """It is a piece of the best path twice round: a straight one in its place would be joined at both ends, and what is
+    counted here has a seam where that piece has none."""
     gain = np.random.default_rng(seed).normal(size=(2, rows, columns))
     (first, second) = _smoothest_paths(gain, bend)
     for each, path in zip(gain, (first, second), strict=True):
         assert path.shape == (rows,) and ((path >= 0) & (path < columns)).all()
         straight = each.sum(axis=0).max()
         steps = np.abs(np.diff(path)).sum()
-        assert each[np.arange(rows), path].sum() - bend * steps >= straight - bend * (columns - 1) - 1e-9
+        assert each[np.arange(rows), path].sum() - bend * steps >= straight - 3 * bend * (columns - 1) - 1e-9
 
 
 # --- quadrangles ---------------------------------------------------------------------------------
