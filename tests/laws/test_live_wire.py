@@ -55,6 +55,7 @@ def farthest(one: Any, other: Any) -> float:
     return max(abs(cv2.pointPolygonTest(ring, (float(x), float(y)), True)) for x, y in np.asarray(one, float).tolist())
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(off=st.floats(2.0, 4.0), seed=st.integers(0, 10**6))
 def test_clicks_beside_the_corners_give_the_outline(off: float, seed: int) -> None:
@@ -114,6 +115,7 @@ def test_a_path_ends_at_its_clicks_and_makes_no_leap(places: list[tuple[int, int
     assert tuple(wire.path[0]) == first and tuple(wire.path[-1]) == wire.points[-1]
 
 
+@pytest.mark.slow
 @settings(max_examples=5, deadline=None)
 @given(k=st.integers(0, 4), to=inside, seed=st.integers(0, 10**6))
 def test_a_click_that_is_dragged_changes_two_pieces_and_back_none(k: int, to: tuple[int, int], seed: int) -> None:

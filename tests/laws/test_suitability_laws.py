@@ -348,6 +348,7 @@ def test_noise_is_no_surface() -> None:
         assert seen.settled.contact_deviations[1] == seen.settled.contact_deviations[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [90.0, 180.0])
 def test_a_print_ends_a_symmetry_unless_it_has_it_too(turn: float) -> None:
     """Of a square with blots, those turns are left under which the blots lie on themselves."""

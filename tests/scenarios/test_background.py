@@ -30,6 +30,7 @@ LIGHTS = {
 }
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(
     st.floats(0.5, 1.2), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.0, 12.0),
@@ -85,6 +86,7 @@ def test_the_object_is_found_where_grain_and_reflections_hide_it() -> None:
     assert result.view is not None and overlap(result.view.outer.points, PLATE) > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not (DATA / "textures").is_dir(), reason=f"needs {DATA}/textures; GRASPTRACK_DATA names another folder"
 )
@@ -131,6 +133,7 @@ def test_what_is_no_background_is_told_in_one_line(tmp_path: Path, capsys: pytes
             assert told and len(told.splitlines()) == 1, (verb, name, told)
 
 
+@pytest.mark.slow
 def test_the_verbs_take_it(tmp_path: Path) -> None:
     coarse = grained(8, depth=75.0)
     photo, empty = tmp_path / "photo.png", tmp_path / "empty.png"

@@ -54,6 +54,7 @@ def test_scenes_are_scored_summed_up_and_reported(tmp_path: Path, capsys: pytest
     assert head == [*FIXED, *(f"{name}{i}" for i in (1, 2) for name in EACH), LAST]
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_to_the_last_digit(tmp_path: Path) -> None:
     given = ["evaluate", "scenes", *SMALL, "--disturbances", "light", "--methods", "auto,klt,sift", "-q"]
     assert main([*given, "--output", str(tmp_path / "a")]) == 0

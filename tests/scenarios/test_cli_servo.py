@@ -71,6 +71,7 @@ def test_without_the_extra_it_says_what_to_install(
     assert 'pip install "grasptrack[sim]"' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_three_fingers_close_on_what_faces_them_and_refuse_what_does_not(tmp_path: Path) -> None:
     needs_mujoco()
     found = {}

@@ -230,6 +230,7 @@ def test_table_seven_is_that_of_the_frames(folder):
     assert checked == FOOTAGE * 3 * 2 * (4 + 3)
 
 
+@pytest.mark.slow
 def test_every_file_but_the_times_is_the_same_again(again, folder, tmp_path):
     write_paper(tmp_path, again, options={})
     names = sorted(p.relative_to(folder) for p in folder.rglob("*.csv") if not p.stem.endswith("times"))

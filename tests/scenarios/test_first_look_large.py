@@ -68,6 +68,7 @@ def test_more_than_nine_tenths_are_no_object_and_a_rest_of_the_ground_is_none_in
         gt.first_look(sheet(np.array([[12.0, 10], [626, 9], [630, 468], [10, 470]]), False))
 
 
+@pytest.mark.slow
 def test_track_says_that_it_is_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     photo = tmp_path / "sheet.png"
     cv2.imwrite(str(photo), sheet(CUT["on the left"], False))

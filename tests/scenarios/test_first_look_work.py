@@ -63,6 +63,7 @@ def test_a_bound_that_is_none_is_told(ms: float, tmp_path: Path, capsys: pytest.
         assert "--first-look-ms is a number of ms above 0" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_tracker_and_verbs_keep_to_it(tmp_path: Path) -> None:
     tracker = gt.GraspTracker(first_look_ms=1e-3)
     tracker.update(IMAGE)

@@ -103,6 +103,7 @@ def rows(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_a_strategy_from_outside_tracks_and_transfers(outside: Path) -> None:
     done = run(outside, "track", "frames", "--strategy", "bounding", "--output", "out", "--no-video", "--quiet")
     assert done.returncode == 0, done.stderr

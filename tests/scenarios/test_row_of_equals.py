@@ -42,6 +42,7 @@ def test_an_equal_that_came_to_its_place_is_not_taken_for_it(speed: float, dark:
     assert found >= 5
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SILHOUETTES.is_dir(), reason="needs the silhouettes of ../shared/data")
 def test_an_equal_beside_the_object_that_a_hand_covers_is_not_taken_for_it() -> None:
     """The first view showed but half of the equal; later one image shows both, and the next ones the equal alone, clearly."""

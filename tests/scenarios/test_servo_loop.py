@@ -66,6 +66,7 @@ def test_it_converges_with_a_camera_that_nobody_knows(seed: int, what: dict[str,
     assert bench.commands[-1].error_px <= 1.0 and within(bench, 8e-3 if "outliers" in what else 4e-3)
 
 
+@pytest.mark.slow
 def test_a_grasp_that_seems_to_narrow_on_the_way_misleads_less_than_its_contacts_alone() -> None:
     """A side of a thick part that shows in the first view alone: the hand would go down too far."""
 

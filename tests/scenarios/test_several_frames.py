@@ -99,6 +99,7 @@ def test_the_farther_the_camera_moved_the_more_a_place_tells() -> None:
     assert gains == sorted(gains) and gains[0] == 0.0 and gains[-1] > 4.0
 
 
+@pytest.mark.slow
 def test_the_tracker_and_the_command_line_ask_them_too(tmp_path: Path) -> None:
     frames = filmed(1.0, 4 * MOST_FRAMES + 1)
     tracker = gt.GraspTracker(more=frames[4::4])

@@ -116,6 +116,7 @@ def test_object_and_grasp_are_those_of_the_tracker(options: dict[str, Any]) -> N
     assert result.analysis is not None and seen.grasp.margin == pytest.approx(result.analysis.margin)
 
 
+@pytest.mark.slow
 def test_errors_grow_with_noise_and_fall_with_contrast() -> None:
     def drawn_error(image: np.ndarray) -> float:
         seen = inspect(image)

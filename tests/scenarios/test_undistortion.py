@@ -278,6 +278,7 @@ def test_synthesize_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]
     assert found["grasps"][0]["opening_px"] == pytest.approx(np.hypot(*(straight[0] - straight[1])), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_transfer_with_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clean = DISTURBANCES["clean-6dof"].scene(SHAPES["bracket"](), 1, 3)[0]
     camera = Camera([[520, 0, 120], [0, 520, 90], [0, 0, 1]], (0.25, 0.05, 0, 0), size=(640, 480))  # far off its axis
@@ -316,6 +317,7 @@ def test_transfer_with_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert cv2.imread(str(tmp_path / "transfer.png")) is not None
 
 
+@pytest.mark.slow
 def test_inspect_with_a_calibration(scene: tuple[Path, Path, list[SceneFrame]], tmp_path: Path) -> None:
     folder, file, seen = scene
     camera = frames(3)[1]

@@ -107,6 +107,7 @@ def test_it_does_not_wait_for_ever_and_a_moving_hand_stops() -> None:
     assert servo.state == "failed" and "not sure" in servo.reason
 
 
+@pytest.mark.slow
 def test_a_rendered_hand_stands_still_and_says_why(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     from grasptrack.bench.approach.case import Case
@@ -128,6 +129,7 @@ def test_a_rendered_hand_stands_still_and_says_why(tmp_path: Path) -> None:
 # --- verbs --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("verb", "more"), [("inspect", ["--runs", "1"]), ("synthesize", []), ("track", ["--no-video"])]
 )
