@@ -263,7 +263,7 @@ inline std::vector<Match> match_curvature(const Cyclic &first, const std::vector
         j = middle;
         for (; left > 0 && weigh(j); --left) j = j > 0 ? j - 1 : second.size - 1;
         best /= size;
-        const bool good = best <= tolerance * std::max(std::abs(first.values[i]), circle);
+        const bool good = chosen >= 0 && best <= tolerance * std::max(std::abs(first.values[i]), circle);
         if (!good) chosen = -1;
         out.push_back({chosen, best,
                        good ? place_between_samples(second, wanted, ahead, kappa, centre, limit, chosen, here)

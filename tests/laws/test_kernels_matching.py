@@ -147,6 +147,24 @@ def test_eq_3(points, H, start, gap):
     assert (apart <= kappa * 0.04 * arc1[-1] + 1e-9).all() or gap
 
 
+@pytest.mark.parametrize("spoil", ["no reach", "only NaN", "an infinite peak"])
+def test_where_nothing_is_near_there_is_no_match_however_much_may_differ(spoil):
+    """An error that is not finite passed an infinite tolerance, and sample -1 was read."""
+    arc, v = np.arange(11.0), np.arange(10.0)
+    first, second, reach = CurvatureVector(arc, v.copy()), CurvatureVector(arc, v.copy()), 3.0
+    if spoil == "no reach":
+        reach = -1.0
+    elif spoil == "only NaN":
+        second.curvature[:] = np.nan
+    else:
+        first.curvature[2] = np.inf
+    window = MatchWindow(1.0, reach, 2, 0.5, math.inf)
+    for backend in (kernels, reference):
+        with np.errstate(all="ignore"):
+            found = backend.match_curvature(first, [2], second, [2.0], window)
+        assert found.samples == [-1] and math.isnan(found.places[0])
+
+
 def test_a_place_rounded_to_the_end_is_the_first():
     """The match is sample 0, and rounding may put it 1e-17 before; that was place N, which is none."""
     points = 50.0 * np.array(
