@@ -6,7 +6,7 @@ from __future__ import annotations
 import ast
 import json
 import re
-from functools import lru_cache
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -18,22 +18,8 @@ from recordings import plates
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS, PACKAGE = ROOT / "docs", ROOT / "src" / "grasptrack"
-VERBS = (
-    *(
-        "synthesize",
-        "inspect",
-        "track",
-        "live",
-        "transfer",
-        "demo",
-        "servo",
-        "evaluate",
-        "compare",
-        "cameras",
-        "models",
-        "doctor",
-    ),
-)
+VERBS = ("synthesize", "inspect", "track", "live", "transfer", "demo", "servo")
+VERBS += ("evaluate", "compare", "cameras", "models", "doctor")
 WITH_OPTIONS = (*VERBS[:7], "compare", "evaluate scenes", "evaluate real", "evaluate paper")
 PAGES = (*sorted(path.name for path in DOCS.glob("*.md")), "../README.md", "../CONTRIBUTING.md")
 
@@ -58,7 +44,7 @@ def block(page: str, name: str) -> list[str]:
 # --- names ---------------------------------------------------------------------------------------
 
 
-@lru_cache
+@cache
 def functions_of(module: str) -> set[str]:
     found = list((ROOT / "tests").glob(f"*/{module}.py"))
     tree = ast.parse("".join(path.read_text(encoding="utf-8") for path in found))
@@ -216,6 +202,7 @@ def modules() -> dict[str, Path]:
     return found
 
 
+@cache
 def imported(path: Path) -> set[str]:
     """Everything that a file imports when it runs, at once or late; what only a type checker reads is left out."""
     names: set[str] = set()
@@ -237,6 +224,7 @@ def imported(path: Path) -> set[str]:
     return names
 
 
+@cache
 def graph() -> dict[str, set[str]]:
     """For each module of the package the modules of the package that it imports, names below `grasptrack`."""
     known = modules()
@@ -274,7 +262,7 @@ def test_imports_go_one_way() -> None:
 
 
 def test_no_module_imports_itself_by_way_of_others() -> None:
-    left = graph()
+    left = dict(graph())
     while left:
         free = [m for m, others in left.items() if not ((others - {m}) & left.keys())]
         assert free, f"a circle among {sorted(left)}"

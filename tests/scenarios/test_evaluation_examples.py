@@ -28,6 +28,7 @@ def test_examples_run_without_arguments(example: Path, tmp_path: Path) -> None:
     assert len(done.stdout.splitlines()) >= 4
 
 
+@pytest.mark.slow
 def test_the_demonstration_writes_truth_and_a_folder_for_each_strategy(tmp_path: Path) -> None:
     steps: list[tuple[str, int, int]] = []
     rows = run_demo(tmp_path, frames=6, video=True, progress=lambda *step: steps.append(step))

@@ -311,6 +311,7 @@ def test_progress_reaches_the_end_of_each_step(run):
     assert list(steps) == ["images", "transfers", "contexts", "shapes"]
 
 
+@pytest.mark.slow
 def test_the_same_run_twice(run, again):
     assert again.runs == run[0].runs
     assert again.tables == run[0].tables
