@@ -134,6 +134,8 @@ def test_what_a_genicam_camera_does_not_take(viky: Path, tmp_path: Path) -> None
     assert "is not attached; there is 0, 1, 2" in said(f"genicam:{viky}#9")
     assert "has no setting ExposureTim" in said(f"genicam:{viky}#0", {"ExposureTim": "1"})
     assert "does not take PixelFormat=Mono77" in said(f"genicam:{viky}#0", {"PixelFormat": "Mono77"})
+    largest = said(f"genicam:{viky}#0", {"BouncingBallSize": "400"})
+    assert "does not take BouncingBallSize=400" in largest and largest.endswith("Max = 40")
     assert "there is no GenTL producer" in said("genicam:/nowhere.cti#0")
     (tmp_path / "bad.cti").write_text("no library")
     assert "is no GenTL producer that can be loaded" in said(f"genicam:{tmp_path / 'bad.cti'}#0")

@@ -412,6 +412,7 @@ def test_ctrl_c_leaves_whole_files(tmp_path: Path, ending: signal.Signals) -> No
         (["film.mp4", "--host", "no.such.host.example"], "cannot be served"),
         (["film.mp4", "--strategy", "grasp-line", "--fingers", "3"], "grasp-line"),
         (["film.mp4", "--object", "1,2", "--box", "1,2,3,4"], "give one of them"),
+        (["camera:77"], "camera 77 cannot be opened"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(

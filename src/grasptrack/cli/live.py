@@ -176,9 +176,14 @@ def live(
         session.start()
         server.start()
         typer.echo(f"{server.url}  (Ctrl-C ends)")
+        begun = False
         try:
             while session.is_running and not (until_end and session.shown.phase in ("ended", "failed")):
                 interruption.check()
+                shown = session.shown
+                begun = begun or shown.image > 0
+                if shown.phase == "failed" and not begun:  # as of every verb: there is nothing to look at
+                    break
                 time.sleep(BEAT)
         except KeyboardInterrupt:
             pass

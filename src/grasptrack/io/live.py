@@ -30,6 +30,11 @@ class DeviceGoneError(Exception):
     """A device does not answer any more; the message says what it said."""
 
 
+def driver_message(error: Exception) -> str:
+    """The first sentence of what a driver raised, without where in its code it arose; its name where it says nothing."""
+    return " ".join(str(error).split()).partition(" : ")[0].rstrip(".") or type(error).__name__
+
+
 class Device(Protocol):
     """Something open that gives images.
 

@@ -15,7 +15,7 @@ from grasptrack.io.base import Image
 from grasptrack.io.cameras.attached import Attached, choose_serial
 from grasptrack.io.extras import import_extra
 from grasptrack.io.limits import check_size
-from grasptrack.io.live import DeviceGoneError, LiveSource
+from grasptrack.io.live import DeviceGoneError, LiveSource, driver_message
 from grasptrack.io.pixels import genicam_format, raw_image, to_image
 from grasptrack.io.uri import parse_address, take_patience
 
@@ -48,7 +48,7 @@ class _GenICam:
             except SourceError:
                 raise
             except Exception as error:  # drivers raise what they like
-                raise SourceError(f"{name} cannot be opened: {_said(error)}", spec=spec) from None
+                raise SourceError(f"{name} cannot be opened: {driver_message(error)}", spec=spec) from None
         except BaseException:
             self.close()
             raise
@@ -59,7 +59,7 @@ class _GenICam:
         try:
             nodes.get_node(key).from_string(value)
         except Exception as error:
-            raise SourceError(f"{self._name} does not take {key}={value}: {_said(error)}", name=key) from None
+            raise SourceError(f"{self._name} does not take {key}={value}: {driver_message(error)}", name=key) from None
 
     def read(self) -> tuple[Image, float | None] | None:
         try:
@@ -67,7 +67,7 @@ class _GenICam:
         except self._genapi.TimeoutException:
             return None
         except Exception as error:
-            raise DeviceGoneError(_said(error)) from None
+            raise DeviceGoneError(driver_message(error)) from None
         with buffer:
             part = buffer.payload.components[0]
             check_size(part.width, part.height, f"an image of {self._name}")
@@ -102,10 +102,6 @@ def _serial_of(info: Any) -> str:
     return str(info.property_dict.get("serial_number") or info.property_dict.get("id_"))
 
 
-def _said(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
-
-
 def _harvest(producer: Path) -> Any:
     """A harvester that has looked for the cameras of one producer."""
     core = import_extra("harvesters.core", "genicam", "a GenICam camera")
@@ -117,7 +113,7 @@ def _harvest(producer: Path) -> Any:
         harvester.update()
     except Exception as error:
         harvester.reset()
-        raise SourceError(f'"{producer}" is no GenTL producer that can be loaded: {_said(error)}') from None
+        raise SourceError(f'"{producer}" is no GenTL producer that can be loaded: {driver_message(error)}') from None
     return harvester
 
 

@@ -13,7 +13,7 @@ from grasptrack.io.base import Image
 from grasptrack.io.cameras.attached import Attached, choose_serial
 from grasptrack.io.extras import import_extra
 from grasptrack.io.limits import check_size
-from grasptrack.io.live import DeviceGoneError, LiveSource
+from grasptrack.io.live import DeviceGoneError, LiveSource, driver_message
 from grasptrack.io.pixels import genicam_format, raw_image, to_image
 from grasptrack.io.uri import parse_address, take_patience
 
@@ -33,7 +33,7 @@ class _Basler:
             self._camera = pylon.InstantCamera(pylon.TlFactory.GetInstance().CreateDevice(device))
             self._camera.Open()
         except pylon.GenericException as error:
-            raise SourceError(f"{name} cannot be opened: {_said(error)}") from None
+            raise SourceError(f"{name} cannot be opened: {driver_message(error)}") from None
         try:
             nodes = self._camera.GetNodeMap()
             for key, value in settings.items():
@@ -43,7 +43,7 @@ class _Basler:
         except BaseException as error:
             self._camera.Close()
             if isinstance(error, pylon.GenericException):
-                raise SourceError(f"{name} cannot be started: {_said(error)}") from None
+                raise SourceError(f"{name} cannot be started: {driver_message(error)}") from None
             raise
 
     def _set(self, nodes: Any, key: str, value: str) -> None:
@@ -56,7 +56,7 @@ class _Basler:
         try:
             node.FromString(value)
         except self._pylon.GenericException as error:
-            raise SourceError(f"{self._name} does not take {key}={value}: {_said(error)}", name=key) from None
+            raise SourceError(f"{self._name} does not take {key}={value}: {driver_message(error)}", name=key) from None
 
     def read(self) -> tuple[Image, float | None] | None:
         pylon = self._pylon
@@ -78,7 +78,7 @@ class _Basler:
                 image = to_image(raw_image(data, width, height, form, step), form)
                 stamp = result.GetTimeStamp()
         except pylon.GenericException as error:
-            raise DeviceGoneError(_said(error)) from None
+            raise DeviceGoneError(driver_message(error)) from None
         return image, stamp / self._ticks if stamp else None
 
     def close(self) -> None:
@@ -88,11 +88,6 @@ class _Basler:
 
 def _bytes_of_row(row: int, result: Any) -> int:
     return row + int(result.GetPaddingX())
-
-
-def _said(error: Exception) -> str:
-    """The first sentence of a driver's message, without where in its code it arose."""
-    return " ".join(str(error).split()).partition(" : ")[0].rstrip(".")
 
 
 def _number(nodes: Any, key: str, otherwise: float) -> float:
