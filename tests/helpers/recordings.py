@@ -55,6 +55,15 @@ def plate(
     return cv2.GaussianBlur(image, (0, 0), 0.8)
 
 
+def square(angle: float, centre: tuple[float, float] = (160.0, 120.0)) -> np.ndarray:
+    """(240, 320) a dark square of 100 px, turned by an angle in radians, on a light ground."""
+    corners = 50.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    image = np.full((240, 320), 200, np.uint8)
+    cv2.fillPoly(image, [np.rint((corners @ turn.T + centre) * 16).astype(np.int32)], 60, cv2.LINE_AA, 4)
+    return cv2.GaussianBlur(image, (0, 0), 0.8)
+
+
 def plates(folder: Path, count: int = 8) -> Path:
     """A folder of images in which the plate moves."""
     folder.mkdir(parents=True, exist_ok=True)

@@ -74,6 +74,17 @@ def test_only_the_newest_image_is_given_and_the_others_are_counted() -> None:
     assert device.closed.wait(1.0)
 
 
+def test_what_came_during_the_first_look_is_caught_up_with_where_that_is_wanted() -> None:
+    found = source(Played((image(0), 0.0), 0.2, *((image(i), i / 10) for i in range(1, 20))), patience=2.0)
+    found.catches_up = True
+    frames = iter(found)
+    assert next(frames).image[0, 0] == 0
+    time.sleep(0.4)
+    assert [next(frames).image[0, 0] for _ in range(19)] == list(range(1, 20))
+    assert found.dropped == 0
+    found.close()
+
+
 def test_images_that_the_device_dropped_are_counted_too() -> None:
     device = Played((image(0), None), 0.05, (image(1), None))
     device.missed = 7

@@ -19,7 +19,7 @@ from grasptrack.io.limits import limit_megapixels
 from grasptrack.live import commands as told
 from grasptrack.live.session import GOAL, LiveSession
 from grasptrack.live.settings import Meant, Settings
-from recordings import plate, plates, rows
+from recordings import plate, plates, rows, square
 from tiny_onnx import write_pair
 from watched import FedCamera, plate_session, reached, session_on, threads_left, threads_of_ours, two_plates, until
 
@@ -161,6 +161,26 @@ def test_a_pause_holds_the_image_and_a_camera_goes_on_with_the_newest(tmp_path: 
         session.tell(told.Pause(False))
         shown = reached(session, "tracking", image=2)
         assert shown.arrival is not None and shown.arrival.frame.name == "frame 5"
+
+
+def test_what_moves_while_a_person_chooses_is_caught_up_with(tmp_path: Path) -> None:
+    """A square that turns by 90 degrees meanwhile would be ambiguous for who sees only the newest image."""
+    camera = FedCamera()
+    camera.images.put(square(0.0))
+    with session_on(camera, tmp_path) as session:
+        first = reached(session, "choosing").result
+        turns = np.radians(np.arange(6.0, 97.0, 6.0))
+        for angle in turns:
+            camera.images.put(square(float(angle)))
+        assert not session.wait_for(lambda s: s.image > 1, 0.3)
+        session.tell(told.Start())
+        last = reached(session, "tracking", image=1 + len(turns)).result
+    assert first is not None and first.contacts is not None
+    assert last is not None and last.contacts is not None
+    turn = np.array([[np.cos(turns[-1]), -np.sin(turns[-1])], [np.sin(turns[-1]), np.cos(turns[-1])]])
+    middle = np.array([160.0, 120.0])
+    np.testing.assert_allclose(last.contacts, (first.contacts - middle) @ turn.T + middle, atol=0.5)
+    assert len(rows(tmp_path)) == 1 + len(turns)
 
 
 def test_an_old_image_cannot_be_clicked_and_the_line_says_so(tmp_path: Path) -> None:

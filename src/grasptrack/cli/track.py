@@ -188,6 +188,7 @@ def track(
     with Interruption() as interruption:
         if isinstance(images, LiveSource):
             images.on_wait = interruption.check
+            images.catches_up = True
         try:
             with Progress(quiet) as progress:
 

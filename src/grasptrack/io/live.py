@@ -15,6 +15,7 @@ from collections.abc import Callable, Generator
 from typing import NamedTuple, Protocol
 
 from grasptrack.errors import GraspTrackError, SourceError
+from grasptrack.io.backlog import Backlog
 from grasptrack.io.base import Image, Source
 from grasptrack.io.uri import PATIENCE
 
@@ -73,6 +74,7 @@ class LiveSource(Source):
 
     Attributes:
         on_wait: called some four times a second while no image comes; what it raises ends the source.
+        catches_up: hand out the images that came while the first one was worked on, see `Backlog`, instead of the newest alone.
     """
 
     live = True
@@ -92,6 +94,7 @@ class LiveSource(Source):
         self.kind = kind
         self.label = name
         self.on_wait: Callable[[], None] = _do_nothing
+        self.catches_up = False
         self._open_device = open_device
         self._patience = patience
 
@@ -110,6 +113,8 @@ class LiveSource(Source):
                         f"{self.label} gave no image for {self._patience:g} s after {index} frames{said}", frame=index
                     )
                 self.dropped, self.reconnected = drain.dropped, newest.connection
+                if index == 0 and self.catches_up:
+                    drain.keep()
                 yield newest.image, clock.time_of(newest), f"frame {index} of {self.label}"
                 index += 1
         finally:
@@ -134,7 +139,7 @@ class _Drain:
         self.dropped = 0
         self.error = ""
         self._open_device, self._patience = open_device, patience
-        self._newest: _Newest | None = None
+        self._waiting: Backlog[_Newest] = Backlog()
         self._ending, self._over = threading.Event(), False
         self._ready = threading.Condition()
         run = contextvars.copy_context().run  # the limit of size holds there, too
@@ -145,12 +150,20 @@ class _Drain:
         """The newest image, waited for; None where there will be none."""
         while True:
             with self._ready:
-                if self._newest is None and not self._over:
+                if not self._waiting and not self._over:
                     self._ready.wait(_WAKE)
-                newest, self._newest = self._newest, None
-                if newest is not None or self._over:
+                if self._waiting:
+                    newest, fell = self._waiting.take()
+                    self.dropped += fell
                     return newest
+                if self._over:
+                    return None
             on_wait()
+
+    def keep(self) -> None:
+        """Keep the images that come until the next one is taken."""
+        with self._ready:
+            self._waiting.keep()
 
     def stop(self) -> None:
         """End the thread, which closes the device."""
@@ -196,8 +209,7 @@ class _Drain:
 
     def _keep(self, newest: _Newest) -> None:
         with self._ready:
-            self.dropped += self._newest is not None
-            self._newest = newest
+            self.dropped += self._waiting.add(newest, newest.image.nbytes)
             self._ready.notify_all()
 
 

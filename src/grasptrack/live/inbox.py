@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What waits for a session's thread: what it was told, in order, and one image, the newest."""
+"""What waits for a session's thread: what it was told, in order, and images: the newest, or all since the one that is held."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from grasptrack.errors import InputError
+from grasptrack.io.backlog import Backlog
 from grasptrack.io.base import Frame
 
 MOST = 256
@@ -60,7 +61,7 @@ class Inbox:
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._told: deque[Any] = deque()
-        self._arrival: Arrival | None = None
+        self._waiting: Backlog[Arrival] = Backlog()
         self._closed = False
 
     def tell(self, what: Any, *, bounded: bool = True) -> None:
@@ -76,32 +77,42 @@ class Inbox:
             self._changed.notify_all()
 
     def replace(self, arrival: Arrival) -> None:
-        """An image of a live source: one that was not looked at yet is dropped."""
+        """An image of a live source: one that was not looked at yet is dropped, but after `keep`."""
         with self._changed:
-            self._arrival = arrival
+            self._waiting.add(arrival, arrival.frame.image.nbytes)
             self._changed.notify_all()
+
+    def keep(self) -> None:
+        """An image is held, and what comes meanwhile is to be caught up with."""
+        with self._changed:
+            self._waiting.keep()
+
+    def newest_only(self) -> None:
+        """Nothing is held any more, and what came meanwhile does not matter."""
+        with self._changed:
+            self._waiting.newest_only()
 
     def hand_over(self, arrival: Arrival) -> bool:
         """An image of a file: waits until the one before it was taken. False where the inbox was closed meanwhile."""
         with self._changed:
-            while self._arrival is not None and not self._closed:
+            while self._waiting and not self._closed:
                 self._changed.wait()
             if self._closed:
                 return False
-            self._arrival = arrival
+            self._waiting.add(arrival, 0)
             self._changed.notify_all()
             return True
 
     def wait_taken(self) -> None:
         """Wait until no image waits: the end of a file is told after its last one."""
         with self._changed:
-            while self._arrival is not None and not self._closed:
+            while self._waiting and not self._closed:
                 self._changed.wait()
 
     def drop_frame(self) -> None:
-        """Forget the image that waits."""
+        """Forget the images that wait."""
         with self._changed:
-            self._arrival = None
+            self._waiting.clear()
             self._changed.notify_all()
 
     def take(self, wants_frame: bool, seconds: float) -> Any:
@@ -111,8 +122,8 @@ class Inbox:
             while not self._closed:
                 if self._told:
                     return self._told.popleft()
-                if wants_frame and self._arrival is not None:
-                    arrival, self._arrival = self._arrival, None
+                if wants_frame and self._waiting:
+                    arrival, _ = self._waiting.take()
                     self._changed.notify_all()
                     return arrival
                 left = until - time.monotonic()

@@ -169,6 +169,8 @@ class LiveSession(SessionLoop):
         """Hold an image, and have an object and a grasp looked for in it."""
         arrival = self._kept.get(image)
         self._tracker, self._follow_when_ready = None, follow
+        if self._source.live:
+            self._inbox.keep()
         self._question += 1
         question, settings = self._question, self._settings
         self._show(
@@ -194,6 +196,7 @@ class LiveSession(SessionLoop):
         self._follow_when_ready = False
         note = self._note(proposal.error) if proposal.error else self._shown.notice
         if self._source.live and not proposal.candidates and not meant.is_told and not proposal.error:
+            self._inbox.newest_only()
             self._show(phase="opening", result=proposal.result, notice=note)  # the next image may show an object
             return
         self._show(phase="choosing", proposal=proposal, result=proposal.result, notice=note)
@@ -228,6 +231,8 @@ class LiveSession(SessionLoop):
             case told.Start():
                 self._start()
             case told.Pause(paused):
+                if self._source.live:
+                    self._inbox.newest_only()
                 self._show(paused=paused)
             case told.Restart():
                 self._restart()
@@ -288,6 +293,7 @@ class LiveSession(SessionLoop):
     def _choose_again(self) -> None:
         self._tracker, self._question = None, self._question + 1
         if self._source.live and self._shown.phase not in ("ended", "failed"):
+            self._inbox.newest_only()
             cleared: dict[str, Any] = {"result": None, "proposal": None, "verdict": None, "wire": None, "hover": None}
             self._show(phase="opening", paused=False, meant=Meant(), **cleared)
         else:
