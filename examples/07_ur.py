@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# ruff: noqa: D102, N802
 """A UR arm with a camera on its hand closes its gripper on a part: through ur_rtde, or with an arm that is pretended.
 
     python examples/07_ur.py                                      the pretended arm of examples/pretend_arm.py
@@ -17,8 +18,10 @@ Before the first run on a real arm:
 
 import sys
 import threading
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 import grasptrack as gt
 from grasptrack.servo.camera import pose_of, rotation_matrix
@@ -27,11 +30,49 @@ LIMITS = gt.Limits(linear=0.05, angular=0.3, linear_acceleration=0.25, angular_a
 PERIOD = 0.02  # s of a period of control: 50 Hz
 
 
+Image, Floats = NDArray[np.uint8], NDArray[np.float64]
+
+
+class Receive(Protocol):
+    """What is asked of the arm's state, as of `rtde_receive`."""
+
+    def getTimestamp(self) -> float: ...
+    def getActualTCPPose(self) -> list[float]: ...
+    def isProtectiveStopped(self) -> bool: ...
+
+
+class Control(Protocol):
+    """What the arm is told, as by `rtde_control`."""
+
+    def setWatchdog(self, min_frequency: float) -> object: ...
+    def kickWatchdog(self) -> object: ...
+    def initPeriod(self) -> Any: ...
+    def waitPeriod(self, begun: Any) -> object: ...
+    def speedL(self, speed: list[float], acceleration: float, time: float) -> object: ...
+    def speedStop(self) -> object: ...
+    def stopScript(self) -> object: ...
+
+
+class Eye(Protocol):
+    """A camera: the newest image, or None where there is none that was not given before."""
+
+    def newest(self) -> Image | None: ...
+
+
+class Hand(Protocol):
+    """A gripper: the distance of its open fingertips in m; `close` says whether something is held."""
+
+    opening: float
+
+    def close(self) -> bool: ...
+
+
 class Camera:
     """The newest image of any source; the one before it is dropped, so that no image waits."""
 
     def __init__(self, source: str) -> None:
-        self._source, self._image, self._lock = gt.open_source(source), None, threading.Lock()
+        self._source, self._lock = gt.open_source(source), threading.Lock()
+        self._image: Image | None = None
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
@@ -39,7 +80,7 @@ class Camera:
             with self._lock:
                 self._image = frame.image
 
-    def newest(self) -> np.ndarray | None:
+    def newest(self) -> Image | None:
         """The image, or None where there is none that was not given before."""
         with self._lock:
             image, self._image = self._image, None
@@ -56,17 +97,17 @@ class Gripper:
         raise NotImplementedError("put your gripper's driver into examples/07_ur.py")
 
 
-def pose_matrix(pose: list[float]) -> np.ndarray:
+def pose_matrix(pose: list[float]) -> Floats:
     """(4, 4) of x, y, z and a rotation vector, as UR arms tell poses."""
     return pose_of(rotation_matrix(pose[3:]), np.array(pose[:3]))
 
 
-def in_base(hand: np.ndarray, twist: np.ndarray) -> list[float]:
+def in_base(hand: Floats, twist: Floats) -> list[float]:
     """A twist of the hand's frame as `speedL` takes it: the same motion of the same point, its axes those of the base."""
     return [*(hand[:3, :3] @ twist[:3]).tolist(), *(hand[:3, :3] @ twist[3:]).tolist()]
 
 
-def grasp(control, receive, camera, gripper, fingertips_px) -> gt.GraspServo:
+def grasp(control: Control, receive: Receive, camera: Eye, gripper: Hand, fingertips_px: Floats) -> gt.GraspServo:
     """Run one approach; whatever ends it, the arm stands afterwards."""
     tracker = gt.GraspTracker(fingers=2)
     servo = gt.GraspServo(gt.Goal.fingertips(fingertips_px, gripper.opening), dof=4, limits=LIMITS, time_limit=90.0)
@@ -100,6 +141,14 @@ def grasp(control, receive, camera, gripper, fingertips_px) -> gt.GraspServo:
     return servo
 
 
+def connect(address: str) -> tuple[Control, Receive]:
+    """The arm at an address."""
+    from rtde_control import RTDEControlInterface  # pyright: ignore
+    from rtde_receive import RTDEReceiveInterface  # pyright: ignore
+
+    return RTDEControlInterface(address), RTDEReceiveInterface(address)  # pyright: ignore
+
+
 def main() -> None:
     """The pretended arm, or the one at the address that is given."""
     if len(sys.argv) == 1:
@@ -108,13 +157,10 @@ def main() -> None:
         arm = PretendArm()
         grasp(arm, arm, PretendCamera(arm), PretendGripper(arm), fingertips())
         return
-    from rtde_control import RTDEControlInterface  # pyright: ignore[reportMissingImports]
-    from rtde_receive import RTDEReceiveInterface  # pyright: ignore[reportMissingImports]
-
     address, source, tips = sys.argv[1:]
-    control = RTDEControlInterface(address)
+    control, receive = connect(address)
     try:
-        grasp(control, RTDEReceiveInterface(address), Camera(source), Gripper(), np.loadtxt(tips, delimiter=","))
+        grasp(control, receive, Camera(source), Gripper(), np.loadtxt(tips, delimiter=","))
     finally:
         control.stopScript()
 

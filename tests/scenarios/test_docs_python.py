@@ -59,7 +59,13 @@ def test_blocks_and_examples_pass_pyright(tmp_path: Path) -> None:
     for name, code in blocks().items():
         (tmp_path / f"{name}.py").write_text(complete(code))
     paths = [str(ROOT / "src"), str(ROOT / "tests" / "helpers"), str(ROOT / "examples")]
-    settings = {"typeCheckingMode": "standard", "extraPaths": paths, "reportMissingModuleSource": False}
+    strict = [str(path) for path in (ROOT / "examples").glob("*.py")]
+    settings = {
+        "typeCheckingMode": "standard",
+        "extraPaths": paths,
+        "reportMissingModuleSource": False,
+        "strict": strict,
+    }
     (tmp_path / "pyrightconfig.json").write_text(
         json.dumps({**settings, "include": [str(tmp_path), str(ROOT / "examples")]})
     )
