@@ -14,6 +14,7 @@ from typing import Any
 
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.io.base import Source
+from grasptrack.io.recorders.background import WriterThread
 from grasptrack.live import commands as told
 from grasptrack.live.advisor import (
     Failure,
@@ -29,7 +30,6 @@ from grasptrack.live.advisor import (
 from grasptrack.live.inbox import Arrival
 from grasptrack.live.loop import SessionLoop
 from grasptrack.live.player import Ended
-from grasptrack.live.recorder import Recorder
 from grasptrack.live.settings import Meant, Settings, shared
 from grasptrack.live.state import Shown
 from grasptrack.tracking.result import TrackResult
@@ -107,7 +107,7 @@ class LiveSession(SessionLoop):
             self._show(wire=what, notice=self._note(what.error) if what.error else self._shown.notice)
         elif isinstance(what, HoverOutline):
             self._show(hover=what)
-        elif isinstance(what, Recorder):
+        elif isinstance(what, WriterThread):
             self._on_recorded(what)
         elif isinstance(what, Failure):
             looking = self._shown.phase == "looking"
