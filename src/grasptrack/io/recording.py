@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -29,7 +30,7 @@ class Recording(Protocol):
         ...
 
 
-def open_recording(path: Path, *, quality: int | None = None, options: str = "") -> Recording:
+def open_recording(path: Path, *, quality: int | None = None, options: Callable[[], str] = str) -> Recording:
     """A recording that is written in a thread of its own, to be handed to `grasptrack.io.run.run_track`.
 
     Whoever writes waits only where as many images wait already as are held at most (`grasptrack.io.limits.most_held`); none
@@ -46,14 +47,15 @@ def open_recording(path: Path, *, quality: int | None = None, options: str = "")
     return BackgroundRecording(create_recording(path, quality=quality, options=options))
 
 
-def create_recording(path: Path, *, quality: int | None = None, options: str = "") -> Recording:
+def create_recording(path: Path, *, quality: int | None = None, options: Callable[[], str] = str) -> Recording:
     """A recording of the kind that the file's suffix names; images are encoded as they are written.
 
     Args:
         path: the file, written over: .mcap (extra `foxglove`) or .rrd (extra `rerun`).
         quality: 1 to 100, of JPEG images; None keeps them as they are (PNG), so that tracking the recording again
             gives the same digits.
-        options: of `grasptrack track` that track it again alike, kept in an MCAP file.
+        options: gives those of `grasptrack track` that track it again alike (`grasptrack.io.recorders.again`); asked with the
+            first image, and kept in an MCAP file.
 
     Raises:
         InputError: another suffix, a quality out of range, a file that cannot be written, or an extra that is not installed.

@@ -33,6 +33,16 @@ class OverlayVideo:
         self._writer.close()
 
 
+class _How:
+    """Options that are known with a recording's first image, which is later than its file is made."""
+
+    options: str | None = None
+
+    def told(self) -> str:
+        """Them, for the writer's thread."""
+        return self.options or ""
+
+
 class Recordings:
     """The recordings of a run: recording-001, recording-002 and so on.
 
@@ -52,6 +62,7 @@ class Recordings:
     ) -> None:
         self._folder, self._suffix, self._fps, self._waits, self._ended = folder, suffix, fps, waits, ended
         self._count = 0
+        self._how = _How()
         self._present: WriterThread | None = None
         self._ending: list[WriterThread] = []
         self.figures: list[dict[str, Any]] = []
@@ -66,26 +77,26 @@ class Recordings:
         """Images of it that were written, and dropped."""
         return (0, 0) if self._present is None else (self._present.written, self._present.dropped)
 
-    def start(self, options: str = "") -> None:
+    def start(self) -> None:
         """Begin one, unless one is going on.
-
-        Args:
-            options: as of `create_recording`.
 
         Raises:
             InputError: it cannot be written.
         """
         if self._present is not None:
             return
+        self._how = how = _How()
         path = self._folder / f"recording-{self._count + 1:03d}{self._suffix}"
         recording: Recording
-        recording = OverlayVideo(path, self._fps) if self._suffix == VIDEO else create_recording(path, options=options)
+        recording = OverlayVideo(path, self._fps) if self._suffix == VIDEO else create_recording(path, options=how.told)
         self._count += 1
         self._present = WriterThread(recording, waits=self._waits, ended=self._ended)
 
-    def add(self, frame: Frame, result: TrackResult) -> None:
-        """Have one image written, where one is going on."""
+    def add(self, frame: Frame, result: TrackResult, options: Callable[[], str]) -> None:
+        """Have one image written, where one is going on; `options` gives what a recording that begins with it keeps."""
         if self._present is not None:
+            if self._how.options is None:
+                self._how.options = options()
             self._present.add(frame, result)
 
     def stop(self) -> None:

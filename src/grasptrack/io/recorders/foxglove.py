@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,13 +46,13 @@ class FoxgloveRecording:
     Args:
         path: the file, written over.
         quality: 1 to 100, of JPEG images; None for PNG.
-        options: of `grasptrack track` that track it again alike, kept in the file.
+        options: gives those of `grasptrack track` that track it again alike; asked with the first image, and kept in the file.
 
     Raises:
         InputError: foxglove-sdk is not installed, or the file cannot be written.
     """
 
-    def __init__(self, path: Path, quality: int | None = None, options: str = "") -> None:
+    def __init__(self, path: Path, quality: int | None = None, options: Callable[[], str] = str) -> None:
         self.path, self._quality = path, quality
         self._sdk: Any = import_extra("foxglove", "foxglove", "a recording for Foxglove")
         channels = import_extra("foxglove.channels", "foxglove", "a recording for Foxglove")
@@ -64,9 +65,8 @@ class FoxgloveRecording:
         except (OSError, RuntimeError) as error:
             said = getattr(error, "strerror", None) or error
             raise InputError(f'"{path}" cannot be written: {said}', path=str(path)) from None
+        self._options: Callable[[], str] | None = options
         self._largest = 0
-        if options:
-            self._writer.write_metadata(METADATA, {"options": options})
         self._images = channels.CompressedImageChannel(IMAGE_TOPIC, context=context)
         self._annotations = channels.ImageAnnotationsChannel(ANNOTATION_TOPIC, context=context)
         self._results = self._sdk.Channel(RESULT_TOPIC, schema=result_schema(), context=context)
@@ -79,6 +79,9 @@ class FoxgloveRecording:
         Raises:
             OSError: it cannot be written, as on a full disk.
         """
+        if self._options is not None:
+            self._writer.write_metadata(METADATA, {"version": version("grasptrack"), "options": self._options()})
+            self._options = None
         own = None if frame.time is None else self._begin + round(frame.time * 1e9)
         stamp = own if own is not None and own > self._last else self._last + round(1e9 / DEFAULT_FPS)
         self._last = stamp
