@@ -30,6 +30,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from grasptrack import open_source
+from grasptrack.errors import SourceError
+from grasptrack.io.limits import HELD
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 FRAMES = 60
 PATIENCE = 30.0
@@ -88,9 +92,30 @@ def scored(folder: Path) -> object:
     return {path.name: without_times(path) for path in sorted((folder / "cases").glob("*.csv"))}
 
 
+def recorded(folder: Path) -> str:
+    """See that a run's files and its recording can be read: where the run ended, an image of the recording for each row."""
+    path = folder.parent / "images.mcap"
+    wrong = readable("grasps.csv", "run.json", "summary.png")(folder)
+    if wrong or not (folder / "run.json").exists():
+        return wrong
+    ended = json.loads((folder / "run.json").read_text())["ended"]
+    count, rows = images_in(path), len(table(folder / "grasps.csv"))
+    whole = count == rows or (ended == "running" and count >= rows - HELD - 2)
+    return "" if whole else f"the recording of a run that is {ended} has {count} images for {rows} rows"
+
+
+def images_in(path: Path) -> int:
+    """Images of a recording, as far as it can be read; none where it was killed before its first."""
+    try:
+        with open_source(path) as source:
+            return sum(1 for _ in source)
+    except SourceError:
+        return 0
+
+
 EVALUATE = "evaluate scenes --methods auto --shapes bracket --frames 8 --seed 3 --workers 1 --disturbances"
 VERBS = {
-    "track": Verb(("track", "{images}"), readable("grasps.csv", "run.json", "summary.png")),
+    "track": Verb(("track", "{images}", "--record", "{images}.mcap"), recorded),
     "inspect": Verb(("inspect", "{images}/000.png", "--runs", "2"), readable("inspect.*", "candidates.png")),
     "servo": Verb(
         ("servo", "--shape", "rectangle", "--seed", "1", "--images", "planar", "--no-video"),

@@ -18,7 +18,7 @@ from grasptrack import InputError, TrackResult
 from grasptrack.geometry.contours import Contour, View
 from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.base import Frame
-from grasptrack.io.jpeg import encode_jpeg
+from grasptrack.io.encoding import encode_jpeg
 from grasptrack.live import frames
 from grasptrack.live.frames import UNITS_PER_PX, Painter, moment_to_json
 from grasptrack.live.inbox import Arrival

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from grasptrack import InputError
 from grasptrack.io.base import Frame
-from grasptrack.live.inbox import KEPT, KEPT_BYTES, MOST, Arrival, Inbox, KeptImages
+from grasptrack.io.limits import HELD, HELD_BYTES
+from grasptrack.live.inbox import MOST, Arrival, Inbox, KeptImages
 
 
 def arrival(index: int, size: tuple[int, int] = (2, 2)) -> Arrival:
@@ -68,11 +69,11 @@ def test_too_many_commands_are_refused_but_helpers_answers_are_not() -> None:
     assert [inbox.take(False, 0.0) for _ in range(MOST + 1)][-1] == "answer"
 
 
-@pytest.mark.parametrize(("side", "most"), [(10, KEPT), (4000, KEPT_BYTES // 4000**2), (9000, 2)])
+@pytest.mark.parametrize(("side", "most"), [(10, HELD), (4000, HELD_BYTES // 4000**2), (9000, 2)])
 def test_kept_images_are_the_last_ones_within_their_bounds(side: int, most: int) -> None:
     kept, one = KeptImages(), arrival(0, (side, side))
-    for image in range(1, 2 * KEPT):
+    for image in range(1, 2 * HELD):
         kept.add(image, one)
-    assert kept.get(2 * KEPT - most) is one
+    assert kept.get(2 * HELD - most) is one
     with pytest.raises(InputError, match="not kept"):
-        kept.get(2 * KEPT - most - 1)
+        kept.get(2 * HELD - most - 1)

@@ -158,7 +158,7 @@ def test_columns_and_keys_are_those_that_are_written(tmp_path: Path) -> None:
     assert main(given) == 0
     keys = set(json.loads((tmp_path / "out" / "run.json").read_text()))
     told = set(re.findall(r"^\| `(\w+)` \|", text("cli.md").split("### run.json")[1].split("\n## ")[0], re.MULTILINE))
-    assert told == keys | {"error", "shortfall"}
+    assert told == keys | {"error", "shortfall", "recordings"}
 
 
 def test_keys_of_grasps_json_are_those_that_are_written(tmp_path: Path) -> None:

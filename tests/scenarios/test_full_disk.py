@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from grasptrack import open_source
 from grasptrack.bench.records import read_records
 from recordings import plates, rows
 
@@ -51,6 +52,17 @@ def test_track_keeps_whole_rows(tmp_path: Path, limit: int, more: list[str], nam
     assert (out / "grasps.csv").read_bytes().endswith(b"\n")
     assert json.loads((out / "run.json").read_text())["ended"] == "failed"
     assert not parts(out) and not (out / "overlay.mp4").exists()
+
+
+def test_a_recording_that_finds_no_room_keeps_its_whole_images(tmp_path: Path) -> None:
+    pytest.importorskip("foxglove", reason="the extra foxglove is not installed")
+    folder, out, path = plates(tmp_path / "in", 40), tmp_path / "out", tmp_path / "run.mcap"
+    told = refused(150_000, "track", str(folder), "--output", str(out), "--no-video", "--record", str(path))
+    assert f'"{path}" cannot be written: File too large' in told
+    assert json.loads((out / "run.json").read_text())["ended"] == "failed"
+    with open_source(path) as source:
+        count = sum(1 for _ in source)
+        assert 5 < count <= len(rows(out)) and "was not closed" in source.shortfall
 
 
 @pytest.mark.parametrize("verb", ["synthesize", pytest.param("inspect", marks=pytest.mark.slow)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import errno
 import json
+import threading
 import time
 from collections.abc import Generator
 from pathlib import Path
@@ -14,14 +15,26 @@ import numpy as np
 import pytest
 
 from grasptrack import Goal, GraspTracker, open_source
-from grasptrack.io.base import Image
-from grasptrack.io.limits import limit_megapixels
+from grasptrack.io.base import Frame, Image
+from grasptrack.io.limits import HELD, limit_megapixels
 from grasptrack.live import commands as told
+from grasptrack.live import recorder
 from grasptrack.live.session import GOAL, LiveSession
 from grasptrack.live.settings import Meant, Settings
+from grasptrack.tracking.result import TrackResult
 from recordings import plate, plates, rows, square
 from tiny_onnx import write_pair
-from watched import FedCamera, plate_session, reached, session_on, threads_left, threads_of_ours, two_plates, until
+from watched import (
+    PATIENCE,
+    FedCamera,
+    plate_session,
+    reached,
+    session_on,
+    threads_left,
+    threads_of_ours,
+    two_plates,
+    until,
+)
 
 ON_PLATE = (150.0, 100.0)
 
@@ -259,6 +272,75 @@ def test_a_recording_for_foxglove_is_a_source_again(tmp_path: Path) -> None:
     again = [frame.image for frame in open_source(str(tmp_path / "run" / "recording-001.mcap"))]
     first = [frame.image for frame in open_source(str(tmp_path / "in"))]
     assert len(again) == 5 and all(np.array_equal(a.squeeze(), b) for a, b in zip(again, first, strict=True))
+
+
+class Gated:
+    """A recording that writes nothing before its gate is opened, and then breaks where it shall."""
+
+    def __init__(self, path: Path, error: Exception | None = None) -> None:
+        self.path, self.error, self.gate = path, error, threading.Event()
+        self.images: list[int] = []
+
+    def write(self, frame: Frame, result: TrackResult) -> None:
+        assert self.gate.wait(PATIENCE)
+        if self.error is not None:
+            raise self.error
+        self.images.append(frame.index)
+
+    def close(self) -> None:
+        self.path.touch()
+
+
+def test_a_camera_is_tracked_on_where_a_recording_does_not_keep_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gated = Gated(tmp_path / "recording-001.mcap")
+    monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
+    camera = FedCamera()
+    with session_on(camera, tmp_path, at_once=True, record_as=".mcap") as session:
+        camera.images.put(plate((160.0, 120.0)))
+        reached(session, "tracking", image=1)
+        session.tell(told.Record(True))
+        until(session, lambda s: s.recording)
+        count = HELD + 8
+        for k in range(2, count + 2):
+            camera.images.put(plate((160.0 + 0.1 * k, 120.0)))
+            reached(session, "tracking", image=k)
+        assert session.shown.dropped in (6, 7)  # as of the image before; one may be in the writer's hands
+        gated.gate.set()
+    (figures,) = json.loads((tmp_path / "run.json").read_text())["recordings"]
+    assert figures["name"] == "recording-001.mcap" and figures["images"] == len(gated.images)
+    assert figures["images"] + figures["dropped"] == count and figures["dropped"] in (6, 7, 8)
+
+
+def test_a_file_waits_for_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gated = Gated(tmp_path / "run" / "recording-001.mcap")
+    monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
+    with plate_session(tmp_path, HELD + 8, record_as=".mcap") as session:
+        reached(session, "choosing")
+        session.tell(told.Record(True))
+        session.tell(told.Start())
+        until(session, lambda s: s.image >= HELD)
+        assert not session.wait_for(lambda s: s.phase == "ended", 0.3)
+        gated.gate.set()
+        reached(session, "ended", image=HELD + 8)
+    assert gated.images == list(range(HELD + 8))
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["recordings"][0]["dropped"] == 0
+
+
+def test_a_recording_that_finds_no_room_is_told_and_tracking_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gated = Gated(tmp_path / "run" / "recording-001.mcap", OSError(errno.ENOSPC, "No space left on device"))
+    gated.gate.set()
+    monkeypatch.setattr(recorder, "create_recording", lambda path, **_: gated)
+    with plate_session(tmp_path, 5, record_as=".mcap") as session:
+        reached(session, "choosing")
+        session.tell(told.Record(True))
+        session.tell(told.Start())
+        shown = until(session, lambda s: s.phase == "ended" and not s.recording)
+        line = '"recording-001.mcap" cannot be written: No space left on device; 0 images of it can be read'
+        assert shown.notice[1] == line
 
 
 def test_a_recording_that_cannot_be_begun_is_told_and_tracking_goes_on(tmp_path: Path) -> None:

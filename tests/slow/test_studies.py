@@ -27,6 +27,7 @@ SMALLEST = {
     "closure_probability": "--shapes bracket --draws 20 --grasps 1",
     "confidence": "RUN --picture PICTURE",
     "first_look": "--data DATA --fit",
+    "recording": "--frames 4 --rounds 1",
     "polygons": "--data DATA --fit",
     "first_outline": "--shapes bracket --kinds gap --frames 4 --never",
     "live_page": "--frames 4 --blocks 1 --seconds 0.5 --viewers client",

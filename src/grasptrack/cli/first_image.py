@@ -239,7 +239,8 @@ def object_meant(
 
 def told_words(object_: Sequence[str] | None, not_: Sequence[str] | None) -> dict[str, str | None]:
     """Pixels as they were written, for the record of a run."""
-    return {"object": " ".join(object_) if object_ else None, "not": " ".join(not_) if not_ else None}
+    words = {"object": object_, "not": not_}
+    return {name: " ".join("".join(pixel.split()) for pixel in given or ()) or None for name, given in words.items()}
 
 
 def load_calibration(path: str | None) -> Camera | None:

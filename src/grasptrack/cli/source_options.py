@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -60,13 +60,14 @@ def device_settings(pairs: Sequence[str] | None) -> dict[str, str]:
 
 
 def open_recordings(
-    paths: Sequence[Path] | None, quality: int | None, jsonl: str | None, outline: bool
+    paths: Sequence[Path] | None, quality: int | None, jsonl: str | None, outline: bool, asked: Mapping[str, Any]
 ) -> list[Recording]:
-    """What --record, --record-quality, --jsonl and --outline-in-jsonl ask for.
+    """What --record, --record-quality, --jsonl and --outline-in-jsonl ask for; recordings keep the options of `asked`.
 
     Raises:
         InputError: an option without the one it belongs to; a file that cannot be recorded to; an extra that is absent.
     """
+    from grasptrack.io.recorders.again import tracking_options
     from grasptrack.io.recorders.json_lines import JsonLines
     from grasptrack.io.recording import open_recording
 
@@ -77,7 +78,7 @@ def open_recordings(
     opened: list[Recording] = []
     try:
         for path in paths or ():
-            opened.append(open_recording(path, quality=quality))
+            opened.append(open_recording(path, quality=quality, options=lambda: tracking_options(asked)))
         if jsonl is not None:
             opened.append(JsonLines(Path(jsonl), outline=outline))
     except BaseException:

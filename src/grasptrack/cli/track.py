@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 APART = 4
 """Images between those that a first look asks where it is not sure: a camera moves little from one to the next."""
 
+LONGEST = 1000
+"""Characters of options that are printed; an outline may have many more."""
+
 
 def track(
     source: Annotated[
@@ -148,8 +151,10 @@ def track(
     calibration = first_image.load_calibration(camera)
     measure = None if length is None else parse_measure(length, "--length")
 
+    from grasptrack.io.bags.mcap import METADATA
     from grasptrack.io.live import LiveSource
     from grasptrack.io.masks import open_masks
+    from grasptrack.io.recorders.again import tracking_options
     from grasptrack.io.run import run_track
     from grasptrack.io.sources import open_source
     from grasptrack.segmentation.segmenters import segmenter_for
@@ -182,7 +187,7 @@ def track(
         risk=risk,
         length=None if measure is None else measure.value,
     )
-    recordings = source_options.open_recordings(record, record_quality, jsonl, outline_in_jsonl)
+    recordings = source_options.open_recordings(record, record_quality, jsonl, outline_in_jsonl, asked)
     quiet = quiet or jsonl == "-"  # the standard output is for the lines
     done, notes, looks = 0, list[str](), list[Any]()
     with Interruption() as interruption:
@@ -223,6 +228,9 @@ def track(
     if images.shortfall:
         notes.append(f'"{source}": {images.shortfall}')
     notes += [f"recorded: {recording.path}" for recording in recordings if str(recording.path) != "-"]
+    if images.recorded_with not in ("", tracking_options(asked)):
+        again = images.recorded_with if len(images.recorded_with) <= LONGEST else f'in its metadata, "{METADATA}"'
+        notes.append(f"recorded with other options; those that give the same digits: {again}")
     said = choose is not None or meant.outline is not None or contacts is not None
     notes += note_candidates(tracker.candidates, looks[0] if looks else None, output, sure, meant=said)
     notes += advice_for(summary.codes, summary.frames)

@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Generic, TypeVar
 
-KEPT_BYTES = 64 << 20
-"""Of images that are caught up with: 70 of 640x480 px in colour."""
+from grasptrack.io.limits import HELD_BYTES
 
 T = TypeVar("T")
 
@@ -24,7 +23,7 @@ class Backlog(Generic[T]):
         most: bytes that kept items may take; two are kept in any case.
     """
 
-    def __init__(self, most: int = KEPT_BYTES) -> None:
+    def __init__(self, most: int = HELD_BYTES) -> None:
         self._most = most
         self._handed_out: deque[T] = deque()
         self._coming: list[tuple[int, T]] = []  # with their numbers

@@ -67,6 +67,7 @@ class Source(ABC):
         exact: whether `count` is certain; for some videos it is estimated from the duration.
         fps: frames/s, or None.
         names: the frames' file names where frames are files, else empty.
+        recorded_with: options of `grasptrack track` that track a recording of our own again alike; empty where none are known.
         shortfall: after the last frame: one sentence if there were fewer than the source tells of, else empty.
 
     Raises:
@@ -84,6 +85,7 @@ class Source(ABC):
         self.exact = False
         self.fps = fps
         self.names: tuple[str, ...] = ()
+        self.recorded_with = ""
         self.shortfall = ""
         self.dropped = 0
         self.reconnected = 0

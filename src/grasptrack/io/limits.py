@@ -1,18 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How large an image may be: told by its header, refused before memory is asked for. A small file can claim any size."""
+"""How large an image may be, told by its header, refused before memory is asked for; and how many are held at a time."""
 
 from __future__ import annotations
 
 import math
 import os
 from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any
 
 from grasptrack.errors import InputError, SourceError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 DEFAULT_MEGAPIXELS = 100.0
 """10^6 px; the largest cameras give 150, those on a hand 20 at most."""
 VARIABLE = "GRASPTRACK_MAX_MEGAPIXELS"
 """Environment variable that sets another limit, for all processes of an evaluation."""
+HELD, HELD_BYTES = 32, 64 << 20
+"""Images that are held for what comes after tracking, and what they may take in memory."""
 _asked: ContextVar[float | None] = ContextVar("max_megapixels", default=None)
 
 
@@ -60,6 +66,11 @@ def check_size(width: int, height: int, name: str) -> None:
             height=height,
             most=most,
         )
+
+
+def most_held(image: NDArray[Any]) -> int:
+    """How many images like this one may wait, or be kept, at a time: `HELD`, fewer of large ones, and 2 at least."""
+    return max(2, min(HELD, HELD_BYTES // max(image.nbytes, 1)))
 
 
 def _checked(value: float | str, name: str) -> float:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -29,13 +30,32 @@ class Recording(Protocol):
         ...
 
 
-def open_recording(path: Path, *, quality: int | None = None) -> Recording:
-    """A recording of the kind that the file's suffix names, to be handed to `grasptrack.io.run.run_track`.
+def open_recording(path: Path, *, quality: int | None = None, options: Callable[[], str] = str) -> Recording:
+    """A recording that is written in a thread of its own, to be handed to `grasptrack.io.run.run_track`.
+
+    Whoever writes waits only where as many images wait already as are held at most (`grasptrack.io.limits.most_held`); none
+    is lost. What goes wrong in writing is raised by the next `write`, or by `close`.
+
+    Args:
+        path, quality, options: as of `create_recording`.
+
+    Raises:
+        InputError: as of `create_recording`.
+    """
+    from grasptrack.io.recorders.background import BackgroundRecording
+
+    return BackgroundRecording(create_recording(path, quality=quality, options=options))
+
+
+def create_recording(path: Path, *, quality: int | None = None, options: Callable[[], str] = str) -> Recording:
+    """A recording of the kind that the file's suffix names; images are encoded as they are written.
 
     Args:
         path: the file, written over: .mcap (extra `foxglove`) or .rrd (extra `rerun`).
         quality: 1 to 100, of JPEG images; None keeps them as they are (PNG), so that tracking the recording again
             gives the same digits.
+        options: gives those of `grasptrack track` that track it again alike (`grasptrack.io.recorders.again`); asked with the
+            first image, and kept in an MCAP file.
 
     Raises:
         InputError: another suffix, a quality out of range, a file that cannot be written, or an extra that is not installed.
@@ -50,7 +70,7 @@ def open_recording(path: Path, *, quality: int | None = None) -> Recording:
     if suffix == ".mcap":
         from grasptrack.io.recorders.foxglove import FoxgloveRecording
 
-        return FoxgloveRecording(path, quality)
+        return FoxgloveRecording(path, quality, options)
     from grasptrack.io.recorders.rerun import RerunRecording
 
     return RerunRecording(path, quality)

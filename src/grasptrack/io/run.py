@@ -216,7 +216,7 @@ def run_track(
     """
     with contextlib.ExitStack() as held:
         for recording in recordings:
-            held.callback(recording.close)
+            held.callback(_close_after_all, recording)
         held.enter_context(hold_folder(output))
         prepare_output(output)
         run = Run(output, tracker.fingers, source, video, dict(options or {}))
@@ -230,6 +230,8 @@ def run_track(
                     recording.write(frame, result)
                 if on_frame is not None:
                     on_frame(frame, result)
+            for recording in recordings:
+                recording.close()
             ended = "finished"
         except KeyboardInterrupt:
             ended = "interrupted"
@@ -245,6 +247,12 @@ def run_track(
                 if not error:  # else what came first is to be told
                     raise
     return summary
+
+
+def _close_after_all(recording: Recording) -> None:
+    """Close what may be closed already; where that fails, what came first is to be told."""
+    with contextlib.suppress(Exception):
+        recording.close()
 
 
 def prepare_output(output: Path) -> None:
@@ -314,8 +322,13 @@ class Run:
         if self._video is not None:
             self._video.write(drawn)
 
-    def finish(self, ended: str, error: str) -> RunSummary:
+    def finish(self, ended: str, error: str, recordings: Sequence[Mapping[str, Any]] = ()) -> RunSummary:
         """Close every file, the fastest first: whoever pressed Ctrl-C may press it again.
+
+        Args:
+            ended: as of `RunSummary`.
+            error: why it failed, in one line; empty where it did not.
+            recordings: for run.json, of each its name and how many images were written and dropped.
 
         Raises:
             OSError: one of them could not be written, as on a full disk; the others are there.
@@ -336,7 +349,14 @@ class Run:
         said = {"error": error or " ".join(map(str, problems)), "shortfall": self._source.shortfall}
         if self._source.live:
             self._head["source"] |= {"dropped": self._source.dropped, "reconnected": self._source.reconnected}
-        content = {"ended": summary.ended, **{k: v for k, v in said.items() if v}, **self._head, **summary.figures()}
+        more = {"recordings": list(recordings)} if recordings else {}
+        content = {
+            "ended": summary.ended,
+            **{k: v for k, v in said.items() if v},
+            **self._head,
+            **summary.figures(),
+            **more,
+        }
         writers: tuple[Callable[[], None], ...] = (
             lambda: write_json(self._output / "run.json", content),
             lambda: self._write_summary(summary),

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from grasptrack.io.jpeg import encode_jpeg
+from grasptrack.io.encoding import encode_jpeg
 from grasptrack.live.advisor import Proposal
 from grasptrack.live.settings import Meant
 from grasptrack.live.state import Shown

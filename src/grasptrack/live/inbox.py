@@ -12,6 +12,7 @@ from typing import Any
 from grasptrack.errors import InputError
 from grasptrack.io.backlog import Backlog
 from grasptrack.io.base import Frame
+from grasptrack.io.limits import most_held
 
 MOST = 256
 """Commands that wait; a person gives a few in a second."""
@@ -27,10 +28,6 @@ class Arrival:
     """Which playing of the source it is from."""
 
 
-KEPT, KEPT_BYTES = 32, 64 << 20
-"""Images that a person may still point at, and what they may take in memory."""
-
-
 class KeptImages:
     """The last images by their numbers: a click belongs to the image that was seen, which is not the newest any more."""
 
@@ -40,8 +37,7 @@ class KeptImages:
     def add(self, image: int, arrival: Arrival) -> None:
         """Keep one more, and forget the oldest where they are too many."""
         self._kept[image] = arrival
-        most = max(2, min(KEPT, KEPT_BYTES // max(arrival.frame.image.nbytes, 1)))
-        while len(self._kept) > most:
+        while len(self._kept) > most_held(arrival.frame.image):
             self._kept.popitem(last=False)
 
     def get(self, image: int) -> Arrival:

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from grasptrack.io.base import Source
+from grasptrack.io.recorders.background import WriterThread
 from grasptrack.io.run import FILES, Run, RunSummary, prepare_output
 from grasptrack.live.advisor import Advisor
 from grasptrack.live.commands import Command
 from grasptrack.live.inbox import Inbox, KeptImages
 from grasptrack.live.player import Player
-from grasptrack.live.recorder import Recorder, Recordings
+from grasptrack.live.recorder import Recordings, describe_recording
 from grasptrack.live.state import Shown
 
 PATIENCE = 3.0
@@ -66,8 +67,9 @@ class SessionLoop(ABC):
         self._thread = threading.Thread(target=run, args=(self._go,), name="grasptrack-session", daemon=True)
         self._advisor = Advisor(lambda found: self._inbox.tell(found, bounded=False))
         self._player: Player | None = None
+        # Where the source waits, so does the tracker, and a recording misses nothing; a camera's images would be missed.
         self._recordings = Recordings(
-            output, record_as, source.fps, lambda recorder: self._inbox.tell(recorder, bounded=False)
+            output, record_as, source.fps, not source.live, lambda recorder: self._inbox.tell(recorder, bounded=False)
         )
         self._playing = 0  # number of the present playing of the source
         self._over = False  # it has no more images
@@ -169,7 +171,7 @@ class SessionLoop(ABC):
         if self._player is not None:
             self._player.join(PATIENCE)
         try:
-            self.summary = self._run.finish(ended, error)
+            self.summary = self._run.finish(ended, error, self._recordings.figures)
         except OSError as problem:
             if not error:  # else what came first is to be told
                 line = f'"{self._output}" cannot be written: {problem.strerror or problem}'
@@ -203,11 +205,11 @@ class SessionLoop(ABC):
             self._recordings.stop()
         self._show()
 
-    def _on_recorded(self, recorder: Recorder) -> None:
+    def _on_recorded(self, recorder: WriterThread) -> None:
         self._recordings.forget(recorder)
         if recorder.path.is_file():
             self._add_file(recorder.path.name)
-        self._show(notice=self._note(recorder.describe()))
+        self._show(notice=self._note(describe_recording(recorder)))
 
     def _add_file(self, name: str) -> None:
         if name not in self._files:

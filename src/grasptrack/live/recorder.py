@@ -1,22 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings, each written in a thread of its own: where the disk or the encoder is slow, images are dropped and counted."""
+"""The recordings that people begin and end on the page, one after another, each written in a thread of its own."""
 
 from __future__ import annotations
 
-import threading
-from collections import deque
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from grasptrack.io.base import Frame
-from grasptrack.io.recording import Recording, open_recording
+from grasptrack.io.recorders.background import WriterThread
+from grasptrack.io.recording import Recording, create_recording
 from grasptrack.io.video import VideoWriter
 from grasptrack.tracking.result import TrackResult
 from grasptrack.view.draw import draw_overlay
 
 VIDEO = ".mp4"
-WAITING = 32
-"""Images that wait for the encoder at most."""
 
 
 class OverlayVideo:
@@ -35,87 +33,39 @@ class OverlayVideo:
         self._writer.close()
 
 
-class Recorder:
-    """Writes one recording until it is ended.
+class _How:
+    """Options that are known with a recording's first image, which is later than its file is made."""
 
-    Args:
-        recording: where images go.
-        ended: called with this recorder, in its own thread, when the file is whole, or writing has failed.
+    options: str | None = None
 
-    Attributes:
-        path: of the file.
-        written, dropped: images that were written, and that were not because too many waited.
-        error: why writing failed, in one line; empty where it did not.
-    """
-
-    def __init__(self, recording: Recording, ended: Callable[[Recorder], None]) -> None:
-        self._recording, self._on_end = recording, ended
-        self.path, self.written, self.dropped, self.error = recording.path, 0, 0, ""
-        self._changed = threading.Condition()
-        self._waiting: deque[tuple[Frame, TrackResult]] = deque()
-        self._ending = False
-        self._thread = threading.Thread(target=self._go, name="grasptrack-recorder", daemon=True)
-        self._thread.start()
-
-    def add(self, frame: Frame, result: TrackResult) -> None:
-        """Have one image written; never waits."""
-        with self._changed:
-            if len(self._waiting) >= WAITING:
-                self.dropped += 1
-                return
-            self._waiting.append((frame, result))
-            self._changed.notify_all()
-
-    def end(self) -> None:
-        """Take no more images; what waits is written."""
-        with self._changed:
-            self._ending = True
-            self._changed.notify_all()
-
-    def join(self) -> None:
-        """Wait until the file is whole."""
-        self._thread.join()
-
-    def describe(self) -> str:
-        """What became of it, in one line."""
-        lost = f", {self.dropped} dropped because the encoder was busy" if self.dropped else ""
-        return self.error or f"{self.path.name}: {self.written} images{lost}"
-
-    def _go(self) -> None:
-        for work in (self._write, self._recording.close):
-            try:
-                work()
-            except Exception as error:  # encoders' own errors share no class
-                self.error = self.error or f'"{self.path.name}" cannot be written: {" ".join(str(error).split())}'
-        self._on_end(self)
-
-    def _write(self) -> None:
-        while True:
-            with self._changed:
-                while not self._waiting and not self._ending:
-                    self._changed.wait()
-                if not self._waiting:
-                    return
-                frame, result = self._waiting.popleft()
-            self._recording.write(frame, result)
-            self.written += 1
+    def told(self) -> str:
+        """Them, for the writer's thread."""
+        return self.options or ""
 
 
 class Recordings:
-    """The recordings of a run, one after another: recording-001, recording-002 and so on.
+    """The recordings of a run: recording-001, recording-002 and so on.
 
     Args:
         folder: of the run.
         suffix: ".mp4", or one of `grasptrack.io.recording.SUFFIXES`.
         fps: images/s of a video.
-        ended: as of `Recorder`.
+        waits: as of `WriterThread`.
+        ended: as of `WriterThread`.
+
+    Attributes:
+        figures: of each that has ended, its name and how many images were written and dropped, for run.json.
     """
 
-    def __init__(self, folder: Path, suffix: str, fps: float | None, ended: Callable[[Recorder], None]) -> None:
-        self._folder, self._suffix, self._fps, self._ended = folder, suffix, fps, ended
+    def __init__(
+        self, folder: Path, suffix: str, fps: float | None, waits: bool, ended: Callable[[WriterThread], None]
+    ) -> None:
+        self._folder, self._suffix, self._fps, self._waits, self._ended = folder, suffix, fps, waits, ended
         self._count = 0
-        self._present: Recorder | None = None
-        self._ending: list[Recorder] = []
+        self._how = _How()
+        self._present: WriterThread | None = None
+        self._ending: list[WriterThread] = []
+        self.figures: list[dict[str, Any]] = []
 
     @property
     def name(self) -> str:
@@ -135,14 +85,18 @@ class Recordings:
         """
         if self._present is not None:
             return
+        self._how = how = _How()
         path = self._folder / f"recording-{self._count + 1:03d}{self._suffix}"
-        recording = OverlayVideo(path, self._fps) if self._suffix == VIDEO else open_recording(path)
+        recording: Recording
+        recording = OverlayVideo(path, self._fps) if self._suffix == VIDEO else create_recording(path, options=how.told)
         self._count += 1
-        self._present = Recorder(recording, self._ended)
+        self._present = WriterThread(recording, waits=self._waits, ended=self._ended)
 
-    def add(self, frame: Frame, result: TrackResult) -> None:
-        """Have one image written, where one is going on."""
+    def add(self, frame: Frame, result: TrackResult, options: Callable[[], str]) -> None:
+        """Have one image written, where one is going on; `options` gives what a recording that begins with it keeps."""
         if self._present is not None:
+            if self._how.options is None:
+                self._how.options = options()
             self._present.add(frame, result)
 
     def stop(self) -> None:
@@ -152,13 +106,27 @@ class Recordings:
             self._ending.append(self._present)
             self._present = None
 
-    def forget(self, recorder: Recorder) -> None:
+    def forget(self, recorder: WriterThread) -> None:
         """Of one that has ended."""
         self._present = None if self._present is recorder else self._present
         self._ending = [other for other in self._ending if other is not recorder]
+        figures = {"name": recorder.path.name, "images": recorder.written, "dropped": recorder.dropped}
+        self.figures.append(figures)
 
     def close(self) -> None:
         """End the present one, and wait until all files are whole."""
         self.stop()
         for recorder in self._ending:
             recorder.join()
+            self.forget(recorder)
+
+
+def describe_recording(recorder: WriterThread) -> str:
+    """What became of a recording that has ended, in one line."""
+    name, error = recorder.path.name, recorder.error
+    if error is not None:
+        said = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
+        kept = "" if recorder.path.suffix == VIDEO else f"; {recorder.written} images of it can be read"
+        return f'"{name}" cannot be written: {said}{kept}'
+    lost = f", {recorder.dropped} dropped because the encoder was busy" if recorder.dropped else ""
+    return f"{name}: {recorder.written} images{lost}"

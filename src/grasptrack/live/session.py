@@ -14,6 +14,8 @@ from typing import Any
 
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.io.base import Source
+from grasptrack.io.recorders.again import tracking_options
+from grasptrack.io.recorders.background import WriterThread
 from grasptrack.live import commands as told
 from grasptrack.live.advisor import (
     Failure,
@@ -29,7 +31,6 @@ from grasptrack.live.advisor import (
 from grasptrack.live.inbox import Arrival
 from grasptrack.live.loop import SessionLoop
 from grasptrack.live.player import Ended
-from grasptrack.live.recorder import Recorder
 from grasptrack.live.settings import Meant, Settings, shared
 from grasptrack.live.state import Shown
 from grasptrack.tracking.result import TrackResult
@@ -72,6 +73,7 @@ class LiveSession(SessionLoop):
         pace: bool = True,
     ) -> None:
         self._settings = replace(settings, segmenter=shared(settings.segmenter))
+        self._options = dict(options or {})
         self._first_meant, self._at_once = meant or Meant(), at_once
         fingers = max(CONTACTS, settings.fingers, len(self._first_meant.contacts or ()))
         shown = Shown(friction=settings.friction, fingers=settings.fingers, live=source.live)
@@ -81,6 +83,7 @@ class LiveSession(SessionLoop):
         self._grasps_before, self._grasps = 0, 0
         self._recorded = 0  # number of the last image with a row
         self._question = 0
+        self._chosen_in = 0  # number of the image in which the object was chosen
         self._follow_when_ready = False
 
     @property
@@ -107,7 +110,7 @@ class LiveSession(SessionLoop):
             self._show(wire=what, notice=self._note(what.error) if what.error else self._shown.notice)
         elif isinstance(what, HoverOutline):
             self._show(hover=what)
-        elif isinstance(what, Recorder):
+        elif isinstance(what, WriterThread):
             self._on_recorded(what)
         elif isinstance(what, Failure):
             looking = self._shown.phase == "looking"
@@ -149,7 +152,15 @@ class LiveSession(SessionLoop):
         if image > self._recorded:
             self._recorded = image
             self._run.record(arrival.frame, result)
-            self._recordings.add(arrival.frame, result)
+            self._recordings.add(arrival.frame, result, lambda: self._options_again(image))
+
+    def _options_again(self, image: int) -> str:
+        """Options that track a recording again alike which begins with an image; none, where tracking began before it."""
+        if image != self._chosen_in:
+            return ""
+        meant, known = self._shown.meant, {**self._options, **self._settings.options()}
+        fingers = None if meant.contacts is not None else known["fingers"]
+        return tracking_options({**known, **meant.options(), "fingers": fingers, "sure": 0})
 
     def _on_end(self, end: Ended) -> None:
         if end.run != self._playing:
@@ -209,6 +220,7 @@ class LiveSession(SessionLoop):
         assert proposal.tracker is not None and proposal.result is not None
         self._question += 1  # a verdict that is on its way comes too late
         self._tracker, self._grasps_before = proposal.tracker, self._grasps
+        self._chosen_in = proposal.image
         self._show_result(
             proposal.image, self._kept.get(proposal.image), proposal.result, proposal=None, wire=None, hover=None
         )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from grasptrack.geometry.cameras import Camera
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION
 from grasptrack.grasp.hand import Hand
+from grasptrack.io.recorders.again import points_text
 from grasptrack.live.commands import Point, Points
 from grasptrack.segmentation.first_look import DEFAULT_SURE
 from grasptrack.segmentation.hints import Box, Hints
@@ -59,6 +60,17 @@ class Meant:
         """Whether it leaves no choice of the object: its outline, its contacts, or a candidate."""
         return any(word is not None for word in (self.outline, self.contacts, self.number))
 
+    def options(self) -> dict[str, Any]:
+        """As options of `grasptrack track`, by their names."""
+        return {
+            "object": points_text(self.on),
+            "not": points_text(self.off),
+            "box": None if self.box is None else ",".join(repr(float(v)) for v in self.box),
+            "outline": points_text(self.outline),
+            "grasp": points_text(self.contacts),
+            "choose": self.number,
+        }
+
     def with_pixel(self, at: Point, on: bool) -> Meant:
         """A pixel more. One on the object takes the place of a box, an outline or contacts."""
         if on:
@@ -83,6 +95,17 @@ class Settings:
     camera: Camera | None = None
     length: float | None = None
     resynthesize: bool = False
+
+    def options(self) -> dict[str, Any]:
+        """What can be said in options of `grasptrack track`, by their names; images, hands and nets are none of it."""
+        return {
+            "strategy": self.strategy,
+            "fingers": self.fingers,
+            "friction": self.friction,
+            "risk": self.risk,
+            "first_look_ms": self.first_look_ms,
+            "resynthesize": self.resynthesize,
+        }
 
     def tracker(self, meant: Meant) -> GraspTracker:
         """A tracker that has seen no image.

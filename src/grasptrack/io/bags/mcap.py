@@ -18,6 +18,8 @@ from grasptrack.io.extras import import_extra
 RESULT_TOPIC = "/grasptrack/result"
 """Where our own recordings tell each image's time as it was, to the last digit, or that it had none."""
 IMAGE_TOPIC = "/grasptrack/image"
+METADATA = "grasptrack"
+"""Name of the record in which our own recordings keep how they were tracked."""
 _MAGIC = b"\x89MCAP0\r\n"
 """At both ends of a file."""
 
@@ -68,6 +70,18 @@ class McapFile:
                 channel.topic, schema.name if schema else "", 1 + (before.length or 0 if before else 0)
             )
         return list(found.values())
+
+    def options(self) -> str:
+        """Options of `grasptrack track` that track our own recording again alike; empty where it tells none."""
+        self._file.seek(0)
+        reader = self._reader
+        if self._summary is None:
+            reader = import_extra("mcap.reader", "bags", "an MCAP file").NonSeekingReader(self._file)
+        try:
+            records = (record for record in reader.iter_metadata() if record.name == METADATA)
+            return str(next(records).metadata.get("options", ""))
+        except Exception:  # there is none, or the file ends somewhere within a record
+            return ""
 
     def _walk(self, topics: list[str] | None) -> Iterator[tuple[Any, Any, Any]]:
         """Messages in the order of their times, or of the file where it has no index; up to where a file was cut off."""

@@ -37,6 +37,8 @@ class BagSource(Source):
         bag = self._open()
         try:
             topics = self._checked(bag.topics)
+            if isinstance(bag, McapFile) and any(t.name == RESULT_TOPIC for t in topics):
+                self.recorded_with = bag.options()
         finally:
             bag.close()
         self._topic = _choose_topic(path, topics, topic)

@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+import os
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasptrack.errors import InputError
-from grasptrack.io.bags.mcap import IMAGE_TOPIC, RESULT_TOPIC
+from grasptrack.io.bags.mcap import IMAGE_TOPIC, METADATA, RESULT_TOPIC
+from grasptrack.io.encoding import encode_image
 from grasptrack.io.extras import import_extra
-from grasptrack.io.recorders.encoding import encode_image
 from grasptrack.io.recorders.fields import (
     HALF,
     covariance_ellipses,
@@ -22,8 +26,6 @@ from grasptrack.io.video import DEFAULT_FPS
 from grasptrack.view.style import STATUS_RGB
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from grasptrack.io.base import Frame
     from grasptrack.tracking.result import TrackResult
     from grasptrack.typing import Floats
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 ANNOTATION_TOPIC = "/grasptrack/annotations"
 _FRAME = "camera"
 _THICKNESS = 2.0
+_ROOM = 1 << 20
+"""Bytes that a piece takes beside its image, and an index, at most."""
 
 
 class FoxgloveRecording:
@@ -42,12 +46,13 @@ class FoxgloveRecording:
     Args:
         path: the file, written over.
         quality: 1 to 100, of JPEG images; None for PNG.
+        options: gives those of `grasptrack track` that track it again alike; asked with the first image, and kept in the file.
 
     Raises:
         InputError: foxglove-sdk is not installed, or the file cannot be written.
     """
 
-    def __init__(self, path: Path, quality: int | None = None) -> None:
+    def __init__(self, path: Path, quality: int | None = None, options: Callable[[], str] = str) -> None:
         self.path, self._quality = path, quality
         self._sdk: Any = import_extra("foxglove", "foxglove", "a recording for Foxglove")
         channels = import_extra("foxglove.channels", "foxglove", "a recording for Foxglove")
@@ -55,9 +60,13 @@ class FoxgloveRecording:
         # Not the global one: two recordings must not see each other's images. It must live as long as its channels.
         self._context = context = self._sdk.Context()
         try:
+            path.open("wb").close()
             self._writer: Any = self._sdk.open_mcap(path, allow_overwrite=True, context=context)
         except (OSError, RuntimeError) as error:
-            raise InputError(f'"{path}" cannot be written: {error}', path=str(path)) from None
+            said = getattr(error, "strerror", None) or error
+            raise InputError(f'"{path}" cannot be written: {said}', path=str(path)) from None
+        self._options: Callable[[], str] | None = options
+        self._largest = 0
         self._images = channels.CompressedImageChannel(IMAGE_TOPIC, context=context)
         self._annotations = channels.ImageAnnotationsChannel(ANNOTATION_TOPIC, context=context)
         self._results = self._sdk.Channel(RESULT_TOPIC, schema=result_schema(), context=context)
@@ -65,7 +74,14 @@ class FoxgloveRecording:
         self._last = self._begin - 1
 
     def write(self, frame: Frame, result: TrackResult) -> None:
-        """Add a frame."""
+        """Add a frame; it can be read from then on, whatever becomes of this process.
+
+        Raises:
+            OSError: it cannot be written, as on a full disk.
+        """
+        if self._options is not None:
+            self._writer.write_metadata(METADATA, {"version": version("grasptrack"), "options": self._options()})
+            self._options = None
         own = None if frame.time is None else self._begin + round(frame.time * 1e9)
         stamp = own if own is not None and own > self._last else self._last + round(1e9 / DEFAULT_FPS)
         self._last = stamp
@@ -75,6 +91,9 @@ class FoxgloveRecording:
         self._images.log(image, log_time=stamp)
         self._results.log(result_fields(frame, result), log_time=stamp)
         self._annotations.log(self._drawn(result, at), log_time=stamp)
+        self._largest = max(self._largest, frame.image.nbytes)
+        with self._errors_of_the_file():
+            self._writer.flush()
 
     def _drawn(self, result: TrackResult, at: Any) -> Any:
         m = self._messages
@@ -103,12 +122,49 @@ class FoxgloveRecording:
         )
         return m.ImageAnnotations(circles=circles, points=loops, texts=[text])
 
-    def _points(self, points: Iterable[Any]) -> list[Any]:
+    def _points(self, points: Floats) -> list[Any]:
         """In Foxglove's px, which count from the corner of the first pixel."""
-        return [self._messages.Point2(x=float(x) + HALF, y=float(y) + HALF) for x, y in points]
+        point = self._messages.Point2
+        return [point(x=x, y=y) for x, y in (points + HALF).tolist()]
 
     def close(self) -> None:
-        """Write the index; may be called again."""
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+        """Write the index; may be called again.
+
+        Raises:
+            OSError: it cannot be written; all whole images before can be read.
+        """
+        if self._writer is None:
+            return
+        writer, self._writer = self._writer, None
+        with self._errors_of_the_file():
+            writer.close()
+
+    @contextmanager
+    def _errors_of_the_file(self) -> Iterator[None]:
+        try:
+            yield
+        except RuntimeError:
+            error = _why_not(self.path, self._largest + _ROOM)
+            if error is None:
+                raise
+            raise error from None
+
+
+def _why_not(path: Path, room: int) -> OSError | None:
+    """What the operating system says to so many bytes more at a file's end; None where it takes them.
+
+    The library says that a write failed, not why. To write through a file of ours would tell, but its calls back into Python
+    wait for the tracker's thread, each of them.
+    """
+    try:
+        size = path.stat().st_size
+        try:
+            with path.open("ab", buffering=0) as file:
+                left = memoryview(bytes(room))
+                while left:
+                    left = left[file.write(left) or 0 :]
+        finally:
+            os.truncate(path, size)
+    except OSError as error:
+        return OSError(error.errno, error.strerror, str(path))
+    return None

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grasptrack.errors import InputError
+from grasptrack.io.encoding import encode_image
 from grasptrack.io.extras import import_extra
-from grasptrack.io.recorders.encoding import encode_image
 from grasptrack.io.recorders.fields import HALF, covariance_ellipses, status_line
 from grasptrack.view.style import STATUS_RGB
 
