@@ -170,10 +170,10 @@ def inspect(
 
 
 def _show_results(found: Suitability, last: list[str]) -> None:
-    from grasptrack.trackability.report import describe_expectation, report_rows
+    from grasptrack.trackability.report import describe_expectation, describe_reasons, report_rows
 
     told = describe_expectation(found)
     notes = [f"Expected: {told}"] if told else []
-    notes += [r.text + (f". Would help: {r.advice}" if r.advice else "") for r in found.reasons]
+    notes += describe_reasons(found)
     advice = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
     show_rows(f"{found.level.upper()}, {advice}", _HEADS, report_rows(found), [*notes, *last])

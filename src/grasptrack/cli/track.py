@@ -13,6 +13,7 @@ from grasptrack.cli import first_image, help_groups, options, source_options
 from grasptrack.cli.advice import advice_for
 from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import Interruption, Progress, RunInterruptedError, show_run
+from grasptrack.cli.verdict import Verdict
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
 
@@ -89,7 +90,8 @@ def track(
     Where the choice of the object is not sure, candidates.png shows the likeliest, numbered, and --choose takes one.
 
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
-    --record adds a file for Foxglove or rerun, --jsonl a line of JSON for every frame.
+    --record adds a file for Foxglove or rerun, --jsonl a line of JSON for every frame. Says first how well the object can be
+    tracked, as `grasptrack inspect` does.
 
     Of a live source the newest image is taken, and what comes in the meantime is dropped. One that goes away is opened again.
 
@@ -179,7 +181,8 @@ def track(
     recordings = source_options.open_recordings(record, record_quality, jsonl, outline_in_jsonl)
     quiet = quiet or jsonl == "-"  # the standard output is for the lines
     done, notes, looks = 0, list[str](), list[Any]()
-    with Interruption() as interruption:
+    foretells = not quiet and images.kind != "image"  # of one image there is no run to foretell
+    with Interruption() as interruption, Verdict() as verdict:
         if isinstance(images, LiveSource):
             images.on_wait = interruption.check
         try:
@@ -196,6 +199,9 @@ def track(
                                 "the object is cut by the border of its first image: the part in view is followed"
                             )
                     done += 1
+                    if foretells and result.located and not verdict.is_begun and tracker.first_scene is not None:
+                        verdict.begin(tracker.first_scene)
+                    progress.print(verdict.take())
                     progress.tell("tracking", done, images.count)
                     interruption.check()
 
@@ -209,6 +215,7 @@ def track(
                     recordings=recordings,
                     on_frame=report_frame,
                 )
+                progress.print(verdict.wait(interruption.check))
         except KeyboardInterrupt:
             raise RunInterruptedError(f'interrupted after {done} frames; what was computed is in "{output}"') from None
     if not summary.grasps:

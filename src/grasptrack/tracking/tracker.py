@@ -34,7 +34,15 @@ from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.decision import contact_tolerance
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import AUTO, Follower, Moved
-from grasptrack.tracking.initialization import Wish, first_view, hidden_mask, image_size, mask_as_scene, start_tracking
+from grasptrack.tracking.initialization import (
+    FirstScene,
+    Wish,
+    first_view,
+    hidden_mask,
+    image_size,
+    mask_as_scene,
+    start_tracking,
+)
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler, make_ruler
@@ -214,14 +222,15 @@ class GraspTracker:
         self._track: Track | None = None
         self._turn = threading.Lock()
         self._plane: Beforehand | None = None  # of another grasp: what the one before has told
+        self._scene: FirstScene | None = None  # of the update before
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the lock, which has no copy."""
-        return {name: value for name, value in self.__dict__.items() if name != "_turn"}
+        """All but the lock, which has no copy, and the image of a choice that was made just now."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_turn", "_scene")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy has a lock of its own."""
-        self.__dict__.update(state, _turn=threading.Lock())
+        self.__dict__.update(state, _turn=threading.Lock(), _scene=None)
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
 
@@ -258,7 +267,7 @@ class GraspTracker:
     ) -> TrackResult:
         """The same, `started` at a time of the clock in s."""
         mask = self._masks.segment(image) if mask is None and self._masks else mask
-        grey = self._look(image, mask)
+        grey, self._scene = self._look(image, mask), None
         moment = _Moment(self._frame, time, started)
         if self._track is None:
             result = self._begin(moment, masked=mask is not None)  # grasp synthesis, once
@@ -277,12 +286,14 @@ class GraspTracker:
     def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
         before, self._plane = self._beforehand(), None
-        first = first_view(self._observer, replace(self._wish, friction=self.friction), masked)
+        wish = replace(self._wish, friction=self.friction)
+        first = first_view(self._observer, wish, masked)
         self._wish = replace(self._wish, plane=None, more=())  # later they would lie otherwise
         self.candidates = self._seen_candidates(first.found)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
             return _make_result(moment, "searching", reason)
+        self._scene = FirstScene(self._observer.colours, masked, first, wish, self.strategy, self.risk, before)
         if self._wish.before is None:
             self.object_sure = masked or self._wish.names_object or candidate.probability >= self._wish.sure
         grey = self._observer.choose(candidate)
@@ -368,6 +379,11 @@ class GraspTracker:
             covariance=covariance,
             view=moved.view,
         )
+
+    @property
+    def first_scene(self) -> FirstScene | None:
+        """What the last update chose an object in, for `trackability.inspect_scene`; None where it chose none."""
+        return self._scene
 
     # --- images ----------------------------------------------------------------------------------
 
