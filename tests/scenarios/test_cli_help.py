@@ -168,6 +168,13 @@ def test_a_value_names_its_unit(verb: str, option: Any) -> None:
         assert panel == help_groups.HAND or "in mm, cm, m or in" in text
 
 
+def test_what_verbs_write_goes_to_one_folder() -> None:
+    given = {v: {long_name(o): o.default for o in options(v)}.get("--output") for v in VERBS}
+    writers = {verb: output for verb, output in given.items() if output is not None}
+    assert writers == {verb: Path("grasptrack-out") / verb.replace(" ", "-") for verb in writers}
+    assert set(given) - set(writers) == {"compare", "cameras", "doctor", "models", "models get"}
+
+
 # --- the page ------------------------------------------------------------------------------------
 
 

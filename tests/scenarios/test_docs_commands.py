@@ -276,7 +276,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     options = ["--shapes", "bracket", "--disturbances", "clean-4dof", "--frames", "3", "--methods", "auto"]
     first = home / "old"
     assert main(["evaluate", "scenes", *options, "--workers", "1", "--quiet", "--output", str(first)]) == 0
-    for name in ("evaluation-scenes", "evaluation-new", "new"):
+    for name in ("grasptrack-out/evaluate-scenes", "new"):
         shutil.copytree(first, home / name)
     if DATA.is_dir():
         (home / "data").symlink_to(DATA)

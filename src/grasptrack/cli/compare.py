@@ -37,7 +37,7 @@ def compare(
 
     \b
     Examples:
-      grasptrack compare evaluation-scenes evaluation-new
+      grasptrack compare grasptrack-out/evaluate-scenes new
       grasptrack compare old new --output compare.html --strict
     """
     from grasptrack.bench.report.comparison import compare_runs as put_together

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -29,7 +28,7 @@ def demo(
     frames: Annotated[
         int, typer.Option(metavar="N", min=2, rich_help_panel=help_groups.SCENE, help="Number of frames.")
     ] = 120,
-    output: options.Output = Path("demo"),
+    output: options.Output = options.OUTPUT / "demo",
     no_video: options.NoVideo = False,
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,

@@ -51,7 +51,7 @@ def inspect(
     scale: options.Scale = None,
     camera: first_image.CameraPath = None,
     ignore: first_image.IgnorePath = None,
-    output: options.Output = Path(),
+    output: options.Output = options.OUTPUT / "inspect",
     json_: options.Json = False,
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -87,7 +86,7 @@ def live(
             help="Number of the port; 0 takes a free one.",
         ),
     ] = 8321,
-    output: options.Output = Path("grasptrack-live"),
+    output: options.Output = options.OUTPUT / "live",
     record_as: Annotated[
         str,
         typer.Option(

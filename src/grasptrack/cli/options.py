@@ -137,6 +137,8 @@ Silhouettes = Annotated[
 Seed = Annotated[
     int, typer.Option(metavar="N", min=0, rich_help_panel=help_groups.SCENE, help="Seed of all that is random.")
 ]
+OUTPUT = Path("grasptrack-out")
+"""A verb that writes does so in the folder of its name within this one, unless it is told another."""
 Output = Annotated[
     Path,
     typer.Option(

@@ -72,7 +72,7 @@ def servo(
             metavar="NAME", rich_help_panel=help_groups.ROBOT, help="Control law: online, nominal or textbook."
         ),
     ] = "online",
-    output: options.Output = Path("servo"),
+    output: options.Output = options.OUTPUT / "servo",
     no_video: Annotated[
         bool, typer.Option("--no-video", rich_help_panel=help_groups.OUTPUT, help="Do not write approach.mp4.")
     ] = False,

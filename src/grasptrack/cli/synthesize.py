@@ -66,7 +66,7 @@ def synthesize(
     scale: options.Scale = None,
     camera: first_image.CameraPath = None,
     ignore: first_image.IgnorePath = None,
-    output: options.Output = Path(),
+    output: options.Output = options.OUTPUT / "synthesize",
     quiet: options.Quiet = False,
     first_look_ms: first_image.FirstLookMs = None,
     max_megapixels: options.MaxMegapixels = None,

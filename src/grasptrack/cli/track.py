@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -67,7 +66,7 @@ def track(
     ignore: first_image.IgnorePath = None,
     fps: options.FramesPerSecond = None,
     set_: source_options.Settings = None,
-    output: options.Output = Path("grasptrack-out"),
+    output: options.Output = options.OUTPUT / "track",
     record: source_options.RecordPaths = None,
     record_quality: source_options.RecordQuality = None,
     jsonl: source_options.JsonlPath = None,

@@ -59,7 +59,7 @@ def transfer(
     ] = None,
     camera: first_image.CameraPath = None,
     ignore: first_image.IgnorePath = None,
-    output: options.Output = Path(),
+    output: options.Output = options.OUTPUT / "transfer",
     json_: options.Json = False,
     quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,
