@@ -2,16 +2,18 @@
 """One step on plain outlines, without images: choose a grasp, transfer it to another view, analyse it."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES, Camera, tilting_path
 from grasptrack.geometry.homographies import apply_homography
 
 # Two views of a bracket: frontal, and a few frames later from nearer and slightly tilted.
-frontal, later = tilting_path(60, seed=8).table_to_image(Camera())[[0, 4]]
+homographies: list[NDArray[np.float64]] = list(tilting_path(60, seed=8).table_to_image(Camera()))
+frontal, later = homographies[0], homographies[4]
 corners = SHAPES["bracket"]().outer
 sides = np.roll(corners, -1, axis=0) - corners
-part = gt.Contour(np.concatenate([corners + share * sides for share in np.arange(8) / 8], axis=1).reshape(-1, 2))
+part = gt.Contour(np.concatenate([corners + k / 8 * sides for k in range(8)], axis=1).reshape(-1, 2))
 reference, current = part.transformed(frontal), part.transformed(later)  # point i of one is point i of the other
 
 grasps = gt.synthesize(reference, fingers=2, friction=0.5)

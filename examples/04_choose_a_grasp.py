@@ -22,7 +22,7 @@ hand = gt.Hand(
 
 image = still_life()
 views = [found.view for found in find_objects(image)]  # outlines, the most outstanding object first
-planned = []
+planned = list[Planned]()
 for number, view in enumerate(views, start=1):
     beside = [other for other in views if other is not view]
     grasps = gt.synthesize(view, fingers=2, friction=0.5, top=10, hand=hand, neighbours=beside)

@@ -17,8 +17,10 @@ Before the first run on a real arm:
 
 import sys
 import threading
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import grasptrack as gt
 from grasptrack.servo.camera import pose_of, rotation_matrix
@@ -66,7 +68,7 @@ def in_base(hand: np.ndarray, twist: np.ndarray) -> list[float]:
     return [*(hand[:3, :3] @ twist[:3]).tolist(), *(hand[:3, :3] @ twist[3:]).tolist()]
 
 
-def grasp(control, receive, camera, gripper, fingertips_px) -> gt.GraspServo:
+def grasp(control: Any, receive: Any, camera: Any, gripper: Any, fingertips_px: ArrayLike) -> gt.GraspServo:
     """Run one approach; whatever ends it, the arm stands afterwards."""
     tracker = gt.GraspTracker(fingers=2)
     servo = gt.GraspServo(gt.Goal.fingertips(fingertips_px, gripper.opening), dof=4, limits=LIMITS, time_limit=90.0)

@@ -60,7 +60,7 @@ from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.strategies import carrier_for
 from grasptrack.tracking.target import Target, build_pyramid
 from grasptrack.tracking.tracker import GraspTracker
-from grasptrack.typing import Floats
+from grasptrack.typing import Floats, StrategyName
 
 __all__ = ["Reason", "Suitability", "inspect", "inspect_scene"]
 
@@ -91,7 +91,7 @@ def inspect(
     mask: NDArray[Any] | None = None,
     ignore: NDArray[Any] | None = None,
     hand: Hand | None = None,
-    strategy: str = AUTO,
+    strategy: StrategyName | str = AUTO,
     risk: float = DEFAULT_RISK,
     focal: Beforehand | None = None,
     runs: int = RUNS,

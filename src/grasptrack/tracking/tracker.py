@@ -9,7 +9,7 @@ import time as clock
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,10 +46,10 @@ from grasptrack.tracking.initialization import (
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler, make_ruler
-from grasptrack.tracking.result import Status, TrackResult
+from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
 from grasptrack.tracking.strategies import Carrier
 from grasptrack.transfer import STRATEGIES, strategy_names
-from grasptrack.typing import Floats
+from grasptrack.typing import Floats, Status, StrategyName
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class GraspTracker:
         self,
         *,
         fingers: int = 2,
-        strategy: str = AUTO,
+        strategy: StrategyName | str = AUTO,
         friction: float = DEFAULT_FRICTION,
         grasp: ArrayLike | None = None,
         object_at: ArrayLike | None = None,
@@ -239,7 +239,9 @@ class GraspTracker:
         time=arguments.optional(arguments.finite),
         mask=arguments.optional(arguments.array(unbounded=True)),
     )
-    def update(self, image: NDArray[Any], time: float | None = None, mask: NDArray[Any] | None = None) -> TrackResult:
+    def update(
+        self, image: NDArray[Any], time: float | None = None, mask: NDArray[Any] | None = None
+    ) -> LocatedResult | UnlocatedResult:
         """Look at the next image.
 
         Args:
@@ -258,7 +260,7 @@ class GraspTracker:
         if not self._turn.acquire(blocking=False):
             raise InputError("a tracker looks at one image after another: call update from one thread at a time")
         try:
-            return self._update(image, time, mask, started)
+            return cast("LocatedResult | UnlocatedResult", self._update(image, time, mask, started))
         finally:
             self._turn.release()
 
