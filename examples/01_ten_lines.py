@@ -7,7 +7,7 @@ from grasptrack.bench.simulation import demo_scene
 tracker = gt.GraspTracker(fingers=2, strategy="auto")
 for frame in demo_scene(frames=60):
     result = tracker.update(frame.image, time=frame.time)
-    if result.status == "tracked" and result.contacts is not None and result.analysis is not None:
+    if result.status == "tracked":
         contacts = "  ".join(f"({x:6.2f}, {y:6.2f})" for x, y in result.contacts)
         print(f"{frame.index:3d}  {contacts}  margin {result.analysis.margin:.2f}  confidence {result.confidence:.2f}")
     else:

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from grasptrack.tracking.result import TrackResult
     from grasptrack.tracking.tracker import GraspTracker
     from grasptrack.transfer import Transfer, transfer
+    from grasptrack.typing import Status, StrategyName
     from grasptrack.view.drawing import Drawing, draw
 
     __version__: str
@@ -116,6 +117,7 @@ _HOME = {
     "tracking.result": ("TrackResult",),
     "tracking.tracker": ("GraspTracker",),
     "transfer": ("Transfer", "transfer"),
+    "typing": ("Status", "StrategyName"),
     "view.drawing": ("Drawing", "draw"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
@@ -156,7 +158,9 @@ __all__ = [
     "PeaksError",
     "RankedGrasp",
     "SourceError",
+    "Status",
     "StrategyError",
+    "StrategyName",
     "Suitability",
     "TrackResult",
     "Transfer",

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Types of arrays, once; a docstring gives the shape."""
+"""Types of arrays, once; a docstring gives the shape. And the words that stand for something, for type checkers."""
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,3 +13,8 @@ Floats32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
+
+Status = Literal["searching", "tracked", "unstable", "lost"]
+"""What a tracker says of one frame."""
+StrategyName = Literal["auto", "rrp", "grasp-line", "homography"]
+"""The strategies of this package. Where one is asked for, any text passes, for other packages register theirs."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import grasptrack as gt
 from compiled import native
 from grasptrack.errors import ContourError, GraspTrackError, InputError
 from grasptrack.geometry.contours import Contour, View
@@ -187,3 +190,58 @@ def test_numbers_in_other_clothes_are_no_points(kind: type) -> None:
     angles = np.arange(40) * 2 * np.pi / 40
     with pytest.raises(ContourError, match="array of numbers"):
         Contour(np.column_stack([np.cos(angles), np.sin(angles)]).astype(kind))
+
+
+# --- points in the place of a contour --------------------------------------------------------------
+
+RING = 50.0 * np.array([[-2, -1], [0, -1], [2, -1], [2, 0], [2, 1], [0, 1], [-1, 1], [-2, 0]], dtype=np.float64)
+TAKERS: dict[str, Callable[[Any], object]] = {
+    "synthesize": lambda points: [g.contacts.tolist() for g in gt.synthesize(points, top=3)],
+    "neighbours": lambda points: gt.synthesize(RING + 300.0, top=3, neighbours=[points]).refused,
+    "transfer from": lambda points: gt.transfer(
+        gt.Grasp([[0, -50], [0, 50]]), points, RING + 3.0, "rrp"
+    ).grasp.contacts.tolist(),
+    "transfer to": lambda points: gt.transfer(
+        gt.Grasp([[3, -47], [3, 53]]), RING + 3.0, points, "rrp"
+    ).grasp.contacts.tolist(),
+    "analyze": lambda points: gt.analyze(gt.Grasp([[0, -50], [0, 50]]), points).margin,
+    "on": lambda points: gt.Grasp([[0, -50], [0, 50]]).on(points).tolist(),
+    "snapped": lambda points: gt.Grasp([[0, -50], [0, 50]]).snapped(points).contacts.tolist(),
+}
+
+
+@pytest.mark.parametrize("taker", TAKERS)
+def test_points_are_taken_as_the_contour_that_they_make(taker: str) -> None:
+    take = TAKERS[taker]
+    told = take(Contour(RING))
+    assert take(RING) == told and take(RING.tolist()) == told and take(RING.astype(np.float32)) == told
+    assert take(View(Contour(RING))) == told
+
+
+@pytest.mark.parametrize("taker", TAKERS)
+@given(
+    points=st.one_of(
+        st.integers(0, 12).map(lambda n: RING[:n] if n < 8 else np.zeros((n, 2))),
+        st.sampled_from(
+            [np.zeros((9, 3)), np.zeros(9), np.zeros((3, 3, 2)), RING * np.nan, RING * 1e9, RING[[0, 4] * 4]]
+        ),
+        st.permutations(range(8)).map(lambda order: RING[list(order)]),
+    )
+)
+def test_points_that_are_no_contour_are_refused_as_by_it(taker: str, points: np.ndarray) -> None:
+    try:
+        contour = Contour(points)
+    except ContourError as error:
+        with pytest.raises(ContourError, match=f"^{re.escape(str(error))}$"):
+            TAKERS[taker](points)
+    else:
+        assert len(contour) == 8
+
+
+@pytest.mark.parametrize("taker", TAKERS)
+@pytest.mark.parametrize("value", [None, "ring", {}, object()])
+def test_what_is_neither_is_named(taker: str, value: object) -> None:
+    with pytest.raises(
+        InputError, match=r"must be a (list, each a )?Contour or a View, or an array of numbers of shape \(N, 2\)"
+    ):
+        TAKERS[taker](value)

@@ -10,7 +10,9 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import av
@@ -20,6 +22,7 @@ import pytest
 
 from grasptrack import kernels
 from grasptrack.cli.main import main
+from grasptrack.cli.verdict import Verdict
 from recordings import plate, plates, rows, write
 
 HEAD = (
@@ -65,6 +68,71 @@ def test_track_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     np.testing.assert_allclose([float(r["time_s"]) for r in found], np.arange(8) / 20)
     options = json.loads((out / "run.json").read_text())["options"]
     assert options["strategy"] == "auto" and options["fps"] == 20 and options["friction"] == 0.5
+
+
+VERDICT = (
+    r"(GOOD|FAIR|POOR)\. Expected: located in \d+ to \d+ % of frames, contacts [^\n]+ off \(95 %\)(\nTo mind: [^\n]+)?"
+)
+
+
+def test_the_verdict_comes_first_and_is_that_of_inspect(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = plates(tmp_path / "in", 3), ["--output", str(tmp_path / "out")]
+    assert main(["track", str(folder), *out, "--no-video"]) == 0
+    said = re.match(rf"{VERDICT}\n(?= *frames )", capsys.readouterr().out)
+    assert said
+    assert main(["inspect", str(folder / "000.png"), *out]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    level, expected, *mind = said[0].replace(". Expected: ", "\n").splitlines()
+    assert told.startswith(f"{level},") and f"Expected: {expected}" in told
+    assert all(line.removeprefix("To mind: ").partition(" (")[0] in told for line in mind)
+
+
+def test_a_run_of_one_image_and_lines_of_json_have_no_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, given = plates(tmp_path / "in", 2), ["--output", str(tmp_path / "out"), "--no-video"]
+    assert main(["track", str(folder / "000.png"), *given]) == 0
+    assert "Expected" not in capsys.readouterr().out
+    assert main(["track", str(folder), *given, "--jsonl", "-"]) == 0
+    assert [json.loads(line)["status"] for line in capsys.readouterr().out.splitlines()] == ["tracked"] * 2
+
+
+def test_a_verdict_that_is_not_wanted_ends_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    from grasptrack import trackability
+    from grasptrack.tracking.tracker import GraspTracker
+
+    tracker, begun, drawn = GraspTracker(), threading.Event(), list[int]()
+    tracker.update(plate())
+    assert tracker.first_scene is not None
+    wanted = threading.Event()
+
+    def slow(*given: object, check: Callable[[], None], **_: object) -> None:
+        for i in range(1000):
+            check()
+            drawn.append(i)
+            begun.set()
+            wanted.wait(0.01)
+
+    monkeypatch.setattr(trackability, "inspect_scene", slow)
+    with Verdict() as verdict:
+        verdict.begin(tracker.first_scene)
+        assert begun.wait(10) and verdict.take() == []
+    assert not any(t.name == "grasptrack-verdict" for t in threading.enumerate())
+    assert len(drawn) < 1000 and verdict.take() == []
+
+
+def test_a_verdict_that_breaks_off_is_told_and_ends_no_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from grasptrack import trackability
+
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("of ours")
+
+    monkeypatch.setattr(trackability, "inspect_scene", broken)
+    given = ["track", str(plates(tmp_path / "in", 2)), "--output", str(tmp_path / "out"), "--no-video"]
+    assert main(given) == 0
+    assert "is not known: internal error, ZeroDivisionError: of ours\n" in capsys.readouterr().out
 
 
 def test_quiet_says_nothing_and_no_video_writes_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -166,7 +234,7 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
         time.sleep(0.02)
     running.send_signal(signal.SIGINT)
     said, error = running.communicate(timeout=60)
-    assert running.returncode == 130 and said == ""
+    assert running.returncode == 130 and re.fullmatch(rf"({VERDICT}\n)?", said)
     assert re.fullmatch(r"grasptrack: interrupted after \d+ frames; what was computed is in [^\n]+\n", error)
     count = len(rows(out))
     with av.open(str(out / "overlay.mp4")) as container:

@@ -148,7 +148,7 @@ def test_statuses_verbs_and_program_options(capsys: pytest.CaptureFixture[str]) 
     assert main(["--help"]) == 0
     shown = capsys.readouterr().out
     assert "--version" in shown and "--version" in text("cli.md")
-    listed = re.findall(r"^  ([a-z]+)  +[A-Z]", shown.split("Commands:")[1], flags=re.MULTILINE)
+    listed = re.findall(r"^  ([a-z]+)  +[A-Z]", shown.split("Options:")[1], flags=re.MULTILINE)
     assert sorted(listed) == sorted(VERBS)
 
 

@@ -186,7 +186,7 @@ def test_every_command_is_known(command: str) -> None:
         verb, rest = verb_of(words)
         assert verb in SHORT, "no such verb in the table above"
         if rest:
-            filled = [{"N": "1", "R": "0.5"}.get(word, word) for word in rest]
+            filled = [{"N": "1", "P": "0.5"}.get(word, word) for word in rest]
             command_of(verb).make_context(verb, filled)
     elif (study := study_of(words)) is not None:  # tests/slow/test_studies.py runs each
         shown = (ROOT / "src" / "grasptrack" / "bench" / "studies" / f"{study}.py").read_text(encoding="utf-8")
@@ -276,7 +276,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     options = ["--shapes", "bracket", "--disturbances", "clean-4dof", "--frames", "3", "--methods", "auto"]
     first = home / "old"
     assert main(["evaluate", "scenes", *options, "--workers", "1", "--quiet", "--output", str(first)]) == 0
-    for name in ("evaluation-scenes", "evaluation-new", "new"):
+    for name in ("grasptrack-out/evaluate-scenes", "new"):
         shutil.copytree(first, home / name)
     if DATA.is_dir():
         (home / "data").symlink_to(DATA)

@@ -53,22 +53,52 @@ def test_each_block_runs(name: str, tmp_path: Path) -> None:
     assert "lost" not in done.stdout and "failed" not in done.stdout
 
 
+NARROWED = """# pyright: strict, reportUnnecessaryTypeIgnoreComment=true
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import assert_type
+
+import grasptrack as gt
+from grasptrack.tracking.result import LocatedResult, UnlocatedResult
+
+tracker = gt.GraspTracker(strategy="auto")
+gt.GraspTracker(strategy="of-another-package")
+result = tracker.update(np.zeros((480, 640), np.uint8))
+assert_type(result, LocatedResult | UnlocatedResult)
+if result.status == "tracked":
+    assert_type(result.contacts, NDArray[np.float64])
+    assert_type(result.analysis, gt.GraspAnalysis)
+elif result.status == "lost":
+    assert_type(result.contacts, None)
+if result.located is True:
+    assert_type(result.contacts, NDArray[np.float64])
+if result.contacts is not None:
+    assert_type(result.view, gt.View)
+kept: gt.TrackResult = result
+status: gt.Status = kept.status
+if status == "trakced":  # pyright: ignore[reportUnnecessaryComparison]
+    pass
+ring = np.zeros((9, 2))
+assert_type(gt.synthesize(ring, neighbours=[ring, [[0.0, 1.0]]]), gt.GraspList)
+assert_type(gt.transfer(gt.Grasp(ring), ring, [[0.0, 1.0]], "rrp"), gt.Transfer)
+assert_type(gt.analyze(gt.Grasp(ring), ring), gt.GraspAnalysis)
+gt.synthesize(None)  # pyright: ignore[reportArgumentType]
+"""
+"""What type checkers learn; where a comment says so, that something is wrong."""
+
+
 @pytest.mark.slow
 def test_blocks_and_examples_pass_pyright(tmp_path: Path) -> None:
     pytest.importorskip("basedpyright")
     for name, code in blocks().items():
         (tmp_path / f"{name}.py").write_text(complete(code))
     paths = [str(ROOT / "src"), str(ROOT / "tests" / "helpers"), str(ROOT / "examples")]
+    (tmp_path / "narrowed.py").write_text(NARROWED)
+    settings = {"typeCheckingMode": "standard", "extraPaths": paths, "reportMissingModuleSource": False}
+    examples = str(ROOT / "examples")
     strict = [str(path) for path in (ROOT / "examples").glob("*.py")]
-    settings = {
-        "typeCheckingMode": "standard",
-        "extraPaths": paths,
-        "reportMissingModuleSource": False,
-        "strict": strict,
-    }
-    (tmp_path / "pyrightconfig.json").write_text(
-        json.dumps({**settings, "include": [str(tmp_path), str(ROOT / "examples")]})
-    )
+    config = {**settings, "include": [str(tmp_path), examples], "strict": strict}
+    (tmp_path / "pyrightconfig.json").write_text(json.dumps(config))
     run = [sys.executable, "-m", "basedpyright", "--project", str(tmp_path), "--level", "error"]
     run += ["--pythonpath", sys.executable]
     done = subprocess.run(run, capture_output=True, text=True, check=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 
 import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES
-from grasptrack.trackability import Suitability, inspect
+from grasptrack.trackability import Suitability, inspect, inspect_scene
 from grasptrack.trackability.report import describe_expectation, report_rows
 from grasptrack.tracking.tracker import GraspTracker
 from scenery import L_PLATE, SQUARE, drawn, ellipse
@@ -114,6 +115,22 @@ def test_object_and_grasp_are_those_of_the_tracker(options: dict[str, Any]) -> N
     assert np.array_equal(result.contacts, seen.grasp.contacts)
     assert result.view is not None and np.array_equal(result.view.points, seen.view.points)
     assert result.analysis is not None and seen.grasp.margin == pytest.approx(result.analysis.margin)
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("options", [{}, {"object_at": (140.0, 125.0)}, {"fingers": 3, "friction": 0.9, "risk": 1e-2}])
+def test_what_a_tracker_has_chosen_is_judged_as_by_another_look(options: dict[str, Any], masked: bool) -> None:
+    """All but the paper's strategies, which are not tried."""
+    image = drawn(L_PLATE)
+    mask = (image < 130).astype(np.uint8) if masked else None
+    tracker = GraspTracker(**options)
+    tracker.update(image, mask=mask)
+    scene = tracker.first_scene
+    assert scene is not None
+    tracker.update(image, mask=mask)
+    assert tracker.first_scene is None, "no tracker keeps images"
+    whole = inspect(image, mask=mask, **options)
+    assert replace(inspect_scene(scene), strategies=whole.strategies) == whole
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import help_groups, options
 
 WORSE = 1
 """Exit status with --strict where something got worse."""
@@ -18,18 +18,26 @@ def compare(
     before: Annotated[Path, typer.Argument(metavar="A", help="Folder of the first evaluation.")],
     after: Annotated[Path, typer.Argument(metavar="B", help="Folder of the second, of the same kind.")],
     output: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write the comparison as an HTML page.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", rich_help_panel=help_groups.OUTPUT, help="Also write the comparison as an HTML page."
+        ),
     ] = None,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with status 1 if anything got worse by more than its noise.")
-    ] = False,
     quiet: options.Quiet = False,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            rich_help_panel=help_groups.LIMITS,
+            help="Exit with status 1 if anything got worse by more than its noise.",
+        ),
+    ] = False,
 ) -> None:
     """Compare two evaluations case by case, and say what got worse from A to B by more than its noise.
 
     \b
     Examples:
-      grasptrack compare evaluation-scenes evaluation-new
+      grasptrack compare grasptrack-out/evaluate-scenes new
       grasptrack compare old new --output compare.html --strict
     """
     from grasptrack.bench.report.comparison import compare_runs as put_together

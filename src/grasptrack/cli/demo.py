@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import help_groups, options
 from grasptrack.cli.terminal import format_number, show_rows, with_progress
 
 _HEADS = (
@@ -26,13 +25,13 @@ _HEADS = (
 
 
 def demo(
-    output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
-    ] = Path("demo"),
-    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Number of frames.")] = 120,
-    risk: options.Risk = 1e-3,
+    frames: Annotated[
+        int, typer.Option(metavar="N", min=2, rich_help_panel=help_groups.SCENE, help="Number of frames.")
+    ] = 120,
+    output: options.Output = options.OUTPUT / "demo",
     no_video: options.NoVideo = False,
     quiet: options.Quiet = False,
+    risk: options.Risk = 1e-3,
 ) -> None:
     """Render a scene seen by a tilting camera, track a grasp by every strategy, and compare with ground truth.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grasptrack.cli import options
+from grasptrack.cli import help_groups, options
 from grasptrack.cli.terminal import command_line, show_rows, with_progress
 from grasptrack.errors import InputError
 
@@ -20,22 +20,39 @@ if TYPE_CHECKING:
 
 
 def paper(
-    output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
-    ] = Path("evaluation-paper"),
     frames: Annotated[
-        int | None, typer.Option(metavar="N", min=4, help="Frames of the synthetic paths.  [default: 100]")
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=4,
+            rich_help_panel=help_groups.SCENE,
+            help="Number of frames of each synthetic path.",
+            show_default="100",
+        ),
     ] = None,
-    seeds: Annotated[int | None, typer.Option(metavar="N", min=1, help="Seeds of every shape.  [default: 10]")] = None,
-    seed: Annotated[
-        int, typer.Option(metavar="S", min=0, help="Random seed of path, light and noise of the three objects.")
-    ] = 0,
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            rich_help_panel=help_groups.SCENE,
+            help="Number of seeds of every shape.",
+            show_default="10",
+        ),
+    ] = None,
+    seed: options.Seed = 0,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Short paths, four shapes, two seeds, where nothing else is asked for.")
+        bool,
+        typer.Option(
+            "--quick",
+            rich_help_panel=help_groups.SCENE,
+            help="Short paths, four shapes, two seeds, where nothing else is asked for.",
+        ),
     ] = False,
+    output: options.Output = options.OUTPUT / "evaluate-paper",
+    quiet: options.Quiet = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
-    quiet: options.Quiet = False,
 ) -> None:
     """Recompute Tables I to VII of the paper in the paper's form, next to the printed values where there are any.
 
@@ -67,47 +84,81 @@ def paper(
         typer.echo("\n".join([*(to_text(table) for table in (*run.tables, run.times, run.time_claims)), str(report)]))
 
 
-Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")]
 MethodNames = Annotated[
     str | None,
-    typer.Option(metavar="A,B", help="Methods to measure.  [default: auto,rrp,grasp-line,homography]"),
+    typer.Option(
+        metavar="A,B",
+        rich_help_panel=help_groups.METHODS,
+        help="Methods to measure, by name.",
+        show_default="auto,rrp,grasp-line,homography",
+    ),
 ]
-Peers = Annotated[bool, typer.Option("--peers", help="Also measure the baselines that are installed.")]
-ManyFingers = Annotated[int, typer.Option(metavar="K", help="Number of fingers, 2 or 3.")]
+Peers = Annotated[
+    bool,
+    typer.Option("--peers", rich_help_panel=help_groups.METHODS, help="Also measure the baselines that are installed."),
+]
 
 MOST_NAMED = 10
 """Sequences without results that are named one by one."""
 
 evaluate = typer.Typer(
     help="Measure every method: on rendered scenes, on real videos, or as the paper did.",
+    cls=help_groups.GroupedVerbs,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-evaluate.command(short_help="Tables I to VII of the paper.")(paper)
+evaluate.command(cls=help_groups.GroupedCommand, short_help="Tables I to VII of the paper.")(paper)
 
 
-@evaluate.command(short_help="Parts x disturbances, rendered, with exact truth.")
+@evaluate.command(cls=help_groups.GroupedCommand, short_help="Parts x disturbances, rendered, with exact truth.")
 def scenes(
-    output: Output = Path("evaluation-scenes"),
+    fingers: options.TwoOrThree = 2,
+    friction: options.Friction = 0.5,
     shapes: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Built-in outlines.  [default: all, unless other parts are given]")
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            rich_help_panel=help_groups.SCENE,
+            help="Built-in outlines, by name.",
+            show_default="all, unless other parts are given",
+        ),
     ] = None,
     silhouettes: options.Silhouettes = None,
-    photos: Annotated[str | None, typer.Option(metavar="DIR", help="Parts from photos, with --masks.")] = None,
-    masks: Annotated[str | None, typer.Option(metavar="DIR", help="Masks of the photos, matched by name.")] = None,
-    disturbances: Annotated[str | None, typer.Option(metavar="A,B", help="Disturbances.  [default: all]")] = None,
+    photos: Annotated[
+        str | None,
+        typer.Option(metavar="DIR", rich_help_panel=help_groups.SCENE, help="Parts from photos, with --masks."),
+    ] = None,
+    masks: Annotated[
+        str | None,
+        typer.Option(metavar="DIR", rich_help_panel=help_groups.SCENE, help="Masks of the photos, matched by name."),
+    ] = None,
+    disturbances: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B", rich_help_panel=help_groups.SCENE, help="Disturbances, by name.", show_default="all"
+        ),
+    ] = None,
+    frames: Annotated[
+        int, typer.Option(metavar="N", min=2, rich_help_panel=help_groups.SCENE, help="Number of frames of each scene.")
+    ] = 100,
+    repeats: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            min=1,
+            rich_help_panel=help_groups.SCENE,
+            help="Number of scenes for each part and disturbance.",
+        ),
+    ] = 1,
+    seed: options.Seed = 0,
     methods: MethodNames = None,
     peers: Peers = False,
-    frames: Annotated[int, typer.Option(metavar="N", min=2, help="Frames per scene.")] = 100,
-    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Scenes per part and disturbance.")] = 1,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed of paths, textures, light and noise.")] = 0,
-    fingers: ManyFingers = 2,
-    friction: options.Friction = 0.5,
+    output: options.Output = options.OUTPUT / "evaluate-scenes",
+    quiet: options.Quiet = False,
     risk: options.Risk = 1e-3,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
-    quiet: options.Quiet = False,
 ) -> None:
     """Render parts under many disturbances, track a grasp by every method, and compare with the exact ground truth.
 
@@ -145,28 +196,29 @@ def scenes(
     _run_suite(output, work, schedule(scheduler, workers), asked, quiet)
 
 
-@evaluate.command(short_help="Real videos with reference homographies.")
+@evaluate.command(cls=help_groups.GroupedCommand, short_help="Real videos with reference homographies.")
 def real(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Videos, each with its table: film.mp4 and film.homographies.csv.")
     ],
-    output: Output = Path("evaluation-real"),
-    methods: MethodNames = None,
-    peers: Peers = False,
-    fingers: ManyFingers = 2,
+    fingers: options.TwoOrThree = 2,
     friction: options.Friction = 0.5,
-    risk: options.Risk = 1e-3,
     given: Annotated[
         str | None,
         typer.Option(
-            metavar="WHAT",
-            help="What the tracker is told of each object: pixel, quad or nothing.  [default: pixel, with scenes.csv]",
-            show_default=False,
+            metavar="NAME",
+            rich_help_panel=help_groups.SCENE,
+            help="What the tracker is told of each object: pixel, quad or nothing.",
+            show_default="pixel, with scenes.csv",
         ),
     ] = None,
+    methods: MethodNames = None,
+    peers: Peers = False,
+    output: options.Output = options.OUTPUT / "evaluate-real",
+    quiet: options.Quiet = False,
+    risk: options.Risk = 1e-3,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
-    quiet: options.Quiet = False,
 ) -> None:
     """Track a grasp through real videos by every method, and compare with reference homographies.
 

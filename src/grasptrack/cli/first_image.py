@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from grasptrack.cli import help_groups
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,47 +21,49 @@ if TYPE_CHECKING:
     from grasptrack.segmentation.candidate import Candidate
     from grasptrack.segmentation.undistortion import Told, Undistortion
 
-IgnorePath = Annotated[
-    str | None,
-    typer.Option(metavar="MASK", help="Mask: white where pixels are ignored, such as the gripper."),
-]
-CameraPath = Annotated[
-    str | None,
-    typer.Option(
-        "--camera",
-        metavar="FILE",
-        help="Camera calibration (ROS, OpenCV, Kalibr or JSON); lens distortion is removed first.",
-    ),
-]
 ObjectTexts = Annotated[
     list[str] | None,
-    typer.Option("--object", metavar="X,Y", help="Pixel on the object in the (first) image; may be repeated."),
+    typer.Option(
+        "--object",
+        metavar="X,Y",
+        rich_help_panel=help_groups.OBJECT,
+        help="Pixel on the object in the (first) image, in px; may be repeated.",
+        show_default="the object that stands out most",
+    ),
 ]
 NotTexts = Annotated[
     list[str] | None,
-    typer.Option("--not", metavar="X,Y", help="Pixel in the (first) image that is not on the object; may be repeated."),
+    typer.Option(
+        "--not",
+        metavar="X,Y",
+        rich_help_panel=help_groups.OBJECT,
+        help="Pixel in the (first) image that is not on the object, in px; may be repeated.",
+    ),
+]
+BoxText = Annotated[
+    str | None,
+    typer.Option(
+        "--box",
+        metavar="X,Y,W,H",
+        rich_help_panel=help_groups.OBJECT,
+        help="Rectangle around the object, in px: left, top, width, height.",
+    ),
 ]
 OutlineText = Annotated[
     str | None,
     typer.Option(
         "--outline",
         metavar='"X,Y X,Y ..."',
+        rich_help_panel=help_groups.OBJECT,
         help="Rough polygon round the object in the (first) image, in px; it is moved onto the edges beside it.",
     ),
 ]
-SegmenterName = Annotated[
+MaskPath = Annotated[
     str | None,
     typer.Option(
-        metavar="NAME",
-        help="Proposes objects beside the own search: a model (grasptrack models), onnx:FILE, sam:ENCODER,DECODER, a plugin.",
-    ),
-]
-BackgroundPath = Annotated[
-    str | None,
-    typer.Option(
-        "--background",
-        metavar="IMAGE",
-        help="Image of the empty bench, from where the (first) image is taken; the light may differ.",
+        metavar="FILE",
+        rich_help_panel=help_groups.OBJECT,
+        help="Your own segmentation: a mask that is white on objects.",
     ),
 ]
 ChooseNumber = Annotated[
@@ -70,28 +73,63 @@ ChooseNumber = Annotated[
         metavar="N",
         min=1,
         max=3,
-        help="Candidate to take, of those that candidates.png numbers.  [default: the likeliest]",
-        show_default=False,
+        rich_help_panel=help_groups.OBJECT,
+        help="Candidate to take, of those that candidates.png numbers.",
+        show_default="the likeliest",
     ),
 ]
 Sure = Annotated[
-    float, typer.Option("--sure", metavar="P", help="Probability from which the choice of the object is called sure.")
+    float,
+    typer.Option(
+        "--sure",
+        metavar="P",
+        rich_help_panel=help_groups.OBJECT,
+        help="Probability from which the choice of the object is called sure.",
+    ),
+]
+SegmenterName = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        rich_help_panel=help_groups.OBJECT,
+        help="Proposes objects beside the own search: a model (grasptrack models), onnx:FILE, sam:ENCODER,DECODER, a plugin.",
+    ),
+]
+BackgroundPath = Annotated[
+    str | None,
+    typer.Option(
+        "--background",
+        metavar="FILE",
+        rich_help_panel=help_groups.OBJECT,
+        help="Image of the empty bench, from where the (first) image is taken; the light may differ.",
+    ),
+]
+IgnorePath = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        rich_help_panel=help_groups.SOURCE,
+        help="Mask: white where pixels are ignored, such as the gripper.",
+    ),
+]
+CameraPath = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="FILE",
+        rich_help_panel=help_groups.SOURCE,
+        help="Camera calibration (ROS, OpenCV, Kalibr or JSON); lens distortion is removed first.",
+    ),
 ]
 FirstLookMs = Annotated[
     float | None,
     typer.Option(
         "--first-look-ms",
         metavar="MS",
-        help="Work that the search for the object may do.  [default: all]",
-        show_default=False,
+        rich_help_panel=help_groups.LIMITS,
+        help="Work that the search for the object may do, in ms of a common machine.",
+        show_default="unlimited",
     ),
-]
-BoxText = Annotated[
-    str | None,
-    typer.Option("--box", metavar="X,Y,W,H", help="Rectangle around the object in px: left, top, width, height."),
-]
-MaskPath = Annotated[
-    str | None, typer.Option(metavar="MASK", help="Your own segmentation: a mask that is white on objects.")
 ]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grasptrack.cli import first_image, options
+from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
@@ -17,16 +17,23 @@ if TYPE_CHECKING:
     from grasptrack.trackability import Suitability
 
 _HEADS = (("", "left"), ("found", "left"), ("", "left"))
-Output = Annotated[Path, typer.Option(metavar="DIR", help="Folder for inspect.json and inspect.png.")]
-StrategyName = Annotated[str, typer.Option(metavar="NAME", help="Strategy: auto, rrp, grasp-line or homography.")]
 Runs = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Simulated runs of 12 images each; more give narrower intervals.")
+    int,
+    typer.Option(
+        metavar="N",
+        min=1,
+        rich_help_panel=help_groups.LIMITS,
+        help="Number of simulated runs, of 12 images each; more give narrower intervals.",
+    ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print inspect.json instead of the table.")]
 
 
 def inspect(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, the first of a run.")],
+    strategy: options.StrategyName = "auto",
+    fingers: options.Fingers = None,
+    friction: options.Friction = 0.5,
+    grasp: options.GraspText = None,
     object_: first_image.ObjectTexts = None,
     not_: first_image.NotTexts = None,
     box: first_image.BoxText = None,
@@ -34,27 +41,23 @@ def inspect(
     mask: first_image.MaskPath = None,
     choose: first_image.ChooseNumber = None,
     sure: first_image.Sure = 0.9,
-    first_look_ms: first_image.FirstLookMs = None,
     segmenter: first_image.SegmenterName = None,
     background: first_image.BackgroundPath = None,
-    ignore: first_image.IgnorePath = None,
-    camera: first_image.CameraPath = None,
-    grasp: options.GraspText = None,
-    fingers: options.Fingers = None,
-    friction: options.Friction = 0.5,
-    risk: options.Risk = 1e-3,
-    strategy: StrategyName = "auto",
     min_opening: options.MinOpening = None,
     max_opening: options.MaxOpening = None,
     finger_width: options.FingerWidth = None,
     finger_thickness: options.FingerThickness = None,
     clearance: options.Clearance = None,
     scale: options.Scale = None,
-    runs: Runs = 4,
-    output: Output = Path(),
-    json_: Json = False,
-    max_megapixels: options.MaxMegapixels = None,
+    camera: first_image.CameraPath = None,
+    ignore: first_image.IgnorePath = None,
+    output: options.Output = options.OUTPUT / "inspect",
+    json_: options.Json = False,
     quiet: options.Quiet = False,
+    risk: options.Risk = 1e-3,
+    first_look_ms: first_image.FirstLookMs = None,
+    max_megapixels: options.MaxMegapixels = None,
+    runs: Runs = 4,
 ) -> None:
     """Predict how well the object in an image can be tracked.
 
@@ -167,10 +170,10 @@ def inspect(
 
 
 def _show_results(found: Suitability, last: list[str]) -> None:
-    from grasptrack.trackability.report import describe_expectation, report_rows
+    from grasptrack.trackability.report import describe_expectation, describe_reasons, report_rows
 
     told = describe_expectation(found)
     notes = [f"Expected: {told}"] if told else []
-    notes += [r.text + (f". Would help: {r.advice}" if r.advice else "") for r in found.reasons]
+    notes += describe_reasons(found)
     advice = f"--strategy {found.strategy}" if found.strategy else "no strategy will do"
     show_rows(f"{found.level.upper()}, {advice}", _HEADS, report_rows(found), [*notes, *last])

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grasptrack.cli import first_image, options, source_options
+from grasptrack.cli import first_image, help_groups, options, source_options
 from grasptrack.cli.terminal import Interruption, show_run
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
@@ -29,57 +28,78 @@ def live(
             metavar="SOURCE", help='Folder, "glob", video file, camera:0, rtsp://..., bag:FILE#/topic or one image.'
         ),
     ],
-    strategy: Annotated[
-        str, typer.Option(metavar="NAME", help="Strategy: auto, rrp, grasp-line or homography.")
-    ] = "auto",
+    strategy: options.StrategyName = "auto",
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
-    risk: options.Risk = 1e-3,
-    output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
-    ] = Path("grasptrack-live"),
-    start: Annotated[
-        bool, typer.Option("--start", help="Follow the likeliest object of the first image without asking.")
-    ] = False,
     grasp: options.GraspText = None,
+    resynthesize: options.Resynthesize = False,
     object_: first_image.ObjectTexts = None,
     not_: first_image.NotTexts = None,
     box: first_image.BoxText = None,
     outline: first_image.OutlineText = None,
     choose: first_image.ChooseNumber = None,
     sure: first_image.Sure = 0.9,
-    first_look_ms: first_image.FirstLookMs = None,
     segmenter: first_image.SegmenterName = None,
     background: first_image.BackgroundPath = None,
-    ignore: first_image.IgnorePath = None,
-    camera: first_image.CameraPath = None,
     length: options.ObjectLength = None,
-    fps: Annotated[
-        float | None,
-        typer.Option(metavar="RATE", help="Frame rate in frames/s, for folders and globs, which have no times."),
-    ] = None,
-    set_: source_options.Settings = None,
     min_opening: options.MinOpening = None,
     max_opening: options.MaxOpening = None,
     finger_width: options.FingerWidth = None,
     finger_thickness: options.FingerThickness = None,
     clearance: options.Clearance = None,
     scale: options.Scale = None,
-    resynthesize: Annotated[
-        bool, typer.Option("--resynthesize", help="Choose a new grasp when the current one is no longer stable.")
+    camera: first_image.CameraPath = None,
+    ignore: first_image.IgnorePath = None,
+    fps: options.FramesPerSecond = None,
+    set_: source_options.Settings = None,
+    start: Annotated[
+        bool,
+        typer.Option(
+            "--start",
+            rich_help_panel=help_groups.PAGE,
+            help="Follow the likeliest object of the first image without asking.",
+        ),
     ] = False,
-    record_as: Annotated[
-        str, typer.Option("--record-as", metavar="KIND", help="Kind of recordings: mp4, mcap or rrd.")
-    ] = "mp4",
     until_end: Annotated[
-        bool, typer.Option("--until-end", help="End where a file ends, instead of waiting for Restart.")
+        bool,
+        typer.Option(
+            "--until-end",
+            rich_help_panel=help_groups.PAGE,
+            help="End where a file ends, instead of waiting for Restart.",
+        ),
     ] = False,
     host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Address to serve at; any but this machine's own asks for a token.")
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            rich_help_panel=help_groups.PAGE,
+            help="Address to serve at; any but this machine's own asks for a token.",
+        ),
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Port; 0 takes a free one.")] = 8321,
-    max_megapixels: options.MaxMegapixels = None,
+    port: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            min=0,
+            max=65535,
+            rich_help_panel=help_groups.PAGE,
+            help="Number of the port; 0 takes a free one.",
+        ),
+    ] = 8321,
+    output: options.Output = options.OUTPUT / "live",
+    record_as: Annotated[
+        str,
+        typer.Option(
+            "--record-as",
+            metavar="NAME",
+            rich_help_panel=help_groups.OUTPUT,
+            help="Kind of recordings: mp4, mcap or rrd.",
+        ),
+    ] = "mp4",
     quiet: options.Quiet = False,
+    risk: options.Risk = 1e-3,
+    first_look_ms: first_image.FirstLookMs = None,
+    max_megapixels: options.MaxMegapixels = None,
 ) -> None:
     """Show a tracker at work on a page in the browser, and take what you tell it there.
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import typer
 
+from grasptrack.cli import help_groups
 from grasptrack.cli.cameras import cameras
 from grasptrack.cli.compare import compare
 from grasptrack.cli.demo import demo
@@ -60,6 +61,7 @@ refuses, 130 after Ctrl-C, 1 anything else.
 
 app = typer.Typer(
     name="grasptrack",
+    cls=help_groups.GroupedVerbs,
     help=_HELP,
     add_completion=False,
     rich_markup_mode=None,  # rich alone would cost more than all else in --help
@@ -92,18 +94,29 @@ def _global_options(
     pass
 
 
-app.command(short_help="Choose grasps on an object in one image.")(synthesize)
-app.command(short_help="Predict how well the object in an image can be tracked.")(inspect)
-app.command(short_help="Track a grasp through a sequence of images.")(track)
-app.command(short_help="Track on a page in the browser, and take clicks there.")(live)
-app.command(short_help="Transfer a grasp from one image to another, by every strategy.")(transfer)
-app.command(short_help="Track a rendered scene and compare with ground truth.")(demo)
-app.command(short_help="Approach a grasp, close and lift, in a physics simulation.")(servo)
-app.add_typer(evaluate, name="evaluate", short_help="Measure every method, and write a report.")
-app.command(short_help="Compare two evaluations.")(compare)
-app.command(short_help="List the cameras that are attached.")(cameras)
-app.command(short_help="Say what is installed, what is missing, and what is wrong.")(doctor)
-app.add_typer(models, name="models", short_help="Models for --segmenter: list, download.")
+def _add_verb(function: Callable[..., None], group: str, short_help: str) -> None:
+    app.command(cls=help_groups.GroupedCommand, rich_help_panel=group, short_help=short_help)(function)
+
+
+_add_verb(track, help_groups.TRACK, "Track a grasp through a sequence of images.")
+_add_verb(live, help_groups.TRACK, "Track on a page in the browser, and take clicks there.")
+_add_verb(demo, help_groups.TRACK, "Track a rendered scene and compare with ground truth.")
+_add_verb(synthesize, help_groups.CHOOSE, "Choose grasps on an object in one image.")
+_add_verb(inspect, help_groups.CHOOSE, "Predict how well the object in an image can be tracked.")
+_add_verb(transfer, help_groups.CHOOSE, "Transfer a grasp from one image to another, by every strategy.")
+_add_verb(servo, help_groups.MEASURE, "Approach a grasp, close and lift, in a physics simulation.")
+app.add_typer(
+    evaluate,
+    name="evaluate",
+    rich_help_panel=help_groups.MEASURE,
+    short_help="Measure every method, and write a report.",
+)
+_add_verb(compare, help_groups.MEASURE, "Compare two evaluations.")
+_add_verb(cameras, help_groups.SUPPORT, "List the cameras that are attached.")
+app.add_typer(
+    models, name="models", rich_help_panel=help_groups.SUPPORT, short_help="Models for --segmenter: list, download."
+)
+_add_verb(doctor, help_groups.SUPPORT, "Say what is installed, what is missing, and what is wrong.")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

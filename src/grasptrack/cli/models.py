@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from grasptrack.cli import help_groups
 from grasptrack.errors import InputError
 
 models = typer.Typer(
     help="List models for --segmenter, and download one on request.",
+    cls=help_groups.GroupedVerbs,
     rich_markup_mode=None,
     invoke_without_command=True,
 )
@@ -38,7 +40,7 @@ def _list_models(context: typer.Context) -> None:
     typer.echo(f"kept in {models_folder()}")
 
 
-@models.command(short_help="Download one model.")
+@models.command(cls=help_groups.GroupedCommand, short_help="Download one model.")
 def get(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the model, as u2netp.")]) -> None:
     """Download a model, say where from, and check its hash."""
     from grasptrack.segmentation.models import MODELS, download_model, model_named

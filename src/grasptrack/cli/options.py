@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from grasptrack.cli import help_groups
 from grasptrack.errors import GraspError, InputError, StrategyError
 
 if TYPE_CHECKING:
@@ -21,49 +23,158 @@ if TYPE_CHECKING:
 Fingers = Annotated[
     int | None,
     typer.Option(
-        metavar="K", help="Number of fingers.  [default: 2, or as many as --grasp has contacts]", show_default=False
+        metavar="N",
+        rich_help_panel=help_groups.GRASP,
+        help="Number of fingers.",
+        show_default="2, or as many as --grasp has contacts",
     ),
 ]
-Risk = Annotated[
-    float,
-    typer.Option(metavar="R", help="Accepted probability of a wrong answer, between 0 and 1."),
+TwoOrThree = Annotated[
+    int, typer.Option(metavar="N", rich_help_panel=help_groups.GRASP, help="Number of fingers, 2 or 3.")
 ]
-Friction = Annotated[float, typer.Option(metavar="MU", help="Coulomb friction coefficient between finger and object.")]
+Friction = Annotated[
+    float,
+    typer.Option(
+        metavar="MU",
+        rich_help_panel=help_groups.GRASP,
+        help="Coulomb friction coefficient between finger and object.",
+    ),
+]
 GraspText = Annotated[
     str | None,
     typer.Option(
-        metavar='"X1,Y1 X2,Y2"',
-        help="Contacts in the first image, in px, instead of synthesis; they also select the object.",
+        metavar='"X,Y X,Y ..."',
+        rich_help_panel=help_groups.GRASP,
+        help="Contacts in the first image, in px; they also select the object.",
+        show_default="synthesized",
     ),
 ]
-MinOpening = Annotated[str | None, typer.Option(metavar="L", help="Smallest opening of the hand.  [default: 0]")]
-MaxOpening = Annotated[str | None, typer.Option(metavar="L", help="Largest opening of the hand.  [default: unlimited]")]
+StrategyName = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME", rich_help_panel=help_groups.GRASP, help="Strategy: auto, rrp, grasp-line or homography."
+    ),
+]
+Resynthesize = Annotated[
+    bool,
+    typer.Option(
+        "--resynthesize",
+        rich_help_panel=help_groups.GRASP,
+        help="Choose a new grasp when the current one is no longer stable.",
+    ),
+]
+MinOpening = Annotated[
+    str | None,
+    typer.Option(metavar="L", rich_help_panel=help_groups.HAND, help="Smallest opening of the hand.", show_default="0"),
+]
+MaxOpening = Annotated[
+    str | None,
+    typer.Option(
+        metavar="L", rich_help_panel=help_groups.HAND, help="Largest opening of the hand.", show_default="unlimited"
+    ),
+]
 FingerWidth = Annotated[
-    str | None, typer.Option(metavar="L", help="Width of a finger, along the outline.  [default: 10%]")
+    str | None,
+    typer.Option(
+        metavar="L",
+        rich_help_panel=help_groups.HAND,
+        help="Width of a finger, along the outline.",
+        show_default="10%",
+    ),
 ]
 FingerThickness = Annotated[
-    str | None, typer.Option(metavar="L", help="Thickness of a finger, away from the outline.  [default: 10%]")
+    str | None,
+    typer.Option(
+        metavar="L",
+        rich_help_panel=help_groups.HAND,
+        help="Thickness of a finger, away from the outline.",
+        show_default="10%",
+    ),
 ]
 Clearance = Annotated[
-    str | None, typer.Option(metavar="L", help="Gap between finger and object before closing.  [default: 3%]")
+    str | None,
+    typer.Option(
+        metavar="L",
+        rich_help_panel=help_groups.HAND,
+        help="Gap between finger and object before closing.",
+        show_default="3%",
+    ),
+]
+Scale = Annotated[
+    float | None,
+    typer.Option(
+        metavar="PX_PER_MM",
+        rich_help_panel=help_groups.HAND,
+        help="Image scale, in px per mm, for lengths in mm, cm, m or in.",
+    ),
 ]
 ObjectLength = Annotated[
     str | None,
     typer.Option(
         "--length",
         metavar="L",
-        help="Length of the object, the longer side of its smallest enclosing rectangle: 120mm, 12cm, 0.12m, 4.7in.",
+        rich_help_panel=help_groups.OBJECT,
+        help="Length of the object, the longer side of its smallest enclosing rectangle, in mm, cm, m or in: 120mm.",
     ),
 ]
-Scale = Annotated[
-    float | None, typer.Option(metavar="PX_PER_MM", help="Image scale in px per mm, for lengths in mm or in.")
+FramesPerSecond = Annotated[
+    float | None,
+    typer.Option(
+        "--fps",
+        metavar="FPS",
+        rich_help_panel=help_groups.SOURCE,
+        help="Frame rate, in frames/s, for folders and globs, which have no times.",
+    ),
 ]
-NoVideo = Annotated[bool, typer.Option("--no-video", help="Do not write overlay.mp4.")]
 Silhouettes = Annotated[
-    str | None, typer.Option(metavar="DIR", help="Parts from silhouette images, black outside the part.")
+    str | None,
+    typer.Option(
+        metavar="DIR",
+        rich_help_panel=help_groups.SCENE,
+        help="Parts from silhouette images, black outside the part.",
+    ),
 ]
-Workers = Annotated[int | None, typer.Option(metavar="N", help="Number of processes.  [default: one per core]")]
-Scheduler = Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Address of a Dask scheduler.")]
+Seed = Annotated[
+    int, typer.Option(metavar="N", min=0, rich_help_panel=help_groups.SCENE, help="Seed of all that is random.")
+]
+OUTPUT = Path("grasptrack-out")
+"""A verb that writes does so in the folder of its name within this one, unless it is told another."""
+Output = Annotated[
+    Path,
+    typer.Option(
+        metavar="DIR", rich_help_panel=help_groups.OUTPUT, help="Folder for the results; existing results are replaced."
+    ),
+]
+NoVideo = Annotated[
+    bool, typer.Option("--no-video", rich_help_panel=help_groups.OUTPUT, help="Do not write overlay.mp4.")
+]
+Json = Annotated[
+    bool,
+    typer.Option("--json", rich_help_panel=help_groups.OUTPUT, help="Print the JSON file instead of the table."),
+]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", rich_help_panel=help_groups.OUTPUT, help="Print nothing but errors.")
+]
+Risk = Annotated[
+    float,
+    typer.Option(
+        metavar="P",
+        rich_help_panel=help_groups.LIMITS,
+        help="Accepted probability of a wrong answer, between 0 and 1.",
+    ),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", rich_help_panel=help_groups.PROCESSES, help="Number of processes.", show_default="one per core"
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler", metavar="ADDRESS", rich_help_panel=help_groups.PROCESSES, help="Address of a Dask scheduler."
+    ),
+]
 
 
 def _limit_megapixels(most: float | None) -> float | None:
@@ -80,13 +191,13 @@ MaxMegapixels = Annotated[
     float | None,
     typer.Option(
         "--max-megapixels",
-        metavar="N",
+        metavar="MP",
         callback=_limit_megapixels,
-        help="Refuse larger images, in 10^6 px, before they are decoded.  [default: 100]",
-        show_default=False,
+        rich_help_panel=help_groups.LIMITS,
+        help="Largest image that is decoded, in 10^6 px; larger ones are refused.",
+        show_default="100",
     ),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
 def strategy_choice(name: str) -> str:

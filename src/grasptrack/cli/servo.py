@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grasptrack.cli import first_image, options
+from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.terminal import show_rows, with_progress
 from grasptrack.errors import InputError
 
@@ -18,31 +18,68 @@ if TYPE_CHECKING:
 
 
 def servo(
-    shape: Annotated[str | None, typer.Option(metavar="NAME", help="Built-in outline.  [default: random]")] = None,
+    fingers: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            rich_help_panel=help_groups.GRASP,
+            help="Number of fingers: 2, or 3 at 120 degrees on one drive.",
+        ),
+    ] = 2,
+    sure: first_image.Sure = 0.0,
+    shape: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", rich_help_panel=help_groups.SCENE, help="Built-in outline.", show_default="random"
+        ),
+    ] = None,
     silhouettes: options.Silhouettes = None,
     scenario: Annotated[
-        str, typer.Option(metavar="NAME", help="Scenario: static, pushed, belt or blackout.")
+        str,
+        typer.Option(
+            metavar="NAME",
+            rich_help_panel=help_groups.SCENE,
+            help="Scenario: static, pushed, belt or blackout.",
+        ),
     ] = "static",
-    arm: Annotated[str, typer.Option(metavar="NAME", help="Robot: gantry (4 DoF) or arm (6 DoF).")] = "gantry",
-    fingers: Annotated[
-        int, typer.Option(metavar="K", help="Number of fingers: 2, or 3 at 120 degrees on one drive.")
-    ] = 2,
-    law: Annotated[str, typer.Option(metavar="NAME", help="Control law: online, nominal or textbook.")] = "online",
-    risk: options.Risk = 1e-3,
-    sure: first_image.Sure = 0.0,
-    trials: Annotated[int | None, typer.Option(metavar="N", min=1, help="Run N random trials, in parallel.")] = None,
     images: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Renderer: mujoco, planar or auto.  [default: auto; planar for trials]"),
+        typer.Option(
+            metavar="NAME",
+            rich_help_panel=help_groups.SCENE,
+            help="Renderer: mujoco, planar or auto.",
+            show_default="auto; with --trials planar",
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed.")] = 0,
-    output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
-    ] = Path("servo"),
-    no_video: Annotated[bool, typer.Option("--no-video", help="Do not write approach.mp4.")] = False,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            rich_help_panel=help_groups.SCENE,
+            help="Number of random trials, run in parallel.",
+            show_default="one approach, which is filmed",
+        ),
+    ] = None,
+    seed: options.Seed = 0,
+    arm: Annotated[
+        str,
+        typer.Option(metavar="NAME", rich_help_panel=help_groups.ROBOT, help="Robot: gantry (4 DoF) or arm (6 DoF)."),
+    ] = "gantry",
+    law: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", rich_help_panel=help_groups.ROBOT, help="Control law: online, nominal or textbook."
+        ),
+    ] = "online",
+    output: options.Output = options.OUTPUT / "servo",
+    no_video: Annotated[
+        bool, typer.Option("--no-video", rich_help_panel=help_groups.OUTPUT, help="Do not write approach.mp4.")
+    ] = False,
+    quiet: options.Quiet = False,
+    risk: options.Risk = 1e-3,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
-    quiet: options.Quiet = False,
 ) -> None:
     """Look, choose a grasp, approach, close and lift, in a physics simulation (MuJoCo) with an uncalibrated camera.
 

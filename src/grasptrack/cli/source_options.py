@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from grasptrack.cli import help_groups
 from grasptrack.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,13 +17,19 @@ if TYPE_CHECKING:
 
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Setting of a camera, a stream or a bag; may be repeated."),
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        rich_help_panel=help_groups.SOURCE,
+        help="Setting of a camera, a stream or a bag; may be repeated.",
+    ),
 ]
 RecordPaths = Annotated[
     list[Path] | None,
     typer.Option(
         "--record",
         metavar="FILE",
+        rich_help_panel=help_groups.OUTPUT,
         help="Record images and results: .mcap for Foxglove, .rrd for rerun; may be repeated.",
     ),
 ]
@@ -31,17 +38,24 @@ RecordQuality = Annotated[
     typer.Option(
         "--record-quality",
         metavar="N",
-        help="Record images as JPEG of this quality, 1 to 100.  [default: as they are, so that a replay gives the same]",
-        show_default=False,
+        rich_help_panel=help_groups.OUTPUT,
+        help="Record images as JPEG of this quality, 1 to 100.",
+        show_default="as they are, so that a replay gives the same",
     ),
 ]
 JsonlPath = Annotated[
     str | None,
     typer.Option(
-        "--jsonl", metavar="FILE", help="A JSON object for every frame, one a line; - for the standard output."
+        "--jsonl",
+        metavar="FILE",
+        rich_help_panel=help_groups.OUTPUT,
+        help="Write a JSON object for every frame, one a line; - for the standard output.",
     ),
 ]
-OutlineInJsonl = Annotated[bool, typer.Option("--outline-in-jsonl", help="Tell the outline in --jsonl, too.")]
+OutlineInJsonl = Annotated[
+    bool,
+    typer.Option("--outline-in-jsonl", rich_help_panel=help_groups.OUTPUT, help="Write the outline in --jsonl, too."),
+]
 
 
 def device_settings(pairs: Sequence[str] | None) -> dict[str, str]:

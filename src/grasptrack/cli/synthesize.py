@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grasptrack.cli import first_image, options
+from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import show_rows
 from grasptrack.errors import InputError, ObservationError
@@ -40,6 +40,11 @@ _HEADS = (
 
 def synthesize(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="An image of a flat object, seen from above.")],
+    fingers: options.TwoOrThree = 2,
+    friction: options.Friction = 0.5,
+    top: Annotated[
+        int, typer.Option(metavar="N", rich_help_panel=help_groups.GRASP, help="Number of grasps at most.")
+    ] = 10,
     object_: first_image.ObjectTexts = None,
     not_: first_image.NotTexts = None,
     box: first_image.BoxText = None,
@@ -47,29 +52,28 @@ def synthesize(
     mask: first_image.MaskPath = None,
     choose: first_image.ChooseNumber = None,
     sure: first_image.Sure = 0.9,
-    first_look_ms: first_image.FirstLookMs = None,
     segmenter: first_image.SegmenterName = None,
     background: first_image.BackgroundPath = None,
-    ignore: first_image.IgnorePath = None,
-    camera: first_image.CameraPath = None,
-    fingers: Annotated[int, typer.Option(metavar="K", help="Number of fingers, 2 or 3.")] = 2,
-    top: Annotated[int, typer.Option(metavar="N", help="Maximum number of grasps.")] = 10,
-    friction: options.Friction = 0.5,
+    all_: Annotated[
+        bool,
+        typer.Option("--all", rich_help_panel=help_groups.OBJECT, help="Grasps on every object in the image."),
+    ] = False,
     min_opening: options.MinOpening = None,
     max_opening: options.MaxOpening = None,
     finger_width: options.FingerWidth = None,
     finger_thickness: options.FingerThickness = None,
     clearance: options.Clearance = None,
     scale: options.Scale = None,
-    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for grasps.json and grasps.png.")] = Path(),
-    all_: Annotated[bool, typer.Option("--all", help="Grasps on every object in the image.")] = False,
-    max_megapixels: options.MaxMegapixels = None,
+    camera: first_image.CameraPath = None,
+    ignore: first_image.IgnorePath = None,
+    output: options.Output = options.OUTPUT / "synthesize",
     quiet: options.Quiet = False,
+    first_look_ms: first_image.FirstLookMs = None,
+    max_megapixels: options.MaxMegapixels = None,
 ) -> None:
     """Choose the best grasps on the object in an image, for a hand of a given size.
 
     Every grasp closes with the friction given, fits the hand, and leaves room for each finger and its way in.
-    A length L is written 120px, 40mm (with --scale) or 30%, a share of the root of the object's area.
 
     Writes grasps.json and grasps.png, the picture of them; and candidates.png, where the choice of the object is not sure.
 

@@ -194,6 +194,11 @@ class Progress:
         if self._shown:
             self._progress.stop()
 
+    def print(self, lines: Iterable[str]) -> None:
+        """Lines of text above the bar, or, without one, on the standard output."""
+        for line in lines:
+            self._progress.console.print(line, soft_wrap=True, markup=False, highlight=False)
+
     def tell(self, step: str, done: int, total: int | None) -> None:
         """`done` of `total` frames of a step are ready; a total that turns out too small grows along."""
         if not self._shown:

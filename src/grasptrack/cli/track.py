@@ -4,15 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grasptrack.cli import first_image, options, source_options
+from grasptrack.cli import first_image, help_groups, options, source_options
 from grasptrack.cli.advice import advice_for
 from grasptrack.cli.candidates import note_candidates
 from grasptrack.cli.terminal import Interruption, Progress, RunInterruptedError, show_run
+from grasptrack.cli.verdict import Verdict
 from grasptrack.errors import InputError
 from grasptrack.grasp.hand import parse_measure
 
@@ -37,58 +37,52 @@ def track(
             metavar="SOURCE", help='Folder, "glob", video file, camera:0, rtsp://..., bag:FILE#/topic, - or one image.'
         ),
     ],
-    strategy: Annotated[
-        str, typer.Option(metavar="NAME", help="Strategy: auto, rrp, grasp-line or homography.")
-    ] = "auto",
+    strategy: options.StrategyName = "auto",
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
-    risk: options.Risk = 1e-3,
-    output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
-    ] = Path("grasptrack-out"),
     grasp: options.GraspText = None,
+    resynthesize: options.Resynthesize = False,
     object_: first_image.ObjectTexts = None,
     not_: first_image.NotTexts = None,
     box: first_image.BoxText = None,
     outline: first_image.OutlineText = None,
-    choose: first_image.ChooseNumber = None,
-    sure: first_image.Sure = 0.9,
-    first_look_ms: first_image.FirstLookMs = None,
     masks: Annotated[
         str | None,
-        typer.Option(metavar="DIR", help="Your own segmentation, one mask per frame, matched by name or by order."),
+        typer.Option(
+            metavar="DIR",
+            rich_help_panel=help_groups.OBJECT,
+            help="Your own segmentation, one mask per frame, matched by name or by order.",
+        ),
     ] = None,
+    choose: first_image.ChooseNumber = None,
+    sure: first_image.Sure = 0.9,
     segmenter: first_image.SegmenterName = None,
     background: first_image.BackgroundPath = None,
-    ignore: first_image.IgnorePath = None,
-    camera: first_image.CameraPath = None,
     length: options.ObjectLength = None,
-    fps: Annotated[
-        float | None,
-        typer.Option(metavar="RATE", help="Frame rate in frames/s, for folders and globs, which have no times."),
-    ] = None,
-    set_: source_options.Settings = None,
-    record: source_options.RecordPaths = None,
-    record_quality: source_options.RecordQuality = None,
-    jsonl: source_options.JsonlPath = None,
-    outline_in_jsonl: source_options.OutlineInJsonl = False,
     min_opening: options.MinOpening = None,
     max_opening: options.MaxOpening = None,
     finger_width: options.FingerWidth = None,
     finger_thickness: options.FingerThickness = None,
     clearance: options.Clearance = None,
     scale: options.Scale = None,
-    resynthesize: Annotated[
-        bool, typer.Option("--resynthesize", help="Choose a new grasp when the current one is no longer stable.")
-    ] = False,
+    camera: first_image.CameraPath = None,
+    ignore: first_image.IgnorePath = None,
+    fps: options.FramesPerSecond = None,
+    set_: source_options.Settings = None,
+    output: options.Output = options.OUTPUT / "track",
+    record: source_options.RecordPaths = None,
+    record_quality: source_options.RecordQuality = None,
+    jsonl: source_options.JsonlPath = None,
+    outline_in_jsonl: source_options.OutlineInJsonl = False,
     no_video: options.NoVideo = False,
-    max_megapixels: options.MaxMegapixels = None,
     quiet: options.Quiet = False,
+    risk: options.Risk = 1e-3,
+    first_look_ms: first_image.FirstLookMs = None,
+    max_megapixels: options.MaxMegapixels = None,
 ) -> None:
     """Track a grasp through a sequence of images, or say for each image why not.
 
-    The grasp is chosen in the first image with an object, for a hand as in `grasptrack synthesize`: a length L is
-    written 120px, 40mm (with --scale) or 30%, a share of the root of the object's area.
+    The grasp is chosen in the first image with an object, for a hand as in `grasptrack synthesize`.
 
     Contacts are reported where the probability that they are wrong is below --risk. Wrong means that one is off by more than
     3 px and 4 % of the root of the object's area, or that it is another object. Other frames are lost, with a reason.
@@ -98,7 +92,8 @@ def track(
     Where the choice of the object is not sure, candidates.png shows the likeliest, numbered, and --choose takes one.
 
     Writes grasps.csv (one row for every frame), run.json, overlay.mp4 and summary.png. Ctrl-C keeps what was computed.
-    --record adds a file for Foxglove or rerun, --jsonl a line of JSON for every frame.
+    --record adds a file for Foxglove or rerun, --jsonl a line of JSON for every frame. Says first how well the object can be
+    tracked, as `grasptrack inspect` does.
 
     Of a live source the newest image is taken, and what comes in the meantime is dropped. One that goes away is opened again.
 
@@ -190,7 +185,8 @@ def track(
     recordings = source_options.open_recordings(record, record_quality, jsonl, outline_in_jsonl, asked)
     quiet = quiet or jsonl == "-"  # the standard output is for the lines
     done, notes, looks = 0, list[str](), list[Any]()
-    with Interruption() as interruption:
+    foretells = not quiet and images.kind != "image"  # of one image there is no run to foretell
+    with Interruption() as interruption, Verdict() as verdict:
         if isinstance(images, LiveSource):
             images.on_wait = interruption.check
             images.catches_up = True
@@ -208,6 +204,9 @@ def track(
                                 "the object is cut by the border of its first image: the part in view is followed"
                             )
                     done += 1
+                    if foretells and result.located and not verdict.is_begun and tracker.first_scene is not None:
+                        verdict.begin(tracker.first_scene)
+                    progress.print(verdict.take())
                     progress.tell("tracking", done, images.count)
                     interruption.check()
 
@@ -221,6 +220,7 @@ def track(
                     recordings=recordings,
                     on_frame=report_frame,
                 )
+                progress.print(verdict.wait(interruption.check))
         except KeyboardInterrupt:
             raise RunInterruptedError(f'interrupted after {done} frames; what was computed is in "{output}"') from None
     if not summary.grasps:

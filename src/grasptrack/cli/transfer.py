@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from grasptrack.cli import first_image, options
+from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.terminal import format_number, show_rows, tell_error
 from grasptrack.errors import GraspTrackError, InputError, TransferError
 
@@ -37,18 +37,33 @@ def transfer(
     image_b: Annotated[str, typer.Argument(metavar="IMAGE_B", help="Image to transfer the grasp to.")],
     fingers: options.Fingers = None,
     friction: options.Friction = 0.5,
-    risk: options.Risk = 1e-3,
-    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder for transfer.json and transfer.png.")] = Path(),
     grasp: options.GraspText = None,
     object_: Annotated[
-        str | None, typer.Option("--object", metavar="X,Y", help="Pixel on the object in IMAGE_A.")
+        str | None,
+        typer.Option(
+            "--object",
+            metavar="X,Y",
+            rich_help_panel=help_groups.OBJECT,
+            help="Pixel on the object in IMAGE_A, in px.",
+            show_default="the object that stands out most",
+        ),
     ] = None,
-    object_b: Annotated[str | None, typer.Option(metavar="X,Y", help="Pixel on the object in IMAGE_B.")] = None,
-    ignore: first_image.IgnorePath = None,
+    object_b: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y",
+            rich_help_panel=help_groups.OBJECT,
+            help="Pixel on the object in IMAGE_B, in px.",
+            show_default="the object that fits best",
+        ),
+    ] = None,
     camera: first_image.CameraPath = None,
-    json_: Annotated[bool, typer.Option("--json", help="Print transfer.json instead of the table.")] = False,
-    max_megapixels: options.MaxMegapixels = None,
+    ignore: first_image.IgnorePath = None,
+    output: options.Output = options.OUTPUT / "transfer",
+    json_: options.Json = False,
     quiet: options.Quiet = False,
+    risk: options.Risk = 1e-3,
+    max_megapixels: options.MaxMegapixels = None,
 ) -> None:
     """Transfer a grasp from one view of an object to another: each strategy's contacts, or why they are rejected.
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasptrack import kernels
+from grasptrack import arguments, kernels
 from grasptrack.errors import ContourError, InputError
 from grasptrack.typing import Bools, Floats
 
@@ -439,6 +439,35 @@ Outline = Contour | View
 """A bare Contour is taken as a View wherever a View is asked for."""
 
 
-def as_view(outline: Outline) -> View:
-    """The outline as a View; a View comes back as it is."""
-    return outline if isinstance(outline, View) else View(outline)
+OutlineLike = Outline | ArrayLike
+"""An outline, or the points (N, 2) px of an outer contour."""
+
+_as_array = arguments.array(unbounded=True)
+
+
+def outline_like(value: Any) -> str:
+    """For `arguments.checked`: an outline or an array of numbers, whose shape and values are the contour's to refuse."""
+    fits = isinstance(value, (Contour, View)) or not _as_array(value)
+    return "" if fits else "a Contour or a View, or an array of numbers of shape (N, 2)"
+
+
+def as_outline(given: OutlineLike) -> Outline:
+    """A Contour or View as it is; of points (N, 2) px a Contour.
+
+    Raises:
+        ContourError: points that are none.
+    """
+    return given if isinstance(given, (Contour, View)) else Contour(given)
+
+
+def as_view(outline: OutlineLike) -> View:
+    """The outline as a View; a View comes back as it is.
+
+    Raises:
+        ContourError: points that are none.
+    """
+    return (
+        outline
+        if isinstance(outline, View)
+        else View(Contour(outline) if not isinstance(outline, Contour) else outline)
+    )

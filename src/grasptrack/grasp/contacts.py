@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from grasptrack import arguments, kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError
-from grasptrack.geometry.contours import Contour, Outline, View
+from grasptrack.geometry.contours import OutlineLike, as_outline, outline_like
 from grasptrack.typing import Floats
 
 
@@ -70,17 +70,27 @@ class Grasp:
         return math.dist(self.contacts[0], self.contacts[1])
 
     @arguments.checked(
-        outline=arguments.instance(Contour, View),
+        outline=outline_like,
     )
-    def on(self, outline: Outline) -> Floats:
-        """(k, 3) where each contact lies on an outline: contour index, position (point index + fraction), distance px."""
+    def on(self, outline: OutlineLike) -> Floats:
+        """(k, 3) where each contact lies on an outline: contour index, position (point index + fraction), distance px.
+
+        Raises:
+            ContourError: points that are no contour.
+        """
+        outline = as_outline(outline)
         return kernels.project_to_contour(outline.points, outline.offsets, self.contacts)
 
     @arguments.checked(
-        outline=arguments.instance(Contour, View),
+        outline=outline_like,
     )
-    def snapped(self, outline: Outline) -> Grasp:
-        """The same grasp with each contact moved to the nearest point of the outline."""
+    def snapped(self, outline: OutlineLike) -> Grasp:
+        """The same grasp with each contact moved to the nearest point of the outline.
+
+        Raises:
+            ContourError: points that are no contour.
+        """
+        outline = as_outline(outline)
         return Grasp.of(kernels.point_at(outline.points, outline.offsets, self.on(outline)), self.quality)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from grasptrack import arguments, kernels
 from grasptrack.equality import compared_by_value
 from grasptrack.errors import GraspError, InputError
-from grasptrack.geometry.contours import Contour, Outline, View
+from grasptrack.geometry.contours import Outline, OutlineLike, as_outline, outline_like
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.typing import Bools, Floats
 
@@ -114,14 +114,14 @@ def check_width(finger_width: float | None) -> None:
 
 @arguments.checked(
     grasp=arguments.instance(Grasp),
-    outline=arguments.instance(Contour, View),
+    outline=outline_like,
     friction=arguments.number,
     finger_width=arguments.optional(arguments.number),
     judged_in=arguments.text,
 )
 def analyze(
     grasp: Grasp,
-    outline: Outline,
+    outline: OutlineLike,
     friction: float = DEFAULT_FRICTION,
     finger_width: float | None = None,
     judged_in: Literal["reference", "image", "plane"] = "image",
@@ -134,16 +134,17 @@ def analyze(
 
     Args:
         grasp: contacts, each within 5 % of sqrt(area) of the outline.
-        outline: a Contour or View.
+        outline: a Contour or View, or points (N, 2) px of a contour.
         friction: Coulomb coefficient; more friction never makes a grasp worse.
         finger_width: px over which the normal is averaged; default 10 % of sqrt(area).
         judged_in: what `outline` is, for the record.
 
     Raises:
+        ContourError: points that are no contour.
         GraspError: a contact is not on the outline.
         InputError: friction or finger_width not positive.
     """
-    return Analyzer(outline, finger_width, judged_in).analyze(grasp.contacts, friction)
+    return Analyzer(as_outline(outline), finger_width, judged_in).analyze(grasp.contacts, friction)
 
 
 class Analyzer:

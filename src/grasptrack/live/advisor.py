@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasptrack.errors import GraspTrackError, InputError
 from grasptrack.live.commands import Hover, Wire
@@ -21,11 +20,9 @@ from grasptrack.segmentation.hints import make_hints
 from grasptrack.segmentation.images import to_bgr
 from grasptrack.segmentation.live_wire import LiveWire
 from grasptrack.segmentation.silhouettes import trace_silhouettes
-from grasptrack.segmentation.undistortion import Told, Undistortion
-from grasptrack.trackability import Suitability, inspect
-from grasptrack.trackability.report import describe_expectation
-from grasptrack.tracking.camera import Beforehand
-from grasptrack.tracking.numbers import NUMBERS
+from grasptrack.trackability import inspect_scene
+from grasptrack.trackability.report import describe_expectation, describe_reasons
+from grasptrack.tracking.initialization import FirstScene
 from grasptrack.tracking.result import TrackResult
 from grasptrack.tracking.tracker import GraspTracker
 from grasptrack.typing import Floats
@@ -47,6 +44,7 @@ class Proposal:
         tracker: that has seen the image; None with an error.
         result: of it.
         candidates: up to three, the likeliest first.
+        scene: what the tracker chose in, for a verdict; None where it chose nothing.
         error: why there is none, in one line.
     """
 
@@ -56,6 +54,7 @@ class Proposal:
     tracker: GraspTracker | None = None
     result: TrackResult | None = None
     candidates: tuple[Candidate, ...] = ()
+    scene: FirstScene | None = None
     error: str = ""
 
     def is_sure(self, sure: float) -> bool:
@@ -160,53 +159,17 @@ def propose(question: int, number: int, arrival: Arrival, meant: Meant, settings
         result = tracker.update(arrival.frame.image, time=arrival.frame.time)
     except GraspTrackError as error:
         return replace(asked, error=str(error))
-    return replace(asked, tracker=tracker, result=result, candidates=tuple(tracker.candidates))
+    candidates = tuple(tracker.candidates)
+    return replace(asked, tracker=tracker, result=result, candidates=candidates, scene=tracker.first_scene)
 
 
-def judge(question: int, arrival: Arrival, meant: Meant, settings: Settings) -> Verdict:
-    """How well the object in an image can be tracked; where that cannot be told, why."""
+def judge(question: int, scene: FirstScene) -> Verdict:
+    """How well the object that was chosen can be tracked; where that cannot be told, why."""
     try:
-        found = _inspect(arrival.frame.image, meant, settings)
+        found = inspect_scene(scene)
     except GraspTrackError as error:
         return Verdict(question, "none", str(error))
-    advice = [r.text + (f". Would help: {r.advice}" if r.advice else "") for r in found.reasons]
-    return Verdict(question, found.level, describe_expectation(found), tuple(advice))
-
-
-def _inspect(image: NDArray[Any], meant: Meant, settings: Settings) -> Suitability:
-    contacts = None if meant.contacts is None else np.array(meant.contacts)
-    told = Told(
-        contacts,
-        meant.on or None,
-        meant.off or None,
-        meant.box,
-        meant.outline,
-        settings.ignore,
-        settings.background,
-    )
-    lens = None
-    if settings.camera is not None:
-        lens = Undistortion(settings.camera, image.shape[1], image.shape[0])
-        image, told = lens.image(image), told.straight(lens)
-    return inspect(
-        image,
-        grasp=told.contacts,
-        fingers=settings.fingers if contacts is None else len(contacts),
-        friction=settings.friction,
-        object_at=told.object_at,
-        not_at=told.not_at,
-        box=told.box,
-        outline=told.outline,
-        ignore=told.ignore,
-        background=told.background,
-        hand=None if contacts is not None else settings.hand,
-        strategy=settings.strategy,
-        risk=settings.risk,
-        segmenter=settings.segmenter,
-        number=meant.number,
-        first_look_ms=settings.first_look_ms,
-        focal=None if lens is None else Beforehand.by_calibration(lens.focal, NUMBERS),
-    )
+    return Verdict(question, found.level, describe_expectation(found), tuple(describe_reasons(found)))
 
 
 class WireDesk:

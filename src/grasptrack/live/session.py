@@ -199,7 +199,7 @@ class LiveSession(SessionLoop):
     def _on_proposal(self, proposal: Proposal) -> None:
         if proposal.question != self._question:
             return
-        settings, meant, arrival = self._settings, proposal.meant, self._kept.get(proposal.image)
+        settings, meant = self._settings, proposal.meant
         sure = meant.is_settled or (meant.points_at and proposal.is_sure(settings.sure))
         if proposal.tracker is not None and (self._follow_when_ready or (sure and proposal.candidates)):
             self._follow(proposal)
@@ -211,9 +211,9 @@ class LiveSession(SessionLoop):
             self._show(phase="opening", result=proposal.result, notice=note)  # the next image may show an object
             return
         self._show(phase="choosing", proposal=proposal, result=proposal.result, notice=note)
-        if proposal.candidates:
-            question = proposal.question
-            self._advisor.ask(lambda: judge(question, arrival, meant, settings), "judge")
+        question, scene = proposal.question, proposal.scene
+        if scene is not None:
+            self._advisor.ask(lambda: judge(question, scene), "judge")
 
     def _follow(self, proposal: Proposal) -> None:
         """Go on with a tracker that has seen the image in which the object was chosen."""

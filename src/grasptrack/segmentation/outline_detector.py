@@ -202,6 +202,11 @@ class OutlineDetector:
         return Closing(recipe, grain * gain, self._colours.shape)
 
     @property
+    def colours(self) -> NDArray[np.uint8]:
+        """(H, W) or BGR (H, W, 3) the image that was looked at last."""
+        return self._colours
+
+    @property
     def size(self) -> tuple[int, ...]:
         """Height and width of the image that was looked at last."""
         return self._colours.shape[:2]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from grasptrack.segmentation.segmenters import segmenter_for
 from grasptrack.statistics import robust_sd
 from grasptrack.trackability.appearance import Edges, Relief, edge_direction_noise, edges_of, gradient_statistics
 from grasptrack.trackability.evidence import (
+    ORDER,
     Likeness,
     Settled,
     contact_evidence,
@@ -33,7 +35,7 @@ from grasptrack.trackability.evidence import (
     symmetry_of,
     unfixed_covariance,
 )
-from grasptrack.trackability.first import FirstView, first_view
+from grasptrack.trackability.first import FirstView, first_view, first_view_of
 from grasptrack.trackability.motions import TURN, Frame, motions_of
 from grasptrack.trackability.prediction import (
     RUNS,
@@ -51,16 +53,16 @@ from grasptrack.trackability.synthetic_view import Setting, Stage
 from grasptrack.tracking.camera import Beforehand
 from grasptrack.tracking.decision import contact_tolerance, largest_sigma
 from grasptrack.tracking.follower import AUTO
-from grasptrack.tracking.initialization import Wish
+from grasptrack.tracking.initialization import FirstScene, Wish
 from grasptrack.tracking.messages import Reason as Why
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS
 from grasptrack.tracking.selection import make_target
 from grasptrack.tracking.strategies import carrier_for
 from grasptrack.tracking.target import Target, build_pyramid
 from grasptrack.tracking.tracker import GraspTracker
-from grasptrack.typing import Floats
+from grasptrack.typing import Floats, StrategyName
 
-__all__ = ["Reason", "Suitability", "inspect"]
+__all__ = ["Reason", "Suitability", "inspect", "inspect_scene"]
 
 
 @arguments.checked(
@@ -89,7 +91,7 @@ def inspect(
     mask: NDArray[Any] | None = None,
     ignore: NDArray[Any] | None = None,
     hand: Hand | None = None,
-    strategy: str = AUTO,
+    strategy: StrategyName | str = AUTO,
     risk: float = DEFAULT_RISK,
     focal: Beforehand | None = None,
     runs: int = RUNS,
@@ -155,7 +157,39 @@ def inspect(
         number=number,
         first_look_ms=first_look_ms,
     )
-    first = first_view(image, mask, wish, risk, focal)
+    return _assess(first_view(image, mask, wish, risk, focal), strategy, friction, risk, focal, runs)
+
+
+def inspect_scene(scene: FirstScene, runs: int = RUNS, check: Callable[[], None] = lambda: None) -> Suitability:
+    """The same of what a tracker has chosen in its first image, without another search.
+
+    Of `strategies` it tells of `auto` alone: the verdict does not rest on the others, and to try them costs as much as all
+    else.
+    Lengths are in px of the image without the lens's distortion.
+
+    Args:
+        scene: `GraspTracker.first_scene`.
+        runs: that are drawn.
+        check: called before each; what it raises ends the work.
+
+    Raises:
+        ObservationError: no object.
+    """
+    first = first_view_of(scene)
+    return _assess(first, scene.strategy, scene.wish.friction, scene.risk, scene.before, runs, (AUTO,), check)
+
+
+def _assess(
+    first: FirstView,
+    strategy: str,
+    friction: float,
+    risk: float,
+    focal: Beforehand | None,
+    runs: int,
+    tried: Sequence[str] = (AUTO, *ORDER),
+    check: Callable[[], None] = lambda: None,
+) -> Suitability:
+    """What a first view promises; `tried` are the strategies that are, arguments else as of `inspect`."""
     view, grey = first.candidate.view, first.grey
     edges = edges_of(view, grey, first.candidate.polarity)
     surface, ground = gradient_statistics(grey, view, first.ignore_mask)
@@ -168,7 +202,7 @@ def inspect(
     stage = Stage(grey if auto else first.colours, PLAIN if auto else first.candidate.channel, surface.noise)
     prediction, fixed = None, None
     if first.carrier is not None:
-        runs_drawn, looked = _simulate_runs(first, stage, strategy, risk, focal, runs)
+        runs_drawn, looked = _simulate_runs(first, stage, strategy, risk, focal, runs, check)
         fixed = contact_evidence(first, target, looked, limit, whole.observable)
         # beyond its tolerance the tracker refuses
         adrift = (
@@ -179,7 +213,7 @@ def inspect(
         prediction = predict_run(Drawn.of(runs_drawn, math.sqrt(view.outer.area), adrift))
     refusal = "" if fixed is None else _refusal_reason(fixed.by != "nothing", fixed.covariance, limit)
     grip = None if first.grasp is None else _assess_grasp(first, friction, limit, fixed, prediction)
-    usable = strategies_of(first.held_grasp, view, grey, refusal)
+    usable = strategies_of(first.held_grasp, view, grey, refusal, tried)
     likeness = Likeness(first, target, stage)
     symmetry = symmetry_of(first, likeness, "similarity" in motions.motions[TURN].observed)
     equals = equals_of(first, likeness)
@@ -214,7 +248,13 @@ def _create_target(first: FirstView) -> Target:
 
 
 def _simulate_runs(
-    first: FirstView, stage: Stage, strategy: str, risk: float, focal: Beforehand | None, runs: int
+    first: FirstView,
+    stage: Stage,
+    strategy: str,
+    risk: float,
+    focal: Beforehand | None,
+    runs: int,
+    check: Callable[[], None],
 ) -> tuple[list[Run], list[Looked]]:
     """Runs that are drawn, and the images of the first of them."""
     view, grasp, grey = first.candidate.view, first.held_grasp, first.grey
@@ -223,6 +263,7 @@ def _simulate_runs(
     setting = Setting(centre, size, reach, grey.shape[1], grey.shape[0], focal or Beforehand.usual(NUMBERS))
     carrier, made, seen = first.carrier, [], list[Looked]()
     for steps in drawn_runs(setting, runs):
+        check()
         if carrier is None:
             first.observer.look(first.colours)
             first.observer.choose(first.candidate)

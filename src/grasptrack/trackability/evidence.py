@@ -279,7 +279,9 @@ def peaks_of(view: View) -> Floats:
     return outer.points[peaks].reshape(-1, 2)
 
 
-def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "") -> tuple[Usable, ...]:
+def strategies_of(
+    grasp: Grasp, view: View, grey: Grey, refusal: str = "", tried: Sequence[str] = (AUTO, *ORDER)
+) -> tuple[Usable, ...]:
     """`auto`'s registration and the three strategies, each tried on the view of the choice itself.
 
     Args:
@@ -287,6 +289,7 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "") -> tu
         view: the outline.
         grey: (H, W) its image.
         refusal: why no transfer is believed, of whatever strategy; else empty.
+        tried: their names.
     """
 
     def explain_refusal(name: str) -> str:
@@ -299,7 +302,7 @@ def strategies_of(grasp: Grasp, view: View, grey: Grey, refusal: str = "") -> tu
             return str(error)
         return refusal
 
-    return tuple(Usable(name, explain_refusal(name)) for name in (AUTO, *ORDER))
+    return tuple(Usable(name, explain_refusal(name)) for name in tried)
 
 
 def recommended_strategy(usable: tuple[Usable, ...]) -> str:

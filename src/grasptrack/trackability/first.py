@@ -17,7 +17,7 @@ from grasptrack.segmentation.images import Grey, to_bgr
 from grasptrack.segmentation.outline_detector import OutlineDetector
 from grasptrack.tracking import initialization
 from grasptrack.tracking.camera import Beforehand
-from grasptrack.tracking.initialization import Wish, hidden_mask, image_size, mask_as_scene, start_tracking
+from grasptrack.tracking.initialization import FirstScene, Wish, hidden_mask, image_size, mask_as_scene, start_tracking
 from grasptrack.tracking.strategies import Carrier
 
 
@@ -73,6 +73,23 @@ def first_view(
     colours = to_bgr(image) if mask is None else mask_as_scene(mask, shape)
     observer.look(colours)
     chosen = initialization.first_view(observer, wish, mask is not None)
+    return _start(FirstScene(observer.colours, mask is not None, chosen, wish, wish.strategy, risk, focal), observer)
+
+
+def first_view_of(scene: FirstScene) -> FirstView:
+    """The same of what a tracker chose, without another search.
+
+    Raises:
+        ObservationError: no object.
+    """
+    observer = OutlineDetector(hidden_mask(scene.wish.ignore, image_size(scene.colours)))
+    observer.look(scene.colours)
+    return _start(scene, observer)
+
+
+def _start(scene: FirstScene, observer: OutlineDetector) -> FirstView:
+    """The object, the grasp on it, and what carries it, of a choice in the image that an observer has looked at."""
+    colours, masked, chosen, wish, strategy, risk, before = scene
     candidate, reason = chosen.candidate, chosen.reason.sentence
     if candidate is None:
         raise ObservationError(reason)
@@ -81,14 +98,14 @@ def first_view(
         wish.object_at is not None or wish.box is not None or wish.outline is not None
     ):  # only one place in the image was looked at
         try:
-            found = observer.first(Hints(masked=mask is not None))
+            found = observer.first(Hints(masked=masked))
         except ObservationError:
             found = []
     others = initialization.other_objects(found, candidate)
-    start = start_tracking(chosen, wish.strategy, grey, observer, risk=risk, before=focal)
+    start = start_tracking(chosen, strategy, grey, observer, risk=risk, before=before)
     if start.carrier is None:
         start = start._replace(grasp=chosen.grasps[0] if chosen.grasps else None)
-        reason = f"no grasp that {wish.strategy} can carry: {start.refusal}" if start.refusal else reason
+        reason = f"no grasp that {strategy} can carry: {start.refusal}" if start.refusal else reason
     reason = "" if start.carrier else reason
     candidates = distinct_candidates(chosen.found)
     return FirstView(candidate, colours, observer, grey, others, start.grasp, start.carrier, reason, candidates)

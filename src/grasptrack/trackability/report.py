@@ -274,6 +274,11 @@ def describe_expectation(found: Suitability) -> str:
     return f"{share}, contacts {_format_number(low)} to {format_px(high)} off (95 %)"
 
 
+def describe_reasons(found: Suitability) -> list[str]:
+    """What speaks against the object, each with what would help."""
+    return [r.text + (f". Would help: {r.advice}" if r.advice else "") for r in found.reasons]
+
+
 def format_px(value: float) -> str:
     """A length in px with two figures."""
     return f"{_format_number(value)} px"

@@ -176,6 +176,28 @@ def first_view(observer: OutlineDetector, wish: Wish, masked: bool) -> FirstView
     return FirstView(candidate, chosen, Reason() if chosen else Reason("no-grasp", detail=why), found)
 
 
+class FirstScene(NamedTuple):
+    """What a tracker chose in an image, and all that the choice rests on: for looking again without another search.
+
+    Attributes:
+        colours: (H, W) or BGR (H, W, 3) the image without the lens's distortion, or the softened mask in its place.
+        masked: it is a mask.
+        chosen: the object and the grasps on it.
+        wish: what was asked.
+        strategy: that carries the grasp.
+        risk: probability below which an answer may be wrong.
+        before: what was known of camera and tilt, or None.
+    """
+
+    colours: NDArray[np.uint8]
+    masked: bool
+    chosen: FirstView
+    wish: Wish
+    strategy: str
+    risk: float
+    before: Beforehand | None
+
+
 class Start(NamedTuple):
     """How a grasp is begun to be followed.
 

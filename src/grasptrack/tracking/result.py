@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.force_closure import GraspAnalysis
-
-Status = Literal["searching", "tracked", "unstable", "lost"]
+from grasptrack.typing import Status
 
 
 @compared_by_value
@@ -106,5 +105,42 @@ class TrackResult:
 
     @property
     def located(self) -> bool:
-        """Whether contacts are given. Type checkers learn it from `result.contacts is not None`: no property can tell them."""
+        """Whether contacts are given.
+
+        Of what `GraspTracker.update` returns, type checkers learn it from the status too; mypy also from this property, pyright
+        from `result.located is True`.
+        """
         return self.contacts is not None
+
+
+if TYPE_CHECKING:
+
+    class LocatedResult(TrackResult):
+        """A result with contacts, as type checkers see it."""
+
+        status: Literal["tracked", "unstable"]
+        grasp_id: int
+        contacts: NDArray[np.float64]
+        seen: NDArray[np.float64]
+        analysis: GraspAnalysis
+        homography: NDArray[np.float64]
+        view: View
+
+        @property
+        def located(self) -> Literal[True]:
+            """It is."""
+
+    class UnlocatedResult(TrackResult):
+        """A result without contacts, as type checkers see it."""
+
+        status: Literal["searching", "lost"]
+        contacts: None
+        seen: None
+        analysis: None
+
+        @property
+        def located(self) -> Literal[False]:
+            """It is not."""
+
+else:
+    LocatedResult = UnlocatedResult = TrackResult

@@ -9,7 +9,7 @@ import time as clock
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,14 +34,22 @@ from grasptrack.tracking.camera import Beforehand, rectifying_view
 from grasptrack.tracking.decision import contact_tolerance
 from grasptrack.tracking.estimator import PoseEstimate
 from grasptrack.tracking.follower import AUTO, Follower, Moved
-from grasptrack.tracking.initialization import Wish, first_view, hidden_mask, image_size, mask_as_scene, start_tracking
+from grasptrack.tracking.initialization import (
+    FirstScene,
+    Wish,
+    first_view,
+    hidden_mask,
+    image_size,
+    mask_as_scene,
+    start_tracking,
+)
 from grasptrack.tracking.messages import Reason
 from grasptrack.tracking.numbers import DEFAULT_RISK, NUMBERS, check_risk
 from grasptrack.tracking.plane import UNKNOWN, Distance, Ruler, make_ruler
-from grasptrack.tracking.result import Status, TrackResult
+from grasptrack.tracking.result import LocatedResult, TrackResult, UnlocatedResult
 from grasptrack.tracking.strategies import Carrier
 from grasptrack.transfer import STRATEGIES, strategy_names
-from grasptrack.typing import Floats
+from grasptrack.typing import Floats, Status, StrategyName
 
 
 @dataclass(frozen=True)
@@ -148,7 +156,7 @@ class GraspTracker:
         self,
         *,
         fingers: int = 2,
-        strategy: str = AUTO,
+        strategy: StrategyName | str = AUTO,
         friction: float = DEFAULT_FRICTION,
         grasp: ArrayLike | None = None,
         object_at: ArrayLike | None = None,
@@ -214,14 +222,15 @@ class GraspTracker:
         self._track: Track | None = None
         self._turn = threading.Lock()
         self._plane: Beforehand | None = None  # of another grasp: what the one before has told
+        self._scene: FirstScene | None = None  # of the update before
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the lock, which has no copy."""
-        return {name: value for name, value in self.__dict__.items() if name != "_turn"}
+        """All but the lock, which has no copy, and the image of a choice that was made just now."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_turn", "_scene")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy has a lock of its own."""
-        self.__dict__.update(state, _turn=threading.Lock())
+        self.__dict__.update(state, _turn=threading.Lock(), _scene=None)
 
     # --- Fig. 3 ----------------------------------------------------------------------------------
 
@@ -230,7 +239,9 @@ class GraspTracker:
         time=arguments.optional(arguments.finite),
         mask=arguments.optional(arguments.array(unbounded=True)),
     )
-    def update(self, image: NDArray[Any], time: float | None = None, mask: NDArray[Any] | None = None) -> TrackResult:
+    def update(
+        self, image: NDArray[Any], time: float | None = None, mask: NDArray[Any] | None = None
+    ) -> LocatedResult | UnlocatedResult:
         """Look at the next image.
 
         Args:
@@ -249,7 +260,7 @@ class GraspTracker:
         if not self._turn.acquire(blocking=False):
             raise InputError("a tracker looks at one image after another: call update from one thread at a time")
         try:
-            return self._update(image, time, mask, started)
+            return cast("LocatedResult | UnlocatedResult", self._update(image, time, mask, started))
         finally:
             self._turn.release()
 
@@ -258,7 +269,7 @@ class GraspTracker:
     ) -> TrackResult:
         """The same, `started` at a time of the clock in s."""
         mask = self._masks.segment(image) if mask is None and self._masks else mask
-        grey = self._look(image, mask)
+        grey, self._scene = self._look(image, mask), None
         moment = _Moment(self._frame, time, started)
         if self._track is None:
             result = self._begin(moment, masked=mask is not None)  # grasp synthesis, once
@@ -277,12 +288,14 @@ class GraspTracker:
     def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""
         before, self._plane = self._beforehand(), None
-        first = first_view(self._observer, replace(self._wish, friction=self.friction), masked)
+        wish = replace(self._wish, friction=self.friction)
+        first = first_view(self._observer, wish, masked)
         self._wish = replace(self._wish, plane=None, more=())  # later they would lie otherwise
         self.candidates = self._seen_candidates(first.found)
         candidate, reason = first.candidate, first.reason
         if candidate is None:
             return _make_result(moment, "searching", reason)
+        self._scene = FirstScene(self._observer.colours, masked, first, wish, self.strategy, self.risk, before)
         if self._wish.before is None:
             self.object_sure = masked or self._wish.names_object or candidate.probability >= self._wish.sure
         grey = self._observer.choose(candidate)
@@ -368,6 +381,11 @@ class GraspTracker:
             covariance=covariance,
             view=moved.view,
         )
+
+    @property
+    def first_scene(self) -> FirstScene | None:
+        """What the last update chose an object in, for `trackability.inspect_scene`; None where it chose none."""
+        return self._scene
 
     # --- images ----------------------------------------------------------------------------------
 

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from grasptrack import arguments
 from grasptrack.errors import StrategyError
-from grasptrack.geometry.contours import Contour, Outline, View
+from grasptrack.geometry.contours import OutlineLike, as_outline, outline_like
 from grasptrack.grasp.contacts import Grasp
 from grasptrack.plugins import load_plugin, plugin_names
 from grasptrack.transfer import grasp_line, homography, rrp
 from grasptrack.transfer.base import Transfer, TransferStrategy
+from grasptrack.typing import StrategyName
 
 __all__ = ["STRATEGIES", "Transfer", "TransferStrategy", "strategy_named", "strategy_names", "transfer"]
 
@@ -44,28 +45,33 @@ def strategy_named(name: str) -> TransferStrategy:
 
 @arguments.checked(
     grasp=arguments.instance(Grasp),
-    reference=arguments.instance(Contour, View),
-    current=arguments.instance(Contour, View),
+    reference=outline_like,
+    current=outline_like,
     strategy=arguments.text,
     prior=arguments.optional(arguments.array(3, 3)),
 )
 def transfer(
-    grasp: Grasp, reference: Outline, current: Outline, strategy: str, prior: NDArray[np.float64] | None = None
+    grasp: Grasp,
+    reference: OutlineLike,
+    current: OutlineLike,
+    strategy: StrategyName | str,
+    prior: NDArray[np.float64] | None = None,
 ) -> Transfer:
     """Carry a grasp from the reference view to the current one.
 
     Args:
         grasp: contacts in the reference view, on its outline.
-        reference: outline of the reference view.
-        current: outline of the current view.
+        reference: outline of the reference view: a Contour or View, or points (N, 2) px of a contour.
+        current: outline of the current view, likewise.
         strategy: "rrp" (point i of both outlines must be the same physical point), "grasp-line" (motions within the
             image plane and scale, the object whole in view), "homography" (any motion, four curvature peaks in view), or
             one that a package registered.
         prior: (3, 3) predicted H_current_reference, which settles what one pair leaves open.
 
     Raises:
+        ContourError: points that are no contour.
         StrategyError: unknown strategy, or a grasp or pair of outlines that it cannot carry.
         TransferError: the views do not allow it; the message is the reason.
     """
     chosen = strategy_named(strategy)
-    return chosen.apply(chosen.describe(grasp, reference), current, prior)
+    return chosen.apply(chosen.describe(grasp, as_outline(reference)), as_outline(current), prior)

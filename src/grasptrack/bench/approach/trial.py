@@ -90,7 +90,7 @@ class Looking:
             image, time: as for `GraspTracker.update`.
             look: the part may be looked for anew.
         """
-        result = self._tracker.update(image, time)
+        result: TrackResult = self._tracker.update(image, time)
         self._found.append(result.status == "tracked")
         self._wait = max(0, self._wait - 1)
         self.looked = look and result.status != "tracked" and self._wait == 0 and sum(self._found) < LEAST * WINDOW

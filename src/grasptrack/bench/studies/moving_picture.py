@@ -42,7 +42,7 @@ def covered_scene(frames: int) -> Scene:
 def track_overlays(frames: int) -> tuple[list[Picture], list[gt.TrackResult]]:
     """The program's own overlay of each frame, and its results."""
     tracker = gt.GraspTracker(fingers=2)
-    pictures, results, last = [], [], None
+    pictures, results, last = [], list[gt.TrackResult](), None
     for frame in covered_scene(frames):
         result = tracker.update(frame.image, time=frame.time)
         last = result.view if result.located else last

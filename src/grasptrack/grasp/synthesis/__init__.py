@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from grasptrack import arguments
 from grasptrack.errors import InputError, StrategyError
-from grasptrack.geometry.contours import Contour, Outline, View, as_view
+from grasptrack.geometry.contours import OutlineLike, as_outline, as_view, outline_like
 from grasptrack.grasp.contacts import GraspList, RankedGrasp, Terms
 from grasptrack.grasp.force_closure import DEFAULT_FRICTION, check_friction, check_width
 from grasptrack.grasp.hand import Hand
@@ -18,23 +18,23 @@ __all__ = ["GraspList", "RankedGrasp", "Terms", "synthesize"]
 
 
 @arguments.checked(
-    outline=arguments.instance(Contour, View),
+    outline=outline_like,
     fingers=arguments.whole,
     friction=arguments.number,
     finger_width=arguments.optional(arguments.number),
     top=arguments.whole,
     hand=arguments.optional(arguments.instance(Hand)),
-    neighbours=arguments.each(arguments.instance(Contour, View)),
+    neighbours=arguments.each(outline_like),
 )
 def synthesize(
-    outline: Outline,
+    outline: OutlineLike,
     fingers: int = 2,
     friction: float = DEFAULT_FRICTION,
     finger_width: float | None = None,
     top: int = 50,
     *,
     hand: Hand | None = None,
-    neighbours: Sequence[Outline] = (),
+    neighbours: Sequence[OutlineLike] = (),
 ) -> GraspList:
     """Ranked stable grasps that a hand can do, best first. The same outline gives the same list.
 
@@ -60,13 +60,14 @@ def synthesize(
     a finger's width of its contacts.
 
     Args:
-        outline: a Contour or View; contacts are not put where the image border cuts the object.
+        outline: a Contour or View, or points (N, 2) px of a contour; contacts are not put where the image border cuts the
+            object.
         fingers: 2 or 3.
         friction: Coulomb coefficient; less friction leaves fewer grasps.
         finger_width: px, in short for ``Hand(finger_width=...)``: wider fingers see less noise and find fewer places.
         top: at most so many grasps.
         hand: opening and fingers; by default they grow with the object, and no opening is too wide.
-        neighbours: outlines of what else lies there, taken as solid. They only ever remove grasps, though one that
+        neighbours: outlines of what else lies there, likewise, taken as solid. They only ever remove grasps, though one that
             was like a removed one may show in its place.
 
     Returns:
@@ -76,6 +77,7 @@ def synthesize(
         or, where those are few and leave nothing, of some 144.
 
     Raises:
+        ContourError: points that are no contour.
         StrategyError: a number of fingers that has no synthesis.
         InputError: friction or finger_width not positive, both finger_width and hand given, a hand in mm without
             scale, or openings that contradict each other on this object.
@@ -90,4 +92,5 @@ def synthesize(
         raise InputError("give the finger's width with the hand, not beside it", finger_width=finger_width)
     if hand is None:
         hand = Hand() if finger_width is None else Hand(finger_width=finger_width)
-    return find_grasps(as_view(outline), fingers, friction, top, hand, neighbours, Limits())
+    beside = [as_outline(neighbour) for neighbour in neighbours]
+    return find_grasps(as_view(outline), fingers, friction, top, hand, beside, Limits())

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Help in groups: commands and options under headings, in one order in all verbs, with defaults and ranges in one form.
+
+The heading of an option or a verb is its `rich_help_panel`. Typer itself heeds that only where rich formats the help, and
+loading rich would cost more than all else in `--help`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+GRASP = "Grasp"
+OBJECT = "Object"
+HAND = "Hand (L: 120px, 30% of the root of the object's area, or 40mm with --scale)"
+SOURCE = "Camera and source"
+SCENE = "Scene"
+ROBOT = "Robot"
+METHODS = "Methods"
+PAGE = "Page"
+OUTPUT = "Output"
+LIMITS = "Limits"
+PROCESSES = "Processes"
+OPTION_GROUPS = (GRASP, OBJECT, HAND, SOURCE, SCENE, ROBOT, METHODS, PAGE, OUTPUT, LIMITS, PROCESSES)
+"""In the order in which every verb shows them."""
+
+TRACK = "Track"
+CHOOSE = "Choose a grasp"
+MEASURE = "Simulate and measure"
+SUPPORT = "Support"
+VERB_GROUPS = (TRACK, CHOOSE, MEASURE, SUPPORT)
+
+_TERM = 30
+"""Characters of the longest name beside which its text stands; that of a longer one begins below."""
+
+
+class GroupedCommand(TyperCommand):
+    """A verb."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Arguments, then the options of each group."""
+        _write_options(self, ctx, formatter)
+
+
+class GroupedVerbs(TyperGroup):
+    """Verbs under one name."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Options, then verbs."""
+        _write_options(self, ctx, formatter)
+        self.format_commands(ctx, formatter)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The verbs of each group, in the order in which they were added."""
+        verbs = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        rows = [
+            (getattr(verb, "rich_help_panel", None), (name, verb.get_short_help_str(formatter.width)))
+            for name, verb in verbs
+            if verb is not None and not verb.hidden
+        ]
+        _write_sections(formatter, rows, VERB_GROUPS, "Commands")
+
+
+def _write_options(command: Any, ctx: Any, formatter: Any) -> None:
+    arguments, rows = [], []
+    for param in command.get_params(ctx):
+        record = param.get_help_record(ctx)
+        if record is None:
+            continue
+        if param.param_type_name == "argument":
+            arguments.append((None, (record[0], _in_one_form(param, record[1]))))
+        else:
+            rows.append((getattr(param, "rich_help_panel", None), (record[0], _in_one_form(param, record[1]))))
+    _write_sections(formatter, arguments, (), "Arguments")
+    _write_sections(formatter, rows, OPTION_GROUPS, "Options")
+
+
+def _in_one_form(param: Any, text: str) -> str:
+    """The text of an option: a default in words without the parentheses that Typer adds, a range in words."""
+    text = text.replace("\\[", "[")  # older ones escape brackets for rich even where it does not print them
+    default = getattr(param, "show_default", None)
+    if isinstance(default, str):
+        text = text.replace(f"default: ({default})", f"default: {default}")
+    text = re.sub(r"\b(\d+)<=x<=(\d+)(?=[];])", r"\1 to \2", text)
+    return re.sub(r"\bx>=(\d+)(?=[];])", r"at least \1", text)
+
+
+def _write_sections(
+    formatter: Any, rows: Sequence[tuple[str | None, tuple[str, str]]], groups: Iterable[str], rest: str
+) -> None:
+    """Each group that has rows, then under the heading `rest` those of none; texts begin in one column."""
+    width = max((len(name) for _, (name, _) in rows if len(name) <= _TERM), default=0)
+    for group in (*groups, None):
+        members = [(name.ljust(width), text) for heading, (name, text) in rows if heading == group]
+        if members:
+            with formatter.section(group or rest):
+                formatter.write_dl(members, col_max=_TERM)

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Help of all verbs: one order, one form of defaults, units and values; and the command line's page says the same."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import cache
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from grasptrack.cli import help_groups
+from grasptrack.cli.main import app, main
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "cli.md"
+PROGRAM: Any = typer.main.get_command(app)
+UNITS = {"MS": "in ms", "FPS": "in frames/s", "PX_PER_MM": "in px per mm", "MP": "in 10^6 px"}
+WORDS = {"MU": "coefficient", "P": "robability"}
+TEXTS = {"NAME", "A,B", "DIR", "FILE", "ADDRESS", "NAME=VALUE"}
+PIXELS = {"X,Y", "X,Y,W,H", '"X,Y X,Y ..."'}
+COUNTS = r"(Number of|Seed of|Candidate to take|Record images as JPEG of this quality)"
+
+
+def verbs() -> dict[str, Any]:
+    """All that do something, by name."""
+    found: dict[str, Any] = {}
+
+    def add(command: Any, name: str) -> None:
+        below = getattr(command, "commands", None)
+        if below is None or command.invoke_without_command:
+            found[name] = command
+        for word, sub in (below or {}).items():
+            add(sub, f"{name} {word}".strip())
+
+    add(PROGRAM, "")
+    return found
+
+
+VERBS = verbs()
+
+
+def options(verb: str) -> list[Any]:
+    return [p for p in VERBS[verb].params if p.param_type_name == "option"]
+
+
+def long_name(option: Any) -> str:
+    return str(max(option.opts, key=len))
+
+
+def every_option() -> Iterator[Any]:
+    for verb in VERBS:
+        for option in options(verb):
+            yield pytest.param(verb, option, id=f"{verb} {long_name(option)}")
+
+
+@cache
+def shown(verb: str) -> dict[str, tuple[str, str]]:
+    """Heading and text of each option in the help, in its order."""
+    import contextlib
+    import io
+
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        assert main([*verb.split(), "--help"]) == 0
+    found: dict[str, tuple[str, str]] = {}
+    heading, name = "", ""
+    for line in out.getvalue().splitlines():
+        if re.match(r"\S.*:$", line):
+            heading, name = line[:-1], ""
+        elif match := re.match(r"  (?:-\w, )?(--[a-z-]+)(?: (?! )(?:\".*?\"|\S+))?(?:  +(.*))?$", line):
+            name = match[1]
+            found[name] = heading, match[2] or ""
+        elif name and line.startswith("     "):
+            found[name] = heading, found[name][1] + line
+    return found
+
+
+def unspaced(text: str) -> str:
+    """Without the blanks, which may be ends of lines."""
+    return "".join(text.split())
+
+
+def default_of(option: Any) -> str | None:
+    """What its help says of its default."""
+    if isinstance(option.show_default, str):
+        return option.show_default
+    return None if option.default is None or option.default is False else str(option.default)
+
+
+# --- groups --------------------------------------------------------------------------------------
+
+
+def test_every_verb_and_option_has_its_group() -> None:
+    below = PROGRAM.commands.values()
+    assert {verb.rich_help_panel for verb in below} == set(help_groups.VERB_GROUPS)
+    used = {option.rich_help_panel for verb in VERBS for option in options(verb)}
+    assert used == set(help_groups.OPTION_GROUPS)
+
+
+@pytest.mark.parametrize("verb", [v for v in VERBS if options(v)])
+def test_options_are_shown_in_the_order_of_groups(verb: str) -> None:
+    told = shown(verb)
+    assert {name: heading for name, (heading, _) in told.items() if name != "--help"} == {
+        long_name(option): option.rich_help_panel for option in options(verb)
+    }
+    ranks = [help_groups.OPTION_GROUPS.index(h) for n, (h, _) in told.items() if n != "--help"]
+    assert ranks == sorted(ranks)
+    assert list(told)[-1] == "--help"
+
+
+def test_an_option_is_in_one_place_and_form_in_all_verbs() -> None:
+    before: set[tuple[str, str]] = set()
+    forms: dict[str, set[Any]] = {}
+    for verb in VERBS:
+        order = [name for name in shown(verb) if name != "--help"]
+        before |= set(combinations(order, 2))
+        for option in options(verb):
+            forms.setdefault(long_name(option), set()).add((option.metavar, option.rich_help_panel))
+    assert {(a, b) for a, b in before if (b, a) in before} == set()
+    # `compare` writes a page, and masks of `evaluate scenes` are those of photos that make parts.
+    two = {"--output", "--masks"}
+    assert {name for name, found in forms.items() if len(found) > 1} <= two
+
+
+def test_the_program_lists_verbs_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    at = [out.index(f"\n{group}:\n") for group in help_groups.VERB_GROUPS]
+    assert at == sorted(at) and "Commands:" not in out
+    assert max(map(len, out.split("Options:")[1].splitlines())) <= 80, "a short help that a narrow terminal breaks"
+
+
+# --- the form ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("verb", "option"), list(every_option()))
+def test_the_form_of_an_option(verb: str, option: Any) -> None:
+    text = option.help
+    assert text[0].isupper() and text.endswith("."), "a sentence"
+    assert "[" not in text, "a default or a range is the parser's to tell"
+    told, said = unspaced(shown(verb)[long_name(option)][1]), unspaced(text)
+    assert told.startswith(said)
+    brackets = told[len(said) :]
+    assert re.fullmatch(r"(\[[^][]+\])?", brackets), "one pair at the most"
+    default = default_of(option)
+    assert brackets.startswith(f"[default:{unspaced(default)}") if default is not None else "default" not in brackets
+    assert "x>" not in brackets and "x<" not in brackets, "a range is told in words"
+
+
+@pytest.mark.parametrize(("verb", "option"), list(every_option()))
+def test_a_value_names_its_unit(verb: str, option: Any) -> None:
+    if option.is_flag:
+        return
+    text, metavar, panel = option.help, option.metavar, option.rich_help_panel
+    assert metavar in {*UNITS, *WORDS, *TEXTS, *PIXELS, "N", "L"}
+    if metavar == "N":
+        assert re.match(COUNTS, text)
+    if metavar in UNITS:
+        assert UNITS[metavar] in text
+    if metavar in WORDS:
+        assert WORDS[metavar] in text
+    if metavar in PIXELS:
+        assert "in px" in text
+    if metavar == "L":
+        assert panel == help_groups.HAND or "in mm, cm, m or in" in text
+
+
+def test_what_verbs_write_goes_to_one_folder() -> None:
+    given = {v: {long_name(o): o.default for o in options(v)}.get("--output") for v in VERBS}
+    writers = {verb: output for verb, output in given.items() if output is not None}
+    assert writers == {verb: Path("grasptrack-out") / verb.replace(" ", "-") for verb in writers}
+    assert set(given) - set(writers) == {"compare", "cameras", "doctor", "models", "models get"}
+
+
+# --- the page ------------------------------------------------------------------------------------
+
+
+def rows(verb: str) -> list[tuple[list[str], str]]:
+    """Options, as they are written, and meaning of each row of the verb's table."""
+    section = re.split(r"(?m)^## ", PAGE.read_text(encoding="utf-8").split(f"\n## grasptrack {verb}\n")[1])[0]
+    table = re.match(r"(?:\|.*\n)+", section.split("| option | meaning |\n|---|---|\n")[1])
+    assert table
+    found = []
+    for row in table[0].splitlines():
+        _, cell, meaning, _ = re.split(r"(?<!\\)\| ?", row)
+        found.append((re.findall(r"`(--[^`]+)`", cell), meaning))
+    return found
+
+
+@pytest.mark.parametrize("verb", [v for v in VERBS if options(v)])
+def test_the_page_says_what_help_says(verb: str) -> None:
+    """Values by the same words; defaults, where a row tells of one option and does not refer to another verb."""
+    known = {long_name(option): option for option in options(verb)}
+    for written, meaning in rows(verb):
+        for name, _, value in (each.partition(" ") for each in written):
+            assert value == ("" if known[name].is_flag else known[name].metavar), name
+        said = re.findall(r"\[default: ([^]]*)\]", meaning)
+        assert len(said) <= 1 and not re.search(r"\[(?!default: )[^]]+\](?!\()", meaning)
+        if len(written) == 1 and not said:
+            refers = re.search(r"\bas (for|above)\b", meaning)
+            assert refers or default_of(known[written[0].split()[0]]) is None, written
+        if len(written) == 1 and said:
+            assert said[0] == default_of(known[written[0].split()[0]])
+
+
+@pytest.mark.parametrize("verb", [v for v in VERBS if options(v)])
+def test_the_page_has_the_order_of_help(verb: str) -> None:
+    order = list(shown(verb))
+    first = [order.index(written[0].split()[0]) for written, _ in rows(verb)]
+    assert all(a < b for a, b in pairwise(first))
