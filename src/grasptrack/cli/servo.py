@@ -35,7 +35,7 @@ def servo(
         str | None,
         typer.Option(metavar="NAME", help="Renderer: mujoco, planar or auto.  [default: auto; planar for trials]"),
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Random seed.")] = 3,
     output: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for the results; existing results are replaced.")
     ] = Path("servo"),
