@@ -30,7 +30,7 @@ FRAMES = 30
 class Staged(NamedTuple):
     """Images with their times, and what the tracker is told."""
 
-    images: Iterator[tuple[Pixels, float]]
+    images: Iterator[tuple[Pixels, float | None]]
     options: Mapping[str, Any]
 
 
