@@ -15,10 +15,17 @@ requirements = $(BIN)/python -c 'import importlib.metadata as m; \
 	  print("\n".join(r.split(";")[0] for r in m.requires("grasptrack") if r.rstrip("\"\x27").endswith(("\"$(1)", "\x27$(1)"))))'
 NATIVE := CMakeLists.txt $(wildcard native/* native/*/*)
 
-.PHONY: demo test fuzz sanitize site clean
+# After pip: which of them it was, and what would do the same by hand.
+failed = { echo "make: pip could not do it; its lines above say why. Then: make again, or $(BIN)/python -m pip install $(1)" >&2; \
+	  echo "without a network: PIP_NO_INDEX=1 PIP_FIND_LINKS=folder-of-wheels make ..." >&2; exit 2; }
 
-demo: $(VENV)/.package
-	$(BIN)/grasptrack demo
+.PHONY: demo announce test fuzz sanitize site clean
+
+demo: announce $(VENV)/.package
+	@$(BIN)/grasptrack demo
+
+announce:
+	@test -e $(VENV)/.package || echo "Sets up $(VENV) first: downloads some 150 MB of packages and compiles the kernels; a minute on two idle cores."
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n auto -m "not slow"
@@ -43,18 +50,19 @@ $(VENV)/.venv:
 	  { echo "grasptrack needs Python 3.10 or newer as $(PYTHON): name one with PYTHON=..." >&2; exit 2; }
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
 	  { echo "$(PYTHON) has no venv or ensurepip: install it (Debian, Ubuntu: apt install python3-venv)" >&2; exit 2; }
-	$(PYTHON) -m venv $(VENV)
+	@$(PYTHON) -m venv $(VENV)
 	@touch $@
 
 # Editable: a change of a .py file needs no setup, one of a kernel is compiled anew.
 $(VENV)/.package: $(VENV)/.venv pyproject.toml $(NATIVE)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . || $(call failed,--editable .)
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.package
 	$(call requirements,dev) \
 	  > $(VENV)/dev.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement $(VENV)/dev.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement $(VENV)/dev.txt || \
+	  $(call failed,--requirement $(VENV)/dev.txt)
 	@touch $@
 
 # An environment of its own: the package is read, not imported.

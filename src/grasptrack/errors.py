@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+import sys
 
 _LINE_ENDS = re.compile(r"\s*[\r\n]\s*")
 
@@ -19,6 +21,16 @@ class GraspTrackError(Exception):
     def __init__(self, message: str, **values: object) -> None:
         super().__init__(_LINE_ENDS.sub(" ", message))
         self.values = values
+
+
+def own_pip() -> str:
+    """The command of this environment's own pip: another one on the path would install elsewhere."""
+    return f"{shlex.quote(sys.executable)} -m pip"
+
+
+def install_hint(extra: str) -> str:
+    """How to install what an extra of this package adds."""
+    return f'{own_pip()} install "grasptrack[{extra}]"'
 
 
 # --- what a user can put right -------------------------------------------------------------------

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from grasptrack.bench.studies.reason_pictures import SHOWN, STAGED, first_frame_with
 from grasptrack.cli.advice import MANY, MOST, REMEDIES, advice_for
 from grasptrack.tracking.messages import SENTENCES
 
@@ -23,8 +25,23 @@ def test_every_code_has_a_remedy_here_and_on_the_page() -> None:
     ]
     told = {row[0].strip("`"): row for row in rows if row[0].strip("`") in SENTENCES}
     assert told.keys() == SENTENCES.keys()
-    for code, (_, meaning, remedy) in told.items():
+    for code, (_, meaning, remedy, picture) in told.items():
         assert remedy == REMEDIES[code] and meaning in (SENTENCES[code], meaning if not SENTENCES[code] else "")
+        assert picture == (f"![{code}](images/reasons/{code}.webp)" if code in STAGED else "")
+
+
+def test_every_reason_that_can_be_staged_has_a_small_picture() -> None:
+    kept = {path.stem: path.stat().st_size for path in (PAGE.parent / "images" / "reasons").glob("*.webp")}
+    assert kept.keys() == STAGED.keys() <= SENTENCES.keys()
+    assert sum(kept.values()) < 600_000
+
+
+@pytest.mark.parametrize("code", ["no-grasp", "no-description", "object-gone"])
+def test_a_staged_scene_gives_its_reason(code: str) -> None:
+    found = first_frame_with(code)
+    assert found is not None
+    picture, result = found
+    assert result.reason_code == code and picture.shape == (SHOWN[1], SHOWN[0], 3) and picture.std() > 5.0
 
 
 @given(codes=st.dictionaries(st.sampled_from(sorted(SENTENCES)), st.integers(0, 50)), more=st.integers(0, 500))

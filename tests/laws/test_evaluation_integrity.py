@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from grasptrack.bench.records import read_records, write_records
 from grasptrack.errors import InputError
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.tracking.result import TrackResult
+from reported import made_up
 from scores import frame, random_run
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -151,3 +153,19 @@ def test_what_is_no_record_is_refused_by_name(tmp_path: Path, text: str) -> None
     path.write_text(text)
     with pytest.raises(InputError, match=r"bad\.csv"):
         read_records(path)
+
+
+def test_a_frame_without_a_truth_proves_nothing() -> None:
+    """Frames that cannot be measured neither lower the bound of wrong answers nor the risk, and are no losses."""
+    rng = np.random.default_rng(4)
+    run = made_up(rng, "clean", "auto")
+    unknown = [
+        replace(f, frame=f.frame + 30, visible=math.nan, distances=None, spread=None, defining=False) for f in run
+    ]
+    alone, beside = compute_measures([run]), compute_measures([[*run, *unknown]])
+    assert beside.frames == alone.frames == 29
+    for name in ("false_bound", "located_whole", "tracked_visible", "rms_px", "frames_whole"):
+        assert getattr(beside, name) == getattr(alone, name), name
+    assert np.array_equal(risk_coverage(run), risk_coverage([*run, *unknown]))
+    wrong = replace(run[1], distances=np.array([50.0, 0.0]))
+    assert compute_measures([[run[0], wrong, *unknown]]).false_bound == 1.0

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +17,10 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.results import GraspsCsv
 from grasptrack.io.run import Tally
+from grasptrack.view import pair
 from grasptrack.view.draw import MAX_SIDE, draw_overlay, friction_cones, jacobian_at
 from grasptrack.view.pair import write_pair
-from grasptrack.view.style import STATUS_RGB, ellipsise_text, rgb_to_bgr, text_width
+from grasptrack.view.style import STATUS_RGB, add_legend, create_figure, ellipsise_text, rgb_to_bgr, text_width
 from grasptrack.view.summary import Curves, Filmstrip, write_summary
 from test_io_run import SQUARE, analysis, answer
 
@@ -141,3 +143,37 @@ def test_a_picture_of_two_views(tmp_path: Path) -> None:
     )
     image = cv2.imread(str(tmp_path / "p.png"))
     assert image is not None and 1000 < image.shape[1] < 2500 and image.shape[0] < 1500
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_marks_leave_what_lies_below_a_contact_visible(count: int) -> None:
+    figure = create_figure(6.4, 4.8, dpi=100)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(-0.5, 639.5)
+    axes.set_ylim(479.5, -0.5)
+    axes.set_axis_off()
+    angles = 0.3 + np.arange(count) * 2.0 * math.pi / count
+    contacts = 0.5 * np.round(
+        2.0 * (np.array([320.0, 240.0]) + 90.0 * np.column_stack([np.cos(angles), np.sin(angles)]))
+    )
+    figure.canvas.draw()
+    before = np.asarray(figure.canvas.buffer_rgba()).copy()
+    for mark, size in [*pair._MARKS.values(), pair._OTHER[0], ("o", pair._REFERENCE)]:
+        pair._draw_grasp(axes, contacts, "#ff0000", mark, size)
+    figure.canvas.draw()
+    after = np.asarray(figure.canvas.buffer_rgba())
+    assert (after != before).any(axis=2).sum() > 1000
+    for x, y in np.round(contacts).astype(int):
+        assert np.array_equal(after[y - 1 : y + 2, x - 1 : x + 2], before[y - 1 : y + 2, x - 1 : x + 2])
+
+
+@pytest.mark.parametrize("count", [1, 4, 9])
+def test_a_legend_stays_below_its_panel(count: int) -> None:
+    from matplotlib.lines import Line2D
+
+    figure = create_figure(16.0, 9.0, dpi=100)
+    axes = figure.add_axes((0.0125, 0.07, 0.575, 0.85))
+    add_legend(axes, [Line2D([], [], lw=2, label=f"ways it fits {i}") for i in range(count)])
+    place = axes.get_legend().get_window_extent(figure.canvas.get_renderer())
+    assert place.x1 <= axes.get_window_extent().x1 and place.y0 >= 0.0
+    assert place.y1 <= axes.get_window_extent().y0

@@ -235,11 +235,14 @@ def test_an_absent_driver_is_one_line_that_names_its_extra(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setattr("grasptrack.io.extras.find_spec", lambda name: None)
-    assert said(spec).endswith(f'pip install "grasptrack[{extra}]"')
+    assert said(spec).endswith(f'{sys.executable} -m pip install "grasptrack[{extra}]"')
     if extra == "pylon":
         monkeypatch.setattr(listing, "attached_realsense", list)  # its search takes two seconds
         assert main(["cameras"]) == 0
-        assert 'pylon: a camera of Basler\'s needs pypylon: pip install "grasptrack[pylon]"' in capsys.readouterr().out
+        assert (
+            f'pylon: a camera of Basler\'s needs pypylon: {sys.executable} -m pip install "grasptrack[pylon]"'
+            in capsys.readouterr().out
+        )
 
 
 def test_settings_are_for_what_has_some(tmp_path: Path) -> None:

@@ -189,6 +189,9 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().out
     for strategy in ("auto", "rrp", "grasp-line", "homography"):
         assert strategy in said and len(rows(tmp_path / strategy)) == 3
+    first, *_, last = said.strip().splitlines()
+    assert "3 frames" in first and "4 strategies" in first and first.endswith(" s.")
+    assert last.startswith("Open ") and Path(last.removeprefix("Open ").removesuffix(".")).is_file()
 
 
 def test_version_names_the_backend_and_its_build(capsys: pytest.CaptureFixture[str]) -> None:

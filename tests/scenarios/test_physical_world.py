@@ -157,7 +157,7 @@ def test_the_part_is_seen_where_the_truth_says_by_mujoco_as_well() -> None:
     gaps = []
     for seed in range(4):
         world = World(SHAPES["bracket"](), seed=seed, arm="arm", images="mujoco")
-        images = world._images
+        images = world.images
         assert isinstance(images, MujocoImages)
         drawn = images.part_mask(world)
         K, at, part = world.setting.camera.matrix, world.camera_pose(), world.part_pose()

@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 
 from grasptrack.bench.metrics.integrity import Measures
-from grasptrack.bench.metrics.summary import Row
+from grasptrack.bench.metrics.summary import Row, summarise_run
 from grasptrack.bench.report.comparison import compare_runs
 from grasptrack.bench.report.comparison_page import write_comparison
 from grasptrack.bench.report.glossary import COMPARED, CURVES, TERMS
 from grasptrack.bench.report.paper_page import paper_report
 from grasptrack.bench.report.run import write_report
 from grasptrack.bench.report.tables import ANSWERS, ERRORS
+from grasptrack.bench.run_folder import read_run
 from reported import METHODS, changed, lost, real, scenes
 
 
@@ -152,7 +153,25 @@ def test_a_run_without_a_wrong_answer_says_how_little_that_proves(tmp_path: Path
     text = " ".join(good(write_report(right)).text.split())
     assert "never wrong" in text
     frames = 5 * 3 * 29
-    assert f"in {frames} frames, which puts the rate of wrong answers below {300 / frames:.2f} %" in text
+    assert f"in {frames} measured frames, which puts the rate of wrong answers below {300 / frames:.2f} %" in text
+
+
+def test_counts_agree(folder: Path, tmp_path: Path) -> None:
+    text = " ".join(good(write_report(folder)).text.split())
+    assert (
+        f"{len(METHODS)} methods were shown the same 450 images: 5 parts under 3 disturbances, 15 sequences in all"
+        in text
+    )
+    summary = summarise_run(read_run(folder))
+    for row in summary.overall:
+        measured = row.measures.frames
+        assert measured == 450 - 15
+        without = sum(n for _, n in summary.reasons[row.method])
+        answered = sum(f.answered for run in read_run(folder).runs(row.method, read_run(folder).scored) for f in run)
+        assert without + answered == 450
+        assert f"{without} of {measured} measured frames without contacts" in text
+    one = " ".join(good(write_report(scenes(tmp_path / "a", shapes=("disc",)))).text.split())
+    assert "1 part under 3 disturbances, 3 sequences in all" in one
 
 
 def test_a_method_that_never_answers_leaves_dashes(tmp_path: Path) -> None:

@@ -36,6 +36,7 @@ SMALLEST = {
     "moving_picture": "--frames 4 --picture PICTURE",
     "plane": "--parts bracket --tilts 30",
     "precision_bound": "--shapes bracket --disturbances clean-4dof --frames 7",
+    "reason_pictures": "--codes no-grasp,no-object --pictures DATA/reasons",
     "segmentation": "--data DATA --pictures DATA/pictures",
     "steps": "--calls 8 --updates 8 --largest 1",
     "synthesis": "--silhouettes DATA/tools/masks --friction 0.3",

@@ -29,7 +29,7 @@ from weakref import WeakSet
 import numpy as np
 
 import grasptrack
-from grasptrack.errors import GraspTrackError, InputError
+from grasptrack.errors import GraspTrackError, InputError, install_hint
 
 ATTEMPTS = 3
 """A task during which so many workers died is given up: it may well be what kills them."""
@@ -101,7 +101,7 @@ def create_scheduler(address: str | None = None, workers: int | None = None) -> 
     try:
         import_module("distributed")
     except ImportError:
-        raise InputError('a cluster needs Dask: pip install "grasptrack[cluster]"') from None
+        raise InputError(f"a cluster needs Dask: {install_hint('cluster')}") from None
     return partial(_run_tasks, partial(_cluster_workers, address))
 
 

@@ -22,6 +22,8 @@ _HEADS = (
     ("ms\nmedian", "right"),
     ("\n99 %", "right"),
 )
+FRAME_S = 0.05
+"""s that a frame takes with all strategies; about as much again where it is filmed."""
 
 
 def demo(
@@ -43,9 +45,18 @@ def demo(
       grasptrack demo --frames 300 --output /tmp/demo
       grasptrack demo --risk 1e-5
     """
-    from grasptrack.bench.demo import run_demo
+    from grasptrack.bench.demo import STRATEGIES, run_demo
+    from grasptrack.io.run import prepare_output
 
     rate = options.risk_rate(risk)
+    prepare_output(output)  # before anything is promised
+    if not quiet:
+        seconds = FRAME_S * frames * (1 if no_video else 2)
+        print(
+            f"Renders {frames} frames of a part seen by a tilting camera, tracks a grasp in them by "
+            f"{len(STRATEGIES)} strategies, and compares with the truth: some {max(2, round(seconds))} s.",
+            flush=True,
+        )
     rows = with_progress(
         output,
         quiet,
@@ -55,6 +66,8 @@ def demo(
         return
     notes = [f"{row['strategy']} lost, mostly: {row['reason']}" for row in rows if row["reason"]]
     notes.append(f"{output}: " + ", ".join(f"{row['strategy']}/" for row in rows))
+    shown = ["summary.png"] if no_video else ["overlay.mp4", "summary.png"]
+    notes.append("Open " + " or ".join(str(output / "auto" / name) for name in shown) + ".")
     show_rows(f"{frames} frames, contacts against the truth", _HEADS, [_row_cells(row) for row in rows], notes)
 
 

@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 import typer
 
+from grasptrack.errors import install_hint, own_pip
+
 EXTRAS = {
     "live": "grasptrack live: the page in the browser",
     "bags": "bags of ROS and MCAP files as sources",
@@ -91,7 +93,7 @@ def _opencv() -> Iterator[Finding]:
         yield Finding("!!", "OpenCV", f"cannot be loaded: {error}")
         return
     if len(built) > 1:
-        remedy = f"uninstall both, then install one: {_pip()} uninstall {' '.join(b.split()[0] for b in built)}"
+        remedy = f"uninstall both, then install one: {own_pip()} uninstall {' '.join(b.split()[0] for b in built)}"
         yield Finding("!!", "OpenCV", f"{' and '.join(built)} overwrite each other; {remedy}")
     else:
         yield Finding("ok", "OpenCV", f"{loaded} ({built[0] if built else 'of the system'})")
@@ -103,7 +105,7 @@ def examine_extras() -> Iterator[Finding]:
     for extra, purpose in EXTRAS.items():
         missing = [r for r in needed.get(extra, []) if not version_of(re.split(r"[<>=!~ \[;]", r)[0])]
         if missing:
-            yield Finding("--", extra, f'{purpose}: {_pip()} install "grasptrack[{extra}]" adds {", ".join(missing)}')
+            yield Finding("--", extra, f"{purpose}: {install_hint(extra)} adds {', '.join(missing)}")
         else:
             yield Finding("ok", extra, purpose)
 
@@ -138,8 +140,3 @@ def version_of(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return ""
-
-
-def _pip() -> str:
-    """This environment's own pip."""
-    return f"{sys.executable} -m pip"

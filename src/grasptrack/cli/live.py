@@ -10,7 +10,7 @@ import typer
 
 from grasptrack.cli import first_image, help_groups, options, source_options
 from grasptrack.cli.terminal import Interruption, show_run
-from grasptrack.errors import InputError
+from grasptrack.errors import InputError, install_hint
 from grasptrack.grasp.hand import parse_measure
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def live(
     try:
         from grasptrack.live.server import PageServer, bind
     except ImportError as error:
-        raise InputError(f'the live page needs {error.name}: pip install "grasptrack[live]"') from None
+        raise InputError(f"the live page needs {error.name}: {install_hint('live')}") from None
 
     from grasptrack.io.folder import hold_folder
     from grasptrack.io.sources import open_source

@@ -61,7 +61,7 @@ def servo(
             show_default="one approach, which is filmed",
         ),
     ] = None,
-    seed: options.Seed = 0,
+    seed: options.Seed = 3,
     arm: Annotated[
         str,
         typer.Option(metavar="NAME", rich_help_panel=help_groups.ROBOT, help="Robot: gantry (4 DoF) or arm (6 DoF)."),

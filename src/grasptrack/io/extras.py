@@ -7,7 +7,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-from grasptrack.errors import InputError
+from grasptrack.errors import InputError, install_hint
 
 
 def import_extra(module: str, extra: str, purpose: str) -> Any:
@@ -27,7 +27,7 @@ def import_extra(module: str, extra: str, purpose: str) -> Any:
         package = module.partition(".")[0]
         if is_installed(package):
             raise InputError(f"{purpose} needs {package}, which cannot be loaded: {error}", module=module) from None
-        raise InputError(f'{purpose} needs {package}: pip install "grasptrack[{extra}]"', module=module) from None
+        raise InputError(f"{purpose} needs {package}: {install_hint(extra)}", module=module) from None
 
 
 def is_installed(package: str) -> bool:

@@ -14,6 +14,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal
 
+from grasptrack.errors import own_pip
+
 BACKEND: Literal["native", "numpy"]
 BUILD: str
 
@@ -29,7 +31,8 @@ else:
                 warnings.warn(
                     f"grasptrack runs without its compiled kernels ({error}): NumPy takes their place, many times slower. "
                     "To compile them install a C++17 compiler, then install grasptrack again from its source "
-                    "(pip install --force-reinstall --no-binary grasptrack grasptrack, or make .venv/.package in a clone). "
+                    f"({own_pip()} install --force-reinstall --no-binary grasptrack grasptrack, "
+                    "or make .venv/.package in a clone). "
                     "GRASPTRACK_BACKEND=numpy asks for NumPy, without this warning.",
                     RuntimeWarning,
                     stacklevel=3,

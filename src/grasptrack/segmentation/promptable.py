@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from grasptrack.errors import InputError
+from grasptrack.errors import InputError, install_hint
 from grasptrack.segmentation.hints import Hints
 from grasptrack.segmentation.regions import Region
 from grasptrack.typing import Floats, Pixels
@@ -304,7 +304,7 @@ def _open_session(path: Path, providers: Sequence[str]) -> Any:
     try:
         import onnxruntime
     except ImportError:
-        raise InputError('onnxruntime runs nets that are asked by clicks: pip install "grasptrack[segment]"') from None
+        raise InputError(f"onnxruntime runs nets that are asked by clicks: {install_hint('segment')}") from None
     if not path.is_file():
         raise InputError(f'there is no model file "{path}"', path=str(path))
     options = onnxruntime.SessionOptions()

@@ -72,7 +72,7 @@ def reasons_of(found: Findings) -> tuple[Reason, ...]:
     listed = [*_of_grasp(found), *_of_motions(found), *_of_edges(found), *_of_likeness(found)]
     drawn = None if found.prediction is None else found.prediction.drawn
     if drawn is not None and drawn.located < drawn.images:
-        text = f"lost in {drawn.images - drawn.located} of {drawn.images} images that were drawn: {drawn.reason}"
+        text = f"lost in {drawn.images - drawn.located} of {drawn.images} rendered images: {drawn.reason}"
         listed.append(
             Reason(text, "" if found.looks.clear * (1.0 - COVER) < HALF else _clearer_edge_advice(found.looks))
         )
@@ -256,7 +256,7 @@ def _grasp_rows(found: Suitability, grasp: Held) -> list[Row]:
             Row(
                 "located",
                 f"{100.0 * run.located:.0f} %",
-                f"{run.drawn.located} of {run.drawn.images} images that were drawn",
+                f"expected of a run; {run.drawn.located} of {run.drawn.images} rendered images",
             )
         )
     return listed

@@ -31,7 +31,7 @@ from grasptrack.view.panel import (
     panel_grid,
     quiet_corner,
 )
-from grasptrack.view.style import INK, MUTED, RULE, create_figure, save_whole, text_width
+from grasptrack.view.style import INK, MUTED, RULE, add_legend, create_figure, save_whole, text_width
 
 if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
@@ -146,9 +146,7 @@ def draw_legend(axes: Any, grasp: bool, several: bool, neighbours: bool) -> None
     if neighbours and not several:
         handles.append(Line2D([], [], color=NEIGHBOUR, lw=1.6, ls=(0, (4, 3)), label="neighbours"))
     if handles:
-        place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.005), "borderaxespad": 0.3, "borderpad": 0.0}
-        style = {"frameon": False, "fontsize": 11, "labelcolor": INK, "handlelength": 1.8, "columnspacing": 1.5}
-        axes.legend(handles=handles, ncols=len(handles), **place, **style)
+        add_legend(axes, handles)
 
 
 SHOWN = 9

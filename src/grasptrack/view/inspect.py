@@ -35,6 +35,7 @@ from grasptrack.view.style import (
     RULE,
     STATUS_RGB,
     STRATEGY_RGB,
+    add_legend,
     create_figure,
     hex_colour,
     save_whole,
@@ -164,15 +165,7 @@ def draw_legend(axes: Any, found: Suitability, times: float) -> None:
         label = f"95 % of the errors{large}"
         handles.append(Line2D([], [], color=LINE, lw=2, marker="o", mec="white", label="grasp"))
         handles.append(Line2D([], [], color=INK, marker="o", ms=12, mfc="none", lw=0, label=label))
-    place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.005), "borderaxespad": 0.3, "borderpad": 0.0}
-    style = {
-        "frameon": False,
-        "fontsize": 11 if len(handles) < 7 else 10,
-        "labelcolor": INK,
-        "handlelength": 1.6,
-        "columnspacing": 1.2,
-    }
-    axes.legend(handles=handles, ncols=len(handles), **place, **style)
+    add_legend(axes, handles)
 
 
 _MAIN = (0.2, 0.62, 9.2, 7.7)

@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from grasptrack.geometry.contours import View
 
 
-# Nested sizes: where strategies agree, none hides another.
-_MARKS = {"registration": ("h", 19), "rrp": ("s", 15), "grasp-line": ("D", 9.5), "homography": ("o", 5.5)}
+# Open marks of nested sizes: where strategies agree none hides another, and the outline is seen within the smallest.
+_MARKS = {"registration": ("h", 24), "rrp": ("s", 18), "grasp-line": ("D", 12), "homography": ("o", 9)}
 _RGB = {"registration": (0, 158, 115), **STRATEGY_RGB}
-_OTHER = ("^", 12), (120, 100, 80)  # of a strategy that another package registered
+_OTHER = ("^", 15), (120, 100, 80)  # of a strategy that another package registered
 _GRASP_RGB = STATUS_RGB["tracked"]
+_REFERENCE = 11.0
+"""Points, size of a mark in the reference view."""
 _LEGEND: dict[str, Any] = {
     "loc": "upper left",
     "bbox_to_anchor": (0.0, -0.01),
@@ -62,22 +64,19 @@ def write_pair(
     left, right = figure.subplots(1, 2, width_ratios=widths, gridspec_kw=edges)
     _show_view(left, image, view, titles[0])
     _show_view(right, *current, titles[1])
-    _draw_grasp(left, contacts, hex_colour(_GRASP_RGB), "o", 8.0)
+    _draw_grasp(left, contacts, hex_colour(_GRASP_RGB), "o", _REFERENCE)
     for i, at in enumerate(contacts):
         _draw_number(left, i + 1, at, contacts.mean(axis=0))
     handles = []
     for name, found in transferred.items():
         colour, (mark, size) = hex_colour(_RGB.get(name, _OTHER[1])), _MARKS.get(name, _OTHER[0])
         _draw_grasp(right, found, colour, mark, size)
-        handles.append(Line2D([], [], color=colour, marker=mark, ms=min(size, 10.0), mec="white", lw=2, label=name))
+        handles.append(_legend_handle(colour, mark, size, name))
     if transferred:
         best = next(iter(transferred.values()))
         for i, at in enumerate(best):
             _draw_number(right, i + 1, at, best.mean(axis=0))
-    left.legend(
-        handles=[Line2D([], [], color=hex_colour(_GRASP_RGB), marker="o", ms=8, mec="white", lw=2, label="the grasp")],
-        **_LEGEND,
-    )
+    left.legend(handles=[_legend_handle(hex_colour(_GRASP_RGB), "o", _REFERENCE, "the grasp")], **_LEGEND)
     for name, reason in refused.items():
         handles.append(Line2D([], [], lw=0, label="\n".join(wrap(f"{name} refused: {reason}", 88))))
     right.legend(handles=handles, **_LEGEND)
@@ -101,9 +100,25 @@ def _show_view(axes: Any, image: NDArray[Any], view: View, title: str) -> None:
 
 
 def _draw_grasp(axes: Any, contacts: Floats, colour: str, mark: str, size: float) -> None:
-    for spoke in grasp_spokes(contacts):
-        axes.plot(spoke[:, 0], spoke[:, 1], color=colour, lw=1.8)
-    axes.plot(contacts[:, 0], contacts[:, 1], mark, color=colour, ms=size, mec="white", mew=1.2, zorder=3)
+    """Lines end at the marks, and marks are open: what lies below a contact stays visible."""
+    from matplotlib.patches import FancyArrowPatch
+    from matplotlib.patheffects import withStroke
+
+    both = len(contacts) == 2  # else a spoke begins in the middle
+    for start, end in grasp_spokes(contacts):
+        inner = 0.5 * size if both else 0.0
+        axes.add_patch(
+            FancyArrowPatch(start, end, arrowstyle="-", color=colour, lw=1.8, shrinkA=inner, shrinkB=0.5 * size)
+        )
+    casing = [withStroke(linewidth=4.2, foreground="white")]
+    style: dict[str, Any] = {"mfc": "none", "mec": colour, "ms": size, "mew": 2.0, "zorder": 3}
+    axes.plot(contacts[:, 0], contacts[:, 1], mark, path_effects=casing, **style)
+
+
+def _legend_handle(colour: str, mark: str, size: float, label: str) -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], color=colour, marker=mark, ms=min(size, 11.0), mfc="none", mew=2.0, lw=0, label=label)
 
 
 def _draw_number(axes: Any, number: int, at: Floats, middle: Floats) -> None:
@@ -111,7 +126,7 @@ def _draw_number(axes: Any, number: int, at: Floats, middle: Floats) -> None:
     axes.annotate(
         str(number),
         at,
-        xytext=(24 * away[0], -24 * away[1]),
+        xytext=(28 * away[0], -28 * away[1]),
         textcoords="offset points",
         ha="center",
         va="center",

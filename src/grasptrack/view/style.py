@@ -6,6 +6,7 @@ Colours are Okabe and Ito's, which colour-blind people can tell apart, in RGB; a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,17 @@ def create_figure(width: float, height: float, **more: Any) -> Any:
     figure = Figure(figsize=(width, height), **more)
     FigureCanvasAgg(figure)
     return figure
+
+
+def add_legend(axes: Any, handles: Sequence[Any]) -> None:
+    """A legend below a panel, in as many rows as keep it from running out beside the panel."""
+    place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.005), "borderaxespad": 0.3, "borderpad": 0.0}
+    style = {"frameon": False, "fontsize": 11, "labelcolor": INK, "handlelength": 1.6, "columnspacing": 1.3}
+    room = axes.get_window_extent().width
+    for columns in range(len(handles), 0, -1):
+        legend = axes.legend(handles=handles, ncols=columns, **place, **style)
+        if legend.get_window_extent(axes.figure.canvas.get_renderer()).width <= room:
+            break
 
 
 def save_whole(figure: Any, path: Path, dpi: int, **more: Any) -> None:

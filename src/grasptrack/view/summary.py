@@ -139,7 +139,7 @@ def write_summary(path: Path, rows: Path, strip: Filmstrip, summary: RunSummary,
 
 def _summary_headline(summary: RunSummary) -> str:
     parts = [f"{summary.counts[s]} {s}" for s in _ORDER if summary.counts.get(s)]
-    return f"{summary.frames} frames, " + ", ".join(parts)
+    return f"{summary.frames} frame{'s' * (summary.frames != 1)}, " + ", ".join(parts)
 
 
 def _show_pictures(figure: Any, pictures: list[tuple[int, Picture]], down: int, across: int) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from grasptrack import kernels
 from grasptrack.bench.approach.case import Case, Law, Row
-from grasptrack.bench.approach.pictures import side_by_side
+from grasptrack.bench.approach.pictures import hold_result, side_by_side
 from grasptrack.bench.approach.trial import Step, run_trial
 from grasptrack.bench.physics import World
 from grasptrack.bench.physics.setting import Arm, Scenario
@@ -26,17 +26,20 @@ from grasptrack.bench.schedule import Scheduler, code_fingerprint
 from grasptrack.bench.simulation.outlines import Shape
 from grasptrack.bench.unfinished import read_unfinished
 from grasptrack.files import whole_file
+from grasptrack.geometry.contours import View
 from grasptrack.io.folder import hold_folder
 from grasptrack.io.results import software_versions, write_json
 from grasptrack.io.video import VideoWriter
 from grasptrack.statistics import wilson_interval
 from grasptrack.tracking.numbers import DEFAULT_RISK
-from grasptrack.typing import Floats
+from grasptrack.typing import Floats, Pixels
 from grasptrack.view.approach import plot_approach
 
 Progress = Callable[[str, int, int], None]
 
 VIDEO, PLOTS, VERDICT = "approach.mp4", "approach.png", "approach.json"
+HELD_S = 1.5
+"""Of the last picture with the outcome."""
 _EXPECTED = 250
 
 
@@ -57,11 +60,16 @@ class Record:
         self.twists: list[Floats] = []
         self.states: list[str] = []
         self.count = 0
+        self._last: View | None = None
+        self._picture: Pixels | None = None
 
     def __call__(self, world: World, step: Step) -> None:
         """Take in one step."""
         if self._writer is not None:
-            self._writer.write(side_by_side(world, step))
+            if step.result is not None and step.result.contacts is not None:
+                self._last = step.result.view
+            self._picture = side_by_side(world, step, self._last)
+            self._writer.write(self._picture)
         self.count += 1
         if self._progress is not None:
             self._progress(step.stage, self.count, max(_EXPECTED, self.count))
@@ -71,6 +79,13 @@ class Record:
             self.error_px.append(step.command.error_px)
             self.twists.append(step.command.twist)
             self.states.append(step.command.state)
+
+    def end(self, row: Row) -> None:
+        """Hold the last picture with what became of it."""
+        if self._writer is not None and self._picture is not None:
+            held = hold_result(self._picture, row)
+            for _ in range(round(HELD_S / PERIOD_S)):
+                self._writer.write(held)
 
     def close(self) -> None:
         """Finish the video."""
@@ -97,6 +112,7 @@ def run_and_film(case: Case, output: Path, *, video: bool, options: dict[str, An
         record = Record(output / VIDEO if video else None, progress)
         try:
             row, _ = run_trial(case, record)
+            record.end(row)
         finally:
             record.close()
         blind = [state in ("unsure", "holding", "searching") for state in record.states]

@@ -88,7 +88,7 @@ class OverTime:
 def compute_measures(runs: Iterable[Sequence[FrameScore]]) -> Measures:
     """All measures of one method over its runs, each a sequence of frames in order."""
     listed = [list(run) for run in runs]
-    frames = [f for run in listed for f in run if not f.defining]
+    frames = [f for run in listed for f in run if f.measured]
     whole = [f for f in frames if f.present and f.visible >= WHOLE]
     partly = [f for f in frames if f.present and PARTLY <= f.visible < WHOLE]
     wrong = [f for f in frames if f.is_false_accept]
@@ -97,7 +97,7 @@ def compute_measures(runs: Iterable[Sequence[FrameScore]]) -> Measures:
     shares = [100.0 * f.distances / f.opening for f in frames if f.distances is not None and not f.gone]
     spread = [f.spread for f in frames if f.spread is not None and not f.gone]
     waits = [wait for run in listed for wait in recovery_delays(run)]
-    times = np.array([f.latency_ms for f in frames if math.isfinite(f.latency_ms)])
+    times = np.array([f.latency_ms for run in listed for f in run if not f.defining and math.isfinite(f.latency_ms)])
     return Measures(
         frames=len(frames),
         located_whole=_share_true(f.answered for f in whole),
@@ -151,7 +151,7 @@ def risk_coverage(frames: Iterable[FrameScore]) -> Floats:
     Coverage is the share of all frames, risk the share of false accepts among those taken; frames of one confidence are
     taken together. Empty where a method gives no confidence.
     """
-    listed = [f for f in frames if not f.defining]
+    listed = [f for f in frames if f.measured]
     given = [(f.confidence, f.is_false_accept) for f in listed if f.answered and math.isfinite(f.confidence)]
     if not given:
         return np.empty((0, 3))

@@ -129,6 +129,11 @@ class FrameScore:
         return self.contacts is not None
 
     @property
+    def measured(self) -> bool:
+        """Whether there is a truth to measure an answer by, other than the answer itself."""
+        return not self.defining and not math.isnan(self.visible)
+
+    @property
     def gone(self) -> bool:
         """Nothing of the object can be seen, or it is not there."""
         return not self.present or self.visible <= 0.0

@@ -78,7 +78,7 @@ class Summary:
         group_of: group by level.
         overall, by_level, by_group, by_shape: rows, method by method.
         worst: frames by method, wrong ones first.
-        reasons: of frames without contacts, with their number, the most frequent first, by method.
+        reasons: of measured frames without contacts, with their number, the most frequent first, by method.
     """
 
     factor: str
@@ -138,7 +138,7 @@ def summarise_run(run: EvaluationRun) -> Summary:
 
 def row_of(method: str, level: str, runs: Sequence[Sequence[FrameScore]]) -> Row:
     """All figures of one method over some of its runs."""
-    frames = [f for run in runs for f in run if not f.defining]
+    frames = [f for run in runs for f in run if f.measured]
     shown = [f.answered for f in frames if f.present and f.visible >= PARTLY]
     located = sum(shown) / len(shown) if shown else math.nan
     return Row(method, level, len(runs), located, risk_area(risk_coverage(frames)), compute_measures(runs))
@@ -205,4 +205,4 @@ def _worst_record(method: str, case: Case, f: FrameScore) -> Worst:
 
 
 def _loss_reasons(runs: Iterable[Sequence[FrameScore]]) -> list[tuple[str, int]]:
-    return Score("", [f for run in runs for f in run]).reasons()
+    return Score("", [f for run in runs for f in run if f.measured]).reasons()

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the hand's camera and a bystander see, drawn by MuJoCo or by this package's own planar renderer."""
+"""What the hand's camera sees, drawn by MuJoCo or by this package's own planar renderer."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
@@ -16,7 +17,6 @@ from grasptrack.bench.physics.gripper import Gripper
 from grasptrack.bench.physics.model import import_mujoco
 from grasptrack.bench.physics.serial import Rod
 from grasptrack.bench.physics.setting import HEIGHT, WIDTH, Setting
-from grasptrack.bench.simulation.camera import Camera
 from grasptrack.bench.simulation.conditions import pooled_noise
 from grasptrack.bench.simulation.render import Renderer
 from grasptrack.bench.simulation.textures import Look, Texture, sample_look
@@ -30,12 +30,6 @@ NOISE = 2.0
 """Grey levels of the camera's noise."""
 COVER = 34.0
 """Grey level of what blocks the view."""
-BYSTANDER = Camera(WIDTH, HEIGHT, focal=HEIGHT / 2.0 / np.tan(np.radians(20.0)))
-"""Of the one who stands beside; 40 degrees high."""
-_BESIDE = np.array([0.55, -0.74, 0.52])
-"""m, from the point on the table below the hand."""
-FAR, RAISED, ELBOW = 2.2, 1.4, 0.2
-"""m beside an arm and above its middle, where the bystander stands and sees no horizon, and how far above that it looks."""
 
 
 class Images(Protocol):
@@ -51,10 +45,6 @@ class Images(Protocol):
 
     def hand(self, world: World) -> Pixels:
         """(480, 640) grey, of the hand's camera."""
-        ...
-
-    def bystander(self, world: World) -> Pixels:
-        """(480, 640, 3) BGR, of the one who stands beside."""
         ...
 
 
@@ -81,21 +71,6 @@ def blocked_view(seed: int, frame: int) -> Pixels:
 def frame_number(world: World) -> int:
     """Of the image, for its noise: steps of the physics since the start."""
     return round(world.time() / 0.002)
-
-
-def bystander_pose(world: World) -> Floats:
-    """(4, 4) of the bystander's camera: it goes along with the hand and looks below it; at an arm from farther off."""
-    below, rods = np.array([*world.pose()[:2, 3], 0.0]), world.links()
-    at, z = below + _BESIDE, -(_BESIDE - np.array([0.0, 0.0, 0.12]))
-    if rods:
-        reach = rods[0][1] - below
-        across = np.array([-reach[1], reach[0], 0.0]) / max(float(np.hypot(*reach[:2])), 1e-9)
-        z = -(FAR * across + np.array([0.0, 0.0, RAISED]))
-        at = below + 0.5 * reach + np.array([0.0, 0.0, ELBOW]) - z
-    z = z / np.linalg.norm(z)
-    x = np.cross(z, np.array([0.0, 0.0, 1.0]))
-    x = x / np.linalg.norm(x)
-    return frames.pose_of(np.column_stack([x, np.cross(z, x), z]), at)
 
 
 _TEXTURE = "table.png"
@@ -131,30 +106,17 @@ class MujocoImages:
         """Learn the model."""
         self._model = model
 
-    def _render_camera(self, world: World, camera: str) -> Pixels:
-        if self._renderer is None:
-            self._renderer = import_mujoco().Renderer(self._model, HEIGHT, WIDTH)
-        self._renderer.update_scene(world.data, camera=camera)
-        return np.asarray(self._renderer.render(), dtype=np.uint8)
-
     def hand(self, world: World) -> Pixels:
         """(480, 640) grey, of the hand's camera."""
         frame = frame_number(world)
         if world.blocked():
             return blocked_view(self._blocked_seed, frame)
-        grey = cv2.cvtColor(self._render_camera(world, "hand"), cv2.COLOR_RGB2GRAY)
+        if self._renderer is None:
+            self._renderer = import_mujoco().Renderer(self._model, HEIGHT, WIDTH)
+        self._renderer.update_scene(world.data, camera="hand")
+        grey = cv2.cvtColor(np.asarray(self._renderer.render(), dtype=np.uint8), cv2.COLOR_RGB2GRAY)
         soft = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 0.6)
         return add_camera_noise(np.asarray(soft, dtype=np.float32), self._blocked_seed, frame)
-
-    def bystander(self, world: World) -> Pixels:
-        """(480, 640, 3) BGR, of the one who stands beside."""
-        at = bystander_pose(world)
-        world.data.mocap_pos[0] = at[:3, 3]
-        world.data.mocap_quat[0] = frames.rotation_to_quaternion(at[:3, :3] @ frames.DOWN)
-        import_mujoco().mj_camlight(self._model, world.data)
-        import_mujoco().mj_kinematics(self._model, world.data)
-        import_mujoco().mj_camlight(self._model, world.data)
-        return np.asarray(cv2.cvtColor(self._render_camera(world, "bystander"), cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
     def part_mask(self, world: World) -> NDArray[np.bool_]:
         """(480, 640) where MuJoCo draws the part, pixel by pixel; for comparing with the planar images."""
@@ -169,7 +131,8 @@ class MujocoImages:
 
 BLUR = 0.7
 """px, of lens and pixel together."""
-_SUN = np.array([-0.35, -0.45, 0.82])
+SUN: Floats = np.array([-0.35, -0.45, 0.82])
+"""Direction in the world toward the light."""
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 _CIRCLE: Floats = np.column_stack([np.cos(_ROUND), np.sin(_ROUND)])
 _FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
@@ -191,10 +154,7 @@ class PlanarImages:
         size = setting.part.size
         table = Texture(seen.table.image, seen.table.extent * size)
         surface = Texture(seen.surface.image, seen.surface.extent * size)
-        self._views = [
-            Renderer(setting.part.shape, table, surface, width=WIDTH, height=HEIGHT, blur=BLUR, colour=colour)
-            for colour in (False, True)
-        ]
+        self._view = Renderer(setting.part.shape, table, surface, width=WIDTH, height=HEIGHT, blur=BLUR, colour=False)
         self._layer: tuple[float, Layer] | None = None
 
     def bind(self, model: Any) -> None:
@@ -205,7 +165,7 @@ class PlanarImages:
         frame = frame_number(world)
         if world.blocked():
             return blocked_view(self._seed, frame)
-        image = self._render_scene(world, self._views[0], self._setting.camera.matrix, world.camera_pose())
+        image = draw_scene(world, self._view, self._setting.camera.matrix, world.camera_pose())
         opening = round(world.opening(), 4)
         if self._layer is None or self._layer[0] != opening:
             boxes = self._gripper.boxes(opening)
@@ -218,27 +178,26 @@ class PlanarImages:
         image += light
         return add_camera_noise(image, self._seed, frame)
 
-    def bystander(self, world: World) -> Pixels:
-        """(480, 640, 3) BGR, of the one who stands beside."""
-        at = bystander_pose(world)
-        image = self._render_scene(world, self._views[1], BYSTANDER.matrix, at)
-        to_camera, K, level = frames.inverse_pose(at), BYSTANDER.matrix, self.levels["hand"]
-        for share, light in (
-            rods_seen(world.links(), to_camera, K, level),  # the hand hangs below them
-            boxes_seen(self._gripper.boxes(world.opening()), to_camera @ world.pose(), K, level),
-        ):
-            image *= 1.0 - share[..., None]
-            image += light[..., None] * np.array([1.06, 1.0, 0.92], np.float32)
-        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
-    def _render_scene(self, world: World, view: Renderer, K: Floats, camera_pose: Floats) -> Floats32:
-        table = np.eye(4)
-        table[:2, 3] = world.belt_travel()
-        image = view.render_background(frames.plane_to_image(K, camera_pose, table))
-        part = world.part_pose()
-        upper = frames.plane_to_image(K, camera_pose, part, self._setting.part.thickness)
-        view.draw_part(image, upper, foot=frames.plane_to_image(K, camera_pose, part))
-        return image
+def draw_scene(
+    world: World, view: Renderer, K: Floats, camera_pose: Floats, shade: Callable[[Floats32], None] | None = None
+) -> Floats32:
+    """Table and part, without the hand: grey levels (480, 640), or (480, 640, 3) BGR from a renderer of colours.
+
+    Args:
+        world, view: what is drawn, and who draws it.
+        K, camera_pose: (3, 3) and (4, 4) of the camera.
+        shade: takes the light of shadows from the table, in place, before the part is drawn.
+    """
+    table = np.eye(4)
+    table[:2, 3] = world.belt_travel()
+    image = view.render_background(frames.plane_to_image(K, camera_pose, table))
+    if shade is not None:
+        shade(image)
+    part = world.part_pose()
+    upper = frames.plane_to_image(K, camera_pose, part, world.setting.part.thickness)
+    view.draw_part(image, upper, foot=frames.plane_to_image(K, camera_pose, part))
+    return image
 
 
 class Layer(NamedTuple):
@@ -268,7 +227,7 @@ def boxes_seen(boxes: list[Floats], to_camera: Floats, K: Floats, level: float) 
             normal = np.cross(quad[1] - quad[0], quad[2] - quad[1])
             normal *= np.sign(normal @ (quad.mean(axis=0) - middle)) / np.linalg.norm(normal)
             if normal @ quad.mean(axis=0) < 0.0:
-                lit = 1.0 + 0.25 * float(to_camera[:3, :3].T @ normal @ _SUN)
+                lit = 1.0 + 0.25 * float(to_camera[:3, :3].T @ normal @ SUN)
                 pixels = quad @ K.T
                 faces.append((float(np.linalg.norm(quad.mean(axis=0))), lit, pixels[:, :2] / pixels[:, 2:]))
     share, light = np.zeros((HEIGHT, WIDTH), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)

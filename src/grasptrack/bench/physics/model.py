@@ -14,7 +14,7 @@ import numpy as np
 from grasptrack.bench.physics import frames, serial
 from grasptrack.bench.physics.gripper import MAX_OPENING, Gripper
 from grasptrack.bench.physics.setting import Arm, Setting
-from grasptrack.errors import InputError
+from grasptrack.errors import InputError, install_hint
 from grasptrack.geometry.homographies import rotation_about_z
 from grasptrack.typing import Floats
 
@@ -30,7 +30,7 @@ def import_mujoco() -> Any:
     try:
         import mujoco
     except ImportError:
-        raise InputError('the physical world needs MuJoCo: pip install "grasptrack[sim]"') from None
+        raise InputError(f"the physical world needs MuJoCo: {install_hint('sim')}") from None
     return mujoco
 
 

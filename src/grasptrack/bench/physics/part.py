@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from grasptrack.bench.simulation.outlines import Shape, polygon_moments
-from grasptrack.errors import ContourError, InputError
+from grasptrack.errors import ContourError, InputError, install_hint
 from grasptrack.typing import Floats, Ints
 
 _STRAIGHT = 1e-9
@@ -37,7 +37,7 @@ def convex_pieces(polygons: Sequence[Floats]) -> list[Floats]:
     try:
         from mapbox_earcut import triangulate_float64
     except ImportError:
-        raise InputError('the physical world needs mapbox_earcut: pip install "grasptrack[sim]"') from None
+        raise InputError(f"the physical world needs mapbox_earcut: {install_hint('sim')}") from None
     points = np.concatenate(polygons)
     ends = np.cumsum([len(polygon) for polygon in polygons]).astype(np.uint32)
     triangles = triangulate_float64(points, ends).reshape(-1, 3).astype(np.int64)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack.bench.physics import frames, model, serial
+from grasptrack.bench.physics.film import Film, make_film
 from grasptrack.bench.physics.gripper import BESIDE, MAX_OPENING, make_gripper
 from grasptrack.bench.physics.images import Images, images_of
 from grasptrack.bench.physics.model import import_mujoco
@@ -52,6 +53,7 @@ class World:
         axis: see `setting.draw`.
 
     Attributes:
+        images: who draws the hand's.
         watch: called once in every control period, also while the hand closes and lifts; None.
         failure: after a lift that failed, how.
         short_s: s in which an arm did not make nine tenths of the twist, at the end of its reach or of its joints' speed.
@@ -76,17 +78,16 @@ class World:
         self.hand = make_gripper(fingers)
         self.setting = sample_setting(outline, self.hand, seed=seed, scenario=scenario, arm=arm, axis=axis)
         self.shape, self.seed, self.scenario, self.arm = outline, seed, scenario, arm
-        self._images: Images = images_of(images, self.setting, self.hand, outline.name, seed)
+        self.images: Images = images_of(images, self.setting, self.hand, outline.name, seed)
         self.model = self._mj.MjModel.from_xml_string(
-            model.build_model_xml(
-                self.setting, self.hand, arm, levels=self._images.levels, texture=self._images.texture
-            ),
-            self._images.assets,
+            model.build_model_xml(self.setting, self.hand, arm, levels=self.images.levels, texture=self.images.texture),
+            self.images.assets,
         )
         self.data = self._mj.MjData(self.model)
+        self._film: Film | None = None
         self._resolve_indices()
         self._set_initial_state()
-        self._images.bind(self.model)
+        self.images.bind(self.model)
         self._ctrl = np.zeros(6)
         self._last = np.zeros(6)
         self.failure = ""
@@ -133,7 +134,7 @@ class World:
 
     def image(self) -> Pixels:
         """(480, 640) grey image of the hand's camera now. While the view is blocked it shows what blocks it."""
-        return self._images.hand(self)
+        return self.images.hand(self)
 
     def blocked(self) -> bool:
         """Whether something is before the camera."""
@@ -213,8 +214,17 @@ class World:
         return [serial.Rod(at[:3, :3] @ a + at[:3, 3], at[:3, :3] @ b + at[:3, 3], radius) for a, b, radius in rods]
 
     def bystander(self) -> Pixels:
-        """(480, 640, 3) BGR image of a camera that stands beside and goes along."""
-        return self._images.bystander(self)
+        """(480, 640, 3) BGR image of a camera that stands beside and goes along, with shadows."""
+        return self._filmed().bystander(self)
+
+    def hand_in_colour(self) -> Pixels:
+        """(480, 640, 3) BGR of what `image` shows in grey, without its noise."""
+        return self._filmed().hand(self)
+
+    def _filmed(self) -> Film:
+        if self._film is None:
+            self._film = make_film(self)
+        return self._film
 
     # --- the truth, for judges alone --------------------------------------------------------------
 

@@ -95,7 +95,7 @@ def risk_chart(run: EvaluationRun, series: Methods) -> Chart:
     curves = {m: risk_coverage(f for r in run.runs(m, run.scored) for f in r) for m in series}
     ends: dict[str, tuple[float, float]] = {}
     for name in series:
-        frames = [f for r in run.runs(name, run.scored) for f in r if not f.defining]
+        frames = [f for r in run.runs(name, run.scored) for f in r if f.measured]
         given = sum(f.answered for f in frames)
         if given:
             ends[name] = given / len(frames), sum(f.is_false_accept for f in frames) / given

@@ -102,6 +102,7 @@ def write_report(folder: Path, *, picture: Picture | None = None, progress: Prog
             summary=summary,
             first=first,
             row=row,
+            images=sum(len(run.scores[case.name].get(first, ())) for case in run.scored),
             bound=upper_bound(row.measures.false_accepts, row.measures.frames),
             best=_best_methods(summary),
             hardest=min(levels, key=lambda r: r.located) if several else None,

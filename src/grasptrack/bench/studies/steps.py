@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import cv2
@@ -220,7 +219,7 @@ def show_outlines(most: int, lengths: Sequence[int]) -> None:
         theirs.append(others)
         errors.append(off | other)
     heads = [f"{n:,} points" for n in lengths]
-    show_steps(ours, "us", heads, (50, 99))
+    show_steps(ours, "us", heads, (50,))
     common.add_paragraph("Comparable work in OpenCV on the same outlines, median us.")
     show_steps(theirs, "us", heads, (50,))
     common.add_paragraph(
@@ -228,16 +227,17 @@ def show_outlines(most: int, lengths: Sequence[int]) -> None:
         "under a tilt of up to 7 degrees."
     )
     common.add_table(["call", *heads], [[m, *(e[m] for e in errors)] for m in errors[0]])
-    common.add_paragraph(
-        "Growth: the time of one length over that of the one before, which is about a third of it; linear is 3."
-    )
-    growth: list[list[object]] = []
+    steeper = []
     for name in ours[0]:
         medians = [float(np.median(m[name])) for m in ours if name in m]
-        ratios = [b / a for a, b in pairwise(medians)]
-        linear = "yes" if medians[-1] <= 1.2 * medians[0] * lengths[len(medians) - 1] / lengths[0] else "NO"
-        growth.append([name, *ratios, *[np.nan] * (len(lengths) - 1 - len(ratios)), linear])
-    common.add_table(["step", *(f"{n:,}" for n in lengths[1:]), "at most linear"], growth)
+        if medians[-1] > 1.2 * medians[0] * lengths[len(medians) - 1] / lengths[0]:
+            steeper.append(name)
+    told = (
+        f"More than linearly: {', '.join(steeper)}."
+        if steeper
+        else "Every step grows at most linearly with the length."
+    )
+    common.add_paragraph(told)
     if 300 in lengths:
         common.add_paragraph("Targets on 300 points, median us.")
         got = {name: float(np.median(ours[list(lengths).index(300)][name])) for name in TARGETS}
@@ -332,12 +332,10 @@ def show_images(updates: int, sizes: Sequence[tuple[int, int]]) -> None:
         runs = {name: common.score_alone(strategy_maker(name), start, order) for name in STRATEGIES}
         whole.append(runs | {name: common.score_alone(make, start, few) for name, make in peers.items()})
     heads = [f"{w}x{h}" for w, h in sizes]
-    common.add_paragraph(
-        "Steps, ms. The first look is taken a few times only; its 99th percentile is nearly its largest."
-    )
-    show_steps(steps, "ms", heads, (50, 99), growth=True)
+    common.add_paragraph("Steps, ms.")
+    show_steps(steps, "ms", heads, (50,), growth=True)
     common.add_paragraph("Comparable work in OpenCV on the same images, ms.")
-    show_steps(opencv, "ms", heads, (50, 99), growth=True)
+    show_steps(opencv, "ms", heads, (50,), growth=True)
     common.add_paragraph("A whole update: of each strategy, and of what a user would otherwise pick, ms.")
     taken = [{name: common.update_latencies(score) for name, score in scores.items()} for scores in whole]
     show_steps(taken, "ms", heads, (50, 99), growth=True)

@@ -136,9 +136,7 @@ def show_silhouettes(folder: Path, friction: float) -> None:
             found.append(len(grasps))
             if not grasps:
                 reasons[next(iter(grasps.refused), grasps.reason)] += 1  # without the figures
-                without.append(
-                    [path.stem, grasps.reason, str(grasps.refused), *by_brute_force(view, fingers, friction)]
-                )
+                without.append([path.stem, grasps.reason, *by_brute_force(view, fingers, friction)])
         common.add_paragraph(
             f"{fingers} fingers: {len(files) - len(without)} with grasps ({spread} with one that spreads), "
             f"{len(without)} without; {min(found)} to {max(found)} grasps, median {np.median(found):g}; "
@@ -146,7 +144,7 @@ def show_silhouettes(folder: Path, friction: float) -> None:
         )
         if without:
             common.add_table(["silhouettes", "reason"], [[count, reason] for reason, count in reasons.most_common()])
-            head = ["silhouette", "reason", "refused", "stable by brute force", "left by brute force"]
+            head = ["silhouette", "reason", "stable by brute force", "left by brute force"]
             common.add_table(head, without)
 
 
