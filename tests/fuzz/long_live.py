@@ -6,6 +6,8 @@
 Browsers' part is played by processes that come and go, in order or killed; recordings are begun and ended; people pause,
 restart, choose again and change friction and fingers. Between two such rounds nobody looks on and nothing is recorded: then it
 is looked at what the process holds. Half of the time is for recordings as MCAP, half for videos.
+
+Memory that rises in a step once and stays may be glibc's, which keeps an arena for each thread: MALLOC_ARENA_MAX=1 leaves one.
 """
 
 from __future__ import annotations
