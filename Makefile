@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # make demo   sets up and runs the demonstration     make test   sets up and runs the tests
-# make fuzz   odd arrays and degenerate contours, leaks, damaged files, odd messages, interruptions, a long run: SECONDS=600 SEED=1
+# make fuzz   odd arrays and degenerate contours, leaks, damaged files, odd messages, interruptions, long runs: SECONDS=600 SEED=1
 # make sanitize   kernels that end the process where they read or write beyond an array, and their tests
 # make site   builds the docs as site/index.html, in an environment of its own; a link that leads nowhere is an error
 # A C++17 compiler makes it fast; without one NumPy takes over. PYTHON=python3.12 chooses another interpreter.
@@ -37,6 +37,7 @@ fuzz: $(VENV)/.dev
 	$(BIN)/python -W ignore tests/fuzz/live_messages.py --seconds $(SECONDS) --seed $(SEED)
 	$(BIN)/python tests/fuzz/interruptions.py --seconds $(SECONDS) --seed $(SEED)
 	$(BIN)/python -W ignore tests/fuzz/long_run.py --seed $(SEED)
+	$(BIN)/python -W ignore tests/fuzz/long_live.py --seconds $(SECONDS) --seed $(SEED)
 
 sanitize: $(VENV)/.dev
 	$(BIN)/python tests/fuzz/sanitize.py

@@ -56,9 +56,14 @@ class LongRun(NamedTuple):
 
     @property
     def growth(self) -> float:
-        """MB from the median of the first half of the samples after the warm-up to that of the last."""
-        halves = np.array_split(self.memory[int(WARM * len(self.memory)) :], 2)
-        return float(np.median(halves[1]) - np.median(halves[0]))
+        """As of `growth_of`."""
+        return growth_of(self.memory)
+
+
+def growth_of(memory: np.ndarray) -> float:
+    """MB from the median of the first half of the samples after the warm-up to that of the last."""
+    halves = np.array_split(memory[int(WARM * len(memory)) :], 2)
+    return float(np.median(halves[1]) - np.median(halves[0]))
 
 
 def sequence(images: list[np.ndarray], rng: np.random.Generator) -> Iterator[Any]:

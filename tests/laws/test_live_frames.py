@@ -20,6 +20,7 @@ from grasptrack.grasp.force_closure import GraspAnalysis
 from grasptrack.io.base import Frame
 from grasptrack.io.encoding import encode_jpeg
 from grasptrack.live import frames
+from grasptrack.live.curves import KEPT, CurvePoint, Curves
 from grasptrack.live.frames import UNITS_PER_PX, Painter, moment_to_json
 from grasptrack.live.inbox import Arrival
 from grasptrack.live.settings import Meant
@@ -94,6 +95,33 @@ def test_an_image_is_encoded_once_and_sent_once(monkeypatch: pytest.MonkeyPatch)
     assert len(known) == 4 + lengths[1]
     picture = cv2.imdecode(np.frombuffer(other[4 + lengths[2] :], np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (48, 64, 3) and abs(int(picture[0, 0, 0]) - 20) <= 2
+
+
+@given(added=st.lists(st.tuples(ANY, ANY, ANY), max_size=3 * KEPT), asked=st.lists(st.integers(0, 40), max_size=20))
+def test_pages_that_ask_now_and_then_miss_no_point_of_the_last(
+    added: list[tuple[float, float, float]], asked: list[int]
+) -> None:
+    curves, seen, count, expected = Curves(), [], 0, []
+    for k, (margin, confidence, latency) in enumerate(added):
+        curves.add(result_of(margin=margin, confidence=confidence, latency_ms=latency))
+        values = (math.degrees(margin) if math.isfinite(margin) else margin, confidence, latency)
+        expected.append((*(v if math.isfinite(v) else None for v in values), "tracked"))
+        if k in asked:
+            count, new = curves.since(count)
+            assert count == k + 1
+            seen += new
+    count, new = curves.since(count)
+    seen += new
+    assert count == len(added) and seen[-KEPT:] == expected[-KEPT:] == curves.since(0)[1]
+    assert curves.since(count) == (count, [])
+
+
+def test_each_page_is_sent_the_points_that_it_lacks() -> None:
+    painter, point = Painter(), CurvePoint(None, 1.0, 2.5, "lost")
+    for points in ([], [point], [point, point]):
+        message = painter.message(shown_of(1, 1), 1, points)
+        content = json.loads(message[4 : 4 + struct.unpack(">I", message[:4])[0]])
+        assert content["curves"] == [[None, 1.0, 2.5, "lost"]] * len(points) and content["image"] == 1
 
 
 @pytest.mark.parametrize("image", [np.zeros((0, 5), np.uint8), np.zeros((4, 4, 7), np.uint8), np.zeros((4, 4), "U1")])

@@ -29,6 +29,7 @@ from websockets.sync.client import connect  # noqa: E402
 
 from grasptrack import InputError  # noqa: E402
 from grasptrack.io.folder import hold_folder  # noqa: E402
+from grasptrack.live import commands as told  # noqa: E402
 from grasptrack.live.guard import Guard  # noqa: E402
 from grasptrack.live.server import MOST_CLIENTS, PAGE, PageServer  # noqa: E402
 from grasptrack.live.session import LiveSession  # noqa: E402
@@ -120,6 +121,19 @@ def test_a_moment_comes_with_its_image_once(tmp_path: Path) -> None:
         client.send(json.dumps({"do": "friction", "value": 0.7}))
         moment, jpeg = moment_until(client, lambda m: m["friction"] == 0.7)
         assert jpeg == b""
+
+
+def test_a_page_that_comes_late_is_told_the_last_images(tmp_path: Path) -> None:
+    with page_of_plate(tmp_path) as (session, server):
+        session.tell(told.Start())
+        reached(session, "ended", image=6)
+        expected = [list(point) for point in session.curves.since(0)[1]]
+        for _ in range(2):  # as a page that is loaded again
+            with open_socket(server) as client:
+                moment, _ = next_moment(client)
+                assert moment["curves"] == expected and len(expected) == 6
+                session.tell(told.Friction(0.6))
+                assert next_moment(client)[0]["curves"] == []
 
 
 def test_clicks_come_in_and_the_run_goes_on_to_its_end(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from browsers import browser_of
 from grasptrack import Goal
+from grasptrack.live import commands as told
 from recordings import plate
 from watched import FedCamera, plate_session, reached, session_on, two_plates, until
 
@@ -220,6 +221,67 @@ def test_buttons_and_keys_do_what_they_say(tmp_path: Path) -> None:
         page.wait(lambda: page.find("#help").is_displayed())
         page.press(Keys.ESCAPE)
         page.wait(lambda: not page.find("#help").is_displayed())
+
+
+def test_what_is_typed_stays_until_it_is_taken_or_taken_back(tmp_path: Path) -> None:
+    camera = FedCamera()
+    camera.images.put(plate())
+    with session_on(camera, tmp_path / "run", at_once=True) as session, page_on(session, tmp_path) as page:
+        page.reads("#status", "Tracked")
+        field, steps = page.find("#friction"), iter(range(1, 100))
+
+        def images_come() -> None:
+            for _ in range(3):
+                k = next(steps)
+                camera.images.put(plate((160.0 + 0.5 * k, 120.0)))
+                reached(session, "tracking", image=k + 1)
+                page.reads("#figures", f"Image\n{k + 1}")
+
+        field.clear()  # as a driver does: the field loses the focus
+        images_come()
+        assert field.get_attribute("value") == ""
+        field.send_keys("0")
+        images_come()
+        field.send_keys(".0", Keys.TAB)
+        page.reads("#error", "friction is a positive number")
+        images_come()
+        assert field.get_attribute("value") == "0.0" and session.shown.friction == 0.5
+        field.send_keys(Keys.ESCAPE)
+        assert field.get_attribute("value") == "0.5"
+        field.send_keys(Keys.CONTROL + "a")
+        field.send_keys("0.8", Keys.TAB)
+        until(session, lambda s: s.friction == 0.8)
+        images_come()
+        session.tell(told.Friction(0.65))  # on another page
+        page.wait(lambda: field.get_attribute("value") == "0.65")
+        page.press("f")
+        page.find("#opening").send_keys(Keys.CONTROL + "a")
+        page.find("#opening").send_keys("62.5")
+        page.browser.refresh()
+        page.reads("#link", "live")
+        assert page.find("#opening").get_property("value") == "62.5"
+
+
+def test_curves_outlive_a_page_that_is_loaded_again(tmp_path: Path) -> None:
+    camera = FedCamera()
+    with session_on(camera, tmp_path / "run", at_once=True) as session, page_on(session, tmp_path) as page:
+        for k in range(20):
+            camera.images.put(plate((160.0 + 0.5 * k, 120.0)))
+            reached(session, "tracking", image=k + 1)
+
+        def drawn() -> list[str]:
+            for _ in range(2):  # each draws anew: the first drawing on a canvas differs from later ones in a corner
+                page.find("#theme").click()
+            script = "return ['margin', 'confidence', 'latency'].map((id) => document.getElementById(id).toDataURL())"
+            return list(page.browser.execute_script(script))
+
+        page.reads("#figures", "Image\n20")
+        time.sleep(0.5)  # curves are drawn a moment later
+        before = drawn()
+        page.browser.refresh()
+        page.reads("#figures", "Image\n20")
+        page.wait(lambda: drawn() == before, "other curves than before")
+        assert len(set(before)) == 3
 
 
 def test_the_arrow_keys_click_as_a_pointer_does(tmp_path: Path) -> None:

@@ -12,12 +12,14 @@ import json
 import math
 import struct
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from grasptrack.io.encoding import encode_jpeg
 from grasptrack.live.advisor import Proposal
+from grasptrack.live.curves import CurvePoint
 from grasptrack.live.settings import Meant
 from grasptrack.live.state import Shown
 from grasptrack.segmentation.first_look import describe_candidate
@@ -41,8 +43,8 @@ class Painter:
         self._image, self._jpeg = 0, b""
         self._number, self._head = 0, b""
 
-    def message(self, shown: Shown, has: int) -> bytes:
-        """The message for a page that has the image of number `has` already."""
+    def message(self, shown: Shown, has: int, curves: Sequence[CurvePoint] = ()) -> bytes:
+        """The message for a page that has the image of number `has` already, with the points that its curves lack."""
         if shown.number != self._number:
             self._number, self._head = shown.number, moment_to_json(shown)
         jpeg = b""
@@ -50,7 +52,9 @@ class Painter:
             if shown.image != self._image:
                 self._image, self._jpeg = shown.image, encode_jpeg(shown.arrival.frame.image)
             jpeg = self._jpeg
-        return struct.pack(">I", len(self._head)) + self._head + jpeg
+        # All pages share the head but for the points, which differ by what a page has seen.
+        head = self._head[:-1] + b',"curves":' + json.dumps(curves, separators=(",", ":")).encode() + b"}"
+        return struct.pack(">I", len(head)) + head + jpeg
 
 
 def moment_to_json(shown: Shown) -> bytes:

@@ -16,6 +16,7 @@ from grasptrack.io.recorders.background import WriterThread
 from grasptrack.io.run import FILES, Run, RunSummary, prepare_output
 from grasptrack.live.advisor import Advisor
 from grasptrack.live.commands import Command
+from grasptrack.live.curves import Curves
 from grasptrack.live.inbox import Inbox, KeptImages
 from grasptrack.live.player import Player
 from grasptrack.live.recorder import Recordings, describe_recording
@@ -40,6 +41,7 @@ class SessionLoop(ABC):
         pace: play files at their own rate.
 
     Attributes:
+        curves: of the last images.
         summary: of the run, once it has ended; None where it could not be written.
 
     Raises:
@@ -77,6 +79,7 @@ class SessionLoop(ABC):
         self._images = 0
         self._first_image = 0  # of the present playing
         self._kept = KeptImages()
+        self.curves = Curves()
         self._shown = shown
         self._changed = threading.Condition()
         self.summary: RunSummary | None = None

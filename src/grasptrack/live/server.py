@@ -15,7 +15,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from pathlib import Path
@@ -31,6 +31,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from grasptrack.errors import InputError
 from grasptrack.live.commands import LARGEST, command_of, parse_message
+from grasptrack.live.curves import CurvePoint
 from grasptrack.live.frames import Painter
 from grasptrack.live.guard import LOOPBACK, Guard
 from grasptrack.live.session import LiveSession
@@ -171,9 +172,10 @@ class Hub:
                 self._waiting.discard(event)
         return self.session.shown
 
-    async def message(self, shown: Shown, has: int) -> bytes:
+    async def message(self, shown: Shown, has: int, curves: Sequence[CurvePoint]) -> bytes:
         """What a browser is sent; made off the tracker's thread and off the server's."""
-        return await asyncio.get_running_loop().run_in_executor(self._encoder, self._painter.message, shown, has)
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._encoder, self._painter.message, shown, has, curves)
 
     def drawn(self, shown: Shown) -> None:
         """A browser has drawn a new image."""
@@ -256,12 +258,13 @@ class Conversation:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _send(self) -> None:
-        number, image = 0, 0
+        number, image, charted = 0, 0, 0
         hello = {"hello": {"hover": self._session.can_hover, "source": self._session.source_name}}
         await self._socket.send_text(json.dumps(hello))
         while True:
             shown = await self._hub.next_moment(number)
-            message = await self._hub.message(shown, image)
+            charted, curves = self._session.curves.since(charted)
+            message = await self._hub.message(shown, image, curves)
             self._sent[shown.number] = shown if shown.image != image else None
             number, image = shown.number, shown.image
             self._drawn.clear()

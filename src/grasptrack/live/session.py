@@ -148,6 +148,7 @@ class LiveSession(SessionLoop):
             result = replace(result, grasp_id=self._grasps_before + result.grasp_id)
             self._grasps = max(self._grasps, result.grasp_id or 0)
         phase = "ended" if self._over else "tracking"
+        self.curves.add(result)
         self._show(phase=phase, image=image, arrival=arrival, result=result, **changed)
         if image > self._recorded:
             self._recorded = image

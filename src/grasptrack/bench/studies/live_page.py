@@ -7,10 +7,13 @@ Blocks with a page open and without follow one another in one run, so that whate
 from __future__ import annotations
 
 import itertools
+import math
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
@@ -76,11 +79,13 @@ class Block(NamedTuple):
         update_ms: (n,) the tracker's updates.
         rate: images/s.
         ages_ms: (m,) of images, when a page said that they are drawn.
+        waiting_ms: an image, mean: the tracker's thread could go on, and no processor was free; NaN where Linux does not tell.
     """
 
     update_ms: Floats
     rate: float
     ages_ms: Floats
+    waiting_ms: float
 
 
 @contextmanager
@@ -102,17 +107,28 @@ def viewer(kind: str, url: str) -> Iterator[None]:
 def measure_block(session: LiveSession, server: PageServer, seconds: float) -> Block:
     """What happens within so many s."""
     latencies: list[float] = []
+    waiting: list[float] = []
 
     def note(shown: Shown) -> None:
         if shown.result is not None:
             latencies.append(shown.result.latency_ms)
+            waiting.append(waiting_of_this_thread())
 
     server.hub.round_trips.clear()
     unlisten, began = session.listen(note), time.perf_counter()
     time.sleep(seconds)
     unlisten()
     took = time.perf_counter() - began
-    return Block(np.array(latencies), len(latencies) / took, 1e3 * np.array(server.hub.round_trips))
+    waited = (waiting[-1] - waiting[0]) / max(len(waiting) - 1, 1) if waiting else math.nan
+    return Block(np.array(latencies), len(latencies) / took, 1e3 * np.array(server.hub.round_trips), waited)
+
+
+def waiting_of_this_thread() -> float:
+    """ms for which it was ready to run, and others ran."""
+    try:
+        return int(Path(f"/proc/self/task/{threading.get_native_id()}/schedstat").read_text().split()[1]) / 1e6
+    except OSError:
+        return math.nan
 
 
 def measure_pairs(
@@ -174,11 +190,15 @@ def show_viewer(kind: str, images: Sequence[Image], blocks: int, seconds: float)
         drawn = float(np.mean([len(watched.ages_ms) / seconds for _, watched in pairs]))
         rate = float(np.median([alone.rate for alone, _ in pairs]))
         met = "yes" if slowed <= SLOWED and (not pace or median <= LATENCY_MS) else "NO"
-        rows.append([f"{RATE:g}/s" if pace else "as fast as it can", rate, *update, slowed, drawn, median, p95, met])
+        waited = [float(np.median([pair[i].waiting_ms for pair in pairs])) for i in (0, 1)]
+        name = f"{RATE:g}/s" if pace else "as fast as it can"
+        rows.append([name, rate, *update, *waited, slowed, drawn, median, p95, met])
     head = [
         "images",
         "images/s",
         "update ms, no page",
+        "with page",
+        "waits ms, no page",
         "with page",
         "slowed by",
         "drawn/s",
@@ -186,7 +206,10 @@ def show_viewer(kind: str, images: Sequence[Image], blocks: int, seconds: float)
         "95 %",
         "met",
     ]
-    common.add_paragraph(f"Looking on: {kind}.")
+    common.add_paragraph(
+        f"Looking on: {kind}. Waits: of an image's time, what the tracker's thread waited for a processor that others used, "
+        f"the {kind} among them; there are {os.cpu_count()}."
+    )
     common.add_table(head, rows)
 
 

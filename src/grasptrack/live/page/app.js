@@ -17,10 +17,10 @@ const SURE = 0.9;
 let moment = null;
 let showsAll = false; // candidates that are unlikely, where the first is sure
 let noticed = null;
-let charted = 0;
 let wait = null;
 let chartsWait = null;
 let figuresShown = "";
+let typed = null; // what a person types as friction, until the tracker has it; its value once it is one
 
 // The address holds the token only until the page has its cookie: it shall not stay in the history.
 if (location.search) history.replaceState(null, "", location.pathname);
@@ -41,16 +41,17 @@ function onHello(hello) {
   tools.hover = hello.hover;
   setText(at("source"), hello.source);
   noticed = null;
+  Object.values(charts).forEach((each) => each.clear()); // the server tells the last images again
 }
 
 function onLink(open) {
   const link = at("link");
   link.dataset.open = open;
   link.textContent = open ? "live" : "no connection";
+  if (open && typed && typed.value !== null) send("friction", { value: typed.value }); // what was typed meanwhile
 }
 
 function onMoment(next, bitmap) {
-  const before = moment;
   if (next.phase !== "choosing") {
     showsAll = false;
     picture.pointed = 0;
@@ -60,8 +61,7 @@ function onMoment(next, bitmap) {
   moment = next;
   tools.take(next);
   picture.show(next, bitmap);
-  if (before && before.phase !== "tracking" && next.phase === "tracking" && next.image < charted) charted = 0;
-  if (next.result && (next.phase === "tracking" || next.phase === "ended") && next.image > charted) chart(next);
+  if (next.curves.length) chart(next.curves);
   showState();
   showChoice();
   showControls();
@@ -70,13 +70,13 @@ function onMoment(next, bitmap) {
   noticed = next.notice.number;
 }
 
-function chart(next) {
-  const { result } = next;
-  charted = next.image;
+function chart(points) {
   at("charts").hidden = false;
-  charts.margin.add(result.margin_deg ?? NaN, result.status);
-  charts.confidence.add(result.confidence, result.status);
-  charts.latency.add(result.latency_ms, result.status);
+  for (const [margin, confidence, latency, status] of points) {
+    charts.margin.add(margin, status);
+    charts.confidence.add(confidence, status);
+    charts.latency.add(latency, status);
+  }
   chartsWait ??= setTimeout(() => {
     chartsWait = null;
     drawCharts();
@@ -216,7 +216,8 @@ function showControls() {
   const lost = moment.recording.dropped ? `, ${moment.recording.dropped} lost` : "";
   setButton(at("record"), recording ? `Stop · ${moment.recording.images}${lost}` : "Record", "V");
   at("record").setAttribute("aria-pressed", Boolean(recording));
-  if (document.activeElement !== at("friction")) at("friction").value = moment.friction;
+  if (typed && typed.value === moment.friction) typed = null;
+  if (!typed && document.activeElement !== at("friction")) at("friction").value = moment.friction;
   document.querySelectorAll("[data-fingers]").forEach((button) => button.setAttribute("aria-pressed", Number(button.dataset.fingers) === moment.fingers));
 }
 
@@ -285,11 +286,34 @@ document.querySelectorAll("[data-tool]").forEach((button) => button.addEventList
 document.querySelectorAll("[data-fingers]").forEach((button) =>
   button.addEventListener("click", () => send("fingers", { count: Number(button.dataset.fingers) })),
 );
+at("friction").addEventListener("input", () => (typed = { value: null }));
 at("friction").addEventListener("change", () => {
   const value = at("friction").valueAsNumber;
+  typed = { value: value > 0 ? value : null };
   if (value > 0) send("friction", { value });
-  else say("friction is a positive number");
+  else say("friction is a positive number; Esc takes back what was typed");
 });
+at("friction").addEventListener("keydown", (event) => {
+  if (event.key !== "Escape" || !moment) return;
+  typed = null;
+  at("friction").value = moment.friction;
+});
+
+// Lengths that were typed outlive a page that is loaded again.
+for (const id of ["opening", "beyond"]) {
+  try {
+    at(id).value = sessionStorage.getItem(id) ?? at(id).value;
+  } catch {
+    // a page in a frame may have no storage
+  }
+  at(id).addEventListener("input", () => {
+    try {
+      sessionStorage.setItem(id, at(id).value);
+    } catch {
+      // see above
+    }
+  });
+}
 
 function saveGoal() {
   const [opening, beyond] = [at("opening").valueAsNumber, at("beyond").valueAsNumber];

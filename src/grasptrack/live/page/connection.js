@@ -46,7 +46,7 @@ export class Connection {
       if (typeof event.data === "string") {
         const said = JSON.parse(event.data);
         if (said.error) this.handlers.onError(said.error);
-        if (said.hello) this.handlers.onHello(said.hello);
+        if (said.hello) this.turn = this.turn.then(() => this.handlers.onHello(said.hello)); // after what came before a break
       } else {
         this.turn = this.turn.then(() => this.take(event.data, socket)).catch((error) => this.handlers.onError(String(error)));
       }

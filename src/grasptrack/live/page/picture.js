@@ -17,7 +17,8 @@ export class Picture {
   show(moment, bitmap) {
     this.moment = moment;
     this.bitmap = bitmap;
-    if (bitmap) this.canvas.parentElement.style.setProperty("--aspect", `${bitmap.width} / ${bitmap.height}`);
+    const aspect = bitmap ? `${bitmap.width} / ${bitmap.height}` : this.aspect;
+    if (aspect !== this.aspect) this.canvas.parentElement.style.setProperty("--aspect", (this.aspect = aspect));
     this.draw();
   }
 
@@ -58,8 +59,9 @@ export class Picture {
 
   draw() {
     this.layout();
-    const g = this.canvas.getContext("2d");
-    g.clearRect(0, 0, this.canvas.width, this.canvas.height);
+    const g = this.canvas.getContext("2d", { alpha: false }); // what is opaque need not be blended with the page below
+    g.fillStyle = this.style.getPropertyValue("--stage");
+    g.fillRect(0, 0, this.canvas.width, this.canvas.height);
     if (!this.bitmap || !this.moment) return;
     g.imageSmoothingEnabled = this.scale < 4;
     g.drawImage(this.bitmap, this.left, this.top, this.scale * this.bitmap.width, this.scale * this.bitmap.height);

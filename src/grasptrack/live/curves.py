@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Margin, confidence and latency of the last images that were tracked, for pages that come late, or again."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from itertools import islice
+from typing import NamedTuple
+
+from grasptrack.tracking.result import TrackResult
+
+KEPT = 240
+"""Images; as many as the page draws."""
+
+
+class CurvePoint(NamedTuple):
+    """One image's; None where there is no number."""
+
+    margin_deg: float | None
+    confidence: float | None
+    latency_ms: float | None
+    status: str
+
+
+class Curves:
+    """The last `KEPT` points. One thread adds, any may look."""
+
+    def __init__(self) -> None:
+        self._points: deque[CurvePoint] = deque(maxlen=KEPT)
+        self._count = 0
+        self._turn = threading.Lock()
+
+    def add(self, result: TrackResult) -> None:
+        """Add an image's."""
+        margin = math.nan if result.analysis is None else math.degrees(result.analysis.margin)
+        margin_deg, confidence, latency_ms = (
+            v if math.isfinite(v) else None for v in (margin, result.confidence, result.latency_ms)
+        )
+        point = CurvePoint(margin_deg, confidence, latency_ms, result.status)
+        with self._turn:
+            self._points.append(point)
+            self._count += 1
+
+    def since(self, count: int) -> tuple[int, list[CurvePoint]]:
+        """How many were added so far, and those after the first `count` that are kept."""
+        with self._turn:
+            new = min(self._count - count, len(self._points))
+            return self._count, list(islice(self._points, len(self._points) - new, None))
