@@ -75,7 +75,9 @@ function chart(next) {
   charted = next.image;
   at("charts").hidden = false;
   charts.margin.add(result.margin_deg ?? NaN, result.status);
-  charts.confidence.add(result.confidence, result.status);
+  const lost = result.status === "lost"; // the best guess, which was not given out, is not rounded up to certainty
+  const sure = lost ? Math.floor(1000 * result.confidence) / 1000 : result.confidence;
+  charts.confidence.add(sure, result.status, lost ? "best guess" : "");
   charts.latency.add(result.latency_ms, result.status);
   chartsWait ??= setTimeout(() => {
     chartsWait = null;
