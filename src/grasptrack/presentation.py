@@ -21,6 +21,12 @@ def png_of(value: object) -> bytes:
     return _drawing[0](value)
 
 
+def format_confidence(confidence: float, decimals: int = 3) -> str:
+    """A confidence with so many decimals, or as many more, up to 9, as tell how far from 1 it is: 0.9961 is no 1.00."""
+    off = 1.0 - confidence
+    return f"{confidence:.{min(9, max(decimals, 1 - math.floor(math.log10(off))))}f}" if off > 0.0 else "1"
+
+
 def to_dict(record: object, *, leave: tuple[str, ...] = ()) -> dict[str, Any]:
     """The public parts of a result by name, as `plain_value` gives them, in the units that the attributes have.
 

@@ -17,6 +17,7 @@ from hypothesis.extra import numpy as hnp
 import grasptrack as gt
 from grasptrack.bench.simulation import SHAPES
 from grasptrack.equality import are_equal
+from grasptrack.presentation import format_confidence
 from stages import photo, pose
 
 BRACKET = SHAPES["bracket"]()
@@ -137,3 +138,17 @@ NESTED = st.recursive(
 def test_equality_is_reflexive_and_symmetric(first: Any, second: Any) -> None:
     assert are_equal(first, copy.deepcopy(first))
     assert are_equal(first, second) is are_equal(second, first)
+
+
+@given(st.one_of(st.floats(0.0, 1.0), st.floats(-12.0, -1.0).map(lambda power: 1.0 - 10.0**power)), st.integers(2, 4))
+def test_no_confidence_is_rounded_up_to_certainty(confidence: float, decimals: int) -> None:
+    text = format_confidence(confidence, decimals)
+    shown = len(text.partition(".")[2])
+    assert abs(float(text) - confidence) <= 0.5000001 * 10.0**-shown
+    assert text == "1" if confidence == 1.0 else decimals <= shown <= 9
+    assert float(text) < 1.0 or 1.0 - confidence < 1e-9
+
+
+def test_a_lost_frame_does_not_read_as_certain() -> None:
+    lost = gt.TrackResult(58, None, "lost", "another shape", reason_code="other-shape", confidence=0.9960830118693142)
+    assert repr(lost) == "TrackResult(frame 58: lost (other-shape), confidence 0.9961)"

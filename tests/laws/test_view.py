@@ -18,6 +18,7 @@ from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.results import GraspsCsv
 from grasptrack.io.run import Tally
 from grasptrack.view import pair
+from grasptrack.tracking.result import TrackResult
 from grasptrack.view.draw import MAX_SIDE, draw_overlay, friction_cones, jacobian_at
 from grasptrack.view.pair import write_pair
 from grasptrack.view.style import STATUS_RGB, add_legend, create_figure, ellipsise_text, rgb_to_bgr, text_width
@@ -177,3 +178,20 @@ def test_a_legend_stays_below_its_panel(count: int) -> None:
     place = axes.get_legend().get_window_extent(figure.canvas.get_renderer())
     assert place.x1 <= axes.get_window_extent().x1 and place.y0 >= 0.0
     assert place.y1 <= axes.get_window_extent().y0
+
+
+def test_the_confidence_of_a_lost_frame_is_told_as_that_of_a_guess(monkeypatch: pytest.MonkeyPatch) -> None:
+    from grasptrack.view import draw
+
+    told: list[str] = []
+    put = draw.put_text
+    monkeypatch.setattr(
+        draw, "put_text", lambda canvas, text, *at, **how: [told.append(text), put(canvas, text, *at, **how)]
+    )
+    image = np.zeros((480, 640, 3), np.uint8)
+    draw_overlay(image, replace(answer(58), confidence=0.99608))
+    assert "confidence" in told and "1.00" in told
+    told.clear()
+    draw_overlay(image, TrackResult(58, None, "lost", "another shape", confidence=0.99608))
+    assert "best guess" in told and "0.9961" in told
+    assert "confidence" not in told and "1.00" not in told

@@ -122,7 +122,7 @@ def test_a_contact_on_an_edge_that_was_none_is_told() -> None:
     assert all(r.status != "lost" for r in results[:told])
     for result in results[told:]:
         assert (result.status, result.reason_code, result.contacts) == ("lost", "false-edge", None)
-        assert "px off" in result.reason
+        assert "px off" in result.reason and result.confidence == 0.0
     again = track(frames, first, grasp=off, resynthesize=True)
     assert again[told].reason_code == "false-edge"
     found = again[told + 1]

@@ -12,6 +12,7 @@ import typer
 from grasptrack.cli import first_image, help_groups, options
 from grasptrack.cli.terminal import format_number, show_rows, tell_error
 from grasptrack.errors import GraspTrackError, InputError, TransferError
+from grasptrack.presentation import format_confidence
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -232,7 +233,7 @@ def _show_results(analysis: Any, at: NDArray[Any], found: _Found, notes: list[st
     """The table."""
     rows, notes = [["(reference)", _format_contacts(at), "", "", *_stability_cells(analysis)]], notes[:]
     for o in found.outcomes:
-        cells = [_format_confidence(o.confidence), format_number(o.off)]
+        cells = [format_confidence(o.confidence), format_number(o.off)]
         if o.reason:
             rows.append([o.strategy, "refused", *cells, "", ""])
             notes.append(f"{o.strategy} refused: {o.reason}")
@@ -257,9 +258,3 @@ def _stability_cells(analysis: Any) -> list[str]:
 
 def _format_contacts(contacts: Any) -> str:
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in contacts.tolist())
-
-
-def _format_confidence(confidence: float) -> str:
-    """A confidence with as many digits as tell how far from 1 it is."""
-    off = 1.0 - confidence
-    return f"{confidence:.{min(9, max(3, 1 - math.floor(math.log10(off))))}f}" if off > 0.0 else "1"

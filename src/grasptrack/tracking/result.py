@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from grasptrack.equality import compared_by_value
 from grasptrack.geometry.contours import View
 from grasptrack.grasp.force_closure import GraspAnalysis
+from grasptrack.presentation import format_confidence
 from grasptrack.typing import Status
 
 
@@ -33,7 +34,8 @@ class TrackResult:
         seen: (k,) 0 to 1, how much of the outline at each contact was observed; None with the contacts.
         analysis: the grasp's analysis, in the object's own plane; None with the contacts.
         confidence: 0 to 1, the complement of the probability that a contact is off by more than 3 px and 4 % of sqrt(area), or
-            on another object. Lost frames tell that of the best place found, or 0; 1 in the first view, by definition.
+            on another object. Lost frames tell that of the best guess, which was not sure enough to be given: at most 1 - risk,
+            and 0 where there is none. 1 in the first view, by definition.
         chance: probability, 0 to 1, that the grasp closes although the contacts may be off by their covariance, the least that
             it is (`closing.chance_of_closing`), and the object's plane tilted otherwise; NaN where no covariance is known.
         homography: (3, 3) H_current_reference where the transfer gives one.
@@ -89,7 +91,8 @@ class TrackResult:
         """One line: the frame, what it says, and where the contacts are."""
         at = "" if self.contacts is None else ", " + " ".join(f"{x:.2f},{y:.2f}" for x, y in self.contacts.tolist())
         why = f" ({self.reason_code})" if self.reason_code else ""
-        return f"TrackResult(frame {self.frame}: {self.status}{why}{at}, confidence {self.confidence:.3f})"
+        sure = f"{self.confidence:.3f}" if self.located else format_confidence(self.confidence)
+        return f"TrackResult(frame {self.frame}: {self.status}{why}{at}, confidence {sure})"
 
     def to_dict(self) -> dict[str, Any]:
         """Its attributes by name as plain values, for JSON and data frames; what is not finite is None."""

@@ -358,7 +358,7 @@ class GraspTracker:
             if self._resynthesize:
                 self._again(moved.view, plane.beforehand(H, homography_covariance))
             beside = Reason("false-edge", {"distance": track.false_edge})
-            return _make_result(moment, "lost", beside, grasp_id=track.number, confidence=moved.decision.confidence)
+            return _make_result(moment, "lost", beside, grasp_id=track.number)
         covariance = target.handle.placed(estimate.G, moved.covariance)[1]
         try:
             judged = track.closure.judge(contacts, self.friction, moved.homography, H, covariance, plane.rectifications)

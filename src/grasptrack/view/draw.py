@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasptrack.geometry.contours import Outline, View, as_view
+from grasptrack.presentation import format_confidence
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.typing import Floats
 from grasptrack.view.style import (
@@ -107,7 +108,7 @@ def add_strip(canvas: Picture, result: TrackResult, number: int) -> Picture:
     ink = MUTED_RGB if result.status == "tracked" else INK_RGB
     put_text(strip, ellipsise_text(reason, width - pad - left, size), left, first, size, ink)
 
-    room = _draw_confidence(strip, result.confidence, pad, second, small, colour)
+    room = _draw_confidence(strip, result, pad, second, small, colour)
     _draw_figures(strip, result, number, pad, room, second, small)
     return np.vstack([canvas, strip])
 
@@ -126,20 +127,27 @@ def _draw_status_chip(strip: Picture, status: str, x: int, baseline: int, em: in
     return x + wide
 
 
-def _draw_confidence(strip: Picture, confidence: float, pad: int, baseline: int, size: int, colour: Colour) -> int:
-    """The confidence as a bar and a number, flush right; returns where they begin."""
+def _draw_confidence(strip: Picture, result: TrackResult, pad: int, baseline: int, size: int, colour: Colour) -> int:
+    """The confidence as a bar and a number, flush right; returns where they begin.
+
+    Of a lost frame it is that of a guess that was not given out: in grey, and with as many digits as keep it from reading as
+    certain.
+    """
+    confidence, label, number, ink = result.confidence, "confidence", f"{result.confidence:.2f}", INK_RGB
+    if result.status == "lost":
+        label, number, colour, ink = "best guess", format_confidence(confidence, 2), MUTED_RGB, MUTED_RGB
     gap = round(0.6 * size)
     bar = round(0.16 * strip.shape[1])
-    x: int = strip.shape[1] - pad - text_width("0.00", size, bold=True)
-    put_text(strip, f"{confidence:.2f}", x, baseline, size, INK_RGB, bold=True)
+    x: int = strip.shape[1] - pad - text_width(number, size, bold=True)
+    put_text(strip, number, x, baseline, size, ink, bold=True)
     x -= bar + gap
     top, bottom = baseline - round(0.62 * size), baseline - round(0.1 * size)
     cv2.rectangle(strip, (x, top), (x + bar, bottom), rgb_to_bgr(RULE_RGB), -1)
     full = round(bar * min(max(confidence, 0.0), 1.0))
     if full > 0:
         cv2.rectangle(strip, (x, top), (x + full, bottom), rgb_to_bgr(colour), -1)
-    x -= text_width("confidence", size) + gap
-    put_text(strip, "confidence", x, baseline, size, MUTED_RGB)
+    x -= text_width(label, size) + gap
+    put_text(strip, label, x, baseline, size, MUTED_RGB)
     return x
 
 

@@ -73,8 +73,9 @@ function onMoment(next, bitmap) {
 function chart(points) {
   at("charts").hidden = false;
   for (const [margin, confidence, latency, status] of points) {
+    const lost = status === "lost"; // the best guess, which was not given out, is not rounded up to certainty
     charts.margin.add(margin, status);
-    charts.confidence.add(confidence, status);
+    charts.confidence.add(lost ? Math.floor(1000 * confidence) / 1000 : confidence, status, lost ? "best guess" : "");
     charts.latency.add(latency, status);
   }
   chartsWait ??= setTimeout(() => {

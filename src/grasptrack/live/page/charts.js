@@ -8,14 +8,14 @@ export class Chart {
     Object.assign(this, { canvas, output, unit, digits, low, high, zero, peaks, values: [], states: [] });
   }
 
-  add(value, status) {
+  add(value, status, note = "") {
     this.values.push(Number.isFinite(value) ? value : null);
     this.states.push(status);
     if (this.values.length > KEPT) {
       this.values.shift();
       this.states.shift();
     }
-    this.output.textContent = Number.isFinite(value) ? `${value.toFixed(this.digits)}${this.unit}` : "–";
+    this.output.textContent = Number.isFinite(value) ? `${note} ${value.toFixed(this.digits)}${this.unit}`.trim() : "–";
   }
 
   clear() {
