@@ -17,8 +17,8 @@ from grasptrack.geometry.contours import View
 from grasptrack.geometry.homographies import apply_homography
 from grasptrack.io.results import GraspsCsv
 from grasptrack.io.run import Tally
-from grasptrack.view import pair
 from grasptrack.tracking.result import TrackResult
+from grasptrack.view import pair
 from grasptrack.view.draw import MAX_SIDE, draw_overlay, friction_cones, jacobian_at
 from grasptrack.view.pair import write_pair
 from grasptrack.view.style import STATUS_RGB, add_legend, create_figure, ellipsise_text, rgb_to_bgr, text_width
