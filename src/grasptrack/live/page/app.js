@@ -91,7 +91,7 @@ function drawCharts() {
 // --- state ---
 
 function headline() {
-  const { phase, result, candidates, notice } = moment;
+  const { phase, result, candidates, notice, meant } = moment;
   const told = result ? result.reason || result.notice : "";
   switch (phase) {
     case "opening":
@@ -101,6 +101,8 @@ function headline() {
     case "choosing":
       if (!candidates.length) return ["No object", notice.text || told || "click it, or draw its outline", "searching"];
       if (candidates[0].probability >= SURE) return ["Object found", "Start follows the grasp that is shown", "searching"];
+      if (candidates.length === 1 && (meant.on.length || meant.box))
+        return ["This one?", "Press Start if its outline is right; else click again, or draw it", "unstable"];
       return ["Which object?", "Take a number, or click the object", "unstable"];
     case "failed":
       return ["Broken off", notice.text, "lost"];
