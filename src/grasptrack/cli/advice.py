@@ -11,8 +11,6 @@ REMEDIES = {
     "no-grasp": "give contacts of your own (--grasp), a larger --friction if it is true, or a hand that opens wider",
     "no-description": "use --strategy auto, which carries every grasp",
     "not-found": "bring the object back into view, or move less from one image to the next; it is looked for in every image",
-    "out-of-view": "turn the camera so that the object is in view",
-    "hidden": "take away what covers it; the gripper's own fingers belong into --ignore FILE",
     "not-there": "take away what stands before it; the gripper's own fingers belong into --ignore FILE",
     "other-place": "wait until what fits as well is out of view, or choose another object in the first image",
     "uncertain": "come nearer, or choose contacts where the outline bends (--grasp): on a straight edge they can slide",

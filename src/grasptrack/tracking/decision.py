@@ -83,8 +83,6 @@ NOTHING = Decision(None, 1.0, 0.0, math.inf, 0.0, 0.0, 0.0, "not-found", {}, Non
 
 CODES = (
     "not-found",
-    "out-of-view",
-    "hidden",
     "not-there",
     "other-place",
     "uncertain",
