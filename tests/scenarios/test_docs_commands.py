@@ -71,6 +71,7 @@ ELSEWHERE = {
     "pip check": "pip's own",
     "pip install --no-binary av av": "builds FFmpeg's bindings from source",
     "python tests/slow/golden.py --write": "writes a file of the repository; tests/slow/test_golden.py runs the rest",
+    "python tests/fuzz/long_live.py --seconds 3600": "tests/slow/test_long_live.py runs it for seconds",
     "python3 -m venv fresh": ".ci/run makes one",
     "fresh/bin/pip install .": ".ci/run builds a wheel and installs it",
 }
