@@ -300,3 +300,16 @@ def test_a_signal_that_c_code_makes_another_error_of_is_an_interruption(
     monkeypatch.setattr("grasptrack.segmentation.models.models_folder", load)
     assert main(["models"]) == 130
     assert capsys.readouterr().err == "grasptrack: interrupted\n"
+
+
+@pytest.mark.parametrize("strategy", ["auto", "homography"])
+def test_the_summary_is_titled_by_source_and_strategy(
+    strategy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from grasptrack.view import summary
+
+    titles: list[str] = []
+    monkeypatch.setattr(summary, "write_summary", lambda *_, title: titles.append(title))
+    given = ["track", str(plates(tmp_path / "in", 2)), "--output", str(tmp_path / "out"), "-q", "--no-video"]
+    assert main([*given, "--strategy", strategy]) == 0
+    assert titles == [f"in, by {strategy}"]

@@ -376,6 +376,7 @@ class Run:
         from grasptrack.view.summary import write_summary
 
         picture = self._output / "summary.png"
-        title = Path(str(self._head["source"]["name"])).name
+        strategy = self._head["options"].get("strategy")  # the demonstration, for one, writes a page for each
+        title = Path(str(self._head["source"]["name"])).name + (f", by {strategy}" if strategy else "")
         write_summary(picture, self._output / "grasps.csv", self._strip, summary, title=title)
         summary.files[picture.name] = picture
