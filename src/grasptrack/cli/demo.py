@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from grasptrack.cli import help_groups, options
-from grasptrack.cli.terminal import format_number, show_rows, with_progress
+from grasptrack.cli.terminal import Tell, format_number, show_rows, with_progress
 
 _HEADS = (
     ("strategy", "left"),
@@ -46,22 +46,20 @@ def demo(
       grasptrack demo --risk 1e-5
     """
     from grasptrack.bench.demo import STRATEGIES, run_demo
-    from grasptrack.io.run import prepare_output
 
     rate = options.risk_rate(risk)
-    prepare_output(output)  # before anything is promised
-    if not quiet:
-        seconds = FRAME_S * frames * (1 if no_video else 2)
-        print(
-            f"Renders {frames} frames of a part seen by a tilting camera, tracks a grasp in them by "
-            f"{len(STRATEGIES)} strategies, and compares with the truth: some {max(2, round(seconds))} s.",
-            flush=True,
-        )
-    rows = with_progress(
-        output,
-        quiet,
-        lambda tell: run_demo(output, frames=frames, video=not no_video, progress=tell, risk=rate),
-    )
+    seconds = FRAME_S * frames * (1 if no_video else 2)
+
+    def run(tell: Tell) -> list[dict[str, Any]]:
+        if not quiet:
+            print(
+                f"Renders {frames} frames of a part seen by a tilting camera, tracks a grasp in them by "
+                f"{len(STRATEGIES)} strategies, and compares with the truth: some {max(2, round(seconds))} s.",
+                flush=True,
+            )
+        return run_demo(output, frames=frames, video=not no_video, progress=tell, risk=rate)
+
+    rows = with_progress(output, quiet, run)
     if quiet:
         return
     notes = [f"{row['strategy']} lost, mostly: {row['reason']}" for row in rows if row["reason"]]
