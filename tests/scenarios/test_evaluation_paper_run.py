@@ -21,6 +21,8 @@ from grasptrack.bench.schedule import create_scheduler
 from grasptrack.errors import InputError
 from grasptrack.transfer import STRATEGIES
 
+pytestmark = pytest.mark.slow  # the run that all of them look at takes seconds
+
 FRAMES = 5
 SMALL = Extent(FRAMES, 0, ("bracket", "hook", "disc"), 1)
 COURSES = sum(len(ways_of(s)) for s in COMPARED)
@@ -230,7 +232,6 @@ def test_table_seven_is_that_of_the_frames(folder):
     assert checked == FOOTAGE * 3 * 2 * (4 + 3)
 
 
-@pytest.mark.slow
 def test_every_file_but_the_times_is_the_same_again(again, folder, tmp_path):
     write_paper(tmp_path, again, options={})
     names = sorted(p.relative_to(folder) for p in folder.rglob("*.csv") if not p.stem.endswith("times"))
@@ -311,7 +312,6 @@ def test_progress_reaches_the_end_of_each_step(run):
     assert list(steps) == ["images", "transfers", "contexts", "shapes"]
 
 
-@pytest.mark.slow
 def test_the_same_run_twice(run, again):
     assert again.runs == run[0].runs
     assert again.tables == run[0].tables
