@@ -34,6 +34,37 @@ def test_threads_change_nothing() -> None:
     assert found[0] == found[1] == repeatable.digests_in_thread(("answers",))
 
 
+LETTERING = """
+import sys, threading
+import numpy as np
+from grasptrack.view.style import text_width, put_text
+
+def written(k):
+    picture = np.zeros((60, 400, 3), np.uint8)
+    put_text(picture, f"{k} lines of text", 5, 40, 9 + k % 30, (255, 255, 255), bold=bool(k % 2))
+    return picture
+
+alone = [written(k) for k in range(200)]
+import grasptrack.view.style as style
+style._render_text.cache_clear()
+sys.setswitchinterval(1e-6)
+same = []
+def write(seed):
+    for k in np.random.default_rng(seed).permutation(len(alone)):
+        style._render_text.cache_clear()
+        same.append(np.array_equal(written(int(k)), alone[k]))
+threads = [threading.Thread(target=write, args=(seed,)) for seed in range(4)]
+[thread.start() for thread in threads]
+[thread.join() for thread in threads]
+sys.exit(0 if all(same) and len(same) == 4 * len(alone) else 1)
+"""
+
+
+def test_threads_that_write_text_do_not_meet_in_one_font() -> None:
+    """In a process of its own, which a font's image that is written beyond would end."""
+    assert subprocess.run([sys.executable, "-c", LETTERING], check=False, capture_output=True).returncode == 0
+
+
 @pytest.mark.slow
 def test_processes_of_other_settings_give_the_same() -> None:
     found = {}

@@ -6,6 +6,7 @@ Colours are Okabe and Ito's, which colour-blind people can tell apart, in RGB; a
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -123,6 +124,10 @@ def blend_colour(picture: Picture, alpha: NDArray[np.uint8], x: int, y: int, col
     under[:] = (under * (255 - part) + np.array(rgb_to_bgr(colour), np.uint16) * part + 127) // 255
 
 
+_lettering = threading.Lock()
+"""A font holds the glyphs of the text that was set last: another thread's text in between writes beyond its image."""
+
+
 @lru_cache(maxsize=2)
 def _load_font(bold: bool) -> Any:
     import matplotlib
@@ -135,11 +140,13 @@ def _load_font(bold: bool) -> Any:
 @lru_cache(maxsize=512)
 def _render_text(text: str, size: int, bold: bool) -> tuple[NDArray[np.uint8], int]:
     """Coverage (h, w) of a line of text, 0 to 255, and how many of its rows lie below the baseline."""
-    font = _load_font(bold)
-    font.set_size(float(size), 72.0)
-    font.set_text(text, 0.0)
-    font.draw_glyphs_to_bitmap(antialiased=True)
-    coverage = np.array(font.get_image(), dtype=np.uint8)
+    with _lettering:
+        font = _load_font(bold)
+        font.set_size(float(size), 72.0)
+        font.set_text(text, 0.0)
+        font.draw_glyphs_to_bitmap(antialiased=True)
+        coverage = np.array(font.get_image(), dtype=np.uint8)
+        descent = round(font.get_descent() / 64)
     if coverage.size == 0:
         coverage = np.zeros((1, max(1, size // 3)), np.uint8)
-    return coverage, round(font.get_descent() / 64)
+    return coverage, descent
