@@ -14,7 +14,7 @@ SENTENCES = {
     "no-description": "no grasp that the strategy can carry",
     # lost: the codes of `decision`
     "not-found": "the object was not found in this image",
-    "not-there": "what is at the object's place may be something else, or nothing",
+    "not-there": "its place may show something else, or nothing",
     "other-place": "the object fits elsewhere as well",
     "uncertain": "what is seen does not fix every contact",
     "other-shape": "another shape: the outline differs from the object's",
