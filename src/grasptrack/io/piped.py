@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 from grasptrack.errors import SourceError
 from grasptrack.io.base import Image, Source
 from grasptrack.io.images import EightBits, decode_image
-from grasptrack.io.video import check_stream, decode_frames, upright_image
+from grasptrack.io.video import check_stream, decode_frames, open_media, upright_image
 
 NAME = "the standard input"
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
@@ -39,7 +39,7 @@ class PipedSource(Source):
         import av
 
         try:
-            container: Any = av.open(reader, "r", metadata_errors="replace")
+            container: Any = open_media(reader)
         except (av.FFmpegError, OSError, ValueError):
             raise SourceError(
                 f"{NAME} holds neither JPEG or PNG images nor a video that can be read from a pipe"

@@ -11,7 +11,7 @@ from grasptrack.errors import SourceError
 from grasptrack.io.base import Image
 from grasptrack.io.live import DeviceGoneError, LiveSource
 from grasptrack.io.uri import take_patience
-from grasptrack.io.video import check_stream, upright_image
+from grasptrack.io.video import check_stream, open_media, upright_image
 
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp")
 _OPENING, _SILENCE = 5.0, 2.0
@@ -32,9 +32,7 @@ class _Stream:
         import av
 
         try:
-            self._container: Any = av.open(
-                url, options=options, timeout=(_OPENING, _SILENCE), metadata_errors="replace"
-            )
+            self._container: Any = open_media(url, options=options, timeout=(_OPENING, _SILENCE))
         except (av.FFmpegError, OSError, ValueError) as error:
             raise SourceError(f"{name} cannot be opened: {_reason(error)}", spec=url) from None
         try:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Generator, Iterator
 from fractions import Fraction
@@ -19,6 +20,19 @@ from grasptrack.io.limits import check_size, max_megapixels
 
 _TEXT_ART = frozenset({"ansi", "bintext", "xbin", "idf"})
 """Decoders with which FFmpeg draws any text file as a video of letters."""
+
+
+_UNREADABLE = re.compile("[\ufffd\udc80-\udcff]")
+"""What stands for bytes that are not UTF-8, before PyAV 19 and from it on."""
+
+
+def open_media(file: Any, **options: Any) -> Any:
+    """A container of PyAV's to read from; metadata that are not in UTF-8 are no error, in whichever version."""
+    import av
+
+    if int(av.__version__.partition(".")[0]) < 19:
+        options["metadata_errors"] = "replace"
+    return av.open(file, "r", **options)
 
 
 class VideoSource(Source):
@@ -47,7 +61,7 @@ class VideoSource(Source):
         import av
 
         try:
-            container = av.open(str(self._path), options=_decoder_limit(), metadata_errors="replace")
+            container = open_media(str(self._path), options=_decoder_limit())
         except (av.FFmpegError, OSError, ValueError) as error:
             if not is_whole_video(self._path):
                 reason = "is truncated: no frame of it can be read"
@@ -66,7 +80,7 @@ class VideoSource(Source):
     def _warn_of_metadata(self, container: Any) -> None:
         """Say that texts of the file, as its title, are not in UTF-8, as they should be; nothing depends on them."""
         texts = [(k, v) for part in (container, *container.streams) for k, v in part.metadata.items()]
-        broken = sorted({key for key, value in texts if "\ufffd" in key + value})
+        broken = sorted({key for key, value in texts if _UNREADABLE.search(key + value)})
         if broken:
             told = ", ".join(broken).encode("ascii", "replace").decode()
             warnings.warn(f'video "{self._path}": its {told} is not in UTF-8, and is not read', stacklevel=3)
