@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from grasptrack import Command, Goal, GraspServo, InputError, LossPolicy, NominalCamera, TrackResult
@@ -86,6 +86,13 @@ def servo(law: str, dof: int, goal: Goal, **more: Any) -> GraspServo:
 @pytest.mark.parametrize("law", ["online", "nominal", "textbook"])
 @settings(max_examples=60, deadline=None)
 @given(told=st.lists(st.tuples(results, poses, steps), min_size=3, max_size=25))
+@example(
+    told=[
+        (LOST, np.eye(4), 0.04),
+        (seen(CONTACTS, homography=np.eye(3) + np.eye(3, k=-1)), np.eye(4), 0.04),
+        (seen([[0.0, 0.0], [0.0, 1e300]]), np.eye(4), 0.04),
+    ]
+)
 def test_whatever_is_told_the_twist_is_finite_and_within_limits(law: str, dof: int, told: list[Any]) -> None:
     hand = servo(law, dof, Goal.fingertips([[300.0, 250.0], [360.0, 250.0]], 0.06))
     twist, time = np.zeros(6), 0.0

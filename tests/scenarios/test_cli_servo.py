@@ -151,7 +151,7 @@ def test_trials_that_were_stopped_are_gone_on_with(tmp_path: Path) -> None:
             run_trials(out, cases, answered(cases, made, stop), options={"seed": 3})
     last = run_trials(out, cases, answered(cases, made), options={"seed": 3})
     assert sorted(made) == sorted(case.seed for case in cases) and last.resumed == 3
-    assert last.rows == whole.rows and whole.resumed == 0
+    assert list(map(repr, last.rows)) == list(map(repr, whole.rows)) and whole.resumed == 0  # some cells are NaN
     for name in ("trials.csv", "trials.json"):
         assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     assert len(list((out / "failures").glob("*.png"))) == 6

@@ -320,7 +320,7 @@ class GraspServo:
         found = self._compute_aim(time, hand, seen)
         if found is None:
             self.calibration.restart_estimate()
-            return Intent("holding", "the goal would lie behind the camera: begins anew")
+            return Intent("holding", "the goal would lie behind the camera, or nowhere: begins anew")
         carried = self._following_twist(hand)
         if found.aligned and found.height > 0.5 * self.standoff and self.calibration.explore_again():
             return Intent("approaching", "explores again before it goes down", carried, found)
@@ -354,7 +354,10 @@ class GraspServo:
         if known is None:
             return None
         if self._order is None:
-            self._order = self.goal.orders(known.camera, known.in_hand(hand, time)[: len(self.goal.points)])[0]
+            fitting = self.goal.orders(known.camera, known.in_hand(hand, time)[: len(self.goal.points)])
+            if not fitting:  # contacts so far away that no distance between them is a number
+                return None
+            self._order = fitting[0]
         how = Approach(self.goal, self._order, self.dof, self.standoff, self.gain)
         return compute_aim(known, how, seen, hand, time)
 
