@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from grasptrack.segmentation.first_look import first_look
     from grasptrack.segmentation.live_wire import LiveWire
     from grasptrack.servo import (
+        Bounds,
         Closing,
         Command,
         Exploration,
@@ -102,6 +103,7 @@ _HOME = {
     "segmentation.live_wire": ("LiveWire",),
     "io.sources": ("Frame", "open_source"),
     "servo": (
+        "Bounds",
         "Closing",
         "Command",
         "Exploration",
@@ -125,6 +127,7 @@ _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = [
     "AmbiguousError",
     "AxesError",
+    "Bounds",
     "Camera",
     "Candidate",
     "ClippedError",

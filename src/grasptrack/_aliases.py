@@ -87,7 +87,6 @@ MOVED = {
     "segmentation.objects": "segmentation.first_look",
     "servo.aim": "servo.law",
     "servo.begin": "servo.self_calibration",
-    "servo.command": "servo.limits",
     "servo.explore": "servo.self_calibration",
     "servo.geometry": "servo.camera",
     "servo.knowledge": "servo.self_calibration",

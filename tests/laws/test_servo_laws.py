@@ -27,7 +27,7 @@ from grasptrack.servo.camera import (
 from grasptrack.servo.closing import CloseGate
 from grasptrack.servo.estimate import SHAPE, Estimate, Placed, pack_state, unpack_state
 from grasptrack.servo.features import Features, rms_diameter, wrap_angle
-from grasptrack.servo.law import Approach, compute_aim, twist_for
+from grasptrack.servo.law import Aim, Approach, compute_aim, twist_for
 from grasptrack.servo.model import expected_sightings, retract_state
 from grasptrack.servo.observation import FLOOR, MOST, Observation, Poses, ResultObserver
 from servo_bench import Bench
@@ -389,10 +389,10 @@ def test_the_policy_on_loss_goes_through_its_steps_in_order(times: tuple[float, 
 def test_the_tolerance_grows_only_after_patience_near_the_goal() -> None:
     doubt = CloseGate(gt.Closing(tolerance=1.0, patience=2.0, loosest=3.0))
     told = gt.TrackResult(0, 0.0, "tracked", "", contacts=np.array(GOOD), seen=np.ones(2), confidence=0.9)
-    goal = np.array(GOOD)
     tolerances = []
     for t in np.arange(0.0, 8.0, 0.1):
-        doubt.why_not(told, 2.9 if t < 5.0 else 9.0, goal, float(t))
+        found = Aim(np.zeros(6), np.zeros(4), 2.9 if t < 5.0 else 9.0, 0.0, np.array(GOOD), "", True, 0.0)
+        doubt.why_not(told, found, float(t))
         tolerances.append(doubt.position_tolerance(float(t)))
     assert all(v == 1.0 for v in tolerances[:20]) and abs(tolerances[30] - 2.0) < 1e-9 and tolerances[49] == 3.0
     assert tolerances[-1] == 1.0  # far away again: strict again

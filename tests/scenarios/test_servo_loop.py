@@ -159,7 +159,7 @@ def test_what_cannot_be_compared_does_no_harm() -> None:
     """Sightings for which the object would lie behind the camera have no weight, and leave everything finite."""
     bench = Bench(seed=2)
     servo = bench.run(servo_for(bench), seconds=2.5)
-    known = servo.calibration
+    known = servo._known
     assert isinstance(known.estimate, Estimate) and known._origin is not None and known._search is not None
     turned = [
         replace(s, hand=s.hand @ pose_of(rotation_matrix((np.pi, 0.0, 0.0)), (0.0, 0.0, 0.0))) for s in known._seen[:6]
@@ -297,23 +297,20 @@ def test_time_stamps_of_images_stand_for_a_latency() -> None:
         gt.GraspServo(one.goal()).update(one.results[0], time=1.0, pose=one.hand, taken=1.1)
 
 
-def test_a_camera_that_gives_no_image_any_more_is_a_loss() -> None:
+def test_a_camera_that_gives_no_image_any_more_stops_the_hand() -> None:
     bench = Bench(seed=0, frozen=2.0)
     servo = bench.run(gt.GraspServo(bench.goal()), 40.0)
-    states = [c.state for c in bench.commands]
-    assert servo.state == "failed" and "no image since" in servo.reason
-    first = states.index("holding")
-    assert 0.2 <= first * PERIOD - 2.0 <= 0.4  # an image may be missing for that long
-    assert states.index("searching", first) > first
-    assert all(c.twist[2] <= 1e-9 or i < first + 10 for i, c in enumerate(bench.commands))  # down no more
+    assert servo.state == "failed" and "no new image within 7.5 s" in servo.reason
+    standing = [i for i, c in enumerate(bench.commands) if i * PERIOD >= 2.0 - PERIOD + 0.3]  # after the last image
+    assert not any(bench.commands[i].twist.any() for i in standing)
+    assert {bench.commands[i].state for i in standing} == {"holding", "failed"}
 
 
 def test_between_images_before_the_first_it_waits() -> None:
     servo = gt.GraspServo(gt.Goal.fingertips([[300.0, 250.0], [360.0, 250.0]], 0.06))
-    command = servo.between(time=0.0, pose=np.eye(4))
-    assert command.state == "searching" and "no image yet" in command.reason and not command.twist.any()
-    with pytest.raises(gt.InputError, match="times go on"):
-        servo.between(time=0.0, pose=np.eye(4))
+    for time in (0.0, 0.0, 0.04):
+        command = servo.between(time=time, pose=np.eye(4))
+        assert command.state == "searching" and "no image yet" in command.reason and not command.twist.any()
 
 
 def test_an_opening_in_mm_is_refused() -> None:
@@ -347,21 +344,21 @@ def test_a_camera_that_does_not_move_with_the_hand_is_told() -> None:
     still = bench.result()
     hand = bench.hand
     for i in range(1000):
-        command = servo.update(still, time=i * PERIOD, pose=hand)
+        command = servo.update(replace(still, frame=i, time=i * PERIOD), time=i * PERIOD, pose=hand)
         hand = apply_twist(hand, command.twist, PERIOD)
         if servo.over:
             break
     assert servo.state == "failed" and "do not show" in servo.reason
 
 
-def test_times_and_numbers_of_contacts_are_checked() -> None:
+def test_another_number_of_contacts_ends_it() -> None:
     bench = Bench(seed=0)
     servo = servo_for(bench)
-    servo.update(bench.result(), time=0.0, pose=bench.hand)
-    with pytest.raises(gt.InputError, match="times go on"):
-        servo.update(bench.result(), time=0.0, pose=bench.hand)
-    with pytest.raises(gt.InputError, match="contacts"):
-        servo.update(Bench(seed=0, fingers=3).result(), time=0.1, pose=bench.hand)
+    for _ in range(12):
+        bench.move(servo.update(bench.result(), time=bench.time, pose=bench.hand).twist)
+    other = replace(Bench(seed=0, fingers=3).result(), frame=99, time=9.0)
+    command = servo.update(other, time=bench.time, pose=bench.hand)
+    assert command.state == "failed" and command.reason == "the goal has 2 points and the grasp 3 contacts"
 
 
 def test_a_hand_that_touches_before_it_closes_has_failed() -> None:

@@ -3,15 +3,18 @@
 
 from grasptrack.servo.camera import NominalCamera
 from grasptrack.servo.closing import Closing
+from grasptrack.servo.command import Command
 from grasptrack.servo.controller import LAWS, GraspServo
 from grasptrack.servo.goal import Goal
 from grasptrack.servo.law import Gain
-from grasptrack.servo.limits import Command, Limits
+from grasptrack.servo.limits import Limits
 from grasptrack.servo.loss import LossPolicy
 from grasptrack.servo.self_calibration import Exploration
+from grasptrack.servo.watchdog import Bounds
 
 __all__ = [
     "LAWS",
+    "Bounds",
     "Closing",
     "Command",
     "Exploration",

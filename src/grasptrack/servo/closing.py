@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When the hand may close: at the goal, for some images in a row, on a grasp that is believed and seen. Never otherwise."""
+"""When the hand may close: at the goal, for some images in a row, on a grasp that is believed and seen. Never otherwise.
+
+And what came of it, by the opening at which the fingers stopped.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,13 @@ from dataclasses import dataclass
 from grasptrack import arguments
 from grasptrack.errors import InputError
 from grasptrack.servo.features import rms_diameter
+from grasptrack.servo.law import Aim
 from grasptrack.tracking.messages import SENTENCES
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
+TOUCHING = 0.001
+"""m at which fingers touch each other, where nobody knows how wide the part is."""
 HIDING = 0.5
 """Contacts so near to their goal, in lengths of the goal, may be hidden by the fingers."""
 
@@ -25,6 +31,7 @@ HIDING = 0.5
     memory=arguments.number,
     patience=arguments.number,
     loosest=arguments.finite,
+    timeout=arguments.number,
 )
 @dataclass(frozen=True)
 class Closing:
@@ -38,6 +45,7 @@ class Closing:
         memory: s for which a contact may have been out of sight that the fingers now hide.
         patience: s near the goal after which the tolerance grows.
         loosest: px to which it grows, in as long again.
+        timeout: s after the command to close by which `closed` has to be called.
 
     Raises:
         InputError: a value outside its range.
@@ -50,10 +58,14 @@ class Closing:
     memory: float = 3.0
     patience: float = 3.0
     loosest: float = 2.5
+    timeout: float = 5.0
 
     def __post_init__(self) -> None:
         if not (
-            0.0 < self.tolerance <= self.loosest and self.images >= 1 and self.memory >= 0.0 and self.patience > 0.0
+            0.0 < self.tolerance <= self.loosest
+            and self.images >= 1
+            and self.memory >= 0.0
+            and min(self.patience, self.timeout) > 0.0
         ):
             raise InputError("tolerances are positive, images 1 or more, times not below 0", closing=repr(self))
         if not (0.0 <= self.confidence <= 1.0 and 0.0 <= self.seen <= 1.0):
@@ -70,6 +82,7 @@ class CloseGate:
     def __init__(self, closing: Closing) -> None:
         self._asked = closing
         self._row = 0
+        self._grasp: int | None = None
         self._near: float | None = None
         self._seen_at: list[float] | None = None
 
@@ -82,22 +95,26 @@ class CloseGate:
         late = 0.0 if self._near is None else (time - self._near) / self._asked.patience - 1.0
         return self._asked.tolerance + min(max(late, 0.0), 1.0) * (self._asked.loosest - self._asked.tolerance)
 
-    def why_not(self, result: TrackResult, error_px: float, goal: Floats, time: float) -> str:
-        """Why not to close on this image; empty when everything speaks for it. Call it once for every image.
+    def why_not(self, result: TrackResult, found: Aim, time: float) -> str:
+        """Why not to close on this image; empty when everything speaks for it. Call it once for every new image.
 
         Args:
             result: what the tracker said.
-            error_px: the farthest contact from its goal, px.
-            goal: (k, 2) px of the contacts.
+            found: the step toward the goal.
             time: s.
         """
+        error_px = found.error_px
+        if result.grasp_id != self._grasp:
+            self._grasp, self._row, self._seen_at = result.grasp_id, 0, None
         if error_px > 2.0 * self._asked.loosest:
             self._near = None
         elif self._near is None:
             self._near = time
-        why = self._rejection_reason(result, goal, time)
-        if not why and not error_px <= self.position_tolerance(time):
+        why, tolerance = self._rejection_reason(result, found.final, time), self.position_tolerance(time)
+        if not why and not error_px <= tolerance:
             why = f"{error_px:.1f} px from the goal"
+        if not why and not found.moved_px <= tolerance:  # it shows a place where the hand is no more
+            why = f"at the goal, {found.moved_px:.1f} px after the image was taken"
         self._row = 0 if why else self._row + 1
         if not why and self._row < self._asked.images:
             why = f"at the goal in {self._row} of {self._asked.images} images"
@@ -119,3 +136,20 @@ class CloseGate:
             if not (seen[i] or hidden):
                 return f"contact {i + 1} is not seen"
         return ""
+
+
+def judge_opening(opening: float, width: float, widest: float) -> str:
+    """Why nothing is held as it should be; empty where the part is.
+
+    The fingers stopped at the part, at each other, or where they were: whichever is nearest.
+
+    Args:
+        opening: m, at which they stopped.
+        width: m, the distance of the contacts; NaN where it is not known.
+        widest: m, of the open hand; NaN where it is not known.
+    """
+    if not opening > (0.5 * width if width > 0.0 else TOUCHING):
+        return f"closed to {1000.0 * opening:.1f} mm: nothing is in it"
+    if opening > 0.5 * (width + widest):
+        return f"the fingers stopped at {1000.0 * opening:.1f} mm, the grasp is {1000.0 * width:.1f} mm wide"
+    return ""

@@ -3,24 +3,30 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from grasptrack import arguments
 from grasptrack.errors import InputError
+from grasptrack.servo.arm_check import ArmCheck
 from grasptrack.servo.camera import NominalCamera, check_pose
-from grasptrack.servo.closing import CloseGate, Closing
+from grasptrack.servo.clock import ServoClock, Tick
+from grasptrack.servo.closing import CloseGate, Closing, judge_opening
+from grasptrack.servo.command import OVER, Command, Intent, State
+from grasptrack.servo.estimate import Estimate
 from grasptrack.servo.goal import Goal
+from grasptrack.servo.image_check import ImageCheck
+from grasptrack.servo.image_gate import ImageGate
 from grasptrack.servo.law import AXES, Aim, Approach, Gain, compute_aim
-from grasptrack.servo.limits import OVER, Command, Intent, Limits, State
+from grasptrack.servo.limits import Limits
 from grasptrack.servo.loss import LossHandler, LossPolicy
 from grasptrack.servo.observation import Observation, Poses, ResultObserver
+from grasptrack.servo.retreat import Trail
 from grasptrack.servo.self_calibration import Exploration, SelfCalibration
+from grasptrack.servo.watchdog import Bounds, Watchdog
 from grasptrack.tracking.result import TrackResult
 from grasptrack.typing import Floats
 
@@ -29,19 +35,27 @@ LAWS: tuple[Law, ...] = ("online", "nominal", "textbook")
 
 RESTARTS = 2
 """How often an estimate that proved wrong is begun anew before the servo gives up."""
+JUMPS = 3
+"""So many jumps of the caller's clock in a row, and its times are in no seconds."""
 UNSURE = "not sure which object is meant: name it (object_at, box or outline), confirm it (number=1), or ask for less (sure=0)"
 """What a servo says while it does not move for that."""
-LONGEST_STEP = 0.2
-"""s that count as one step of control at most: after a pause the acceleration limit holds all the same."""
 
 
-@contextlib.contextmanager
-def _own_errors() -> Iterator[None]:
-    """Arguments that are refused within come of an estimate, not from the caller."""
-    try:
-        yield
-    except InputError as error:
-        raise ArithmeticError(str(error)) from error
+class _Now(NamedTuple):
+    """A call.
+
+    Attributes:
+        time, step: s, the servo's own time, and the step that counts.
+        hand: (4, 4).
+        result: the answer for a new image; None where there is none.
+        why: why there is none.
+    """
+
+    time: float
+    step: float
+    hand: Floats
+    result: TrackResult | None
+    why: str
 
 
 class GraspServo:
@@ -58,14 +72,18 @@ class GraspServo:
         gain: how quickly errors fall.
         loss: what is done while the grasp is not seen.
         exploration: how exploratory moves are made.
-        closing: when the hand may close.
+        closing: when the hand may close, and how long it may take.
+        bounds: what the hand does at most, whatever the images say.
         standoff: m before the goal at which the hand aligns before it goes down.
         latency: s between an image being taken and the time that `update` is told with it.
-        time_limit: s after which it gives up.
+        time_limit: s after which a try is given up.
+        max_age: s between an image being taken (`taken`) and its result being handed in, beyond which it counts for nothing;
+            None for three intervals between images, at least `bounds.blind`, and the latency besides.
+        retries: how often it tries again after it has closed on nothing.
 
     Raises:
         InputError: degrees of freedom other than 4 or 6, an unknown law, one without its camera, a size, stand-off,
-            latency or time limit that is none.
+            latency, age, number of retries or time limit that is none.
     """
 
     @arguments.checked(
@@ -79,9 +97,12 @@ class GraspServo:
         loss=arguments.optional(arguments.instance(LossPolicy)),
         exploration=arguments.optional(arguments.instance(Exploration)),
         closing=arguments.optional(arguments.instance(Closing)),
+        bounds=arguments.optional(arguments.instance(Bounds)),
         standoff=arguments.finite,
         latency=arguments.finite,
         time_limit=arguments.number,
+        max_age=arguments.optional(arguments.number),
+        retries=arguments.whole,
     )
     def __init__(
         self,
@@ -96,9 +117,12 @@ class GraspServo:
         loss: LossPolicy | None = None,
         exploration: Exploration | None = None,
         closing: Closing | None = None,
+        bounds: Bounds | None = None,
         standoff: float = 0.04,
         latency: float = 0.0,
         time_limit: float = 40.0,
+        max_age: float | None = None,
+        retries: int = 0,
     ) -> None:
         if dof not in AXES:
             raise InputError(f"a hand has 4 or 6 degrees of freedom, not {dof}", dof=dof)
@@ -111,52 +135,101 @@ class GraspServo:
                 "size and time limit are positive, stand-off and latency 0 or more",
                 size=size, standoff=standoff, latency=latency, time_limit=time_limit,
             )  # fmt: skip
+        if retries < 0 or (max_age is not None and not max_age > 0.0):
+            raise InputError("retries are 0 or more, a greatest age is positive", retries=retries, max_age=max_age)
         self.goal, self.dof, self.law, self.standoff = goal, dof, law, standoff
         self.limits, self.gain, self.loss = limits or Limits(), gain or Gain(), loss or LossPolicy()
-        self._unseen = LossHandler(self.loss, self.limits)
+        self._closing, bounds = closing or Closing(), bounds or Bounds()
         self._centre = np.array([size[0] - 1.0, size[1] - 1.0]) / 2.0
-        self._side, self._time_limit = float(max(size)), time_limit
+        self._side, self._time_limit, self._retries = float(max(size)), time_limit, retries
         self._latency = self._age = latency  # by itself, and of the last image
-        self.calibration = SelfCalibration(
-            exploration or Exploration(), dof, None if law == "online" else camera, fixed=law == "textbook"
+        # what time it is, and what is an image
+        self._clock, self._poses = ServoClock(), Poses()
+        self._images = ImageGate(max_age, bounds.blind, latency)
+        # what is known
+        self._observer = ResultObserver(square=dof == 6)
+        self._known = SelfCalibration(
+            exploration or Exploration(), dof, None if law == "online" else camera, self._poses, fixed=law == "textbook"
         )
-        self._observer, self._poses = ResultObserver(square=dof == 6), Poses()
-        self._doubt = CloseGate(closing or Closing())
+        self._arm, self._follows = ArmCheck(), ImageCheck()
+        # what is done
+        self._unseen = LossHandler(self.loss, self.limits)
+        self._doubt = CloseGate(self._closing)
+        self._trail = Trail(self.loss.speed, standoff)
+        self._watchdog = Watchdog(self.limits, bounds, upright=dof == 4)
         self.state: State = "searching"
         self.reason = "no image yet"
-        self._twist = np.zeros(6)
-        self._began = self._time = math.nan
+        self._began = self._since = 0.0  # s, of the servo's time: this try, and closing or going back
+        self._opens = False
         self._order: tuple[int, ...] | None = None
         self._grasp: int | None = None
         self._result: TrackResult | None = None
 
     @property
     def over(self) -> bool:
-        """Whether it is done or has failed."""
+        """Whether it is done, holds nothing, or has failed: it brakes and stands, whatever is told from now on."""
         return self.state in OVER
 
-    def closed(self, held: bool) -> None:
-        """Tell what came of closing: whether something is held."""
-        if self.state == "closing":
-            self.state, self.reason = ("done", "something is held") if held else ("failed", "closed on nothing")
+    @arguments.checked(held=arguments.optional(arguments.truth), opening=arguments.optional(arguments.finite))
+    def closed(self, held: bool | None = None, *, opening: float | None = None) -> None:
+        """Tell what came of closing. Counts only while it closes.
+
+        Where nothing is held and a try is left, the hand is told to open, goes back along its own path, and tries again.
+
+        Args:
+            held: whether something is held, as the caller knows; decides where it is given.
+            opening: m between the fingers where they stopped, as the gripper reports it: compared with the grasp's own width,
+                it tells whether the part is between them.
+
+        Raises:
+            InputError: neither is given, or an opening below 0.
+        """
+        if held is None and opening is None:
+            raise InputError(
+                "closed needs to be told whether something is held, or at which opening the fingers stopped"
+            )
+        if opening is not None and opening < 0.0:
+            raise InputError(f"an opening is 0 or more, in m, not {opening:g}", opening=opening)
+        if self.state != "closing":
+            return
+        why = "" if held or opening is None else judge_opening(opening, self._width(), self.goal.opening or math.nan)
+        if held or (held is None and not why):
+            self._set("done", "something is held")
+        elif self._retries > 0:
+            self._retries -= 1
+            self._opens, self._since = True, math.nan
+            self._set("retreating", f"goes back and tries again: {why or 'closed on nothing'}")
+            self._forget_motion()
+        else:
+            self._set("empty" if held is None else "failed", why or "closed on nothing")
 
     def touched(self) -> None:
         """Tell that the hand felt something before it was to close: what is known of the distance is wrong, and it fails."""
-        if not self.over and self.state != "closing":
-            self.state, self.reason = "failed", "the hand touched something on its way"
+        if self.state != "closing":
+            self.stop("the hand touched something on its way")
+
+    @arguments.checked(reason=arguments.text)
+    def stop(self, reason: str = "stopped by the caller") -> None:
+        """End it: it fails for a reason of the caller's, brakes, and stands."""
+        if not self.over:
+            self._set("failed", " ".join(reason.split()) or "stopped by the caller")
 
     @arguments.checked(
         result=arguments.instance(TrackResult),
-        time=arguments.number,
+        time=arguments.finite,
         pose=arguments.array(unbounded=True),
         taken=arguments.optional(arguments.finite),
     )
     def update(self, result: TrackResult, *, time: float, pose: ArrayLike, taken: float | None = None) -> Command:
         """One step of control.
 
+        A result is news only if it stands for a new image: other pixels, frame and time than the last one's, and young enough.
+        Another one counts as a call of `between`. Nothing that a tracker can return raises.
+
         Args:
             result: what the tracker said of the latest image.
-            time: s, now.
+            time: s, now. Where it is that of the last call, no time has passed; where it jumps by more than a second, or back,
+                that is a gap after which a new image is waited for.
             pose: (4, 4) of the hand in the robot's base, now.
             taken: s, when the image was taken, where its time stamp is on the robot's clock; default, `latency` before `time`.
 
@@ -164,36 +237,21 @@ class GraspServo:
             What to do until the next call.
 
         Raises:
-            InputError: a time that is not later than the last one, an image from after `time`, or a pose that is none.
+            InputError: a time that is no finite number, an image from after `time`, or a pose that is none: nothing changes.
         """
         if taken is not None and taken > time:
             raise InputError(f"an image taken at {taken:g} s cannot be seen at {time:g} s: are both on one clock?")
-        hand, step = self._take_pose(time, pose)
-        shot = time - self._latency if taken is None else taken
-        self._age = time - shot
-        self._result = result
-        if self.over:
-            return self._make_command(Intent(self.state, self.reason), 0.0)
-        if not result.object_sure:
-            return self._make_command(self._unsure_intent(time), step)
-
-        def decide() -> Intent:
-            seen, fits = self._observe_result(result, shot)
-            with _own_errors():
-                return self._decide_intent(result, seen if fits else None, seen is not None, time, hand, step)
-
-        return self._make_command(self._finite_intent(decide), step)
+        return self._step(time, check_pose(pose), result, taken)
 
     @arguments.checked(
-        time=arguments.number,
+        time=arguments.finite,
         pose=arguments.array(unbounded=True),
     )
     def between(self, *, time: float, pose: ArrayLike) -> Command:
         """One step of control without a new image: where the robot wants twists more often than the camera gives images.
 
-        It goes on toward the goal as the moves so far predict it, for as long as an image may be missing anyway
-        (`loss.BLINK`); after that it is a loss, and the loss policy says what is done. It never closes the hand: only an
-        image lets it.
+        It goes on toward the goal as the moves so far predict it, and stands once no image has come for `bounds.blind`. It
+        never closes the hand: only an image lets it.
 
         Args:
             time: s, now, on the clock of `update`.
@@ -203,173 +261,227 @@ class GraspServo:
             What to do until the next call of either.
 
         Raises:
-            InputError: a time that is not later than the last one of either, or a pose that is none.
+            InputError: a time that is no finite number, or a pose that is none. Nothing changes then.
         """
-        hand, step = self._take_pose(time, pose)
-        if self.over:
-            return self._make_command(Intent(self.state, self.reason), 0.0)
-        if self.state == "unsure":
-            return self._make_command(self._unsure_intent(time), step)
-
-        def decide() -> Intent:
-            with _own_errors():
-                return self._intent_between(time, hand, step)
-
-        return self._make_command(self._finite_intent(decide), step)
+        return self._step(time, check_pose(pose), None, None)
 
     # --- steps ------------------------------------------------------------------------------------
 
-    def _take_pose(self, time: float, pose: ArrayLike) -> tuple[Floats, float]:
-        """The pose as it was checked, and the s since the last call that count."""
-        hand = check_pose(pose)
-        if not math.isfinite(time) or time <= self._time:
-            raise InputError(f"times go on: {time} s after {self._time} s", time=time, last=self._time)
-        step = min(time - self._time, LONGEST_STEP) if math.isfinite(self._time) else 0.0
-        self._began = time if math.isnan(self._began) else self._began
-        self._time = time
-        self._poses.add_pose(time, hand)
-        return hand, step
-
-    def _unsure_intent(self, time: float) -> Intent:
-        late = time - self._began > self._time_limit
-        why = f"not done after {self._time_limit:g} s: {UNSURE}" if late else UNSURE
-        return Intent("failed" if late else "unsure", why)
-
-    def _finite_intent(self, decide: Callable[[], Intent]) -> Intent:
-        """What to do; to stand, where what was told leads to no finite twist: poses that jump, contacts that cannot be."""
+    def _step(self, time: float, hand: Floats, result: TrackResult | None, taken: float | None) -> Command:
+        """One call of either: whatever happens within, a twist that the watchdog allows comes of it."""
+        tick = self._clock.advance(time)
         try:
             with np.errstate(all="ignore"):
-                wanted = decide()
-            if np.isfinite(wanted.twist).all():
-                return wanted
-        except (ArithmeticError, np.linalg.LinAlgError):
-            pass
-        self._doubt.reset_count()
-        self.calibration.restart_estimate()
-        return Intent("holding", "what is told of hand and object does not fit together: begins anew")
+                wanted = self._decide(self._take_in(tick, hand, result, time, taken), tick)
+        except (
+            Exception
+        ) as error:  # a fault of this program's: the arm goes on with the last twist unless it gets another
+            wanted = Intent("failed", f"internal error, please report it: {type(error).__name__}: {error}")
+        self._watchdog.over = wanted.state in OVER
+        verdict = self._watchdog.check(wanted.twist, hand, tick, self._clock.pace)
+        if verdict.failure:
+            wanted = Intent("failed", verdict.failure)
+        self._set(wanted.state, " ".join(wanted.reason.split()))
+        self._arm.tell(verdict.twist)
+        return wanted.command(verdict.twist)
 
-    def _observe_result(self, result: TrackResult, shot: float) -> tuple[Observation | None, bool]:
-        """The sighting of a result, and whether it fits what is known."""
-        if result.grasp_id is not None and result.grasp_id != self._grasp:
-            if self._grasp is not None:
-                self.calibration.change_grasp()
-                self._order = None
-            self._grasp = result.grasp_id
-        seen = self._observer.observe_result(result, shot, self._poses.pose_at(shot))
-        if seen is not None and seen.contacts != len(self.goal.points):
-            raise InputError(
-                f"the goal has {len(self.goal.points)} points and the grasp {seen.contacts} contacts",
-                goal=len(self.goal.points), contacts=seen.contacts,
-            )  # fmt: skip
-        if seen is None:
-            return None, False
-        return seen, self.calibration.take_observation(seen, self._centre, self._side)
-
-    def _decide_intent(
-        self, result: TrackResult, seen: Observation | None, located: bool, time: float, hand: Floats, step: float
-    ) -> Intent:
-        """What the states say, the most urgent first."""
-        known, urgent = self.calibration, self._urgent_intent(time, hand)
-        if urgent is not None:
-            return urgent
-        if seen is not None:
-            self._unseen.note_seen(time)
-        else:
+    def _take_in(self, tick: Tick, hand: Floats, result: TrackResult | None, time: float, taken: float | None) -> _Now:
+        """The call as what it is: with a new image, or without one."""
+        if tick.jump:
+            self._images.forget_times()
+            self._watchdog.forget_image()
+            self._known.lose_object(tick.now)
             self._doubt.reset_count()
-            if not (known.exploring and self._unseen.seen_recently(time)):
-                return self._handle_loss(result, located, time, hand, step)
-        if seen is None or known.exploring:
-            return self._exploring_intent(time, hand)
-        return self._approach_goal(result, seen, time, hand)
+            self._forget_motion()
+        if tick.goes_on:
+            self._poses.add_pose(tick.now, hand)
+            self._arm.add_pose(tick.now, hand)
+        why = "no image"
+        if result is not None:
+            why = self._images.why_not(result, tick.now, time, taken) if tick.goes_on else "its time is the last one's"
+            if not why:
+                self._age = self._latency if taken is None else time - taken
+                self._result = result
+                self._watchdog.note_image(tick.now, self._images.interval)
+                return _Now(tick.now, tick.step, hand, result, "")
+        return _Now(tick.now, tick.step, hand, None, why)
 
-    def _urgent_intent(self, time: float, hand: Floats) -> Intent | None:
-        """What comes first whether something is seen or not."""
-        known = self.calibration
-        if time - self._began > self._time_limit:
+    def _decide(self, now: _Now, tick: Tick) -> Intent:
+        """What the states say, the most urgent first."""
+        if self.over:
+            return Intent(self.state, self.reason)
+        if self._clock.jumps >= JUMPS:
+            return Intent("failed", f"times differ by {tick.jump:.3g} s between calls: are they in seconds?")
+        contacts = None if now.result is None else now.result.contacts
+        if contacts is not None and len(contacts) != len(self.goal.points):
+            return Intent(
+                "failed", f"the goal has {len(self.goal.points)} points and the grasp {len(contacts)} contacts"
+            )
+        if self.state == "closing":
+            return self._closing_intent(now)
+        fault = self._arm.why_not()
+        if fault:
+            return Intent("failed", fault)
+        if now.time - self._began > self._time_limit:
             return Intent("failed", f"not done after {self._time_limit:g} s: {self.reason}")
+        if self.state == "unsure" if now.result is None else not now.result.object_sure:
+            return Intent("unsure", UNSURE)
+        try:
+            return self._decide_motion(now)
+        except (InputError, ArithmeticError, np.linalg.LinAlgError):
+            # poses that jump, contacts that cannot be: what is told leads to no finite twist
+            self._doubt.reset_count()
+            self._known.restart_estimate()
+            return Intent("holding", "what is told of hand and object does not fit together: begins anew")
+
+    def _decide_motion(self, now: _Now) -> Intent:
+        known = self._known
+        seen, fits = (None, False) if now.result is None else self._observe_result(now, now.result)
         if known.failed or known.restarts > RESTARTS:
             return Intent("failed", known.failed or "what is seen does not fit the motion of the hand")
-        if self.state == "closing":
-            return Intent("closing", "waits to be told whether something is held", self._following_twist(hand))
-        return None
+        if self.state == "retreating":
+            return self._retreating_intent(now)
+        if now.result is None:
+            return self._intent_between(now)
+        if seen is not None and fits:
+            self._unseen.note_seen(now.time)
+            return self._exploring_intent(now) if known.exploring else self._approach_goal(now, now.result, seen)
+        self._doubt.reset_count()
+        if known.exploring and self._unseen.seen_recently(now.time, self._watchdog.patience):
+            return self._exploring_intent(now)
+        return self._handle_loss(now, now.result, seen is not None)
 
-    def _exploring_intent(self, time: float, hand: Floats) -> Intent:
-        known = self.calibration
-        twist = known.exploratory_twist(time - self._age) + self._following_twist(hand)
+    def _observe_result(self, now: _Now, result: TrackResult) -> tuple[Observation | None, bool]:
+        """The sighting of a result, and whether it fits what is known."""
+        known = self._known
+        if result.grasp_id is not None and result.grasp_id != self._grasp:
+            if self._grasp is not None:
+                known.change_grasp()
+                self._order = None
+                self._follows.forget()
+            self._grasp = result.grasp_id
+        shot = now.time - self._age - known.lateness
+        seen = self._observer.observe_result(result, shot, self._poses.pose_at(shot))
+        if seen is None:
+            return None, False
+        if isinstance(known.estimate, Estimate) and not known.exploring:  # too little is known before
+            known.failed = known.failed or self._follows.why_not(seen, known.estimate)
+        return seen, known.take_observation(seen, self._centre, self._side)
+
+    def _exploring_intent(self, now: _Now) -> Intent:
+        known = self._known
+        twist = known.exploratory_twist(now.time - self._age - known.lateness) + self._following_twist(now.hand)
         return Intent("approaching", f"exploratory move: {known.move_name()}", twist)
 
-    def _intent_between(self, time: float, hand: Floats, step: float) -> Intent:
+    def _intent_between(self, now: _Now) -> Intent:
         """What to do before the next image."""
-        known, urgent, last = self.calibration, self._urgent_intent(time, hand), self._result
-        if urgent is not None:
-            return urgent
+        known, last, patience = self._known, self._result, self._watchdog.patience
         if last is None:
-            return self._unseen.choose_intent("no image yet", time, time - self._began, step, np.zeros(6), None)
-        if self._unseen.seen_recently(time) and self.state in ("approaching", "converged"):
-            if known.exploring:
-                return self._exploring_intent(time, hand)
-            found = self._compute_aim(time, hand, None)
-            if found is not None:
-                twist = self.limits.joined(found.twist, self._following_twist(hand))
-                return Intent(self.state, self.reason, twist, found)
-        if not self._unseen.seen_recently(time):
+            return self._unseen.wait_for_first("no image yet", now.time - self._began)
+        if self._watchdog.is_blind(now.time):
             self._doubt.reset_count()
-        return self._handle_loss(last, False, time, hand, step, "no image since" if last.contacts is not None else "")
+            if known.exploring:
+                known.interrupt_move(self._centre, self._side)
+            return self._unseen.stand_blind(now.why, self._watchdog.seconds_blind(now.time))
+        if self._unseen.seen_recently(now.time, patience) and self.state in ("approaching", "converged"):
+            if known.exploring:
+                return self._exploring_intent(now)
+            found = self._compute_aim(now, None)
+            if found is not None:
+                twist = self.limits.joined(found.twist, self._following_twist(now.hand))
+                return Intent(self.state, self.reason, twist, found)
+        return self._handle_loss(now, last, False)
 
-    def _approach_goal(self, result: TrackResult, seen: Observation, time: float, hand: Floats) -> Intent:
-        found = self._compute_aim(time, hand, seen)
+    def _approach_goal(self, now: _Now, result: TrackResult, seen: Observation) -> Intent:
+        found = self._compute_aim(now, seen)
         if found is None:
-            self.calibration.restart_estimate()
+            self._known.restart_estimate()
             return Intent("holding", "the goal would lie behind the camera, or nowhere: begins anew")
-        carried = self._following_twist(hand)
-        if found.aligned and found.height > 0.5 * self.standoff and self.calibration.explore_again():
+        self._trail.add(now.time, now.hand)
+        carried = self._following_twist(now.hand)
+        if found.aligned and found.height > 0.5 * self.standoff and self._known.explore_again():
             return Intent("approaching", "explores again before it goes down", carried, found)
-        why = self._doubt.why_not(result, found.error_px, found.final, time)
+        why = self._doubt.why_not(result, found, now.time)
         if not why:
+            self._since = now.time
+            self._forget_motion()
             return Intent("closing", "converged and believed", carried, found, close=True)
-        at_goal = found.error_px <= self._doubt.position_tolerance(time)
+        at_goal = found.error_px <= self._doubt.position_tolerance(now.time)
         twist = self.limits.joined(found.twist, carried)
         return Intent("converged" if at_goal else "approaching", why if at_goal else found.doing, twist, found)
 
-    def _handle_loss(
-        self, result: TrackResult, located: bool, time: float, hand: Floats, step: float, cause: str = ""
-    ) -> Intent:
+    def _closing_intent(self, now: _Now) -> Intent:
+        """It waits for `closed`, and stays with an object that moves for as long as that is seen."""
+        if now.time - self._since > self._closing.timeout:
+            return Intent(
+                "failed", f"nobody told within {self._closing.timeout:g} s what came of closing: call closed()"
+            )
+        if now.result is not None and now.result.object_sure and self._observe_result(now, now.result)[1]:
+            self._unseen.note_seen(now.time)
+        seen = self._unseen.seen_recently(now.time, self._watchdog.patience)
+        twist = self._following_twist(now.hand) if seen else np.zeros(6)
+        return Intent("closing", "waits to be told whether something is held", twist)
+
+    def _retreating_intent(self, now: _Now) -> Intent:
+        """Back along its own path, while images come: the part may lie anywhere by now."""
+        opens, self._opens = self._opens, False
+        if math.isnan(self._since):
+            self._since = self._began = now.time
+            self._watchdog.begin_anew()
+            self._trail.begin(now.time, now.hand)
+            self._known.lose_object(now.time)
+        carried = self._following_twist(now.hand)
+        back = self._trail.twist_back(now.time, now.hand, now.hand[:3, :3] @ carried[:3])
+        if back is not None:
+            return Intent("retreating", self.reason, self.limits.joined(back, carried), open=opens)
+        self._unseen.note_seen(now.time)
+        return Intent("searching", "has gone back, looks for the grasp", carried, open=opens)
+
+    def _handle_loss(self, now: _Now, result: TrackResult, located: bool) -> Intent:
         """Nothing is seen that fits."""
-        known = self.calibration
+        known = self._known
         if known.exploring:
             known.interrupt_move(self._centre, self._side)
 
         def coasting_aim() -> Aim | None:
-            return None if known.exploring else self._compute_aim(time, hand, None)
+            return None if known.exploring else self._compute_aim(now, None)
 
-        why = cause or ("what is seen does not fit what is known" if located else result.reason or result.status)
-        carried = self._following_twist(hand)
+        why = "what is seen does not fit what is known" if located else result.reason or result.status
+        carried = self._following_twist(now.hand)
         knows = coasting_aim if known.estimate is not None else None
-        return self._unseen.choose_intent(why, time, time - self._began, step, carried, knows)
+        return self._unseen.choose_intent(why, now.time, now.time - self._began, now.step, carried, knows)
 
     # --- parts ------------------------------------------------------------------------------------
 
-    def _compute_aim(self, time: float, hand: Floats, seen: Observation | None) -> Aim | None:
-        known = self.calibration.estimate
+    def _compute_aim(self, now: _Now, seen: Observation | None) -> Aim | None:
+        known = self._known.estimate
         if known is None:
             return None
         if self._order is None:
-            fitting = self.goal.orders(known.camera, known.in_hand(hand, time)[: len(self.goal.points)])
+            fitting = self.goal.orders(known.camera, known.in_hand(now.hand, now.time)[: len(self.goal.points)])
             if not fitting:  # contacts so far away that no distance between them is a number
                 return None
             self._order = fitting[0]
         how = Approach(self.goal, self._order, self.dof, self.standoff, self.gain)
-        return compute_aim(known, how, seen, hand, time)
+        return compute_aim(known, how, seen, now.hand, now.time)
 
     def _following_twist(self, hand: Floats) -> Floats:
         """The twist (6,) that keeps the hand with a moving object."""
         out = np.zeros(6)
-        known = self.calibration.estimate
+        known = self._known.estimate
         if known is not None:
             out[:3] = hand[:3, :3].T @ known.object_velocity()
         return out
 
-    def _make_command(self, wanted: Intent, step: float) -> Command:
-        self.state, self.reason = wanted.state, wanted.reason
-        self._twist = self.limits.reachable(wanted.twist, self._twist, step)
-        return wanted.command(self._twist.copy())
+    def _width(self) -> float:
+        """m between the first two contacts, as the moves have told; NaN where they have not."""
+        known = self._known.estimate
+        return math.dist(*known.shape()[:2].tolist()) if isinstance(known, Estimate) else math.nan
+
+    def _forget_motion(self) -> None:
+        """What was told and what came of it are no longer compared: the clock has jumped, or somebody else moves the arm."""
+        self._arm.forget()
+        self._follows.forget()
+
+    def _set(self, state: State, reason: str) -> None:
+        self.state, self.reason = state, reason

@@ -108,15 +108,23 @@ class Estimate:
         self._state, self.covariance = state, covariance
         self.camera, self.object = unpack_state(state)
 
+    @property
+    def packed_state(self) -> Floats:
+        """(39 + 2n,), as `pack_state` makes it, at the estimate's time."""
+        return self._state
+
     def advance(self, time: float, evenly: bool = False) -> None:
         """Let the object go on to a later time, s; `evenly` where its velocity is known not to have changed."""
         dt = time - self.time
         if dt <= 0.0:
             return
         self.time = time
-        wander = PUSHED if time < self.displaced_at + ASTIR else WANDER
-        may = (0.0, 0.0, 0.0) if evenly else (DRIFT**2, wander**2, TWIRL**2)
+        may = (0.0, 0.0, 0.0) if evenly else (DRIFT**2, self.wander_at(time) ** 2, TWIRL**2)
         self._set_state(*advance_state(self._state, self.covariance, dt, *may))
+
+    def wander_at(self, time: float) -> float:
+        """m/s per root of a second by which the object's velocity changes at a time, s."""
+        return PUSHED if time < self.displaced_at + ASTIR else WANDER
 
     def in_hand(self, hand: Floats, time: float | None = None) -> Floats:
         """The points (n, 3) m in the frame of a hand at a pose (4, 4), at a time in s (default: the estimate's)."""

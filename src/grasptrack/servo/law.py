@@ -129,6 +129,7 @@ class Aim:
         final: (k, 2) px, the contacts in the end.
         doing: a short sentence.
         aligned: whether it may go down.
+        moved_px: how far the contacts have moved in the image since the sighting, as predicted; NaN where there was none.
     """
 
     twist: Floats
@@ -138,6 +139,7 @@ class Aim:
     final: Floats
     doing: str
     aligned: bool
+    moved_px: float = math.nan
 
 
 def compute_aim(
@@ -194,7 +196,8 @@ def compute_aim(
     aligned = raised <= 0.5 * standoff
     doing = "goes down" if aligned else "aligns at the stand-off"
     height = float((points - right)[:, 2].sum()) / k
-    return Aim(twist, in_the_end, last.farthest_error(contacts), height, final, doing, aligned)
+    moved_px = math.nan if seen is None else max(map(math.dist, pixels[0].tolist(), pixels[1].tolist()))
+    return Aim(twist, in_the_end, last.farthest_error(contacts), height, final, doing, aligned, moved_px)
 
 
 def _at_depth(camera: HandCamera, contacts: Floats, points: Floats) -> Floats:

@@ -12,8 +12,9 @@ import numpy as np
 
 from grasptrack import arguments
 from grasptrack.errors import InputError
+from grasptrack.servo.command import Intent
 from grasptrack.servo.law import Aim
-from grasptrack.servo.limits import Intent, Limits
+from grasptrack.servo.limits import Limits
 from grasptrack.typing import Floats
 
 Step = Literal["coast", "hold", "back off", "give up"]
@@ -68,9 +69,10 @@ class LossPolicy:
             return "back off"
         return "give up"
 
-
-BLINK = 0.25
-"""s without the grasp that do not interrupt an exploratory move."""
+    @property
+    def patience(self) -> float:
+        """s of all steps."""
+        return self.coast + self.hold + self.back_off
 
 
 class LossHandler:
@@ -89,9 +91,22 @@ class LossHandler:
         """The grasp is seen at a time, s."""
         self._last, self._retreated = time, 0.0
 
-    def seen_recently(self, time: float) -> bool:
-        """Whether it was seen a moment ago."""
-        return time - self._last < BLINK
+    def seen_recently(self, time: float, moment: float) -> bool:
+        """Whether it was seen less than a moment ago, s."""
+        return time - self._last < moment
+
+    def wait_for_first(self, why: str, waited: float) -> Intent:
+        """What to do before there was a grasp: wait, for a while."""
+        if waited > self.policy.start:
+            return Intent("failed", f"no grasp within {self.policy.start:g} s: {why}")
+        return Intent("searching", f"waits for a grasp: {why}")
+
+    def stand_blind(self, why: str, waited: float) -> Intent:
+        """What to do where no new image comes: stand, for as long as all steps of a loss take."""
+        if waited > self.policy.patience:
+            return Intent("failed", f"no new image within {self.policy.patience:g} s: {why}")
+        since = "after the clock has jumped" if math.isnan(waited) else f"for {waited:.2f} s"
+        return Intent("holding", f"no new image {since}, stands: {why}")
 
     def choose_intent(
         self,
@@ -113,9 +128,7 @@ class LossHandler:
             coasting: the step toward the goal as predicted; None where nothing is known that could predict it.
         """
         if math.isnan(self._last):
-            if waited > self.policy.start:
-                return Intent("failed", f"no grasp within {self.policy.start:g} s: {why}")
-            return Intent("searching", f"waits for a grasp: {why}")
+            return self.wait_for_first(why, waited)
         lost = time - self._last
         along = carried if lost < self.policy.follow else np.zeros(6)
         stays = "goes along" if along.any() else "stands"

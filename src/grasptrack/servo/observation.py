@@ -28,13 +28,16 @@ class Poses:
         kept: s for which they are kept, however often they come.
     """
 
-    def __init__(self, kept: float = 4.0) -> None:
+    def __init__(self, kept: float = 8.0) -> None:
         self._kept = kept
         self._times: deque[float] = deque()
         self._poses: deque[Floats] = deque()
 
     def add_pose(self, time: float, pose: Floats) -> None:
-        """A pose (4, 4) at a time, s, later than those before."""
+        """A pose (4, 4) at a time, s; one at the time of the last, or before, takes the place of that."""
+        while self._times and self._times[-1] >= time:
+            self._times.pop()
+            self._poses.pop()
         while self._times and self._times[0] < time - self._kept:
             self._times.popleft()
             self._poses.popleft()
@@ -154,7 +157,7 @@ class ResultObserver:
         if H is None and self._needed:
             return None
         try:
-            if self._grasp != (result.grasp_id,):
+            if self._grasp is None or result.grasp_id not in (None, *self._grasp):
                 self._reference, self._grasp = None if H is None else _reference_square(points, H), (result.grasp_id,)
             if self._reference is not None:
                 if H is None:

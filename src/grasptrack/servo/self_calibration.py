@@ -15,6 +15,8 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +42,8 @@ from grasptrack.servo.estimate import (
 )
 from grasptrack.servo.features import rms_diameter
 from grasptrack.servo.model import SHAPE, Placed
-from grasptrack.servo.observation import Observation
+from grasptrack.servo.observation import Observation, Poses
+from grasptrack.servo.setup_check import delay_sightings, find_fault, find_lateness, signals_of
 from grasptrack.typing import Floats
 
 ORDER = {4: (0, 2, 5, 1), 6: (0, 2, 5, 1, 3, 4)}
@@ -59,7 +62,7 @@ class Exploration:
     Args:
         way: m, of shifts.
         turn: rad, of turns.
-        seconds: of each move, there and back.
+        seconds: of each move, there and back; longer where images come seldom.
 
     Raises:
         InputError: one of them is not positive.
@@ -73,12 +76,14 @@ class Exploration:
         if not (self.way > 0.0 and self.turn > 0.0 and self.seconds > 0.0):
             raise InputError("exploratory moves are positive", exploration=repr(self))
 
-    def twist(self, axis: int, elapsed: float, larger: float) -> Floats:
-        """(6,) at a time since the move along an axis began, 0 after its end; `larger` multiplies the way."""
+    def twist(self, axis: int, elapsed: float, seconds: float, larger: float) -> Floats:
+        """(6,) at a time since a move of so many seconds along an axis began, 0 after its end; `larger` multiplies the way."""
         out = np.zeros(6)
-        if 0.0 <= elapsed < self.seconds:
+        if 0.0 <= elapsed < seconds:
             way = larger * (self.way if axis < 3 else self.turn)
-            out[axis] = way * math.pi / self.seconds * math.sin(2.0 * math.pi * elapsed / self.seconds)
+            if axis == 2:
+                way = -abs(way)  # away from the object
+            out[axis] = way * math.pi / seconds * math.sin(2.0 * math.pi * elapsed / seconds)
         return out
 
 
@@ -128,20 +133,14 @@ def initialize_calibration(
     """
     if len(seen) < 6:
         raise UnexploredError("too few images of the exploratory moves")
-    base = inverse_pose(seen[0].hand)
-    poses = np.array([base @ s.hand for s in seen])
-    p = poses[:, 0, 3] + 1j * poses[:, 1, 3]
-    theta = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
-    t = np.array([s.time - seen[0].time for s in seen])
-    contacts = np.array([s.points[: s.contacts] for s in seen])
-    length = np.array([rms_diameter(c) for c in contacts])
-    middle = contacts.mean(axis=1) - centre
-    s = (middle[:, 0] + 1j * middle[:, 1]) / length
-    m, ok = _estimate_mounting(p, theta, t, s, 0.5 / length, seed)
+    found = signals_of(seen, inverse_pose(seen[0].hand), centre)
+    m, ok = _estimate_mounting(found.p, found.theta, found.t, found.s, found.noise, seed)
     if not 1.0 < abs(m) < 1e4:
-        raise UnexploredError("the hand's moves do not show in the image")
+        raise UnexploredError(
+            "the hand's moves do not show in the image: is it another camera's, or does the object move along with the hand?"
+        )
     L, phi = 1.0 / abs(m), -float(np.angle(m))
-    focal = _estimate_focal_length(poses[ok, 2, 3], length[ok], L, FOCAL_LENGTHS * side)
+    focal = _estimate_focal_length(found.z[ok], found.length[ok], L, FOCAL_LENGTHS * side)
     camera = HandCamera(focal, centre, rotation_about_z(phi), np.zeros(3))
     chosen = [x for x, good in zip(seen, ok, strict=True) if good]
     depth = focal * L / rms_diameter(chosen[0].points[: chosen[0].contacts])
@@ -165,21 +164,32 @@ def initialize_from_nominal(seen: Observation, believed: NominalCamera, centre: 
 def _estimate_mounting(
     p: Complex, theta: Floats, t: Floats, s: Complex, noise: Floats, seed: int
 ) -> tuple[complex, NDArray[np.bool_]]:
-    """m, and which sightings bear it out: the best of random subsets, then reweighted least squares."""
+    """m, and which sightings bear it out."""
+    best, left = _fit_moves(p, theta, t, s, noise, seed)
+    off = np.asarray(np.abs(left) / noise, dtype=np.float64)
+    return complex(-best[0]), off < 6.0 * max(1.0, 1.5 * float(_last_axis_median(off)))
+
+
+def _unexplained(p: Complex, theta: Floats, t: Floats, s: Complex, noise: Floats) -> Complex:
+    """(N,), what the best fit leaves of s."""
+    return _fit_moves(p, theta, t, s, noise, 0)[1]
+
+
+def _fit_moves(p: Complex, theta: Floats, t: Floats, s: Complex, noise: Floats, seed: int) -> tuple[Complex, Complex]:
+    """(-m, m P, m V, -tau), the best of random subsets, then reweighted least squares; and what it leaves of s."""
     back = np.exp(-1j * theta)
-    A = np.column_stack([back * p, back, back * t, np.ones(len(p))])  # of -m, m P, m V, -tau
+    A = np.column_stack([back * p, back, back * t, np.ones(len(p))])
     rng = np.random.default_rng(seed)
     ridge = np.diag([1e-6, 1e-6, LENGTH / BELT, LENGTH / ASIDE])  # what is known before, in standard deviations
     rows = rng.permuted(np.tile(np.arange(len(p)), (DRAWS, 1)), axis=1)[:, :MINIMAL]
     drawn = _solve_ridge(A[rows], s[rows], 1.0 / noise[rows], ridge)
     best = drawn[np.argmin(_last_axis_median(np.abs(drawn @ A.T - s) / noise))]
     for _ in range(ROUNDS):
-        off = np.abs(A @ best - s) / noise
-        scale = max(1.0, 1.5 * float(_last_axis_median(off)))
-        weight = 1.0 / (1.0 + (off / (3.0 * scale)) ** 2)
+        left = np.asarray(np.abs(A @ best - s) / noise, dtype=np.float64)
+        scale = max(1.0, 1.5 * float(_last_axis_median(left)))
+        weight = 1.0 / (1.0 + (left / (3.0 * scale)) ** 2)
         best = _solve_ridge(A, s, weight / noise, ridge)
-    off = np.abs(A @ best - s) / noise
-    return complex(-best[0]), off < 6.0 * max(1.0, 1.5 * float(_last_axis_median(off)))
+    return best, np.asarray(A @ best - s)
 
 
 def _last_axis_median(values: Floats) -> Floats:
@@ -219,8 +229,14 @@ SURE = 0.01
 """Relative standard deviation of a length that needs no further moves."""
 AMISS = 4.0
 """Scale of the residuals from which on the search begins anew from the exploratory moves."""
-DOUBLINGS = 3
+DOUBLINGS = 2
 """How often moves that showed nothing are made larger."""
+KEPT_INTERVALS = 9
+"""Sightings of which the usual interval is the median."""
+LEAST_IMAGES = 4
+"""Images in which each exploratory move shows."""
+SHOWING = 2
+"""Moves after which the set-up is looked at: a sighting of the first move may come as late as that."""
 STRANGE = 75
 """So many sightings of the last hundred that do not fit, and the estimate is begun anew."""
 
@@ -232,14 +248,22 @@ class SelfCalibration:
         exploration: how the exploratory moves are made.
         dof: 4 or 6.
         camera: what is believed of the camera; with it nothing is explored.
+        poses: of the hand.
         fixed: whether that is never corrected: the textbook's law.
+
+    Attributes:
+        failed: why it cannot be calibrated; empty where it can.
+        restarts: how often an estimate proved wrong.
+        lateness: s by which images are older than was told, as the exploratory moves show.
     """
 
-    def __init__(self, exploration: Exploration, dof: int, camera: NominalCamera | None, fixed: bool = False) -> None:
-        self._how, self._order, self._nominal = exploration, ORDER[dof], camera
+    def __init__(
+        self, exploration: Exploration, dof: int, camera: NominalCamera | None, poses: Poses, fixed: bool = False
+    ) -> None:
+        self._how, self._order, self._nominal, self._poses = exploration, ORDER[dof], camera, poses
         self._fixed = fixed
         self._slope = 0.01 if dof == 4 else 0.3
-        self.restarts = 0
+        self.restarts, self.lateness = 0, 0.0
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -260,6 +284,13 @@ class SelfCalibration:
         """Begin anew with an estimate that proved wrong; how often is counted."""
         self.restarts += 1
         self.begin_anew()
+
+    def lose_object(self, time: float) -> None:
+        """Nobody knows where the object went meanwhile; camera and shape stay known."""
+        if self.exploring:
+            self._began = float("nan")  # the present move is made again
+        if isinstance(self.estimate, Estimate):
+            self.estimate.release_object(time)
 
     def change_grasp(self) -> None:
         """Another grasp is followed from now on, on the same object: the camera stays known, and where the object lies."""
@@ -377,8 +408,12 @@ class SelfCalibration:
         """Begin the first move, or end one that is over with a new estimate."""
         if np.isnan(self._began):
             self._began = time
-        if time < self._began + self._how.seconds:
+        if time < self._began + self._seconds():
             return
+        if self._nominal is None and self._stage + 1 >= SHOWING:
+            self._check_setup(centre)
+            if self.failed:
+                return
         if self._origin is not None:
             self.estimate, self._search = refine_estimate(self._origin, self._seen, self._search, AFRESH)
             if self._search.scale < AMISS:
@@ -396,6 +431,23 @@ class SelfCalibration:
                 self.failed = str(found)
         self._began = time
 
+    def _check_setup(self, centre: Floats) -> None:
+        """What the moves so far show of the set-up: what cannot be is a failure, images that are late are taken as such."""
+        base = inverse_pose(self._seen[0].hand)
+        late = find_lateness(self._seen, self._poses.pose_at, base, centre, _unexplained)
+        if late:
+            self.lateness += late
+            self._seen = delay_sightings(self._seen, late, self._poses.pose_at)
+            self._last.clear()
+            self._origin, self.estimate, self._search = None, None, None
+        self.failed = find_fault(signals_of(self._seen, base, centre), _unexplained)
+
+    def _seconds(self) -> float:
+        """s of an exploratory move: each shows in some images."""
+        times = [s.time for s in self._seen[-KEPT_INTERVALS:]]
+        interval = median(b - a for a, b in pairwise(times)) if len(times) > 1 else 0.0
+        return max(self._how.seconds, LEAST_IMAGES * interval)
+
     def interrupt_move(self, centre: Floats, side: float) -> None:
         """The grasp went out of sight: the present move is made again, the other way. Until then what it told must do."""
         if not np.isnan(self._began):
@@ -411,7 +463,7 @@ class SelfCalibration:
         """The exploratory twist (6,) at a time; `take` begins it."""
         if not self.exploring or np.isnan(self._began):
             return np.zeros(6)
-        return self._how.twist(self._order[self._stage], time - self._began, self._larger)
+        return self._how.twist(self._order[self._stage], time - self._began, self._seconds(), self._larger)
 
     def move_name(self) -> str:
         """Which move is being made."""

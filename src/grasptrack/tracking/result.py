@@ -57,6 +57,8 @@ class TrackResult:
         notice: what is to be known of a tracked frame, in one word: "tilt-open" where no view has told yet how the object's
             plane is tilted, and whether the grasp closes depends on it; else empty.
         object_sure: the choice of the object in the first view is sure, or a person said which is meant.
+        repeated: the image has the very pixels of the one before: a camera that hangs gives its last image again, and such an
+            answer is no news of the scene.
     """
 
     frame: int
@@ -86,6 +88,7 @@ class TrackResult:
     mended: float = 0.0
     notice: str = ""
     object_sure: bool = True
+    repeated: bool = False
 
     def __repr__(self) -> str:
         """One line: the frame, what it says, and where the contacts are."""

@@ -79,6 +79,10 @@ class Track:
         return UNKNOWN if self.ruler is None else self.ruler.distance(homography, covariance)
 
 
+KEPT_ROWS = 4
+"""Every so many rows of an image are kept, to see whether the next one is another: no camera's noise leaves them alone."""
+
+
 class _Moment(NamedTuple):
     """Of an update: the index of its image, when that was taken, s or None, and when the update began, s."""
 
@@ -223,6 +227,7 @@ class GraspTracker:
         self._turn = threading.Lock()
         self._plane: Beforehand | None = None  # of another grasp: what the one before has told
         self._scene: FirstScene | None = None  # of the update before
+        self._rows: NDArray[Any] | None = None  # of the image before
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the lock, which has no copy, and the image of a choice that was made just now."""
@@ -270,6 +275,7 @@ class GraspTracker:
         """The same, `started` at a time of the clock in s."""
         mask = self._masks.segment(image) if mask is None and self._masks else mask
         grey, self._scene = self._look(image, mask), None
+        repeated = self._is_repeated(np.asarray(image if mask is None else mask))
         moment = _Moment(self._frame, time, started)
         if self._track is None:
             result = self._begin(moment, masked=mask is not None)  # grasp synthesis, once
@@ -283,7 +289,13 @@ class GraspTracker:
             else:
                 result = self._analyzed(moment, track, moved)
         result = result if self.object_sure else replace(result, object_sure=False)
+        result = replace(result, repeated=True) if repeated else result
         return result if self._lens is None else self._lens.result(result)
+
+    def _is_repeated(self, image: NDArray[Any]) -> bool:
+        """Whether the rows that are kept of the image before are the same in this one."""
+        before, self._rows = self._rows, image[::KEPT_ROWS].copy()
+        return before is not None and np.array_equal(before, self._rows)
 
     def _begin(self, moment: _Moment, *, masked: bool) -> TrackResult:
         """Choose the object and a grasp on it."""

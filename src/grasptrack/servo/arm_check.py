@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the arm does what it is told: twists against the poses that came of them. Nothing here knows of images.
+
+What the hand was told, added up, is a path in the base; the poses are another. Where all is well they agree up to a factor and
+a lag. Where the twist is executed in the base's frame, the pose is handed in the wrong way round or in mm, or the arm stands,
+the path of another hypothesis fits, and this one does not.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from grasptrack.servo.camera import rotation_vector
+from grasptrack.typing import Floats
+
+LAGS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)
+"""s by which an arm may be late."""
+PROMPT = 0.15
+"""s by which an arm may be late that is not to be taken for one that stands."""
+WINDOWS = (0.3, 0.8)
+"""s over which both paths are compared: what stands is found in the first, a frame in the second."""
+FEWEST = 5
+"""Poses that a window holds at least."""
+VISIBLE = 0.0012
+"""m rms about its mean from which on a path that was told says something: encoders are ten times as good."""
+LEVER = 0.1
+"""m by which turns compare with shifts."""
+STANDS = 0.05
+"""Share of the path that was told which an arm that stands makes at most."""
+FITS, FITS_NOT = 0.9, 0.5
+"""Share of the poses' path that a hypothesis explains (squared correlation): from which on it holds, below which it fails."""
+THOUSAND = 100.0
+"""Factor between both paths from which on they are in different units."""
+
+
+class _Moment(NamedTuple):
+    """A pose.
+
+    Attributes:
+        time: s.
+        went: (6,) m, where the hand is in the base, and what it has turned in its own frame, times `LEVER`.
+        told: (9,) m, the same as it was told so far, and the shift once more as if twists were in the base's frame.
+    """
+
+    time: float
+    went: Floats
+    told: Floats
+
+
+class ArmCheck:
+    """Remembers the last second of what was told and what came of it."""
+
+    def __init__(self) -> None:
+        self._kept: deque[_Moment] = deque()
+        self._hand: Floats | None = None
+        self._twist: Floats = np.zeros(6)
+        self._turned: Floats = np.zeros(3)
+        self._told: Floats = np.zeros(9)
+
+    def forget(self) -> None:
+        """The clock has jumped: what happened meanwhile is not known."""
+        self._kept.clear()
+        self._hand = None
+
+    def add_pose(self, now: float, hand: Floats) -> None:
+        """The hand (4, 4) in the base at a time, s."""
+        if self._hand is not None and self._kept:
+            seconds = now - self._kept[-1].time
+            if seconds <= 0.0:
+                return
+            self._turned = self._turned + LEVER * rotation_vector(self._hand[:3, :3].T @ hand[:3, :3])
+            v, w = seconds * self._twist[:3], seconds * self._twist[3:]
+            self._told = self._told + np.concatenate([self._hand[:3, :3] @ v, LEVER * w, v])
+        self._kept.append(_Moment(now, np.concatenate([hand[:3, 3], self._turned]), self._told))
+        self._hand = hand
+        while len(self._kept) > FEWEST and self._kept[1].time <= now - WINDOWS[-1] - LAGS[-1]:
+            self._kept.popleft()
+
+    def tell(self, twist: Floats) -> None:
+        """The twist (6,) in the hand's frame that it is told from now on."""
+        self._twist = twist
+
+    def why_not(self) -> str:
+        """What is wrong; empty where nothing is, or too little was told to know."""
+        for window in WINDOWS:
+            why = self._judge(window)
+            if why:
+                return why
+        return ""
+
+    def _judge(self, window: float) -> str:
+        times = np.array([m.time for m in self._kept])
+        if len(times) < FEWEST + 1:
+            return ""
+        first = min(int(np.searchsorted(times, times[-1] - window)), len(times) - FEWEST)
+        told = np.array([m.told for m in self._kept])
+        went = _about_mean(np.array([m.went for m in self._kept])[first:])
+        late = []
+        for lag in LAGS:
+            at = times[first:] - lag
+            late.append(_about_mean(np.column_stack([np.interp(at, times, column) for column in told.T])))
+        prompt = [path for path, lag in zip(late, LAGS, strict=True) if lag <= PROMPT]
+        least = min(_rms(path[:, :6]) for path in prompt)
+        if least > VISIBLE and _rms(went) < STANDS * least:
+            return "the arm does not move as it is told: the pose that is handed in does not follow"
+        moved = went[:, :3]
+        if min(_rms(path[:, :3]) for path in prompt) < VISIBLE or _rms(moved) < VISIBLE:
+            return ""
+        right = max((_explained(path[:, :3], moved) for path in late), key=_share)
+        if right.share > FITS and right.factor > THOUSAND:
+            return (
+                f"the pose that is handed in is not in m: the hand went {right.factor:.0f} times as far as it was told"
+            )
+        if right.share >= FITS_NOT:
+            return ""
+        based = max((_explained(path[:, 6:], moved) for path in late), key=_share)
+        back = max((_explained(-path[:, 6:], moved) for path in late), key=_share)
+        if based.share > FITS:
+            return "the twist is executed in the base's frame: it is told in the hand's"
+        if back.share > FITS:
+            return "the pose that is handed in is inverse, the base's in the hand: the hand's in the base is asked for"
+        return ""
+
+
+class _Explained(NamedTuple):
+    share: float
+    factor: float
+
+
+def _share(found: _Explained) -> float:
+    return found.share
+
+
+def _about_mean(path: Floats) -> Floats:
+    return np.asarray(path - path.mean(axis=0))
+
+
+def _rms(path: Floats) -> float:
+    return float(np.sqrt((path * path).sum() / len(path)))
+
+
+def _explained(by: Floats, path: Floats) -> _Explained:
+    """The share of a path (N, 3) that another, times a positive factor, explains, and the factor."""
+    both, own, all_ = float((by * path).sum()), float((by * by).sum()), float((path * path).sum())
+    if both <= 0.0 or own <= 0.0:
+        return _Explained(0.0, 0.0)
+    return _Explained(both * both / (own * all_), both / own)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What counts as an image: new pixels and a new time, young enough. An answer that was given before is no news."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from statistics import median
+
+from grasptrack.servo.watchdog import IMAGES
+from grasptrack.tracking.result import TrackResult
+
+KEPT = 9
+"""Intervals between images of which the usual one is the median."""
+
+
+class ImageGate:
+    """Lets results pass that stand for a new image.
+
+    Args:
+        max_age: s between an image being taken and its answer being handed in; None for three intervals between images, and at
+            least `least_age`.
+        least_age: s.
+        latency: s that an answer is old as a rule, which counts for nothing.
+    """
+
+    def __init__(self, max_age: float | None, least_age: float, latency: float) -> None:
+        self._max_age, self._least_age, self._latency = max_age, least_age, latency
+        self._intervals: deque[float] = deque(maxlen=KEPT)
+        self._came = math.nan
+        self._frame: int | None = None
+        self._time: float | None = None
+        self._taken: float | None = None
+
+    @property
+    def interval(self) -> float:
+        """s from one new image to the next, as a rule; 0 before there were two."""
+        return median(self._intervals) if self._intervals else 0.0
+
+    def greatest_age(self) -> float:
+        """s."""
+        usual = max(self._least_age, IMAGES * self.interval) + self._latency
+        return usual if self._max_age is None else self._max_age
+
+    def why_not(self, result: TrackResult, now: float, time: float, taken: float | None) -> str:
+        """Why a result is no news; empty where it is, which is then the last one.
+
+        Args:
+            result: the tracker's.
+            now: s, the servo's time.
+            time: s, the caller's.
+            taken: s on the caller's clock, when the image was taken; None where nobody knows.
+        """
+        why = self._find_fault(result, time, taken)
+        if why:
+            return why
+        if now > self._came:
+            self._intervals.append(now - self._came)
+        self._came, self._frame, self._time, self._taken = now, result.frame, result.time, taken
+        return ""
+
+    def forget_times(self) -> None:
+        """The caller's clock has jumped: earlier times mean nothing any more."""
+        self._taken = self._time = None
+        self._came = math.nan
+
+    def _find_fault(self, result: TrackResult, time: float, taken: float | None) -> str:
+        if result.repeated:
+            return "the camera gives the same image again"
+        if taken is not None:
+            if self._taken is not None and taken <= self._taken:
+                return f"an image of {self._taken - taken:.2f} s before the last one"
+            if time - taken > self.greatest_age():
+                return f"the image is {time - taken:.2f} s old"
+        if self._frame is None:
+            return ""
+        if result.frame == self._frame:
+            return "the same answer again"
+        if result.time is not None and self._time is not None:
+            if not result.time > self._time:
+                return f"an answer for an image of {self._time - result.time:.2f} s before the last one"
+        elif 0 < result.frame < self._frame:  # 0 is the first image of another tracker
+            return f"an answer for frame {result.frame}, after that for frame {self._frame}"
+        return ""

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The last word on every twist. It knows nothing of vision: only what the hand was told, where it is, and when an image came.
+
+An arm in velocity mode does what the last twist said until it is told another. So whatever goes wrong further in, what leaves
+the servo stays within the limits, comes to rest where nothing new is seen, and stays at rest once all is over.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from grasptrack import arguments
+from grasptrack.errors import InputError
+from grasptrack.servo.clock import Tick
+from grasptrack.servo.limits import Limits
+from grasptrack.typing import Floats
+
+
+@arguments.checked(
+    path=arguments.number,
+    rise=arguments.number,
+    blind=arguments.finite,
+)
+@dataclass(frozen=True)
+class Bounds:
+    """What the hand does at most, whatever the images say.
+
+    Args:
+        path: m that it is told to go in one approach, along with a moving object included.
+        rise: m above its start. Up is against the approach direction of a hand of 4 DoF; of one of 6 it is the axis z of the
+            robot's base, as long as the hand comes along it.
+        blind: s after the last new image at which it stands; three intervals between images, where these are longer.
+
+    Raises:
+        InputError: one of them is not positive.
+    """
+
+    path: float = 3.0
+    rise: float = 0.05
+    blind: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not (self.path > 0.0 and self.rise > 0.0 and self.blind > 0.0):
+            raise InputError("bounds are positive", bounds=repr(self))
+
+
+IMAGES = 3
+"""Intervals between images for which it may go on without a new one."""
+TURNED_BACK = 0.8
+"""Share of the rise at which it is told to go no higher: the rest is for the lag of the arm."""
+REACTION = 0.2
+"""s within which an arm does what it is told."""
+ALONG = 0.5
+"""Cosine from which on a hand of 6 DoF comes along the axis z of the base."""
+
+
+class Verdict(NamedTuple):
+    """What is allowed.
+
+    Attributes:
+        twist: (6,) m/s and rad/s in the hand's frame.
+        failure: why the approach is over; empty where it goes on.
+    """
+
+    twist: Floats
+    failure: str = ""
+
+
+class Watchdog:
+    """Lets a twist pass, less of it, or none.
+
+    Args:
+        limits: of velocity and acceleration.
+        bounds: of everything else.
+        upright: whether the approach direction is that of the hand at the start, as with 4 DoF.
+
+    Attributes:
+        twist: (6,), the last that was let pass.
+        path: m that the hand was told to go so far.
+        over: it brakes, and then stands for ever.
+    """
+
+    def __init__(self, limits: Limits, bounds: Bounds, upright: bool) -> None:
+        self._limits, self._bounds, self._upright = limits, bounds, upright
+        self.twist: Floats = np.zeros(6)
+        self.path, self.over = 0.0, False
+        self._start: Floats | None = None
+        self._up: Floats = np.zeros(3)
+        self._image, self._patience = math.nan, bounds.blind
+
+    def note_image(self, now: float, interval: float) -> None:
+        """A new image at a time of the servo's, s; images usually come every so many s."""
+        self._image = now
+        self._patience = max(self._bounds.blind, IMAGES * interval)
+
+    def forget_image(self) -> None:
+        """The clock has jumped: nobody knows how old the last image is."""
+        self._image = math.nan
+
+    def seconds_blind(self, now: float) -> float:
+        """s since the last new image; NaN where there was none, or none since the clock jumped."""
+        return now - self._image
+
+    def begin_anew(self) -> None:
+        """Another try: the path counts anew."""
+        self.path = 0.0
+
+    @property
+    def patience(self) -> float:
+        """s without a new image after which the hand stands."""
+        return self._patience
+
+    def is_blind(self, now: float) -> bool:
+        """Whether there was no image, or none for too long."""
+        return not now - self._image < self._patience
+
+    def rise(self, hand: Floats) -> float:
+        """m of the hand (4, 4) above where it started; below it is negative."""
+        return 0.0 if self._start is None else float(self._up @ (hand[:3, 3] - self._start))
+
+    def check(self, wanted: Floats, hand: Floats, tick: Tick, pace: float) -> Verdict:
+        """What becomes of a wanted twist.
+
+        Args:
+            wanted: (6,) m/s and rad/s in the hand's frame; what is not finite stands for 0.
+            hand: (4, 4) in the base, now.
+            tick: the call.
+            pace: s until the next call, as a rule.
+        """
+        if self._start is None:
+            self._start, self._up = hand[:3, 3].copy(), self._find_up(hand)
+        self.path += math.hypot(*self.twist[:3].tolist()) * tick.step
+        failure = "" if self.over else self._find_failure(hand)
+        if failure:
+            self.over = True
+        goal = np.zeros(6)
+        if not self.over and np.isfinite(wanted).all():
+            goal = self._stopped_rise(self._slowed(wanted, tick.now + pace), hand)
+        self.twist = self._limits.reachable(goal, self.twist, tick.step)
+        return Verdict(self.twist.copy(), failure)
+
+    def _find_up(self, hand: Floats) -> Floats:
+        approach = hand[:3, 2]
+        if self._upright or abs(approach[2]) < ALONG:
+            return np.asarray(-approach)
+        return np.array([0.0, 0.0, -math.copysign(1.0, approach[2])])
+
+    def _find_failure(self, hand: Floats) -> str:
+        rise = self.rise(hand)
+        if rise > self._bounds.rise:
+            return (
+                f"the hand is {100.0 * rise:.1f} cm above its start and may rise by {100.0 * self._bounds.rise:g}: "
+                "do its z axis and the frame of the twist lie as docs/servo.md says?"
+            )
+        if self.path > self._bounds.path:
+            return f"told to go {self.path:.1f} m in all, more than bounds.path = {self._bounds.path:g} m"
+        return ""
+
+    def _slowed(self, wanted: Floats, at: float) -> Floats:
+        """As much of it as can be braked before the hand has to stand for want of an image."""
+        left = self._image + self._patience - at
+        left = left if left > 0.0 else 0.0  # also where there was no image yet
+        out = wanted.copy()
+        for part, rate in (
+            (slice(0, 3), self._limits.linear_acceleration),
+            (slice(3, 6), self._limits.angular_acceleration),
+        ):
+            size, most = math.hypot(*wanted[part].tolist()), rate * left
+            if size > most:
+                out[part] *= most / size
+        return out
+
+    def _stopped_rise(self, wanted: Floats, hand: Floats) -> Floats:
+        """Less of what would take it above its bound."""
+        way = hand[:3, :3].T @ self._up
+        speed = float(way @ wanted[:3])
+        left = max(TURNED_BACK * self._bounds.rise - self.rise(hand), 0.0)
+        most = min(left / REACTION, math.sqrt(2.0 * self._limits.linear_acceleration * left))
+        if speed <= most:
+            return wanted
+        out = wanted.copy()
+        out[:3] -= (speed - most) * way
+        return out
